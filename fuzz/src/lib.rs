@@ -18,7 +18,7 @@ pub fn scene(data: &[u8]) {
         ("i.pbrt", b"Shape \"sphere\"\n"),
     ];
     for allow in [false, true] {
-        let options = ReadOptions::default().with_allow_unsupported(allow);
+        let options = ReadOptions { allow_unsupported: allow, memory: None };
         match read_scene_from(files, "scene.pbrt", &options) {
             Ok(scene) => drop(Effects::of(&scene)),
             Err(e) => assert!(!e.to_string().is_empty()),

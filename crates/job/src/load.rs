@@ -208,12 +208,12 @@ fn read(spec: &RenderSpec, options: &LoadOptions) -> Result<(Scene, Option<Conte
         return Err(JobError::NoScene { name: spec.scene.clone() });
     }
     let memory = options.limit.bytes().map(|limit| limit.saturating_sub(resident().map_or(0, |[now, _]| now)));
-    let read_options = ReadOptions::default().with_allow_unsupported(spec.allow_unsupported).with_memory(memory);
+    let read_options = ReadOptions { allow_unsupported: spec.allow_unsupported, memory };
     let files = Recorder { options: *options, read: RefCell::default() };
     let mut model = ModelOptions::default();
     // A bare model fills the image.
     model.aspect = spec.resolution.map(|[width, height]| f64::from(width) / f64::from(height.max(1)));
-    let scene = read_any_from(&files, path, &AnyOptions::default().with_scene(read_options).with_model(model))?;
+    let scene = read_any_from(&files, path, &AnyOptions { scene: read_options, model })?;
     let read = files.read.into_inner();
     // Paths are hashed relative to the scene's folder, so that a moved scene has the same digest.
     let folder = path.parent().unwrap_or(Path::new(""));

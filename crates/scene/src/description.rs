@@ -6,7 +6,6 @@
 mod camera;
 mod light;
 mod material;
-mod medium;
 mod shape;
 mod texture;
 
@@ -17,11 +16,13 @@ pub use material::{
     effectively_smooth, roughness_to_alpha,
 };
 pub(crate) use material::{Lobe, Parameter};
-pub use medium::{Medium, MediumId, MediumInterface};
-pub use shape::{Emission, Geometry, Instance, MeshData, MeshFault, Object, ObjectId, Shape};
+pub use shape::{
+    Emission, Geometry, Instance, Medium, MediumId, MediumInterface, MeshData, MeshFault, Object, ObjectId, Shape,
+};
 pub(crate) use texture::texture_mean;
 pub use texture::{Color, Scalar, Texture, TextureId, TextureKind, Wrap};
 
+use glam::DAffine3;
 use std::fmt;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -115,6 +116,20 @@ impl Scene {
     pub fn add_texture(&mut self, name: impl Into<String>, kind: TextureKind, source: &Source) -> TextureId {
         self.textures.push(Texture { name: name.into(), kind, source: source.clone() });
         TextureId(self.textures.len() as u32 - 1)
+    }
+
+    /// Returns every shape in the world, directly or by an instance, with its transform to world space in its first pose.
+    pub(crate) fn placed(&self) -> impl Iterator<Item = (&Shape, DAffine3)> {
+        let of_instance = |instance: &'_ Instance| {
+            let (object, to_world) = (self.objects.get(instance.object.0 as usize), instance.to_world);
+            object.into_iter().flat_map(|o| &o.shapes).map(move |shape| (shape, to_world * shape.to_world))
+        };
+        self.shapes.iter().map(|shape| (shape, shape.to_world)).chain(self.instances.iter().flat_map(of_instance))
+    }
+
+    /// Returns all shapes, those of objects first.
+    pub(crate) fn shapes_mut(&mut self) -> impl Iterator<Item = &mut Shape> {
+        self.objects.iter_mut().flat_map(|object| &mut object.shapes).chain(&mut self.shapes)
     }
 
     /// Adds a notice of kind [`NoticeKind::Warning`].

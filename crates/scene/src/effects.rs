@@ -3,10 +3,7 @@
 //! The table below declares each effect with a function that finds it in a scene and one that removes it. The functions
 //! lie beside each other in the modules.
 
-mod camera;
-mod caustics;
 mod lights;
-mod scattering;
 mod surfaces;
 mod visible;
 
@@ -41,7 +38,7 @@ macro_rules! effects {
                 match self { $(Self::$variant => $left_out,)* }
             }
 
-            fn find(self) -> fn(&Visible<'_>, &mut Found) {
+            fn find(self) -> fn(&Visible<'_>) -> Found {
                 match self { $(Self::$variant => $find,)* }
             }
 
@@ -60,19 +57,19 @@ effects! {
     SeveralLights "several-lights": lights::find_several, |scene, _| lights::keep_strongest(scene),
         "only the most powerful light shines";
     /// Glossy reflection or transmission: rough metals, coats and glass.
-    Glossy "glossy": |visible, found| surfaces::find_lobes(visible, found, surfaces::is_glossy),
+    Glossy "glossy": |visible| surfaces::find_lobes(visible, surfaces::is_glossy),
         |scene, albedo| surfaces::replace_lobes(scene, albedo, surfaces::is_glossy),
         "rough surfaces are diffuse and equally bright, rough glass is clear";
     /// Mirror reflection: smooth metals, smooth coats and perfect mirrors.
-    Mirror "mirror": |visible, found| surfaces::find_lobes(visible, found, surfaces::is_mirror),
+    Mirror "mirror": |visible| surfaces::find_lobes(visible, surfaces::is_mirror),
         |scene, albedo| surfaces::replace_lobes(scene, albedo, surfaces::is_mirror),
         "mirrors are diffuse and equally bright";
     /// Transmission through surfaces such as glass, water and panes.
-    Refraction "refraction": |visible, found| surfaces::find_lobes(visible, found, |lobe| lobe.refracts),
+    Refraction "refraction": |visible| surfaces::find_lobes(visible, |lobe| lobe.refracts),
         |scene, _| surfaces::remove_glass(scene),
         "light passes straight through glass, without reflection";
     /// Light that is scattered more than once on its path.
-    Interreflection "interreflection": scattering::find_interreflection, |scene, _| scene.max_depth = Some(1),
+    Interreflection "interreflection": visible::find_interreflection, |scene, _| scene.max_depth = Some(1),
         "light scatters once";
     /// Values that vary over a surface: reflectance, roughness, bumps, mix weights, opacity.
     Textures "textures": surfaces::find_textures, |scene, _| surfaces::flatten_textures(scene),
@@ -82,21 +79,21 @@ effects! {
         |scene, _| scene.lights.retain(|light| light.kind.environment().is_none()),
         "the environment is black";
     /// Depth of field: a lens with an aperture.
-    DepthOfField "depth-of-field": camera::find_lens, |scene, _| scene.camera.lens_radius = 0.0,
+    DepthOfField "depth-of-field": visible::find_lens, |scene, _| scene.camera.lens_radius = 0.0,
         "the lens is a pinhole";
     /// Motion blur: the camera, a shape or an instance moves while the shutter is open.
-    MotionBlur "motion-blur": camera::find_motion, |scene, _| camera::stop_motion(scene),
+    MotionBlur "motion-blur": visible::find_motion, |scene, _| visible::stop_motion(scene),
         "everything stands still, at its place in the middle of the exposure";
     /// Surfaces with an opacity below 1.
     Transparency "transparency": surfaces::find_holes, |scene, _| surfaces::fill_holes(scene),
         "partly transparent surfaces are opaque, mostly transparent ones are gone";
     /// Participating media that absorb light.
-    AbsorbingMedia "absorbing-media": scattering::find_absorption,
-        |scene, _| scattering::thin_media(scene, |medium| medium.absorption = [0.0; 3]),
+    AbsorbingMedia "absorbing-media": |visible| visible::find_media(visible, "absorbs", |medium| medium.absorption),
+        |scene, _| visible::thin_media(scene, |medium| medium.absorption = [0.0; 3]),
         "media do not absorb";
     /// Participating media that scatter light.
-    ScatteringMedia "scattering-media": scattering::find_scattering,
-        |scene, _| scattering::thin_media(scene, |medium| medium.scattering = [0.0; 3]),
+    ScatteringMedia "scattering-media": |visible| visible::find_media(visible, "scatters", |medium| medium.scattering),
+        |scene, _| visible::thin_media(scene, |medium| medium.scattering = [0.0; 3]),
         "media do not scatter";
 }
 
@@ -144,26 +141,8 @@ pub struct Called {
     pub objects: usize,
 }
 
-/// The objects found so far that call for one effect.
-#[derive(Default)]
-struct Found {
-    /// The first object's reason and source.
-    first: Option<(String, Source)>,
-    objects: usize,
-}
-
-impl Found {
-    /// Counts one more object. The first one gives the reason and the source.
-    fn add(&mut self, because: impl FnOnce() -> String, source: &Source) {
-        self.objects += 1;
-        self.first.get_or_insert_with(|| (because(), source.clone()));
-    }
-
-    fn called(self, effect: Effect) -> Option<Called> {
-        let (because, source) = self.first?;
-        Some(Called { effect, because, source, objects: self.objects })
-    }
-}
+/// The objects that call for one effect: the reason and the place of each.
+type Found = Vec<(String, Source)>;
 
 /// The effects that a scene calls for, each once, with the first object that calls for it.
 ///
@@ -191,9 +170,9 @@ impl Effects {
     pub fn of(scene: &Scene) -> Self {
         let visible = Visible::of(scene);
         let find = |effect: Effect| {
-            let mut found = Found::default();
-            effect.find()(&visible, &mut found);
-            found.called(effect)
+            let found = effect.find()(&visible);
+            let objects = found.len();
+            found.into_iter().next().map(|(because, source)| Called { effect, because, source, objects })
         };
         Self { called: Effect::ALL.into_iter().filter_map(find).collect(), max_depth: scene.max_depth }
     }
@@ -229,7 +208,7 @@ impl Effects {
     /// environment map are not searched. The reason in the result names the first such lamp; its `objects` is the
     /// number of such lamps.
     pub fn found_by_chance(scene: &Scene) -> Option<Called> {
-        caustics::found_by_chance(&Visible::of(scene))
+        lights::found_by_chance(&Visible::of(scene))
     }
 }
 

@@ -13,6 +13,12 @@ pub trait Files {
     fn read(&self, path: &Path) -> io::Result<Vec<u8>>;
 }
 
+impl<F: Files + ?Sized> Files for &F {
+    fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
+        (**self).read(path)
+    }
+}
+
 /// The files on disk. Devices and pipes are refused, since reading them may never end.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Disk;

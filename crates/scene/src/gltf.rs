@@ -6,42 +6,28 @@
 //! Skins and morph targets are read in their pose of rest; animations are not read.
 
 mod buffers;
-mod lights;
 mod materials;
 mod nodes;
 mod primitives;
 mod textures;
 
 use crate::files::Files;
+use crate::image::Image;
 use crate::model::{ModelError as Fault, UpAxis, scene_of, studio};
 use crate::readers::{AnyOptions, SceneReader};
-use crate::{ReadError, Scene, Source};
+use crate::{ObjectId, Scene, Source};
 use ::gltf::json::validation::Checked;
 use ::gltf::{Document, json};
 use buffers::Buffers;
-use std::path::Path;
-
-/// The [`SceneReader`] of glTF 2.0 files.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct GltfReader;
+use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// The largest number of scattering events on a path of a glTF scene, as in Cycles.
 const MAX_DEPTH: u32 = 12;
 /// The extensions that this reader knows. Validation refuses a file that requires any other.
-const KNOWN: [&str; 12] = [
-    "KHR_lights_punctual",
-    "KHR_materials_clearcoat",
-    "KHR_materials_emissive_strength",
-    "KHR_materials_ior",
-    "KHR_materials_pbrSpecularGlossiness",
-    "KHR_materials_specular",
-    "KHR_materials_transmission",
-    "KHR_materials_unlit",
-    "KHR_materials_volume",
-    "KHR_mesh_quantization",
-    "KHR_texture_transform",
-    "KHR_xmp_json_ld",
-];
+const KNOWN: &str = "KHR_lights_punctual KHR_materials_clearcoat KHR_materials_emissive_strength KHR_materials_ior \
+    KHR_materials_pbrSpecularGlossiness KHR_materials_specular KHR_materials_transmission KHR_materials_unlit \
+    KHR_materials_volume KHR_mesh_quantization KHR_texture_transform KHR_xmp_json_ld";
 /// Extensions that compress data, and the command that removes each.
 const PACKED: [(&str, &str); 5] = [
     ("KHR_draco_mesh_compression", "gltf-transform copy IN.glb OUT.glb"),
@@ -51,26 +37,43 @@ const PACKED: [(&str, &str); 5] = [
     ("EXT_texture_avif", "gltf-transform png IN.glb OUT.glb"),
 ];
 
-impl SceneReader for GltfReader {
-    fn name(&self) -> &'static str {
-        "glTF"
-    }
-
-    fn extensions(&self) -> &'static [&'static str] {
-        &["gltf", "glb"]
-    }
-
-    fn recognizes(&self, content: &[u8]) -> bool {
+/// The reader of glTF 2.0 files.
+pub(crate) const READER: SceneReader = SceneReader {
+    name: "glTF",
+    extensions: &["gltf", "glb"],
+    recognizes: |content| {
         let start = content.trim_ascii_start();
         let head = &start[..start.len().min(1 << 16)];
-        content.starts_with(b"glTF") || (head.starts_with(b"{") && find(head, b"\"asset\"").is_some())
-    }
-
-    fn read(&self, files: &dyn Files, path: &Path, options: &AnyOptions) -> Result<Scene, ReadError> {
+        let asset = || head.windows(7).any(|window| window == b"\"asset\"");
+        content.starts_with(b"glTF") || (head.starts_with(b"{") && asset())
+    },
+    read: |files, path, options| {
         scene_of(files, path, |scene, bytes, source| {
             scene.max_depth = Some(MAX_DEPTH);
             add_file(scene, &bytes, files, options, source)
         })
+    },
+};
+
+/// The reader of one file: the scene so far, the file's contents, and what has been read of them.
+struct Reader<'a> {
+    scene: &'a mut Scene,
+    document: &'a Document,
+    buffers: Buffers<'a>,
+    files: &'a dyn Files,
+    source: &'a Source,
+    /// Images by their index, each decoded once for every part that is read; `None` for one that cannot be read.
+    images: BTreeMap<(usize, textures::Part), Option<Arc<Image>>>,
+    /// Materials by their index.
+    surfaces: BTreeMap<Option<usize>, materials::Surface>,
+    /// Parts of meshes by the mesh's index.
+    meshes: BTreeMap<usize, Vec<primitives::Part>>,
+    objects: BTreeMap<usize, ObjectId>,
+}
+
+impl Reader<'_> {
+    fn warn(&mut self, message: String) {
+        self.scene.warn(self.source, message);
     }
 }
 
@@ -83,13 +86,14 @@ fn add_file(
     source: &Source,
 ) -> Result<(), Fault> {
     let (text, blob) = split(bytes)?;
-    let document = document(text, scene, source)?;
-    let buffers = Buffers::read(&document, blob, files, &source.file)?;
-    let placed = nodes::place(&document)?;
-    let mut reader = primitives::Shapes::new(scene, &document, &buffers, files, source);
-    reader.add(&placed)?;
-    lights::add(scene, &document, &placed, source);
-    let has_camera = lights::set_camera(scene, &document, &placed, source)?;
+    let document = &document(text, scene, source)?;
+    let buffers = Buffers::read(document, blob, files, &source.file)?;
+    let placed = nodes::place(document)?;
+    let (images, surfaces, meshes, objects) = Default::default();
+    let mut reader = Reader { scene, document, buffers, files, source, images, surfaces, meshes, objects };
+    reader.add_shapes(&placed)?;
+    reader.add_lights(&placed);
+    let has_camera = reader.set_camera(&placed)?;
     let emits = scene.shapes.iter().any(|shape| shape.emission.is_some());
     let has_light = emits || !scene.lights.is_empty();
     if scene.shapes.is_empty() && scene.instances.is_empty() {
@@ -145,7 +149,7 @@ fn document(text: &[u8], scene: &mut Scene, source: &Source) -> Result<Document,
             return Err(format!("the file is compressed ({name}); unpack it: {command}").into());
         }
     }
-    for name in root.extensions_used.iter().filter(|name| !KNOWN.contains(&name.as_str())) {
+    for name in root.extensions_used.iter().filter(|name| KNOWN.split(' ').all(|known| known != *name)) {
         scene.warn(source, format!("extension {name:?} is left out"));
     }
     // What a file requires, the notice above has named.
@@ -181,8 +185,4 @@ pub(super) fn named(kind: &str, index: usize, name: Option<&str>) -> String {
         Some(name) => format!("{kind} {index} {name:?}"),
         None => format!("{kind} {index}"),
     }
-}
-
-fn find(text: &[u8], part: &[u8]) -> Option<usize> {
-    text.windows(part.len()).position(|window| window == part)
 }

@@ -23,24 +23,21 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-mod error;
-mod expand;
 mod exr_write;
 mod file;
 mod openexr;
 mod pfm;
 mod png;
 mod read;
-mod srgb;
 
-pub use error::ImageError;
 pub use exr_write::{EncodedExr, ExrHeader, Layer, encode_exr, encode_exr_with, rows_at_a_time};
 pub use file::{Format, check_writable, write_file};
 pub use openexr::{Channels, Plane, read_attributes, read_channels, read_integers};
 pub use pfm::encode_pfm;
-pub use png::{encode_png, encode_png_gray, encode_png_rgb};
+pub use png::{encode_png, encode_png_gray, encode_png_rgb, srgb_decode, srgb_encode};
 pub use read::{Encoding, read_image};
-pub use srgb::{srgb_decode, srgb_encode};
+
+use std::path::PathBuf;
 
 /// An image in memory: linear RGB, row by row from the top.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -52,15 +49,6 @@ pub struct Image {
     /// Opacity of each pixel, 0 to 1, in the order of `pixels`; empty if all pixels are opaque. Colours are as in the
     /// file: premultiplied by opacity in OpenEXR, not premultiplied in PNG and TGA.
     pub alpha: Vec<f32>,
-}
-
-/// The number of pixels with NaN or infinity in an image, and the first of them. [`Image::non_finite`] returns it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct NonFinite {
-    /// Number of pixels with a NaN or an infinity in any channel; at least 1.
-    pub count: u64,
-    /// Column and row, from 0, of the first pixel with NaN or infinity in reading order.
-    pub first: [u32; 2],
 }
 
 impl Image {
@@ -120,13 +108,12 @@ impl Image {
         &self.pixels[y * self.width()..(y + 1) * self.width()]
     }
 
-    /// Returns the number of pixels with NaN or infinity and the first such pixel; `None` if all values are finite.
-    /// Files may hold such values; lights and reference images must not.
-    pub fn non_finite(&self) -> Option<NonFinite> {
-        let bad = |p: &[f32; 3]| !p.iter().all(|c| c.is_finite());
-        let first = self.pixels.iter().position(bad)?;
-        let count = self.pixels[first..].iter().filter(|p| bad(p)).count() as u64;
-        Some(NonFinite { count, first: [(first % self.width()) as u32, (first / self.width()) as u32] })
+    /// Returns the number of pixels with NaN or infinity, and the column and the row of the first one from the top;
+    /// `None` if all values are finite. Files may hold such values; lights and reference images must not.
+    pub fn non_finite(&self) -> Option<(usize, [usize; 2])> {
+        let mut bad = (0..self.pixels.len()).filter(|&i| !self.pixels[i].iter().all(|c| c.is_finite()));
+        let first = bad.next()?;
+        Some((1 + bad.count(), [first % self.width(), first / self.width()]))
     }
 
     /// Returns the image itself if all its values are finite. `file_name` appears in the error.
@@ -134,10 +121,10 @@ impl Image {
     /// # Errors
     /// [`ImageError::NotFinite`] if a value is NaN or infinite.
     pub fn checked_finite(self, file_name: &str) -> Result<Self, ImageError> {
-        match self.non_finite() {
-            None => Ok(self),
-            Some(NonFinite { count, first }) => Err(ImageError::NotFinite { file: file_name.to_owned(), count, first }),
-        }
+        let Some((count, [column, row])) = self.non_finite() else { return Ok(self) };
+        let more = if count > 1 { format!(", and {} more", count - 1) } else { String::new() };
+        let what = format!("the pixel in column {column} of row {row} is NaN or infinite{more}");
+        Err(ImageError::NotFinite(format!("{file_name}: {what}")))
     }
 }
 
@@ -149,4 +136,77 @@ fn check_count(size: [u32; 2], found: usize) -> Result<(), ImageError> {
     check_size(size)?;
     let expected = u64::from(size[0]) * u64::from(size[1]);
     if expected == found as u64 { Ok(()) } else { Err(ImageError::PixelCount { size, found }) }
+}
+
+/// The error of an image that cannot be made, read or written. Each message gives a remedy.
+#[non_exhaustive]
+#[derive(Debug, thiserror::Error)]
+pub enum ImageError {
+    /// An image whose width or height is 0.
+    #[error("an image of {}x{} has no pixels; both sides must be at least 1", size[0], size[1])]
+    Empty {
+        /// Width and height in pixels.
+        size: [u32; 2],
+    },
+    /// The number of pixels differs from width times height.
+    #[error("an image of {}x{} needs {} pixels, not {found}", size[0], size[1], u64::from(size[0]) * u64::from(size[1]))]
+    PixelCount {
+        /// Width and height in pixels.
+        size: [u32; 2],
+        /// Number of pixels given.
+        found: usize,
+    },
+    /// A file whose format is not recognized.
+    #[error("{0}: unknown image format; convert it to PNG, JPEG, TGA (by its extension), Radiance HDR, OpenEXR or PFM")]
+    UnknownContent(String),
+    /// A file that ends before its image is complete. The message has its name, its format and its length.
+    #[error("{0}, before its image is complete; copy or download it again")]
+    Truncated(String),
+    /// A file that contradicts its format or itself. The message has its name, its format and the byte's offset.
+    #[error("{0}; copy it again or save it anew")]
+    Malformed(String),
+    /// A file whose image has a side of 0.
+    #[error("{0} pixels; both sides must be at least 1")]
+    EmptyFile(String),
+    /// A header that claims more pixels than the file can plausibly hold.
+    #[error(
+        "{0} (256 MiB and 16 times its length): if the header is right, save the image smaller, or with less compression (as TGA, say)"
+    )]
+    TooLarge(String),
+    /// An image with NaN or infinity where values must be finite.
+    #[error("{0}: an image that scatters or gives light must be finite, save it without")]
+    NotFinite(String),
+    /// A file with a feature of its format that Dapple does not support.
+    #[error("{0}")]
+    Unsupported(String),
+    /// An output path whose extension is not .exr, .pfm or .png.
+    #[error("{}: unknown image format; name the output .exr, .pfm or .png", path.display())]
+    UnknownExtension {
+        /// The output path.
+        path: PathBuf,
+    },
+    /// An exposure that is not finite.
+    #[error("an exposure of {stops} stops is not finite; give a finite number (0 changes nothing)")]
+    Exposure {
+        /// The exposure in stops.
+        stops: f32,
+    },
+    /// A name, attribute or size that the output format cannot hold.
+    #[error("{what}")]
+    Encode {
+        /// A description of the error, with its remedy.
+        what: String,
+    },
+    /// A file that cannot be written.
+    #[error("{}: cannot {action}: {source}; {advice}", path.display())]
+    Write {
+        /// The path of the file to write.
+        path: PathBuf,
+        /// The step that failed, such as "write the file".
+        action: &'static str,
+        /// The remedy.
+        advice: &'static str,
+        /// The operating system's error.
+        source: std::io::Error,
+    },
 }

@@ -17,11 +17,8 @@ pub mod image;
 pub mod model;
 pub mod pbrt;
 mod polygon;
-mod read_error;
 mod readers;
 
-pub use self::gltf::GltfReader;
 pub use description::*;
 pub use effects::{Albedo, Called, Effect, Effects, UnknownEffect, WithoutError};
-pub use read_error::{Problem, ProblemKind, ReadError};
-pub use readers::{AnyOptions, READERS, SceneReader, read_any, read_any_from};
+pub use readers::{AnyOptions, Problem, ProblemKind, READERS, ReadError, SceneReader, read_any, read_any_from};

@@ -14,14 +14,16 @@
 
 mod mtl;
 mod obj;
-mod obj_materials;
 mod ply;
 mod stl;
 pub(crate) mod studio;
 
-pub use obj::{ObjMesh, ObjModel, ObjReader, read_obj};
-pub use ply::{PlyReader, read_ply};
-pub use stl::{StlReader, read_stl};
+pub(crate) use obj::OBJ;
+pub use obj::{ObjMesh, ObjModel, read_obj};
+pub(crate) use ply::PLY;
+pub use ply::read_ply;
+pub(crate) use stl::STL;
+pub use stl::read_stl;
 
 use crate::ReadError;
 use crate::files::Files;
@@ -52,7 +54,6 @@ impl UpAxis {
 
 /// Options of the model readers.
 #[derive(Clone, Copy, Debug, Default)]
-#[non_exhaustive]
 pub struct ModelOptions {
     /// The axis that points up; `None` is y for OBJ and PLY files and z for STL files.
     pub up: Option<UpAxis>,
@@ -61,21 +62,9 @@ pub struct ModelOptions {
 }
 
 impl ModelOptions {
-    /// Sets [`up`](Self::up), the axis that points up.
-    pub fn with_up(mut self, up: UpAxis) -> Self {
-        self.up = Some(up);
-        self
-    }
-
-    /// Sets [`aspect`](Self::aspect), the width over height of the image that the model should fill.
-    pub fn with_aspect(mut self, aspect: f64) -> Self {
-        self.aspect = Some(aspect);
-        self
-    }
-
     /// The stage of a model whose format has `up` as its usual axis.
     pub(crate) fn stage(&self, up: UpAxis) -> studio::Stage {
-        studio::Stage { up: self.up.unwrap_or(up), aspect: self.aspect }
+        (self.up.unwrap_or(up), self.aspect)
     }
 }
 
@@ -115,14 +104,8 @@ impl From<MeshFault> for ModelError {
     }
 }
 
-impl From<String> for ModelError {
-    fn from(what: String) -> Self {
-        Self::new(what)
-    }
-}
-
-impl From<&str> for ModelError {
-    fn from(what: &str) -> Self {
+impl<T: Into<String>> From<T> for ModelError {
+    fn from(what: T) -> Self {
         Self::new(what)
     }
 }
@@ -164,10 +147,19 @@ fn add_material(scene: &mut Scene, name: &str, reflectance: Color, source: &Sour
     scene.add_material(Material::new(name, MaterialKind::Diffuse { reflectance }, source.clone()))
 }
 
-/// Adds a mesh in the default grey to a scene. A reason to suspect the file becomes a warning.
-fn add_mesh(scene: &mut Scene, mesh: ModelMesh, source: &Source) {
-    let material = add_material(scene, "grey", GREY, source);
-    let geometry = Geometry::Mesh(Arc::new(mesh.data));
-    scene.shapes.push(Shape::new(geometry, DAffine3::IDENTITY, material, source.clone()));
-    mesh.doubt.into_iter().for_each(|message| scene.warn(source, message));
+/// Reads a file of one mesh as a scene, in the default grey. A reason to suspect the file becomes a warning.
+fn mesh_scene(
+    files: &dyn Files,
+    path: &Path,
+    stage: studio::Stage,
+    read: fn(&[u8]) -> Result<ModelMesh, ModelError>,
+) -> Result<Scene, ReadError> {
+    model_scene(files, path, stage, |scene, bytes, source| {
+        let mesh = read(&bytes)?;
+        let material = add_material(scene, "grey", GREY, source);
+        let geometry = Geometry::Mesh(Arc::new(mesh.data));
+        scene.shapes.push(Shape::new(geometry, DAffine3::IDENTITY, material, source.clone()));
+        mesh.doubt.into_iter().for_each(|message| scene.warn(source, message));
+        Ok(())
+    })
 }

@@ -5,10 +5,10 @@
 //! problem found, each with file and line; nothing is left out silently. Deviations from the file (ignored samplers,
 //! unknown parameters, features left out by [`ReadOptions::allow_unsupported`]) are listed in [`Scene::notices`].
 //!
-//! A file is text: directives with their arguments. `tokens` splits the text, `directive` reads one directive at a
-//! time, and `reader` executes each on a graphics state. The other modules interpret each kind of directive. A new
-//! directive is a line in `directive::FORMS` and an arm in `Reader::execute`. A new shape, material, texture or light
-//! is an arm in its module.
+//! A file is text: directives with their arguments. `directive` splits the text and reads one directive at a time, and
+//! `reader` executes each on a graphics state. The other modules interpret each kind of directive. A new directive is a
+//! word in `directive::FORMS` and an arm in `Reader::execute`. A new shape, material, texture or light is an arm in its
+//! module.
 //!
 //! Files of pbrt-v2 and pbrt-v3 are read by the rules of their version, which is derived from the directives of the
 //! main file (not of included files): see `legacy`. Names of materials, media and objects may be defined after their
@@ -25,13 +25,10 @@
 //! detected.
 
 mod colorimetry;
-mod diagnostics;
 mod directive;
-mod images;
 mod legacy;
 mod lights;
 mod materials;
-mod media;
 mod names;
 mod options;
 mod params;
@@ -42,37 +39,21 @@ mod state;
 mod subdivide;
 mod tessellate;
 mod textures;
-mod tokens;
-mod transforms;
 
 use crate::files::{Disk, Files};
-use crate::readers::{AnyOptions, SceneReader, Unsized};
-use crate::{ReadError, Scene};
+use crate::readers::SceneReader;
+use crate::{Notice, NoticeKind, Problem, ProblemKind, ReadError, Scene, Source};
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Options of the pbrt reader.
 #[derive(Clone, Debug, Default)]
-#[non_exhaustive]
 pub struct ReadOptions {
     /// True to leave unsupported features out with a notice, false to report an error. An unknown material becomes
     /// diffuse, an unknown texture grey; other objects are dropped.
     pub allow_unsupported: bool,
     /// The memory in bytes that subdivision surfaces may take; `None` for some 300 MB. More is an error, before it is taken.
     pub memory: Option<u64>,
-}
-
-impl ReadOptions {
-    /// Sets [`memory`](Self::memory), the bytes that subdivision surfaces may take.
-    pub fn with_memory(mut self, bytes: Option<u64>) -> Self {
-        self.memory = bytes;
-        self
-    }
-
-    /// Sets [`allow_unsupported`](Self::allow_unsupported), which leaves unsupported features out with a notice.
-    pub fn with_allow_unsupported(mut self, allow: bool) -> Self {
-        self.allow_unsupported = allow;
-        self
-    }
 }
 
 /// Reads a pbrt scene from disk.
@@ -93,27 +74,98 @@ pub fn read_scene_from(
     path: impl AsRef<Path>,
     options: &ReadOptions,
 ) -> Result<Scene, ReadError> {
-    reader::Reader::new(&Unsized(files), path.as_ref(), options).read()
+    reader::Reader::new(&files, path.as_ref(), options).read()
 }
 
-/// The [`SceneReader`] of pbrt scenes.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct PbrtReader;
+/// The reader of pbrt scenes.
+pub(crate) const READER: SceneReader = SceneReader {
+    name: "pbrt",
+    extensions: &["pbrt", ""],
+    recognizes: directive::begins_a_scene,
+    read: |files, path, options| read_scene_from(files, path, &options.scene),
+};
 
-impl SceneReader for PbrtReader {
-    fn name(&self) -> &'static str {
-        "pbrt"
+/// The largest number of problems that an error lists; further problems are only counted.
+const LISTED_PROBLEMS: usize = 100;
+/// The largest number of notices in a scene; further notices are only counted.
+const LISTED_NOTICES: usize = 1000;
+
+/// The problems and notices collected while a pbrt scene is read.
+#[derive(Debug, Default)]
+struct Log {
+    problems: Vec<Problem>,
+    more: usize,
+    /// The listed notices, each with the number of others with the same message.
+    notices: Vec<(Notice, usize)>,
+    /// The index of the listed notice by its message.
+    said: BTreeMap<String, usize>,
+    more_notices: usize,
+    allow_unsupported: bool,
+}
+
+impl Log {
+    fn new(allow_unsupported: bool) -> Self {
+        Self { allow_unsupported, ..Self::default() }
     }
 
-    fn extensions(&self) -> &'static [&'static str] {
-        &["pbrt", ""]
+    fn problem(&mut self, source: &Source, message: impl Into<String>) {
+        self.push(source, ProblemKind::Invalid, message.into());
     }
 
-    fn recognizes(&self, content: &[u8]) -> bool {
-        directive::begins_a_scene(content)
+    fn push(&mut self, source: &Source, kind: ProblemKind, message: String) {
+        if self.problems.len() < LISTED_PROBLEMS {
+            self.problems.push(Problem { source: source.clone(), kind, message });
+        } else {
+            self.more += 1;
+        }
     }
 
-    fn read(&self, files: &dyn Files, path: &Path, options: &AnyOptions) -> Result<Scene, ReadError> {
-        read_scene_from(files, path, &options.scene)
+    fn notice(&mut self, source: &Source, message: impl Into<String>) {
+        self.push_notice(Notice::warning(source.clone(), message));
+    }
+
+    /// Adds a notice of an ignored setting, such as a sampler, which Dapple takes from its user.
+    fn ignored_setting(&mut self, source: &Source, message: String) {
+        self.push_notice(Notice { source: source.clone(), kind: NoticeKind::IgnoredSetting, message });
+    }
+
+    /// Adds a notice. Of those with the same message only the first is listed, and the others are counted.
+    fn push_notice(&mut self, notice: Notice) {
+        if let Some(&first) = self.said.get(&notice.message) {
+            self.notices[first].1 += 1;
+        } else if self.notices.len() < LISTED_NOTICES {
+            self.said.insert(notice.message.clone(), self.notices.len());
+            self.notices.push((notice, 0));
+        } else {
+            self.more_notices += 1;
+        }
+    }
+
+    /// Reports a valid but unsupported feature: as a notice if unsupported features may be left out, else as a problem.
+    fn unsupported(&mut self, source: &Source, what: &str) {
+        if self.allow_unsupported {
+            self.notice(source, format!("{what} is not supported; left out"));
+        } else {
+            self.push(source, ProblemKind::Unsupported, format!("{what} is not supported"));
+        }
+    }
+
+    fn has_problems(&self) -> bool {
+        !self.problems.is_empty()
+    }
+
+    fn finish(mut self) -> Result<Vec<Notice>, ReadError> {
+        if self.has_problems() {
+            return Err(ReadError { problems: self.problems, more: self.more });
+        }
+        if let (Some((last, _)), more @ 1..) = (self.notices.last(), self.more_notices) {
+            let source = last.source.clone();
+            self.notices.push((Notice::warning(source, format!("{more} more notices are not listed")), 0));
+        }
+        let counted = |(notice, count): (Notice, usize)| match count {
+            0 => notice,
+            _ => Notice { message: notice.message + &format!(" (and {count} more times)"), ..notice },
+        };
+        Ok(self.notices.into_iter().map(counted).collect())
     }
 }

@@ -68,6 +68,11 @@ fn flatten(corners: &[u32], positions: &[DVec3]) -> Option<Vec<DVec2>> {
     Some(flat.map(|p| DVec2::new(p[u], p[v])).collect())
 }
 
+/// Returns twice the area of the triangle of three points, negative if they are clockwise.
+fn side(a: DVec2, b: DVec2, c: DVec2) -> f64 {
+    (b - a).perp_dot(c - a)
+}
+
 /// A polygon during ear clipping: a ring of the remaining corners, and a flag for each corner that is an ear.
 struct Ears<'p> {
     points: &'p [DVec2],
@@ -116,20 +121,16 @@ impl<'p> Ears<'p> {
         let last = [self.previous[at], at, self.next[at]];
         triangle(last);
         // The signed areas of all triangles add up to the polygon's. If the last triangle is reversed, others overlap.
-        let whole: f64 = (1..self.points.len() - 1).map(|i| self.side(0, i, i + 1)).sum();
-        self.side(last[0], last[1], last[2]) >= -1e-9 * whole
-    }
-
-    /// Returns twice the area of the triangle of three corners, negative if the corners are clockwise.
-    fn side(&self, a: usize, b: usize, c: usize) -> f64 {
-        (self.points[b] - self.points[a]).perp_dot(self.points[c] - self.points[a])
+        let whole: f64 =
+            (1..self.points.len() - 1).map(|i| side(self.points[0], self.points[i], self.points[i + 1])).sum();
+        let [a, b, c] = last.map(|corner| self.points[corner]);
+        side(a, b, c) >= -1e-9 * whole
     }
 
     /// Returns true if a corner is an ear: it does not turn right, and its triangle contains no other corner.
     fn can_be_cut(&self, corner: usize) -> bool {
         let (before, after) = (self.previous[corner], self.next[corner]);
         let [a, b, c] = [before, corner, after].map(|i| self.points[i]);
-        let side = |p: DVec2, q: DVec2, r: DVec2| (q - p).perp_dot(r - p);
         let turn = side(a, b, c);
         if turn <= 0.0 {
             // A spike, or a corner on a straight line, has no area and may be cut.

@@ -1,73 +1,47 @@
-//! The readers of all scene and model formats, and the choice of a reader for a file.
-
-mod foreign;
+//! The readers of all scene and model formats, the choice of a reader for a file, and the errors of readers.
 
 use crate::files::{Disk, Files};
-use crate::gltf::GltfReader;
-use crate::model::{ModelOptions, ObjReader, PlyReader, StlReader};
-use crate::pbrt::{PbrtReader, ReadOptions};
-use crate::{ReadError, Scene, Source};
+use crate::model::ModelOptions;
+use crate::pbrt::ReadOptions;
+use crate::{Scene, Source};
 use std::cell::RefCell;
+use std::fmt;
 use std::path::Path;
 use std::sync::Arc;
 
 /// A reader of one file format of scenes or models.
 ///
-/// A new format is a type that implements this trait, and a line in [`READERS`].
-pub trait SceneReader: Sync {
-    /// Returns the format's name, for messages.
-    fn name(&self) -> &'static str;
-
-    /// Returns the file name extensions of the format, in lower case without a dot. The empty string stands for files
-    /// without an extension.
-    fn extensions(&self) -> &'static [&'static str];
-
-    /// Returns true if the bytes of a file show that it has this format, whatever its name. The default returns false.
-    fn recognizes(&self, content: &[u8]) -> bool {
-        let _ = content;
-        false
-    }
-
-    /// Reads the file `path` and all files that it names as one scene.
-    ///
-    /// # Errors
-    /// Returns all problems found, each with file and line.
-    fn read(&self, files: &dyn Files, path: &Path, options: &AnyOptions) -> Result<Scene, ReadError>;
+/// A new format is a value of this type in [`READERS`].
+pub struct SceneReader {
+    /// The format's name, for messages.
+    pub name: &'static str,
+    /// The file name extensions of the format, in lower case without a dot. The empty string stands for files without
+    /// an extension.
+    pub extensions: &'static [&'static str],
+    /// Returns true if the bytes of a file show that it has this format, whatever its name.
+    pub recognizes: fn(&[u8]) -> bool,
+    /// Reads a file and all files that it names as one scene, or returns all problems found, each with file and line.
+    pub read: fn(&dyn Files, &Path, &AnyOptions) -> Result<Scene, ReadError>,
 }
 
 /// The readers of all supported formats.
 // One a line, so that a new one is a line of its own.
 #[rustfmt::skip]
-pub const READERS: &[&dyn SceneReader] = &[
-    &PbrtReader,
-    &GltfReader,
-    &ObjReader,
-    &PlyReader,
-    &StlReader,
+pub const READERS: &[SceneReader] = &[
+    crate::pbrt::READER,
+    crate::gltf::READER,
+    crate::model::OBJ,
+    crate::model::PLY,
+    crate::model::STL,
 ];
 
 /// Options of [`read_any`] for all formats.
 #[derive(Clone, Debug, Default)]
-#[non_exhaustive]
 pub struct AnyOptions {
     /// Options of the pbrt reader.
     pub scene: ReadOptions,
     /// Options of the model readers (glTF, OBJ, PLY, STL).
     pub model: ModelOptions,
-}
-
-impl AnyOptions {
-    /// Replaces the options of the pbrt reader.
-    pub fn with_scene(mut self, scene: ReadOptions) -> Self {
-        self.scene = scene;
-        self
-    }
-
-    /// Replaces the options of the model readers (glTF, OBJ, PLY, STL).
-    pub fn with_model(mut self, model: ModelOptions) -> Self {
-        self.model = model;
-        self
-    }
 }
 
 /// Reads a scene (pbrt, glTF) or a model (OBJ, PLY, STL) from disk.
@@ -90,21 +64,21 @@ pub fn read_any_from(
     path: impl AsRef<Path>,
     options: &AnyOptions,
 ) -> Result<Scene, ReadError> {
-    let (files, path) = (&Unsized(files), path.as_ref());
+    let (files, path) = (&files, path.as_ref());
     let source = || Source { file: Arc::new(path.to_owned()), line: 0 };
     let content = files.read(path).map_err(|e| unreadable(source(), &e))?;
     let extension = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-    let by_content = READERS.iter().find(|reader| reader.recognizes(&content));
-    let refusal = || foreign::by_content(&content).map(|advice| ReadError::invalid(source(), advice));
-    let by_name = || READERS.iter().find(|reader| reader.extensions().contains(&&*extension));
+    let by_content = READERS.iter().find(|reader| (reader.recognizes)(&content));
+    let refusal = || foreign_content(&content).map(|advice| ReadError::invalid(source(), advice));
+    let by_name = || READERS.iter().find(|reader| reader.extensions.contains(&&*extension));
     let reader = match by_content {
         Some(reader) => reader,
         None => match refusal() {
             Some(refusal) => return Err(refusal),
-            None => by_name().ok_or_else(|| ReadError::invalid(source(), foreign::by_extension(&extension)))?,
+            None => by_name().ok_or_else(|| ReadError::invalid(source(), foreign_extension(&extension)))?,
         },
     };
-    reader.read(&Opened { files, path, content: RefCell::new(Some(content)) }, path, options)
+    (reader.read)(&Opened { files, path, content: RefCell::new(Some(content)) }, path, options)
 }
 
 /// Files of which one has been read already.
@@ -130,17 +104,158 @@ pub(crate) fn first_word(content: &[u8]) -> Option<&[u8]> {
     first.split(|byte| byte.is_ascii_whitespace() || matches!(byte, b'"' | b'[')).next()
 }
 
-/// A wrapper that makes a trait object of any [`Files`], sized or not.
-pub(crate) struct Unsized<'f, F: ?Sized>(pub(crate) &'f F);
-
-impl<F: Files + ?Sized> Files for Unsized<'_, F> {
-    fn read(&self, path: &Path) -> std::io::Result<Vec<u8>> {
-        self.0.read(path)
-    }
-}
-
 /// Makes the error of a file that cannot be opened.
 pub(crate) fn unreadable(source: Source, e: &std::io::Error) -> ReadError {
     let message = format!("cannot read {}: {e}; check the name and that the file is there", source.file.display());
     ReadError::invalid(source, message)
+}
+
+/// The conversion of formats that Blender imports.
+const BLENDER: &str = "open it in Blender and export glTF";
+/// The conversion of formats that assimp reads.
+const ASSIMP: &str = "convert it by `assimp export IN OUT.obj` (package assimp-utils), or export glTF";
+const MITSUBA: &str =
+    "import it into Blender with Mitsuba's add-on and export glTF; its meshes (OBJ, PLY) can be read one by one";
+
+/// Formats that users may expect: name, extensions, the first bytes of their files, and the conversion.
+type Foreign = (&'static str, &'static [&'static str], &'static [&'static [u8]], &'static str);
+const FOREIGN: [Foreign; 8] = [
+    ("USD", &["usd", "usda", "usdc", "usdz"], &[b"#usda", b"PXR-USDC"], BLENDER),
+    ("Mitsuba XML", &["xml"], &[b"<scene"], MITSUBA),
+    ("OFF", &["off"], &[b"OFF", b"COFF", b"NOFF", b"CNOFF", b"STOFF", b"4OFF", b"nOFF"], ASSIMP),
+    ("COLLADA", &["dae"], &[b"<COLLADA"], ASSIMP),
+    ("FBX", &["fbx"], &[b"Kaydara FBX", b"; FBX"], BLENDER),
+    ("Blender", &["blend"], &[b"BLENDER"], BLENDER),
+    ("3ds Max", &["3ds", "max"], &[b"MM"], ASSIMP),
+    ("Alembic", &["abc"], &[b"Ogawa"], BLENDER),
+];
+
+/// Returns the error message for a file whose content shows an unsupported format; `None` if it doesn't.
+fn foreign_content(content: &[u8]) -> Option<String> {
+    if let Some(advice) = compression(content) {
+        return Some(advice.into());
+    }
+    let text = after_prolog(content.strip_prefix(b"\xef\xbb\xbf").unwrap_or(content).trim_ascii_start());
+    let known = FOREIGN.iter().find(|format| format.2.iter().any(|start| text.starts_with(start)));
+    known.filter(|format| format.0 != "3ds Max" || is_3ds(content)).map(message)
+}
+
+/// Returns the error message for a file of an extension that no reader has, whose content shows no format.
+fn foreign_extension(extension: &str) -> String {
+    if ["gz", "zip", "zst", "bz2", "xz"].contains(&extension) {
+        return format!("files with extension \".{extension}\" are compressed; unpack the file first");
+    }
+    match FOREIGN.iter().find(|format| format.1.contains(&extension)) {
+        Some(format) => message(format),
+        None if extension.is_empty() => "its format is unknown; export pbrt, glTF, OBJ, PLY or STL".into(),
+        None => {
+            format!("its format is unknown, and so is extension \".{extension}\"; export pbrt, glTF, OBJ, PLY or STL")
+        }
+    }
+}
+
+fn message(format: &Foreign) -> String {
+    let (name, _, _, remedy) = format;
+    format!("{name} files are not supported; {remedy}")
+}
+
+/// A 3ds file begins with "MM" and the length of the file.
+fn is_3ds(content: &[u8]) -> bool {
+    content.get(2..6).is_some_and(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize == content.len())
+}
+
+/// The text after XML declarations and comments.
+fn after_prolog(mut text: &[u8]) -> &[u8] {
+    for (start, end) in [(&b"<?"[..], &b"?>"[..]), (b"<!--", b"-->")].into_iter().cycle().take(32) {
+        if text.starts_with(start)
+            && let Some(at) = text.windows(end.len()).position(|window| window == end)
+        {
+            text = text[at + end.len()..].trim_ascii_start();
+        }
+    }
+    text
+}
+
+/// Returns the error message for a compressed file; `None` if the bytes are not those of a known compression.
+fn compression(bytes: &[u8]) -> Option<&'static str> {
+    const OTHER: &str = "the file is compressed; unpack it first";
+    const STARTS: [(&[u8], &str); 5] = [
+        (b"\x1f\x8b", "the file is compressed by gzip; unpack it first (gunzip)"),
+        (b"\x28\xb5\x2f\xfd", "the file is compressed by zstd; unpack it first (unzstd)"),
+        (b"BZh", OTHER),
+        (b"\xfd7zXZ\0", OTHER),
+        (b"PK\x03\x04", OTHER),
+    ];
+    if bytes.starts_with(b"PK\x03\x04") && bytes.windows(4).take(256).any(|window| window == b".usd") {
+        return Some("USD files are not supported; open it in Blender and export glTF");
+    }
+    STARTS.iter().find(|(start, _)| bytes.starts_with(start)).map(|(_, message)| *message)
+}
+
+/// The kind of a problem in a scene file, which decides on the remedy.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum ProblemKind {
+    /// The file is invalid or unreadable.
+    Invalid,
+    /// The file is valid and uses a feature that Dapple lacks.
+    /// [`allow_unsupported`](crate::pbrt::ReadOptions::allow_unsupported) leaves the feature out.
+    Unsupported,
+}
+
+/// One problem of a scene file.
+///
+/// Displayed as `FILE:LINE: message`; advice follows for an unsupported feature. A program that gives its own advice
+/// formats [`source`](Self::source) and [`message`](Self::message) by [`kind`](Self::kind).
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct Problem {
+    /// The file and line of the problem.
+    pub source: Source,
+    /// The kind of problem: an invalid file or an unsupported feature.
+    pub kind: ProblemKind,
+    /// One sentence: the error and its remedy, or the name of the unsupported feature.
+    pub message: String,
+}
+
+impl fmt::Display for Problem {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.source, self.message)?;
+        match self.kind {
+            ProblemKind::Invalid => Ok(()),
+            ProblemKind::Unsupported => f.write_str("; remove it, or allow unsupported directives"),
+        }
+    }
+}
+
+/// All problems of a scene file, in the order found. Displayed with one problem per line.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct ReadError {
+    /// The first problems, at most 100; never empty.
+    pub problems: Vec<Problem>,
+    /// Number of further problems that are not listed.
+    pub more: usize,
+}
+
+impl ReadError {
+    /// Makes an error with one problem of kind [`ProblemKind::Invalid`].
+    pub(crate) fn invalid(source: Source, message: impl Into<String>) -> Self {
+        let problem = Problem { source, kind: ProblemKind::Invalid, message: message.into() };
+        Self { problems: vec![problem], more: 0 }
+    }
+}
+
+impl std::error::Error for ReadError {}
+
+impl fmt::Display for ReadError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (i, problem) in self.problems.iter().enumerate() {
+            write!(f, "{}{problem}", if i == 0 { "" } else { "\n" })?;
+        }
+        if self.more > 0 {
+            write!(f, "\n… and {} more problems", self.more)?;
+        }
+        Ok(())
+    }
 }

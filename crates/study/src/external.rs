@@ -146,11 +146,9 @@ fn read(path: &Path, [w, h]: [u32; 2]) -> Result<Vec<[f32; 3]>, String> {
     if [pw, ph] != [w, h] {
         return Err(format!("wrote an image of {pw}x{ph} pixels; write {w}x{h}"));
     }
-    if let Some(found) = image.non_finite() {
-        let [x, y] = found.first;
+    if let Some((count, [x, y])) = image.non_finite() {
         return Err(format!(
-            "wrote {} pixels that are NaN or infinite, the first at column {x}, row {y}; write finite values",
-            found.count
+            "wrote {count} pixels that are NaN or infinite, the first at column {x}, row {y}; write finite values"
         ));
     }
     Ok(image.pixels)

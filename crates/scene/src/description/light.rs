@@ -72,16 +72,7 @@ impl LightKind {
 
     /// Returns true if the light is not black. NaN counts as not black; the renderer's validation rejects it later.
     pub(crate) fn shines(&self) -> bool {
-        let black = |rgb: &[f32; 3]| *rgb == [0.0; 3];
-        match self {
-            Self::Infinite { radiance: EnvironmentRadiance::Constant(rgb) } => !black(rgb),
-            Self::Infinite {
-                radiance:
-                    EnvironmentRadiance::LatLong { image, scale } | EnvironmentRadiance::EqualArea { image, scale },
-            } => *scale != 0.0 && !image.pixels.iter().all(black),
-            Self::Point { intensity } | Self::Spot { intensity, .. } => !black(intensity),
-            Self::Distant { irradiance } => !black(irradiance),
-        }
+        self.power(1.0) != 0.0
     }
 
     /// Returns the luminance of the radiant power. `disk` is the cross-section of the scene's bounding sphere, through

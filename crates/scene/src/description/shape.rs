@@ -1,6 +1,6 @@
-//! Shapes, objects made of them, and instances of objects.
+//! Shapes, objects made of them, instances of objects, and the media that shapes border.
 
-use super::{MaterialId, MediumInterface, Scalar, Source};
+use super::{MaterialId, Scalar, Source};
 use glam::{DAffine3, DVec3};
 use std::sync::Arc;
 
@@ -112,27 +112,35 @@ impl MeshData {
     /// Returns the first fault found.
     pub fn check(&self) -> Result<(), MeshFault> {
         let vertices = self.positions.len();
-        if let Some(vertex) = self.positions.iter().position(|p| !p.is_finite()) {
-            return Err(MeshFault::Position { vertex });
-        }
+        self.check_positions()?;
         for (of, count) in [("normals", self.normals.len()), ("texture coordinates", self.uvs.len())] {
             if count != 0 && count != vertices {
-                return Err(MeshFault::Count { of, count, vertices });
+                let what = format!("there are {count} {of} for {vertices} vertices; give one for each, or none");
+                return Err(MeshFault(what));
             }
         }
-        if let Some(vertex) = self.normals.iter().position(|n| n.iter().any(|c| !c.is_finite())) {
-            return Err(MeshFault::Attribute { of: "normal", vertex });
-        }
-        if let Some(vertex) = self.uvs.iter().position(|uv| uv.iter().any(|c| !c.is_finite())) {
-            return Err(MeshFault::Attribute { of: "texture coordinate", vertex });
+        let normal = self.normals.iter().position(|n| n.iter().any(|c| !c.is_finite())).map(|v| ("normal", v));
+        let uv = || self.uvs.iter().position(|uv| uv.iter().any(|c| !c.is_finite()));
+        if let Some((of, vertex)) = normal.or_else(|| Some(("texture coordinate", uv()?))) {
+            return Err(MeshFault(format!("the {of} of vertex {vertex} is not finite; mend the mesh")));
         }
         let beyond = |corner: &&u32| **corner as usize >= vertices;
         for (triangle, corners) in self.triangles.iter().enumerate() {
-            if let Some(&corner) = corners.iter().find(beyond) {
-                return Err(MeshFault::Corner { triangle, corner, vertices });
+            if let Some(corner) = corners.iter().find(beyond) {
+                let last = vertices.saturating_sub(1);
+                let what = format!("triangle {triangle} has vertex index {corner}");
+                return Err(MeshFault(what + &format!("; indices are whole numbers from 0 to {last}")));
             }
         }
-        if self.triangles.is_empty() { Err(MeshFault::Empty) } else { Ok(()) }
+        if self.triangles.is_empty() { Err(MeshFault("the mesh has no triangles; remove it".into())) } else { Ok(()) }
+    }
+
+    /// Checks that positions are finite.
+    pub(crate) fn check_positions(&self) -> Result<(), MeshFault> {
+        match self.positions.iter().position(|p| !p.is_finite()) {
+            Some(vertex) => Err(MeshFault(format!("the position of vertex {vertex} is not finite; mend the mesh"))),
+            None => Ok(()),
+        }
     }
 
     /// Sets normals that are NaN or infinite to 0, so that the geometric normal stands for them. Returns their number,
@@ -164,48 +172,10 @@ impl MeshData {
     }
 }
 
-/// A fault of a mesh. Indices of vertices and triangles count from 0.
+/// A fault of a mesh, with its remedy. Indices of vertices and triangles count from 0.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[non_exhaustive]
-pub enum MeshFault {
-    /// The mesh has no triangles.
-    #[error("the mesh has no triangles; remove it")]
-    Empty,
-    /// A position is NaN or infinite.
-    #[error("the position of vertex {vertex} is not finite; mend the mesh")]
-    Position {
-        /// Index of the vertex.
-        vertex: usize,
-    },
-    /// A normal or texture coordinate is NaN or infinite in single precision.
-    #[error("the {of} of vertex {vertex} is not finite; mend the mesh")]
-    Attribute {
-        /// Name of the attribute: normal or texture coordinate.
-        of: &'static str,
-        /// Index of the vertex.
-        vertex: usize,
-    },
-    /// The number of normals or texture coordinates differs from the number of vertices.
-    #[error("there are {count} {of} for {vertices} vertices; give one for each, or none")]
-    Count {
-        /// Name of the attribute: normals or texture coordinates.
-        of: &'static str,
-        /// Number of values of the attribute.
-        count: usize,
-        /// Number of vertices.
-        vertices: usize,
-    },
-    /// A triangle refers to a vertex that does not exist.
-    #[error("triangle {triangle} has vertex index {corner}; indices are whole numbers from 0 to {}", vertices.saturating_sub(1))]
-    Corner {
-        /// Index of the triangle.
-        triangle: usize,
-        /// The index of the missing vertex.
-        corner: u32,
-        /// Number of vertices.
-        vertices: usize,
-    },
-}
+#[error("{0}")]
+pub struct MeshFault(String);
 
 /// Indexed triangles. `normals` and `uvs` are each empty or as long as `positions`.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -227,4 +197,32 @@ pub struct Emission {
     pub radiance: [f32; 3],
     /// True for emission from both sides, false for the side that the normal points to.
     pub two_sided: bool,
+}
+
+/// Index of a medium in [`Scene::media`](super::Scene::media).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct MediumId(pub u32);
+
+/// A homogeneous participating medium.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Medium {
+    /// The medium's name in the file.
+    pub name: String,
+    /// Absorption coefficient per unit of the file's world space, linear RGB.
+    pub absorption: [f32; 3],
+    /// Scattering coefficient per unit of the file's world space, linear RGB.
+    pub scattering: [f32; 3],
+    /// Asymmetry of the Henyey-Greenstein phase function, -1 to 1 (exclusive).
+    pub g: f32,
+    /// File and line of the medium, for messages.
+    pub source: Source,
+}
+
+/// The media on both sides of a shape; `None` is vacuum.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct MediumInterface {
+    /// The medium on the side opposite to the normal.
+    pub inside: Option<MediumId>,
+    /// The medium on the side of the normal.
+    pub outside: Option<MediumId>,
 }

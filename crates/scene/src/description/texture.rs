@@ -79,6 +79,13 @@ pub enum TextureKind {
     },
 }
 
+impl TextureKind {
+    /// A repeated image times `factor`.
+    pub(crate) fn image(image: Arc<Image>, factor: f32) -> Self {
+        Self::Image { image, scale: [1.0; 2], shift: [0.0; 2], factor, invert: false, wrap: Wrap::Repeat }
+    }
+}
+
 /// The values of an image texture beyond the edges of its image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Wrap {
@@ -139,20 +146,13 @@ mod tests {
         // Top row 0.1 0.2, bottom row 0.3 0.4.
         let pixels = [0.1, 0.2, 0.3, 0.4].map(|v| [v, 2.0 * v, 0.0]).to_vec();
         let image = Arc::new(Image::new([2, 2], pixels).expect("four pixels"));
-        let image = |wrap| TextureKind::Image {
-            image: image.clone(),
-            scale: [1.0; 2],
-            shift: [0.0; 2],
-            factor: 1.0,
-            invert: false,
-            wrap,
-        };
+        let image = TextureKind::image(image, 1.0);
         let (half, dot) = (Color::Constant([0.5; 3]), Color::Texture(TextureId(0)));
         let checks =
             TextureKind::Checkerboard { scale: [1.0; 2], shift: [0.0; 2], colors: [half, Color::Constant([0.1; 3])] };
         let kinds = [
-            image(Wrap::Clamp),
-            image(Wrap::Black),
+            image.clone(),
+            image,
             TextureKind::Product { factors: [half, dot] },
             TextureKind::Mix { colors: [half, dot], amount: Scalar::Texture(TextureId(0)) },
             checks,

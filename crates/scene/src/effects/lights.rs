@@ -1,8 +1,9 @@
-//! Effects of lights: soft shadows, several lights, environments. Sizes and powers of lights.
+//! Effects of lights: soft shadows, several lights, environments. Sizes and powers of lights. Caustics of small lights,
+//! which a path tracer finds by chance only.
 
-use super::Found;
-use super::visible::Visible;
-use crate::{Emission, Geometry, Light, LightKind, Scene, Shape, Source, SpotFalloff};
+use super::visible::{Visible, worn};
+use super::{Called, Effect, Found};
+use crate::{Emission, Geometry, Light, LightKind, Material, Scene, Shape, Source, SpotFalloff};
 use dapple_core::luminance;
 use glam::{DAffine3, DMat3, DVec3};
 use std::f64::consts::PI;
@@ -10,18 +11,16 @@ use std::f64::consts::PI;
 /// Least length of a lamp's mean normal at which the lamp counts as flat and is replaced by spots, not by a point.
 const FLAT: f64 = 0.9;
 
-pub(super) fn find_lamps(visible: &Visible<'_>, found: &mut Found) {
-    for shape in &visible.scene.shapes {
-        let Some(lamp) = LampShape::of(shape) else { continue };
-        let because = || {
-            let sides = if lamp.emission.two_sided { " from both sides" } else { "" };
-            match &shape.geometry {
-                Geometry::Mesh(mesh) => format!("a mesh of {} triangles shines{sides}", mesh.triangles.len()),
-                geometry => format!("a {} shines{sides}", geometry.name()),
-            }
+pub(super) fn find_lamps(visible: &Visible<'_>) -> Found {
+    let found = |shape: &Shape| {
+        let sides = if LampShape::of(shape)?.emission.two_sided { " from both sides" } else { "" };
+        let because = match &shape.geometry {
+            Geometry::Mesh(mesh) => format!("a mesh of {} triangles shines{sides}", mesh.triangles.len()),
+            geometry => format!("a {} shines{sides}", geometry.name()),
         };
-        found.add(because, &shape.source);
-    }
+        Some((because, shape.source.clone()))
+    };
+    visible.scene.shapes.iter().filter_map(found).collect()
 }
 
 /// Replaces each lamp by lights without extent.
@@ -54,15 +53,16 @@ fn along(axis: DVec3, origin: DVec3) -> DAffine3 {
     DAffine3 { matrix3: DMat3::from_cols(x, axis.cross(x), axis), translation: origin }
 }
 
-/// Finds the second light, if there is one; all lights together count.
-pub(super) fn find_several(visible: &Visible<'_>, found: &mut Found) {
+/// Finds all lights if there are several, the second one first.
+pub(super) fn find_several(visible: &Visible<'_>) -> Found {
     let lamps = visible.scene.shapes.iter().filter(|shape| LampShape::of(shape).is_some()).map(|shape| &shape.source);
     let lights = visible.scene.lights.iter().filter(|light| light.kind.shines()).map(|light| &light.source);
-    let sources: Vec<&Source> = lamps.chain(lights).collect();
-    if let Some(second) = sources.get(1) {
-        found.add(|| format!("the second of {} lights", sources.len()), second);
-        found.objects = sources.len();
+    let mut sources: Vec<&Source> = lamps.chain(lights).collect();
+    if sources.len() < 2 {
+        return Found::new();
     }
+    sources.rotate_left(1);
+    sources.iter().map(|s| (format!("the second of {} lights", sources.len()), Source::clone(s))).collect()
 }
 
 pub(super) fn keep_strongest(scene: &mut Scene) {
@@ -77,33 +77,33 @@ pub(super) fn keep_strongest(scene: &mut Scene) {
     scene.lights.retain(|_| kept == number.next().map(LightNumber::Light));
 }
 
-pub(super) fn find_environments(visible: &Visible<'_>, found: &mut Found) {
-    for light in visible.scene.lights.iter().filter(|light| light.kind.shines()) {
-        let Some(radiance) = light.kind.environment() else { continue };
-        let because = || match radiance.image() {
+pub(super) fn find_environments(visible: &Visible<'_>) -> Found {
+    let found = |light: &Light| {
+        let because = match light.kind.environment()?.image() {
             Some(image) => format!("an image of {}x{} surrounds the scene", image.size[0], image.size[1]),
             None => "the same light comes from everywhere".into(),
         };
-        found.add(because, &light.source);
-    }
+        light.kind.shines().then(|| (because, light.source.clone()))
+    };
+    visible.scene.lights.iter().filter_map(found).collect()
 }
 
 /// The size and emission of a shape that emits light.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct LampShape {
+struct LampShape {
     /// The emitted radiance, and the number of emitting sides.
-    pub(super) emission: Emission,
+    emission: Emission,
     /// Area of one emitting side, in square units of the file's world space.
-    pub(super) area: f64,
+    area: f64,
     /// Area-weighted centroid of the shape, in the file's world space.
-    pub(super) centre: DVec3,
+    centre: DVec3,
     /// Area-weighted mean of the unit normals: of length 1 for a flat shape, 0 for a closed one.
-    pub(super) facing: DVec3,
+    facing: DVec3,
 }
 
 impl LampShape {
     /// Returns the size and emission of a shape in its first pose; `None` if the shape emits no light or has no area.
-    pub(super) fn of(shape: &Shape) -> Option<Self> {
+    fn of(shape: &Shape) -> Option<Self> {
         let emission = shape.emission.filter(|e| e.radiance != [0.0; 3])?;
         let (area, centre, facing) = match &shape.geometry {
             Geometry::Mesh(_) => mesh(shape)?,
@@ -126,7 +126,7 @@ impl LampShape {
     }
 
     /// Returns the radiant power, RGB: `pi * area * radiance` for each emitting side.
-    pub(super) fn power(&self) -> [f64; 3] {
+    fn power(&self) -> [f64; 3] {
         let sides = if self.emission.two_sided { 2.0 } else { 1.0 };
         self.emission.radiance.map(|l| PI * self.area * f64::from(l) * sides)
     }
@@ -175,45 +175,27 @@ pub(super) enum LightNumber {
 pub(super) fn powers(scene: &Scene) -> Vec<(LightNumber, f64)> {
     let lamp = |(i, shape)| LampShape::of(shape).map(|lamp| (LightNumber::Shape(i), luminance(lamp.power())));
     let mut found: Vec<_> = scene.shapes.iter().enumerate().filter_map(lamp).collect();
-    let disk = PI * radius(scene).powi(2);
+    let [low, high] = bounds(scene.placed());
+    let diagonal = Some((high - low).length()).filter(|length| length.is_finite());
+    let disk = PI * (diagonal.unwrap_or(0.0) * 0.5).powi(2);
     let lights = scene.lights.iter().enumerate().filter(|(_, l)| l.kind.shines());
     found.extend(lights.map(|(i, light)| (LightNumber::Light(i), light.kind.power(disk))));
     found
 }
 
-/// Returns the radius of a sphere around the scene: half the diagonal of its bounds; 0 for an empty scene.
-fn radius(scene: &Scene) -> f64 {
-    let mut bounds = Bounds::default();
-    scene.shapes.iter().for_each(|s| bounds.grow(&s.geometry, s.to_world));
-    for instance in &scene.instances {
-        let shapes = scene.objects.get(instance.object.0 as usize).into_iter().flat_map(|o| &o.shapes);
-        shapes.for_each(|s| bounds.grow(&s.geometry, instance.to_world * s.to_world));
-    }
-    bounds.diagonal() * 0.5
-}
-
-/// An axis-aligned bounding box.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Bounds {
-    low: DVec3,
-    high: DVec3,
-}
-
-impl Default for Bounds {
-    fn default() -> Self {
-        Self { low: DVec3::INFINITY, high: DVec3::NEG_INFINITY }
-    }
-}
-
-impl Bounds {
-    /// Extends the box to include a shape's geometry, transformed by `to_world`.
-    pub(super) fn grow(&mut self, geometry: &Geometry, to_world: DAffine3) {
+/// Returns the least and the greatest corner of the bounding box of shapes, each with its transform to world space.
+fn bounds<'s>(shapes: impl IntoIterator<Item = (&'s Shape, DAffine3)>) -> [DVec3; 2] {
+    let [mut low, mut high] = [DVec3::INFINITY, DVec3::NEG_INFINITY];
+    for (shape, to_world) in shapes {
         let mut take = |p: DVec3| {
             let p = to_world.transform_point3(p);
-            (self.low, self.high) = (self.low.min(p), self.high.max(p));
+            (low, high) = (low.min(p), high.max(p));
         };
-        let (half, height) = match geometry {
-            Geometry::Mesh(mesh) => return mesh.positions.iter().for_each(|&p| take(p)),
+        let (half, height) = match &shape.geometry {
+            Geometry::Mesh(mesh) => {
+                mesh.positions.iter().for_each(|&p| take(p));
+                continue;
+            }
             Geometry::Sphere { radius } => (DVec3::splat(*radius), 0.0),
             Geometry::Disk { height, radius, .. } => (DVec3::new(*radius, *radius, 0.0), *height),
         };
@@ -222,15 +204,78 @@ impl Bounds {
             take(half * DVec3::new(sign(0), sign(1), sign(2)) + DVec3::new(0.0, 0.0, height));
         }
     }
+    [low, high]
+}
 
-    /// Returns the centre of the box.
-    pub(super) fn centre(&self) -> DVec3 {
-        (self.low + self.high) * 0.5
+/// Solid angle in steradians below which a lamp is small: fewer than one diffusely scattered ray in 3000 (`1e-3 / pi`)
+/// hits it. At 64 to 1024 samples most pixels miss such a lamp.
+const SMALL: f64 = 1e-3;
+/// Fraction of the total power of all lights below which a light does not count.
+const WORTH: f64 = 0.01;
+
+pub(super) fn found_by_chance(visible: &Visible<'_>) -> Option<Called> {
+    let scene = visible.scene;
+    // One event is the refraction; another one scatters the light to the camera.
+    if scene.max_depth.is_some_and(|d| d < 2) {
+        return None;
     }
+    let refracting = refracting(scene);
+    let lights = powers(scene);
+    let least = WORTH * lights.iter().map(|(_, power)| power).sum::<f64>();
+    let mut found: Option<Called> = None;
+    for (light, _) in lights.iter().filter(|(_, power)| *power >= least) {
+        // The glass from which the lamp looks smallest.
+        let seen = refracting.iter().filter_map(|glass| Some((glass, solid_angle(scene, *light, glass.2)?)));
+        let Some((glass, angle)) = seen.min_by(|a, b| a.1.total_cmp(&b.1)).filter(|(_, angle)| *angle < SMALL) else {
+            continue;
+        };
+        match &mut found {
+            Some(called) => called.objects += 1,
+            None => {
+                let (name, at, _) = glass;
+                let what = match angle {
+                    0.0 => "a light without extent, so that what it sends through is not found at all".to_owned(),
+                    angle => format!("a lamp of {angle:.1e} sr"),
+                };
+                let because = format!("material \"{name}\" ({at}) refracts the light of {what}");
+                let source = match light {
+                    LightNumber::Shape(i) => &scene.shapes[*i].source,
+                    LightNumber::Light(i) => &scene.lights[*i].source,
+                };
+                found = Some(Called { effect: Effect::Refraction, because, source: source.clone(), objects: 1 });
+            }
+        }
+    }
+    found
+}
 
-    fn diagonal(&self) -> f64 {
-        let diagonal = (self.high - self.low).length();
-        if diagonal.is_finite() { diagonal } else { 0.0 }
+/// Returns the smooth refracting shapes, through which light sampling cannot connect: the name of the material, the
+/// place of the shape in the file, and its middle.
+fn refracting(scene: &Scene) -> Vec<(&str, &Source, DVec3)> {
+    let glass = |(shape, to_world): (&'_ Shape, DAffine3)| {
+        let mut seen = vec![false; scene.materials.len()];
+        let smooth = |m: &&Material| m.kind.lobes().iter().any(|lobe| lobe.refracts && lobe.smooth_or_rough()[0]);
+        let material = worn(scene, shape.material, &mut seen).into_iter().find(smooth)?;
+        let [low, high] = bounds([(shape, to_world)]);
+        Some((material.name.as_str(), (low + high) * 0.5))
+    };
+    scene.placed().filter_map(|placed| glass(placed).map(|(name, centre)| (name, &placed.0.source, centre))).collect()
+}
+
+/// Returns an upper bound of the solid angle, in steradians, of a light seen from a point; `None` for an environment.
+fn solid_angle(scene: &Scene, light: LightNumber, from: DVec3) -> Option<f64> {
+    match light {
+        LightNumber::Light(i) => match scene.lights[i].kind.environment() {
+            Some(_) => None,
+            None => Some(0.0),
+        },
+        LightNumber::Shape(i) => {
+            let shape = &scene.shapes[i];
+            let lamp = LampShape::of(shape)?;
+            // A sphere shows a quarter of its area.
+            let shown = if matches!(shape.geometry, Geometry::Sphere { .. }) { 0.25 } else { 1.0 };
+            Some(shown * lamp.area / lamp.centre.distance_squared(from))
+        }
     }
 }
 

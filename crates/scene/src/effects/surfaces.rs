@@ -3,7 +3,7 @@
 use super::visible::Visible;
 use super::{Albedo, Found};
 use crate::description::{Lobe, Parameter, texture_mean};
-use crate::{Color, Material, MaterialKind, Roughness, Scalar, Scene, Shape, Texture, TextureId, TextureKind};
+use crate::{Color, Material, MaterialKind, Roughness, Scalar, Scene, Shape, Source, Texture, TextureId, TextureKind};
 
 /// Returns true for a lobe that may be rough.
 pub(super) fn is_glossy(lobe: &Lobe<'_>) -> bool {
@@ -16,12 +16,13 @@ pub(super) fn is_mirror(lobe: &Lobe<'_>) -> bool {
 }
 
 /// Finds visible materials with a lobe for which `wanted` returns true.
-pub(super) fn find_lobes(visible: &Visible<'_>, found: &mut Found, wanted: fn(&Lobe<'_>) -> bool) {
-    for material in visible.materials() {
-        if let Some(lobe) = material.kind.lobes().iter().find(|lobe| wanted(lobe)) {
-            found.add(|| describe(material, lobe), &material.source);
-        }
-    }
+pub(super) fn find_lobes(visible: &Visible<'_>, wanted: fn(&Lobe<'_>) -> bool) -> Found {
+    let lobe = |material: &Material| {
+        let lobes = material.kind.lobes();
+        let lobe = lobes.iter().find(|lobe| wanted(lobe))?;
+        Some((describe(material, lobe), material.source.clone()))
+    };
+    visible.materials().filter_map(lobe).collect()
 }
 
 fn describe(material: &Material, lobe: &Lobe<'_>) -> String {
@@ -79,21 +80,20 @@ fn diffuse_color(material: &Material, textures: &mut Vec<Texture>, albedo: &Albe
 }
 
 /// Finds visible materials that look up textures, and visible shapes whose opacity is a texture.
-pub(super) fn find_textures(visible: &Visible<'_>, found: &mut Found) {
-    let because = |who: &str, id: TextureId, what: &str| {
+pub(super) fn find_textures(visible: &Visible<'_>) -> Found {
+    let because = |who: &str, id: TextureId, what: &str, source: &Source| {
         let texture = visible.scene.textures.get(id.0 as usize).map_or("?", |t| &t.name);
-        format!("{who} uses texture \"{texture}\" ({what})")
+        (format!("{who} uses texture \"{texture}\" ({what})"), source.clone())
     };
-    for material in visible.materials() {
-        if let Some((id, what)) = first_texture(material) {
-            found.add(|| because(&format!("material \"{}\"", material.name), id, what), &material.source);
-        }
-    }
-    for shape in &visible.shapes {
-        if let Some(Scalar::Texture(id)) = shape.alpha {
-            found.add(|| because("a shape", id, "opacity"), &shape.source);
-        }
-    }
+    let materials = visible.materials().filter_map(|material| {
+        let (id, what) = first_texture(material)?;
+        Some(because(&format!("material \"{}\"", material.name), id, what, &material.source))
+    });
+    let shapes = visible.shapes.iter().filter_map(|shape| match shape.alpha {
+        Some(Scalar::Texture(id)) => Some(because("a shape", id, "opacity", &shape.source)),
+        _ => None,
+    });
+    materials.chain(shapes).collect()
 }
 
 /// Returns the first texture that a material looks up and the name of its use, such as "roughness".
@@ -116,11 +116,13 @@ fn first_texture(material: &Material) -> Option<(TextureId, &'static str)> {
 
 /// Replaces every texture in use by its mean, and removes bump and normal maps.
 pub(super) fn flatten_textures(scene: &mut Scene) {
-    let Scene { materials, textures, objects, shapes, .. } = scene;
+    let Scene { materials, textures, .. } = scene;
     materials.iter_mut().for_each(|material| flatten(material, textures));
-    for shape in objects.iter_mut().flat_map(|o| &mut o.shapes).chain(shapes) {
-        shape.alpha.iter_mut().for_each(|alpha| *alpha = mean_scalar(*alpha, textures));
+    let textures = std::mem::take(&mut scene.textures);
+    for alpha in scene.shapes_mut().filter_map(|shape| shape.alpha.as_mut()) {
+        *alpha = mean_scalar(*alpha, &textures);
     }
+    scene.textures = textures;
 }
 
 fn flatten(material: &mut Material, textures: &[Texture]) {
@@ -142,16 +144,16 @@ fn mean_scalar(scalar: Scalar, textures: &[Texture]) -> Scalar {
     }
 }
 
-pub(super) fn find_holes(visible: &Visible<'_>, found: &mut Found) {
-    for shape in &visible.shapes {
-        let alpha = match shape.alpha {
-            None => continue,
-            Some(Scalar::Constant(alpha)) if alpha >= 1.0 => continue,
-            Some(Scalar::Constant(alpha)) => alpha.to_string(),
-            Some(Scalar::Texture(_)) => "a texture".to_owned(),
+pub(super) fn find_holes(visible: &Visible<'_>) -> Found {
+    let hole = |shape: &&Shape| {
+        let alpha = match shape.alpha? {
+            Scalar::Constant(alpha) if alpha >= 1.0 => return None,
+            Scalar::Constant(alpha) => alpha.to_string(),
+            Scalar::Texture(_) => "a texture".to_owned(),
         };
-        found.add(|| format!("a shape has an opacity of {alpha}"), &shape.source);
-    }
+        Some((format!("a shape has an opacity of {alpha}"), shape.source.clone()))
+    };
+    visible.shapes.iter().filter_map(hole).collect()
 }
 
 /// Removes mostly transparent shapes that emit no light, and makes all others opaque.

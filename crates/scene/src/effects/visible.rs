@@ -1,6 +1,8 @@
-//! The visible part of a scene: objects that can affect its image.
+//! The visible part of a scene: objects that can affect its image. Effects of the camera and of repeated scattering:
+//! depth of field, motion blur, interreflection, absorbing and scattering media.
 
-use crate::{Instance, Material, MaterialId, MaterialKind, Medium, MediumId, Scalar, Scene, Shape};
+use super::Found;
+use crate::{Color, Instance, Material, MaterialId, MaterialKind, Medium, MediumId, Scalar, Scene, Shape, Source};
 
 /// The shapes, instances, materials and media of a scene that can affect its image.
 pub(super) struct Visible<'s> {
@@ -26,20 +28,16 @@ impl<'s> Visible<'s> {
         }
         let objects = scene.objects.iter().zip(stands).filter_map(|(object, stands)| stands.then_some(object));
         let shapes: Vec<_> = scene.shapes.iter().chain(objects.flat_map(|o| &o.shapes)).collect();
-        let mut visible = Self {
-            scene,
-            shapes,
-            instances,
-            materials: vec![false; scene.materials.len()],
-            media: vec![false; scene.media.len()],
-        };
-        for i in 0..visible.shapes.len() {
-            let shape = visible.shapes[i];
-            visible.wear(shape.material);
-            let sides = shape.media.map(|m| [m.inside, m.outside]);
-            sides.into_iter().flatten().flatten().for_each(|m| visible.border(m));
+        let (materials, media) = (vec![false; scene.materials.len()], vec![false; scene.media.len()]);
+        let mut visible = Self { scene, shapes, instances, materials, media };
+        let interfaces = visible.shapes.iter().filter_map(|shape| shape.media);
+        let sides = interfaces.flat_map(|media| [media.inside, media.outside]).chain([scene.camera.medium]);
+        for medium in sides.flatten() {
+            visible.media.get_mut(medium.0 as usize).into_iter().for_each(|visible| *visible = true);
         }
-        scene.camera.medium.into_iter().for_each(|m| visible.border(m));
+        for shape in &visible.shapes {
+            worn(scene, shape.material, &mut visible.materials);
+        }
         visible
     }
 
@@ -52,26 +50,24 @@ impl<'s> Visible<'s> {
     pub(super) fn media(&self) -> impl Iterator<Item = &'s Medium> {
         self.scene.media.iter().zip(&self.media).filter_map(|(medium, used)| used.then_some(medium))
     }
+}
 
-    fn border(&mut self, medium: MediumId) {
-        if let Some(visible) = self.media.get_mut(medium.0 as usize) {
-            *visible = true;
+/// Returns a material and the materials that it mixes, without those `seen` before, and marks them as seen. Circular
+/// mixes thus end.
+pub(super) fn worn<'s>(scene: &'s Scene, first: MaterialId, seen: &mut [bool]) -> Vec<&'s Material> {
+    let (mut waiting, mut worn) = (vec![first], Vec::new());
+    while let Some(id) = waiting.pop() {
+        match seen.get_mut(id.0 as usize) {
+            Some(seen) if !*seen => *seen = true,
+            _ => continue,
         }
-    }
-
-    /// Marks a material and the materials that it mixes as visible. Skips marked materials, so that circular mixes end.
-    fn wear(&mut self, first: MaterialId) {
-        let mut waiting = vec![first];
-        while let Some(id) = waiting.pop() {
-            match self.materials.get_mut(id.0 as usize) {
-                Some(visible) if !*visible => *visible = true,
-                _ => continue,
-            }
-            if let MaterialKind::Mix { materials, amount } = &self.scene.materials[id.0 as usize].kind {
-                waiting.extend(mixed(materials, *amount));
-            }
+        let material = &scene.materials[id.0 as usize];
+        if let MaterialKind::Mix { materials, amount } = &material.kind {
+            waiting.extend(mixed(materials, *amount));
         }
+        worn.push(material);
     }
+    worn
 }
 
 /// Returns the materials of a mix whose weight is above 0: one or both.
@@ -82,4 +78,76 @@ fn mixed(materials: &[MaterialId; 2], amount: Scalar) -> impl Iterator<Item = Ma
     };
     let [first, second] = *materials;
     (!without_first).then_some(first).into_iter().chain((!without_second).then_some(second))
+}
+
+pub(super) fn find_lens(visible: &Visible<'_>) -> Found {
+    let camera = &visible.scene.camera;
+    let found = (format!("the lens has radius {}", camera.lens_radius), camera.source.clone());
+    if camera.lens_radius == 0.0 { Found::new() } else { vec![found] }
+}
+
+pub(super) fn find_motion(visible: &Visible<'_>) -> Found {
+    let camera = &visible.scene.camera;
+    let [open, close] = camera.shutter;
+    let [first, second] = visible.scene.motion_times;
+    // Equal times mean an end of start + 1.
+    let second = if first == second { first + 1.0 } else { second };
+    // Nothing moves before and after the motion. NaN counts as an open shutter.
+    if open == close || close <= first || open >= second {
+        return Found::new();
+    }
+    let camera = [("the camera", camera.to_world, camera.moves_to, &camera.source)];
+    let instances = visible.instances.iter().map(|i| ("an instance", i.to_world, i.moves_to, &i.source));
+    let shapes = visible.shapes.iter().map(|s| ("a shape", s.to_world, s.moves_to, &s.source));
+    let moving = camera.into_iter().chain(instances).chain(shapes);
+    let moving = moving.filter(|(_, to_world, moves_to, _)| moves_to.is_some_and(|to| to != *to_world));
+    moving.map(|(what, .., source)| (format!("{what} moves while the shutter is open"), source.clone())).collect()
+}
+
+/// Opens and closes the shutter at the middle of the exposure.
+pub(super) fn stop_motion(scene: &mut Scene) {
+    let [open, close] = scene.camera.shutter;
+    scene.camera.shutter = [open + (close - open) * 0.5; 2];
+}
+
+pub(super) fn find_interreflection(visible: &Visible<'_>) -> Found {
+    let scene = visible.scene;
+    let scatters = visible.shapes.iter().any(|shape| !is_black(scene, shape))
+        || visible.media().any(|medium| medium.scattering != [0.0; 3]);
+    let because = match scene.max_depth {
+        _ if !scatters => return Found::new(),
+        Some(..=1) => return Found::new(),
+        Some(depth) => format!("up to {depth} scattering events are asked for"),
+        None => "paths of any length are asked for".into(),
+    };
+    vec![(because, Source { line: 0, ..scene.camera.source.clone() })]
+}
+
+/// Returns true if a shape scatters no light: a black diffuse surface, or an interface between media.
+fn is_black(scene: &Scene, shape: &Shape) -> bool {
+    match scene.materials.get(shape.material.0 as usize).map(|m| &m.kind) {
+        Some(MaterialKind::Diffuse { reflectance }) => *reflectance == Color::Constant([0.0; 3]),
+        Some(MaterialKind::Interface) => true,
+        _ => false,
+    }
+}
+
+pub(super) fn find_media(visible: &Visible<'_>, does: &str, coefficient: fn(&Medium) -> [f32; 3]) -> Found {
+    let found = visible.media().filter(|medium| coefficient(medium) != [0.0; 3]);
+    let because = |medium: &Medium| format!("medium \"{}\" {does} {:?} per unit", medium.name, coefficient(medium));
+    found.map(|medium| (because(medium), medium.source.clone())).collect()
+}
+
+/// Edits each medium by `thin`, and removes media that are left without any coefficient.
+pub(super) fn thin_media(scene: &mut Scene, thin: fn(&mut Medium)) {
+    scene.media.iter_mut().for_each(thin);
+    let filled: Vec<bool> = scene.media.iter().map(|m| m.absorption != [0.0; 3] || m.scattering != [0.0; 3]).collect();
+    let clear = |medium: &mut Option<MediumId>| {
+        *medium = medium.filter(|m| filled.get(m.0 as usize).copied().unwrap_or(true));
+    };
+    clear(&mut scene.camera.medium);
+    for media in scene.shapes_mut().filter_map(|s| s.media.as_mut()) {
+        clear(&mut media.inside);
+        clear(&mut media.outside);
+    }
 }

@@ -1,15 +1,12 @@
 //! The materials of a glTF file.
 
-use super::buffers::Buffers;
-use super::named;
-use super::textures::{Images, Part, Use};
-use crate::files::Files;
+use super::textures::{Part, Use};
+use super::{Reader, named};
 use crate::image::Image;
 use crate::{
     ClearCoat, Color, ConductorFresnel, Emission, Material, MaterialId, MaterialKind, Medium, MediumId,
-    MediumInterface, MeshData, Roughness, Scalar, Scene, Source,
+    MediumInterface, MeshData, Roughness, Scalar,
 };
-use ::gltf::Document;
 use ::gltf::material::{AlphaMode, Material as GltfMaterial};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -34,13 +31,6 @@ pub(super) struct Surface {
     glow: Option<(Arc<Image>, [[f32; 2]; 2])>,
 }
 
-/// The materials that were read.
-pub(super) struct Materials<'a> {
-    images: Images<'a>,
-    source: &'a Source,
-    made: BTreeMap<Option<usize>, Surface>,
-}
-
 /// Triangles of nearly equal emission, and the sum of their means.
 type Alike = (Vec<[u32; 3]>, [f64; 3]);
 
@@ -53,37 +43,28 @@ struct Look {
     normal_map: Option<crate::TextureId>,
 }
 
-impl<'a> Materials<'a> {
-    pub(super) fn new(
-        document: &'a Document,
-        buffers: &'a Buffers<'a>,
-        files: &'a dyn Files,
-        source: &'a Source,
-    ) -> Self {
-        Self { images: Images::new(document, buffers, files, source), source, made: BTreeMap::new() }
-    }
-
+impl Reader<'_> {
     /// The scene's material for one of the file, added at its first use.
-    pub(super) fn of(&mut self, scene: &mut Scene, material: &GltfMaterial<'_>) -> Result<Surface, String> {
-        if let Some(known) = self.made.get(&material.index()) {
+    pub(super) fn surface_of(&mut self, material: &GltfMaterial<'_>) -> Result<Surface, String> {
+        if let Some(known) = self.surfaces.get(&material.index()) {
             return Ok(known.clone());
         }
         let surface = match material.index() {
             None => {
                 let kind = MaterialKind::Diffuse { reflectance: Color::Constant(BARE) };
-                let id = scene.add_material(Material::new("bare", kind, self.source.clone()));
+                let id = self.scene.add_material(Material::new("bare", kind, self.source.clone()));
                 Surface { material: id, emission: None, alpha: None, media: None, uv_set: 0, glow: None }
             }
-            Some(index) => self.surface(scene, material, named("material", index, material.name()))?,
+            Some(index) => self.surface(material, named("material", index, material.name()))?,
         };
-        self.made.insert(material.index(), surface.clone());
+        self.surfaces.insert(material.index(), surface.clone());
         Ok(surface)
     }
 
-    fn surface(&mut self, scene: &mut Scene, material: &GltfMaterial<'_>, name: String) -> Result<Surface, String> {
-        let uv_set = self.uv_set(scene, material, &name);
-        let look = self.look(scene, material, name);
-        let id = self.kind(scene, material, &look);
+    fn surface(&mut self, material: &GltfMaterial<'_>, name: String) -> Result<Surface, String> {
+        let uv_set = self.uv_set(material, &name);
+        let look = self.look(material, name);
+        let id = self.kind(material, &look);
         let strength = material.emissive_strength().unwrap_or(1.0);
         let radiance = material.emissive_factor().map(|c| c * strength);
         if !radiance.iter().all(|c| c.is_finite() && *c >= 0.0) {
@@ -93,76 +74,76 @@ impl<'a> Materials<'a> {
         let glow = material.emissive_texture().filter(|_| shines);
         let glow = glow.and_then(|info| {
             let used = Use::of(&info);
-            let image = self.images.image(scene, info.texture().source().index(), Part::Color)?;
-            self.images.check_rotation(scene, &used);
+            let image = self.image(info.texture().source().index(), Part::Color)?;
+            self.check_rotation(&used);
             Some((image, used.transform()))
         });
         let emission = shines.then_some(Emission { radiance, two_sided: material.double_sided() });
         let alpha = match emission {
-            None => self.alpha(scene, material),
+            None => self.alpha(material),
             Some(_) if material.alpha_mode() == AlphaMode::Opaque => None,
             Some(_) => {
-                scene.warn(self.source, format!("{}: shines, so that its opacity is left out", look.name));
+                self.warn(format!("{}: shines, so that its opacity is left out", look.name));
                 None
             }
         };
-        let media = self.medium(scene, material, &look.name);
+        let media = self.medium(material, &look.name);
         Ok(Surface { material: id, emission, alpha, media, uv_set, glow })
     }
 
     /// The set of texture coordinates of a material; a notice if its textures use several.
-    fn uv_set(&self, scene: &mut Scene, material: &GltfMaterial<'_>, name: &str) -> u32 {
+    fn uv_set(&mut self, material: &GltfMaterial<'_>, name: &str) -> u32 {
         let pbr = material.pbr_metallic_roughness();
         let infos = [pbr.base_color_texture(), pbr.metallic_roughness_texture(), material.emissive_texture()];
         let mut sets: Vec<u32> = infos.iter().flatten().map(|info| Use::of(info).set).collect();
         sets.extend(material.normal_texture().map(|normal| Use::of_normals(&normal).set));
         let first = sets.first().copied().unwrap_or(0);
         if sets.iter().any(|set| *set != first) {
-            scene.warn(self.source, format!("{name}: all of its textures use set {first} of texture coordinates"));
+            self.warn(format!("{name}: all of its textures use set {first} of texture coordinates"));
         }
         first
     }
 
-    fn look(&mut self, scene: &mut Scene, material: &GltfMaterial<'_>, name: String) -> Look {
+    fn look(&mut self, material: &GltfMaterial<'_>, name: String) -> Look {
         let pbr = material.pbr_metallic_roughness();
         let [r, g, b, _] = pbr.base_color_factor();
         let base = pbr.base_color_texture().map(|info| Use::of(&info));
-        let base = self.images.color(scene, base, [r, g, b].map(share));
+        let base = self.color(base, [r, g, b].map(share));
         let rough = share(pbr.roughness_factor());
         let used = pbr.metallic_roughness_texture().map(|info| Use::of(&info));
-        let alpha = self.images.number(scene, used, Part::Squared(1), rough * rough);
+        let alpha = self.number(used, Part::Squared(1), rough * rough);
         let roughness = Roughness { u: alpha, v: alpha, remap: false };
         let normal_map = material.normal_texture().and_then(|normal| {
             let info = Use::of_normals(&normal);
-            self.images.texture(scene, &info, Part::Normal(normal.scale().to_bits()), 1.0)
+            self.texture(&info, Part::Normal(normal.scale().to_bits()), 1.0)
         });
         let ior = material.ior().filter(|ior| ior.is_finite() && *ior >= 1.0).unwrap_or(IOR);
         Look { name, base, roughness, ior, normal_map }
     }
 
     /// Adds the scattering of a material, with all mixed materials.
-    fn kind(&mut self, scene: &mut Scene, material: &GltfMaterial<'_>, look: &Look) -> MaterialId {
+    fn kind(&mut self, material: &GltfMaterial<'_>, look: &Look) -> MaterialId {
         if let Some(old) = material.pbr_specular_glossiness() {
-            let kind = self.specular_glossiness(scene, &old);
-            return self.add(scene, look, kind);
+            let kind = self.specular_glossiness(&old);
+            return self.add_material(look, kind);
         }
-        let opaque = self.opaque(scene, material, look);
-        let opaque = self.add(scene, look, opaque);
+        let opaque = self.opaque(material, look);
+        let opaque = self.add_material(look, opaque);
         let Some(transmission) = material.transmission() else { return opaque };
         let used = transmission.transmission_texture().map(|info| Use::of(&info));
-        let amount = self.images.number(scene, used, Part::Channel(0), share(transmission.transmission_factor()));
+        let amount = self.number(used, Part::Channel(0), share(transmission.transmission_factor()));
         let glass = glass(look, material.volume().is_some());
-        let glass = self.add(scene, look, glass);
-        self.mix(scene, look, [opaque, glass], amount)
+        let glass = self.add_material(look, glass);
+        self.mix(look, [opaque, glass], amount)
     }
 
     /// A surface that transmits no light: diffuse, glossy and metallic parts, and a clear coat.
-    fn opaque(&mut self, scene: &mut Scene, material: &GltfMaterial<'_>, look: &Look) -> MaterialKind {
-        let coat = self.coat(scene, material, look);
+    fn opaque(&mut self, material: &GltfMaterial<'_>, look: &Look) -> MaterialKind {
+        let coat = self.coat(material, look);
         let pbr = material.pbr_metallic_roughness();
         let used = pbr.metallic_roughness_texture().map(|info| Use::of(&info));
-        let metallic = self.images.number(scene, used, Part::Channel(2), share(pbr.metallic_factor()));
-        let (normal, grazing) = self.specular(scene, material, look);
+        let metallic = self.number(used, Part::Channel(2), share(pbr.metallic_factor()));
+        let (normal, grazing) = self.specular(material, look);
         let roughness = look.roughness;
         let smooth = roughness.constants().is_some_and(crate::effectively_smooth);
         match metallic {
@@ -177,7 +158,7 @@ impl<'a> Materials<'a> {
     }
 
     /// The clear coat of a material. Its textures are left out, with a notice.
-    fn coat(&self, scene: &mut Scene, material: &GltfMaterial<'_>, look: &Look) -> Option<ClearCoat> {
+    fn coat(&mut self, material: &GltfMaterial<'_>, look: &Look) -> Option<ClearCoat> {
         let coat = material.extension_value("KHR_materials_clearcoat")?;
         let number = |key: &str| share(coat.get(key).and_then(serde_json::Value::as_f64).unwrap_or(0.0) as f32);
         let (amount, rough) = (number("clearcoatFactor"), number("clearcoatRoughnessFactor"));
@@ -186,57 +167,52 @@ impl<'a> Materials<'a> {
         }
         let textures = ["clearcoatTexture", "clearcoatRoughnessTexture", "clearcoatNormalTexture"];
         if textures.iter().any(|key| coat.get(key).is_some()) {
-            scene.warn(self.source, format!("{}: the textures of its clear coat are left out", look.name));
+            self.warn(format!("{}: the textures of its clear coat are left out", look.name));
         }
         Some(ClearCoat { amount, alpha: rough * rough })
     }
 
     /// The Fresnel reflectance of a dielectric material along the normal, and at grazing angles.
-    fn specular(&mut self, scene: &mut Scene, material: &GltfMaterial<'_>, look: &Look) -> ([f32; 3], f32) {
+    fn specular(&mut self, material: &GltfMaterial<'_>, look: &Look) -> ([f32; 3], f32) {
         let ratio = (look.ior - 1.0) / (look.ior + 1.0);
         let Some(specular) = material.specular() else { return ([ratio * ratio; 3], 1.0) };
         if specular.specular_texture().is_some() || specular.specular_color_texture().is_some() {
-            scene.warn(self.source, format!("{}: the textures of its specular reflection are left out", look.name));
+            self.warn(format!("{}: the textures of its specular reflection are left out", look.name));
         }
         let strength = share(specular.specular_factor());
         (specular.specular_color_factor().map(|c| share(ratio * ratio * c) * strength), strength)
     }
 
-    fn specular_glossiness(
-        &mut self,
-        scene: &mut Scene,
-        old: &::gltf::material::PbrSpecularGlossiness<'_>,
-    ) -> MaterialKind {
+    fn specular_glossiness(&mut self, old: &::gltf::material::PbrSpecularGlossiness<'_>) -> MaterialKind {
         let [r, g, b, _] = old.diffuse_factor();
         let diffuse = old.diffuse_texture().map(|info| Use::of(&info));
-        let diffuse = self.images.color(scene, diffuse, [r, g, b].map(share));
+        let diffuse = self.color(diffuse, [r, g, b].map(share));
         let gloss = share(old.glossiness_factor());
         let used = || old.specular_glossiness_texture().map(|info| Use::of(&info));
-        let specular = self.images.color(scene, used(), old.specular_factor().map(share));
-        let alpha =
-            match used().and_then(|info| self.images.texture(scene, &info, Part::Glossiness(gloss.to_bits()), 1.0)) {
-                Some(id) => Scalar::Texture(id),
-                None => Scalar::Constant((1.0 - gloss) * (1.0 - gloss)),
-            };
+        let specular = self.color(used(), old.specular_factor().map(share));
+        let alpha = match used().and_then(|info| self.texture(&info, Part::Glossiness(gloss.to_bits()), 1.0)) {
+            Some(id) => Scalar::Texture(id),
+            None => Scalar::Constant((1.0 - gloss) * (1.0 - gloss)),
+        };
         let roughness = Roughness { u: alpha, v: alpha, remap: false };
         MaterialKind::Substrate { diffuse, specular, roughness }
     }
 
     /// Adds a mix of two materials; only one of them if the amount is 0 or 1.
-    fn mix(&self, scene: &mut Scene, look: &Look, materials: [MaterialId; 2], amount: Scalar) -> MaterialId {
+    fn mix(&mut self, look: &Look, materials: [MaterialId; 2], amount: Scalar) -> MaterialId {
         match amount {
             Scalar::Constant(0.0) => materials[0],
             Scalar::Constant(1.0) => materials[1],
-            _ => self.add(scene, look, MaterialKind::Mix { materials, amount }),
+            _ => self.add_material(look, MaterialKind::Mix { materials, amount }),
         }
     }
 
-    fn add(&self, scene: &mut Scene, look: &Look, kind: MaterialKind) -> MaterialId {
+    fn add_material(&mut self, look: &Look, kind: MaterialKind) -> MaterialId {
         let material = Material::new(look.name.clone(), kind, self.source.clone());
-        scene.add_material(Material { normal_map: look.normal_map, ..material })
+        self.scene.add_material(Material { normal_map: look.normal_map, ..material })
     }
 
-    fn alpha(&mut self, scene: &mut Scene, material: &GltfMaterial<'_>) -> Option<Scalar> {
+    fn alpha(&mut self, material: &GltfMaterial<'_>) -> Option<Scalar> {
         let pbr = material.pbr_metallic_roughness();
         let factor = share(pbr.base_color_factor()[3]);
         let used = pbr.base_color_texture().map(|info| Use::of(&info));
@@ -245,30 +221,27 @@ impl<'a> Materials<'a> {
             AlphaMode::Mask => {
                 let cutoff = material.alpha_cutoff().unwrap_or(0.5);
                 let part = Part::Mask((cutoff / factor).to_bits());
-                let texture = used.and_then(|info| self.images.texture(scene, &info, part, 1.0));
+                let texture = used.and_then(|info| self.texture(&info, part, 1.0));
                 let constant = Scalar::Constant(f32::from(factor >= cutoff));
                 Some(texture.map_or(constant, Scalar::Texture))
             }
-            AlphaMode::Blend => Some(self.images.number(scene, used, Part::Alpha, factor)),
+            AlphaMode::Blend => Some(self.number(used, Part::Alpha, factor)),
         }
     }
 
     /// The medium inside a material with a volume, from the colour that light has left after the attenuation distance.
-    fn medium(&self, scene: &mut Scene, material: &GltfMaterial<'_>, name: &str) -> Option<MediumInterface> {
+    fn medium(&mut self, material: &GltfMaterial<'_>, name: &str) -> Option<MediumInterface> {
         let volume = material.volume().filter(|volume| volume.thickness_factor() > 0.0)?;
         if volume.thickness_texture().is_some() {
-            scene.warn(
-                self.source,
-                format!("{name}: its texture of thickness is left out; light goes through the mesh as it is"),
-            );
+            self.warn(format!("{name}: its texture of thickness is left out; light goes through the mesh as it is"));
         }
         let distance = volume.attenuation_distance();
         let absorption = volume.attenuation_color().map(|c| -libm::logf(c.clamp(1e-6, 1.0)) / distance);
         let absorbs = distance > 0.0 && distance.is_finite() && absorption.iter().any(|a| *a > 0.0);
         absorbs.then(|| {
-            let id = MediumId(scene.media.len() as u32);
+            let id = MediumId(self.scene.media.len() as u32);
             let source = self.source.clone();
-            scene.media.push(Medium { name: name.into(), absorption, scattering: [0.0; 3], g: 0.0, source });
+            self.scene.media.push(Medium { name: name.into(), absorption, scattering: [0.0; 3], g: 0.0, source });
             MediumInterface { inside: Some(id), outside: None }
         })
     }

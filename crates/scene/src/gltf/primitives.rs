@@ -1,49 +1,25 @@
 //! The meshes of a glTF file as shapes and instances.
 
-use super::buffers::Buffers;
-use super::materials::{Materials, Surface};
+use super::materials::Surface;
 use super::nodes::Placed;
-use super::{Fault, named};
-use crate::files::Files;
-use crate::{Geometry, Instance, MeshData, Object, ObjectId, Scene, Shape, Source};
+use super::{Fault, Reader, named};
+use crate::{Geometry, Instance, MeshData, Object, ObjectId, Shape, Source};
 use ::gltf::mesh::{Mode, Primitive, Semantic};
-use ::gltf::{Accessor, Document, Mesh, Node};
+use ::gltf::{Accessor, Mesh, Node};
 use glam::{DAffine3, DMat4, DVec3};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// A part of a mesh (primitive): triangles of one material.
 #[derive(Clone)]
-struct Part {
+pub(super) struct Part {
     geometry: Arc<MeshData>,
     surface: Surface,
 }
 
-/// Adds the shapes of a glTF file to a scene.
-pub(super) struct Shapes<'a> {
-    scene: &'a mut Scene,
-    buffers: &'a Buffers<'a>,
-    materials: Materials<'a>,
-    source: &'a Source,
-    /// Parts of meshes that were read, by the mesh's index.
-    meshes: BTreeMap<usize, Vec<Part>>,
-    objects: BTreeMap<usize, ObjectId>,
-}
-
-impl<'a> Shapes<'a> {
-    pub(super) fn new(
-        scene: &'a mut Scene,
-        document: &'a Document,
-        buffers: &'a Buffers<'a>,
-        files: &'a dyn Files,
-        source: &'a Source,
-    ) -> Self {
-        let materials = Materials::new(document, buffers, files, source);
-        Self { scene, buffers, materials, source, meshes: BTreeMap::new(), objects: BTreeMap::new() }
-    }
-
+impl Reader<'_> {
     /// Adds the meshes of all nodes. A mesh that several nodes place becomes instances of one object, unless it shines.
-    pub(super) fn add(&mut self, placed: &[Placed<'_>]) -> Result<(), Fault> {
+    pub(super) fn add_shapes(&mut self, placed: &[Placed<'_>]) -> Result<(), Fault> {
         let mut uses: BTreeMap<usize, usize> = BTreeMap::new();
         for mesh in placed.iter().filter_map(|p| p.node.mesh()) {
             *uses.entry(mesh.index()).or_default() += 1;
@@ -59,8 +35,7 @@ impl<'a> Shapes<'a> {
                 continue;
             }
             if to_world.matrix3.determinant() == 0.0 {
-                self.scene
-                    .warn(self.source, format!("{} has no extent; left out", named("node", node.index(), node.name())));
+                self.warn(format!("{} has no extent; left out", named("node", node.index(), node.name())));
                 continue;
             }
             if !self.meshes.contains_key(&mesh.index()) {
@@ -89,11 +64,8 @@ impl<'a> Shapes<'a> {
         let (scene, source) = (&mut *self.scene, self.source);
         let object = *self.objects.entry(mesh.index()).or_insert_with(|| {
             let shapes = parts.iter().cloned().map(|part| part.shape(DAffine3::IDENTITY, source)).collect();
-            scene.objects.push(Object {
-                name: named("mesh", mesh.index(), mesh.name()),
-                shapes,
-                source: source.clone(),
-            });
+            let name = named("mesh", mesh.index(), mesh.name());
+            scene.objects.push(Object { name, shapes, source: source.clone() });
             ObjectId(scene.objects.len() as u32 - 1)
         });
         scene.instances.push(Instance { object, to_world, moves_to: None, source: source.clone() });
@@ -121,26 +93,23 @@ impl<'a> Shapes<'a> {
         for primitive in mesh.primitives() {
             let name = format!("{}, part {}", named("mesh", mesh.index(), mesh.name()), primitive.index());
             if matches!(primitive.mode(), Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip) {
-                self.scene.warn(self.source, format!("{name} consists of points or lines; left out"));
+                self.warn(format!("{name} consists of points or lines; left out"));
                 continue;
             }
-            let surface = self.materials.of(self.scene, &primitive.material())?;
+            let surface = self.surface_of(&primitive.material())?;
             let mut data =
                 self.mesh(&primitive, joints, weights, surface.uv_set).map_err(|what| format!("{name}: {what}"))?;
             if data.triangles.is_empty() {
                 continue;
             }
             if let Some(count) = data.mend_normals() {
-                self.scene.warn(
-                    self.source,
-                    format!("{name}: {count} normals are not finite; the faces' own stand for them"),
-                );
+                self.warn(format!("{name}: {count} normals are not finite; the faces' own stand for them"));
             }
             data.check().map_err(|e| format!("{name}: {e}"))?;
             if primitive.get(&Semantic::Colors(0)).is_some() {
-                self.scene.warn(self.source, format!("{name}: vertex colours are left out"));
+                self.warn(format!("{name}: vertex colours are left out"));
             }
-            for (data, surface) in self.materials.lit_parts(data, surface) {
+            for (data, surface) in self.lit_parts(data, surface) {
                 parts.push(Part { geometry: Arc::new(data), surface });
             }
         }
@@ -223,14 +192,9 @@ impl<'a> Shapes<'a> {
 
 impl Part {
     fn shape(self, to_world: DAffine3, source: &Source) -> Shape {
-        let Self { geometry, surface } = self;
-        let (emission, alpha, media) = (surface.emission, surface.alpha, surface.media);
-        Shape {
-            emission,
-            alpha,
-            media,
-            ..Shape::new(Geometry::Mesh(geometry), to_world, surface.material, source.clone())
-        }
+        let Surface { material, emission, alpha, media, .. } = self.surface;
+        let shape = Shape::new(Geometry::Mesh(self.geometry), to_world, material, source.clone());
+        Shape { emission, alpha, media, ..shape }
     }
 }
 

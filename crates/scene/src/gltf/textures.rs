@@ -1,16 +1,14 @@
 //! Images and textures of a glTF file.
 
-use super::buffers::{Buffers, beside, read_uri};
-use super::named;
-use crate::files::Files;
+use super::buffers::{beside, read_uri};
+use super::{Reader, named};
 use crate::image::{Encoding, Image, read_image};
-use crate::{Color, Notice, Scalar, Scene, Source, TextureId, TextureKind, Wrap};
+use crate::{Color, Notice, Scalar, TextureId, TextureKind, Wrap};
+use ::gltf::json;
 use ::gltf::json::texture::WrappingMode;
 use ::gltf::material::NormalTexture;
-use ::gltf::texture::{Info, TextureTransform};
-use ::gltf::{Document, json};
+use ::gltf::texture::Info;
 use serde_json::Value;
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// The part of an image that a parameter reads, and how. Floats are stored by their bits, so that this is a map key.
@@ -43,21 +41,20 @@ pub(super) struct Use<'a> {
 }
 
 impl<'a> Use<'a> {
-    pub(super) fn new(texture: ::gltf::Texture<'a>, set: u32, transform: Option<TextureTransform<'a>>) -> Self {
-        let Some(moved) = transform else {
-            return Self { texture, set, scale: [1.0; 2], offset: [0.0; 2], rotated: false };
-        };
-        let set = moved.tex_coord().unwrap_or(set);
-        Self { texture, set, scale: moved.scale(), offset: moved.offset(), rotated: moved.rotation() != 0.0 }
+    pub(super) fn of(info: &Info<'a>) -> Self {
+        let plain = Self::plain(info.texture(), info.tex_coord());
+        let Some(moved) = info.texture_transform() else { return plain };
+        let (set, rotated) = (moved.tex_coord().unwrap_or(plain.set), moved.rotation() != 0.0);
+        Self { set, scale: moved.scale(), offset: moved.offset(), rotated, ..plain }
     }
 
-    pub(super) fn of(info: &Info<'a>) -> Self {
-        Self::new(info.texture(), info.tex_coord(), info.texture_transform())
+    fn plain(texture: ::gltf::Texture<'a>, set: u32) -> Self {
+        Self { texture, set, scale: [1.0; 2], offset: [0.0; 2], rotated: false }
     }
 
     /// The use of a normal map, whose transform the crate `gltf` leaves in JSON.
     pub(super) fn of_normals(map: &NormalTexture<'a>) -> Self {
-        let plain = Self::new(map.texture(), map.tex_coord(), None);
+        let plain = Self::plain(map.texture(), map.tex_coord());
         let Some(moved) = map.extension_value("KHR_texture_transform") else { return plain };
         let number = |value: Option<&Value>| value.and_then(Value::as_f64).map(|v| v as f32).filter(|v| v.is_finite());
         let pair = |key: &str, default: f32| {
@@ -79,83 +76,65 @@ impl<'a> Use<'a> {
     }
 }
 
-/// The images of a file, each decoded once for every part that is read.
-pub(super) struct Images<'a> {
-    document: &'a Document,
-    buffers: &'a Buffers<'a>,
-    files: &'a dyn Files,
-    source: &'a Source,
-    read: BTreeMap<(usize, Part), Option<Arc<Image>>>,
-}
-
-impl<'a> Images<'a> {
-    pub(super) fn new(
-        document: &'a Document,
-        buffers: &'a Buffers<'a>,
-        files: &'a dyn Files,
-        source: &'a Source,
-    ) -> Self {
-        Self { document, buffers, files, source, read: BTreeMap::new() }
-    }
-
+impl Reader<'_> {
     /// The colour `factor` times a texture; only the factor without one, or if its image cannot be read.
-    pub(super) fn color(&mut self, scene: &mut Scene, info: Option<Use<'_>>, factor: [f32; 3]) -> Color {
+    pub(super) fn color(&mut self, info: Option<Use<'_>>, factor: [f32; 3]) -> Color {
         let even = factor[0] == factor[1] && factor[1] == factor[2];
         let scale = if even { factor[0] } else { 1.0 };
-        match info.and_then(|info| self.texture(scene, &info, Part::Color, scale)) {
+        match info.and_then(|info| self.texture(&info, Part::Color, scale)) {
             None => Color::Constant(factor),
             Some(id) if even => Color::Texture(id),
             Some(id) => {
                 let kind = TextureKind::Product { factors: [Color::Constant(factor), Color::Texture(id)] };
-                Color::Texture(scene.add_texture("product", kind, self.source))
+                Color::Texture(self.scene.add_texture("product", kind, self.source))
             }
         }
     }
 
     /// The number `factor` times a part of a texture; only the factor without one, or if its image cannot be read.
-    pub(super) fn number(&mut self, scene: &mut Scene, info: Option<Use<'_>>, part: Part, factor: f32) -> Scalar {
-        let id = info.and_then(|info| self.texture(scene, &info, part, factor));
+    pub(super) fn number(&mut self, info: Option<Use<'_>>, part: Part, factor: f32) -> Scalar {
+        let id = info.and_then(|info| self.texture(&info, part, factor));
         id.map_or(Scalar::Constant(factor), Scalar::Texture)
     }
 
     /// A part of a texture times `factor`. `None`, with a notice, if the image cannot be read.
-    pub(super) fn texture(&mut self, scene: &mut Scene, info: &Use<'_>, part: Part, factor: f32) -> Option<TextureId> {
+    pub(super) fn texture(&mut self, info: &Use<'_>, part: Part, factor: f32) -> Option<TextureId> {
         let index = self.document.as_json().textures[info.texture.index()].source.value();
-        let image = self.image(scene, index, part)?;
+        let image = self.image(index, part)?;
         let name = named("texture", info.texture.index(), info.texture.name());
-        self.check_rotation(scene, info);
+        self.check_rotation(info);
         let sampler = info.texture.sampler();
         let wrap = [sampler.wrap_s(), sampler.wrap_t()];
         if wrap.contains(&WrappingMode::MirroredRepeat) {
-            self.notice(scene, format!("{name}: it repeats without being mirrored"));
+            self.notice(format!("{name}: it repeats without being mirrored"));
         }
         if wrap[0] != wrap[1] {
-            self.notice(scene, format!("{name}: wraps in the same way in both directions"));
+            self.notice(format!("{name}: wraps in the same way in both directions"));
         }
         let wrap = if wrap[0] == WrappingMode::ClampToEdge { Wrap::Clamp } else { Wrap::Repeat };
         let [scale, shift] = info.transform();
         let kind = TextureKind::Image { image, scale, shift, factor, invert: false, wrap };
-        Some(scene.add_texture(name, kind, self.source))
+        Some(self.scene.add_texture(name, kind, self.source))
     }
 
     /// Adds a notice if the coordinates of a use are rotated.
-    pub(super) fn check_rotation(&self, scene: &mut Scene, info: &Use<'_>) {
+    pub(super) fn check_rotation(&mut self, info: &Use<'_>) {
         if info.rotated {
             let name = named("texture", info.texture.index(), info.texture.name());
-            self.notice(scene, format!("{name}: the rotation of its coordinates is left out"));
+            self.notice(format!("{name}: the rotation of its coordinates is left out"));
         }
     }
 
-    fn notice(&self, scene: &mut Scene, message: String) {
+    fn notice(&mut self, message: String) {
         let notice = Notice::warning(self.source.clone(), message);
-        if !scene.notices.contains(&notice) {
-            scene.notices.push(notice);
+        if !self.scene.notices.contains(&notice) {
+            self.scene.notices.push(notice);
         }
     }
 
     /// A part of an image. `None`, with a notice, if it cannot be read.
-    pub(super) fn image(&mut self, scene: &mut Scene, index: usize, part: Part) -> Option<Arc<Image>> {
-        if let Some(known) = self.read.get(&(index, part)) {
+    pub(super) fn image(&mut self, index: usize, part: Part) -> Option<Arc<Image>> {
+        if let Some(known) = self.images.get(&(index, part)) {
             return known.clone();
         }
         let image = match self.decode(index, part) {
@@ -163,30 +142,25 @@ impl<'a> Images<'a> {
             Err(what) => {
                 let name = self.document.images().nth(index).and_then(|image| image.name()).map(str::to_owned);
                 let name = named("image", index, name.as_deref());
-                self.notice(scene, format!("{name} cannot be read, a constant stands for it: {what}"));
+                self.notice(format!("{name} cannot be read, a constant stands for it: {what}"));
                 None
             }
         };
-        self.read.insert((index, part), image.clone());
+        self.images.insert((index, part), image.clone());
         image
     }
 
     fn decode(&self, index: usize, part: Part) -> Result<Image, String> {
         let json: &json::Image = self.document.as_json().images.get(index).ok_or("it does not exist")?;
-        let (bytes, name) = match (&json.uri, json.buffer_view) {
-            (Some(uri), _) => {
-                let bytes = read_uri(uri, self.files, &self.source.file)?;
-                let inline = uri.starts_with("data:");
-                let name = if inline {
-                    format!("image {index}")
-                } else {
-                    beside(uri, &self.source.file).display().to_string()
-                };
-                (bytes, name)
-            }
+        let name = match &json.uri {
+            Some(uri) if !uri.starts_with("data:") => beside(uri, &self.source.file).display().to_string(),
+            _ => format!("image {index}"),
+        };
+        let bytes = match (&json.uri, json.buffer_view) {
+            (Some(uri), _) => read_uri(uri, self.files, &self.source.file)?,
             (None, Some(view)) => {
                 let view = self.document.views().nth(view.value()).ok_or("its buffer does not exist")?;
-                (self.buffers.view(&view).ok_or("it reaches beyond its buffer")?.to_vec(), format!("image {index}"))
+                self.buffers.view(&view).ok_or("it reaches beyond its buffer")?.to_vec()
             }
             (None, None) => return Err("it names no file".into()),
         };

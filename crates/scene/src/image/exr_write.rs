@@ -85,7 +85,6 @@ pub fn encode_exr_with(size: [u32; 2], layers: &[Layer<'_>], given: &ExrHeader<'
         for (name, plane) in &layer.channels {
             check_count(size, plane.len())?;
             let prefix = if layer.name.is_empty() { String::new() } else { format!("{}.", layer.name) };
-            check_name("channel", name)?;
             channels.push((prefix + name, plane));
         }
     }
@@ -108,17 +107,13 @@ fn refuse(what: String) -> ImageError {
     ImageError::Encode { what }
 }
 
-fn check_name(kind: &str, name: &str) -> Result<(), ImageError> {
-    if name.is_empty() || name.len() > 255 || name.contains('\0') {
-        return Err(refuse(format!("{kind} name {name:?}; an EXR file takes names of 1 to 255 bytes without NUL")));
-    }
-    Ok(())
-}
-
 fn check_names<'a>(kind: &str, names: impl Iterator<Item = &'a str>) -> Result<(), ImageError> {
     let mut seen = BTreeSet::new();
     for name in names {
-        check_name(kind, name)?;
+        let unnamed = name.is_empty() || (kind == "channel" && name.ends_with('.'));
+        if unnamed || name.len() > 255 || name.contains('\0') {
+            return Err(refuse(format!("{kind} name {name:?}; an EXR file takes names of 1 to 255 bytes without NUL")));
+        }
         if !seen.insert(name) {
             return Err(refuse(format!("{kind} name {name:?} is given twice; rename one")));
         }

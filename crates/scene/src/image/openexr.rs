@@ -1,7 +1,7 @@
 //! OpenEXR files, read through the `exr` crate block by block. A wrong header is thus detected before memory is
 //! allocated for the sizes that it claims.
 
-use super::read::{ALPHA_BYTES, File, PIXEL_BYTES};
+use super::read::{ALPHA_BYTES, File, OPENEXR, PIXEL_BYTES};
 use super::{Image, ImageError};
 use ::exr::block::lines::LineRef;
 use ::exr::block::reader::{ChunksReader, Reader};
@@ -14,8 +14,6 @@ use ::exr::prelude::f16;
 use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::io::Cursor;
-
-const FORMAT: &str = "OpenEXR";
 
 /// The values of one channel, row by row from the top.
 #[derive(Clone, Debug, PartialEq)]
@@ -90,14 +88,14 @@ impl Channels {
 /// # Errors
 /// Those of [`read_image`](super::read_image), and [`ImageError::Unsupported`] if the parts differ in size.
 pub fn read_channels(bytes: &[u8], file_name: &str) -> Result<Channels, ImageError> {
-    let file = File { bytes, name: file_name };
+    let file = File { bytes, name: file_name, format: OPENEXR };
     with_reader(&file, |open| {
         let headers = open()?.headers().to_vec();
         let size = headers[0].layer_size;
         let count: usize = headers.iter().map(|h| h.channels.list.len()).sum();
         headers.iter().try_for_each(|h| check_size(&file, h, 4 * count as u64))?;
         if headers.iter().any(|h| h.layer_size != size) {
-            return Err(file.unsupported(FORMAT, "a set of parts of different sizes", "one file a part").into());
+            return Err(file.unsupported("a set of parts of different sizes", "one file a part").into());
         }
         let mut channels = Vec::new();
         for (part, header) in headers.iter().enumerate() {
@@ -138,7 +136,7 @@ fn attributes<T: Ord>(
     file_name: &str,
     pick: impl Fn(AttributeValue) -> Option<T>,
 ) -> Result<Vec<(String, T)>, ImageError> {
-    with_reader(&File { bytes, name: file_name }, |open| {
+    with_reader(&File { bytes, name: file_name, format: OPENEXR }, |open| {
         let reader = open()?;
         let named = reader.headers()[0].all_named_attributes();
         let name = |name: &[u8]| String::from_utf8_lossy(name).into_owned();
@@ -181,62 +179,42 @@ struct MainChannels {
     alpha: Option<usize>,
 }
 
-impl MainChannels {
-    /// Makes the selection from the indices of three channels (R, G, B) or of one gray channel.
-    fn new(part: usize, found: &[usize], alpha: Option<Vec<usize>>) -> Self {
-        let colors = std::array::from_fn(|i| found.get(if found.len() == 1 { 0 } else { i }).copied());
-        Self { part, colors, alpha: alpha.and_then(|found| found.first().copied()) }
-    }
-}
-
 fn main_channels(file: &File<'_>, headers: &[Header]) -> Result<MainChannels, ImageError> {
-    let unnamed_first = {
-        let (unnamed, named): (Vec<usize>, Vec<usize>) =
-            (0..headers.len()).partition(|&i| headers[i].own_attributes.layer_name.is_none());
-        [unnamed, named].concat()
-    };
-    let find = |part: usize, prefix: &[u8], letters: &[u8]| -> Option<Vec<usize>> {
-        let position = |letter: u8| {
-            let named = |name: &[u8]| name.strip_prefix(prefix) == Some(&[letter][..]);
-            headers[part].channels.list.iter().position(|c| named(c.name.as_slice()))
-        };
-        letters.iter().map(|&l| position(l)).collect()
+    let mut parts: Vec<usize> = (0..headers.len()).collect();
+    parts.sort_by_key(|&i| headers[i].own_attributes.layer_name.is_some());
+    let names = |part: usize| headers[part].channels.list.iter().map(|channel| channel.name.as_slice());
+    let find = |part: usize, layer: &[u8], letter: u8| {
+        names(part).position(|name| name.strip_prefix(layer) == Some(&[letter][..]))
     };
     // Channels without a layer name come first, then those of each layer.
-    for layered in [false, true] {
-        for (letters, &part) in [&b"RGB"[..], b"Y"].iter().flat_map(|l| unnamed_first.iter().map(move |part| (l, part)))
-        {
-            let layer = |channel: &ChannelDescription| {
-                let name = channel.name.as_slice();
-                let dot = name.iter().rposition(|&b| b == b'.').map_or(0, |i| i + 1);
-                name[..dot].to_vec()
-            };
-            let layers = headers[part].channels.list.iter().map(layer).filter(|layer| layered != layer.is_empty());
-            for layer in layers {
-                let Some(found) = find(part, &layer, letters) else { continue };
-                let has = |name: &[u8]| headers[part].channels.list.iter().any(|c| c.name.as_slice() == name);
-                if !layered && has(b"Y") && (has(b"RY") || has(b"BY")) {
-                    return Err(file.unsupported(FORMAT, "luminance and chroma", "RGB"));
-                }
-                return Ok(MainChannels::new(part, &found, find(part, &layer, b"A")));
+    for (layered, letters) in [(false, b"RGB"), (false, b"YYY"), (true, b"RGB"), (true, b"YYY")] {
+        for (part, name) in parts.iter().flat_map(|&part| names(part).map(move |name| (part, name))) {
+            let layer = &name[..name.iter().rposition(|&b| b == b'.').map_or(0, |i| i + 1)];
+            let colors = letters.map(|letter| find(part, layer, letter));
+            if layered == layer.is_empty() || colors.contains(&None) {
+                continue;
             }
+            let has = |name: &[u8]| names(part).any(|other| other == name);
+            if !layered && has(b"Y") && (has(b"RY") || has(b"BY")) {
+                return Err(file.unsupported("luminance and chroma", "RGB"));
+            }
+            return Ok(MainChannels { part, colors, alpha: find(part, layer, b'A') });
         }
     }
     if let [only] = headers
         && only.channels.list.len() == 1
     {
-        return Ok(MainChannels::new(0, &[0], None));
+        return Ok(MainChannels { part: 0, colors: [Some(0); 3], alpha: None });
     }
-    for &part in &unnamed_first {
-        let one = |letter: u8| find(part, b"", &[letter]).and_then(|found| found.first().copied());
-        let colors = [b'R', b'G', b'B'].map(one);
+    for part in parts {
+        let colors = [b'R', b'G', b'B'].map(|letter| find(part, b"", letter));
         if colors.iter().any(Option::is_some) {
-            return Ok(MainChannels { part, colors, alpha: one(b'A') });
+            return Ok(MainChannels { part, colors, alpha: find(part, b"", b'A') });
         }
     }
     let names: Vec<String> = headers.iter().flat_map(|h| h.channels.list.iter().map(|c| c.name.to_string())).collect();
     let what = format!("an image without R, G and B or Y (its channels are {})", names.join(", "));
-    Err(file.unsupported(FORMAT, &what, "RGB"))
+    Err(file.unsupported(&what, "RGB"))
 }
 
 type Fault = super::read::Fault<ExrError>;
@@ -263,9 +241,9 @@ fn with_reader<'a, T>(
     };
     work(&mut open).map_err(|fault| match fault {
         Fault::Ours(error) => error,
-        Fault::Decoder(ExrError::Io(e)) if e.kind() == std::io::ErrorKind::UnexpectedEof => file.truncated(FORMAT),
-        Fault::Decoder(ExrError::NotSupported(what)) => file.unsupported(FORMAT, &what, "scan lines compressed by ZIP"),
-        Fault::Decoder(error) => file.malformed(FORMAT, file.bytes.len(), error.to_string()),
+        Fault::Decoder(ExrError::Io(e)) if e.kind() == std::io::ErrorKind::UnexpectedEof => file.truncated(),
+        Fault::Decoder(ExrError::NotSupported(what)) => file.unsupported(&what, "scan lines compressed by ZIP"),
+        Fault::Decoder(error) => file.malformed(file.bytes.len(), error.to_string()),
     })
 }
 
@@ -275,22 +253,22 @@ fn check_headers(file: &File<'_>, headers: &[Header]) -> Result<(), ImageError> 
         // Memory for one channel and one block; the caller checks again for the channels that it keeps.
         check_size(file, header, 4)?;
         if header.deep {
-            return Err(file.unsupported(FORMAT, "deep data", "a flat image"));
+            return Err(file.unsupported("deep data", "a flat image"));
         }
         if header.channels.list.iter().any(|c| c.sampling.0 != 1 || c.sampling.1 != 1) {
-            return Err(file.unsupported(FORMAT, "a channel of lower resolution than the image", "RGB"));
+            return Err(file.unsupported("a channel of lower resolution than the image", "RGB"));
         }
         // The offset table has eight bytes per chunk, and the reader indexes it by a count of its own.
         if header.chunk_count > file.bytes.len() / 8 {
-            return Err(file.truncated(FORMAT));
+            return Err(file.truncated());
         }
         if header.chunk_count != header.blocks_increasing_y_order().count() {
             let what = format!("{} chunks are not what an image of this size has", header.chunk_count);
-            return Err(file.malformed(FORMAT, file.bytes.len(), what));
+            return Err(file.malformed(file.bytes.len(), what));
         }
     }
     if headers.is_empty() {
-        return Err(file.malformed(FORMAT, file.bytes.len(), "it has no header"));
+        return Err(file.malformed(file.bytes.len(), "it has no header"));
     }
     Ok(())
 }
@@ -319,7 +297,7 @@ fn check_header_length(file: &File<'_>) -> Result<(), ImageError> {
     // The decoder reports damage itself.
     while let Some((end, next)) = attribute(at) {
         if next > MOST_HEADER {
-            return Err(file.malformed(FORMAT, at, "its header takes more than 4 MiB"));
+            return Err(file.malformed(at, "its header takes more than 4 MiB"));
         }
         if end && (ended || !several) {
             break;
@@ -344,7 +322,7 @@ fn check_size(file: &File<'_>, header: &Header, per_pixel: u64) -> Result<(), Im
     // 32 bits per sample whatever its type, since some kinds of compression expand samples.
     let block = w.saturating_mul(h).saturating_mul(4 * header.channels.list.len() as u64);
     let tables = 64 * header.chunk_count as u64;
-    file.check_claim(FORMAT, size, per_pixel, block.saturating_mul(BLOCK_COPIES).saturating_add(tables))
+    file.check_claim(size, per_pixel, block.saturating_mul(BLOCK_COPIES).saturating_add(tables))
 }
 
 /// Reads all channels of one part at full resolution.
@@ -408,7 +386,7 @@ fn read_lines(
     })?;
     if seen.len() != expected {
         let what = format!("{} of its {expected} blocks are missing", expected - seen.len());
-        return Err(file.malformed(FORMAT, file.bytes.len(), what).into());
+        return Err(file.malformed(file.bytes.len(), what).into());
     }
     Ok(())
 }

@@ -1,6 +1,7 @@
 //! Reading of image files.
 
-use super::{Image, ImageError, expand, openexr, pfm};
+use super::{Image, ImageError, openexr, pfm, srgb_decode};
+use ::image::ColorType;
 use ::image::codecs::{hdr::HdrDecoder, jpeg::JpegDecoder, png::PngDecoder, tga::TgaDecoder};
 use ::image::{ImageDecoder, ImageError as Decoder, Limits};
 use std::io::{Cursor, ErrorKind};
@@ -41,37 +42,42 @@ pub enum Encoding {
 /// `bytes.len()` is refused before memory is allocated: see [`ImageError::TooLarge`]. Images of up to 5 million pixels
 /// always pass (4 million with alpha, 3.5 million for a progressive JPEG).
 pub fn read_image(bytes: &[u8], file_name: &str, encoding: Encoding) -> Result<Image, ImageError> {
-    let file = File { bytes, name: file_name };
+    let format = format_of(bytes, file_name);
+    let format = format.ok_or_else(|| ImageError::UnknownContent(file_name.to_owned()))?;
+    let file = File { bytes, name: file_name, format };
     let mut cursor = Cursor::new(bytes);
-    let (format, image) = match Content::of(&file) {
-        Some(Content::Exr) => return openexr::read(&file),
-        Some(Content::Pfm) => return pfm::read(&file),
-        Some(Content::Png) => {
+    let image = match format {
+        OPENEXR => return openexr::read(&file),
+        PFM => return pfm::read(&file),
+        PNG => {
             let limits = check_png(&file)?;
-            ("PNG", decode(&file, "PNG", encoding, 0, PngDecoder::with_limits(&mut cursor, limits)))
+            decode(&file, encoding, 0, PngDecoder::with_limits(&mut cursor, limits))
         }
-        Some(Content::Jpeg) => {
+        JPEG => {
             let working = check_jpeg(&file)?;
-            ("JPEG", decode(&file, "JPEG", encoding, working, JpegDecoder::new(&mut cursor)))
+            decode(&file, encoding, working, JpegDecoder::new(&mut cursor))
         }
-        Some(Content::Hdr) => {
+        HDR => {
             check_hdr(&file)?;
-            (HDR, decode(&file, HDR, encoding, 0, HdrDecoder::new_nonstrict(&mut cursor)))
+            decode(&file, encoding, 0, HdrDecoder::new_nonstrict(&mut cursor))
         }
-        Some(Content::Tga) => ("TGA", decode(&file, "TGA", encoding, tga_copy(&file), TgaDecoder::new(&mut cursor))),
-        None => return Err(ImageError::UnknownContent { file: file_name.to_owned() }),
+        _ => decode(&file, encoding, tga_copy(&file), TgaDecoder::new(&mut cursor)),
     };
     image.map_err(|fault| match fault {
         Fault::Ours(error) => error,
-        Fault::Decoder(Decoder::IoError(e)) if e.kind() == ErrorKind::UnexpectedEof => file.truncated(format),
+        Fault::Decoder(Decoder::IoError(e)) if e.kind() == ErrorKind::UnexpectedEof => file.truncated(),
         Fault::Decoder(Decoder::Unsupported(e)) => {
-            file.unsupported(format, &format!("what this file uses ({e})"), "RGB of 8 bits per channel")
+            file.unsupported(&format!("what this file uses ({e})"), "RGB of 8 bits per channel")
         }
-        Fault::Decoder(error) => file.malformed(format, cursor.position() as usize, error.to_string()),
+        Fault::Decoder(error) => file.malformed(cursor.position() as usize, error),
     })
 }
 
+const PNG: &str = "PNG";
+const JPEG: &str = "JPEG";
 const HDR: &str = "Radiance HDR";
+pub(super) const OPENEXR: &str = "OpenEXR";
+pub(super) const PFM: &str = "PFM";
 
 /// An error of a decoder, or an [`ImageError`] found by this module.
 pub(super) enum Fault<E> {
@@ -91,10 +97,11 @@ impl<E> From<ImageError> for Fault<E> {
     }
 }
 
-/// The bytes of a file, and the file name to use in messages.
+/// The bytes of a file, with its name and the name of its format for messages.
 pub(super) struct File<'a> {
     pub(super) bytes: &'a [u8],
     pub(super) name: &'a str,
+    pub(super) format: &'static str,
 }
 
 /// Memory in bytes that reading a file of any length may take. Suffices for textures of 4096 x 4096 pixels (201 MB).
@@ -110,16 +117,19 @@ pub(super) const PIXEL_BYTES: u64 = 12;
 pub(super) const ALPHA_BYTES: u64 = 4;
 
 impl File<'_> {
-    pub(super) fn malformed(&self, format: &'static str, offset: usize, what: impl Into<String>) -> ImageError {
-        ImageError::Malformed { file: self.name.to_owned(), format, offset: offset as u64, what: what.into() }
+    pub(super) fn malformed(&self, offset: usize, what: impl std::fmt::Display) -> ImageError {
+        let Self { name, format, .. } = self;
+        ImageError::Malformed(format!("{name}: the {format} file is damaged at or before byte {offset}: {what}"))
     }
 
-    pub(super) fn truncated(&self, format: &'static str) -> ImageError {
-        ImageError::Truncated { file: self.name.to_owned(), format, offset: self.bytes.len() as u64 }
+    pub(super) fn truncated(&self) -> ImageError {
+        let Self { name, format, bytes } = self;
+        ImageError::Truncated(format!("{name}: the {format} file ends at byte {}", bytes.len()))
     }
 
-    pub(super) fn unsupported(&self, format: &'static str, what: &str, instead: &'static str) -> ImageError {
-        ImageError::Unsupported { file: self.name.to_owned(), format, what: what.to_owned(), instead }
+    pub(super) fn unsupported(&self, what: &str, instead: &str) -> ImageError {
+        let Self { name, format, .. } = self;
+        ImageError::Unsupported(format!("{name}: {what} in {format} files is not supported; save it as {instead}"))
     }
 
     /// Returns the largest memory in bytes that reading the file may take, the file included.
@@ -129,59 +139,42 @@ impl File<'_> {
 
     /// Refuses images without pixels, and sizes out of proportion to the file, before memory is allocated. `per_pixel`
     /// is the memory in bytes per pixel during reading; `besides` is all other memory in bytes that the decoder needs.
-    pub(super) fn check_claim(
-        &self,
-        format: &'static str,
-        size: [u64; 2],
-        per_pixel: u64,
-        besides: u64,
-    ) -> Result<(), ImageError> {
-        let file = self.name.to_owned();
+    pub(super) fn check_claim(&self, size: [u64; 2], per_pixel: u64, besides: u64) -> Result<(), ImageError> {
+        let Self { name, format, bytes } = self;
+        let [width, height] = size;
         if size.contains(&0) {
-            return Err(ImageError::EmptyFile { file, format, size });
+            return Err(ImageError::EmptyFile(format!("{name}: the {format} file has {width}x{height}")));
         }
         let limit = self.memory_limit();
-        let bytes = self.bytes.len() as u64;
-        let pixels = u128::from(size[0]).saturating_mul(size[1].into());
-        let needed = [OWN_BYTES, besides.into(), bytes.into()]
+        let pixels = u128::from(width).saturating_mul(height.into());
+        let needed = [OWN_BYTES, besides.into(), bytes.len() as u128]
             .into_iter()
             .fold(pixels.saturating_mul(per_pixel.into()), u128::saturating_add);
         if size.iter().all(|&s| s <= 1 << 30) && needed <= u128::from(limit) {
             return Ok(());
         }
-        Err(ImageError::TooLarge { file, format, size, needed, bytes, limit })
+        let claim = format!("{name}: the {format} header claims {width}x{height} pixels");
+        let (needed, limit, bytes) = (needed.div_ceil(1 << 20), limit >> 20, bytes.len());
+        let what = format!("which take {needed} MiB to read, but a file of {bytes} bytes is given {limit}");
+        Err(ImageError::TooLarge(format!("{claim}, {what}")))
     }
 }
 
-enum Content {
-    Png,
-    Jpeg,
-    Tga,
-    Hdr,
-    Exr,
-    Pfm,
-}
-
-impl Content {
-    fn of(file: &File<'_>) -> Option<Self> {
-        let starts = |magic: &[u8]| file.bytes.starts_with(magic);
-        let extension = file.name.rsplit('.').next().unwrap_or_default();
-        if starts(b"\x89PNG\r\n\x1a\n") {
-            Some(Self::Png)
-        } else if starts(&[0xff, 0xd8, 0xff]) {
-            Some(Self::Jpeg)
-        } else if starts(&[0x76, 0x2f, 0x31, 0x01]) {
-            Some(Self::Exr)
-        } else if starts(b"#?") {
-            Some(Self::Hdr)
-        } else if starts(b"PF") || starts(b"Pf") {
-            Some(Self::Pfm)
-        } else if extension.eq_ignore_ascii_case("tga") {
-            Some(Self::Tga)
-        } else {
-            None
-        }
-    }
+/// Returns the name of a file's format; `None` for an unknown one.
+fn format_of(bytes: &[u8], name: &str) -> Option<&'static str> {
+    const STARTS: [(&[u8], &str); 7] = [
+        (b"\x89PNG\r\n\x1a\n", PNG),
+        (b"\xff\xd8\xff", JPEG),
+        (b"\x76\x2f\x31\x01", OPENEXR),
+        (b"#?", HDR),
+        (b"PF", PFM),
+        (b"Pf", PFM),
+        (b"", "TGA"),
+    ];
+    let extension = name.rsplit('.').next().unwrap_or_default();
+    let is_tga = extension.eq_ignore_ascii_case("tga");
+    let known = STARTS.iter().find(|(start, _)| bytes.starts_with(start) && (is_tga || !start.is_empty()));
+    known.map(|(_, format)| *format)
 }
 
 /// Bytes per image column that decoders buffer: up to three rows of the widest pixels.
@@ -190,7 +183,6 @@ const COLUMN_BYTES: u64 = 32;
 /// Decodes an image in its final memory. `working` is the memory in bytes that the decoder needs in addition.
 fn decode<D: ImageDecoder>(
     file: &File<'_>,
-    format: &'static str,
     encoding: Encoding,
     working: u64,
     opened: ::image::ImageResult<D>,
@@ -200,13 +192,12 @@ fn decode<D: ImageDecoder>(
     let color = decoder.color_type();
     let alpha_bytes = if color.has_alpha() { ALPHA_BYTES } else { 0 };
     let besides = working.saturating_add(u64::from(width) * COLUMN_BYTES);
-    file.check_claim(format, [width.into(), height.into()], PIXEL_BYTES + alpha_bytes, besides)?;
+    file.check_claim([width.into(), height.into()], PIXEL_BYTES + alpha_bytes, besides)?;
     let mut pixels = vec![[0.0; 3]; width as usize * height as usize];
-    let packed = expand::packed(&mut pixels, color.bytes_per_pixel().into());
+    let packed = packed(&mut pixels, color.bytes_per_pixel().into());
     decoder.read_image(packed)?;
-    let alpha = expand::alpha(packed, color);
-    expand::expand(&mut pixels, color, encoding)
-        .map_err(|what| file.unsupported(format, what, "RGB of 8 bits per channel"))?;
+    let alpha = opacities(packed, color);
+    expand(&mut pixels, color, encoding).map_err(|what| file.unsupported(what, "RGB of 8 bits per channel"))?;
     let image = Image::new([width, height], pixels)?;
     Ok(match alpha {
         Some(alpha) => image.with_alpha(alpha)?,
@@ -220,7 +211,7 @@ fn check_png(file: &File<'_>) -> Result<Limits, ImageError> {
     let mut limits = Limits::no_limits();
     if let Some(&[.., a, b, c, d, e, f, g, h]) = file.bytes.first_chunk::<24>() {
         let size = [u32::from_be_bytes([a, b, c, d]).into(), u32::from_be_bytes([e, f, g, h]).into()];
-        file.check_claim("PNG", size, PIXEL_BYTES, 0)?;
+        file.check_claim(size, PIXEL_BYTES, 0)?;
         let rest = file.memory_limit().saturating_sub(size[0] * size[1] * (PIXEL_BYTES + ALPHA_BYTES));
         // Every image may have a small profile; the decoder counts its row buffers, too.
         limits.max_alloc = Some((rest / 4).max(OWN_BYTES as u64 / 2 + size[0] * COLUMN_BYTES));
@@ -236,7 +227,7 @@ fn check_png(file: &File<'_>) -> Result<Limits, ImageError> {
         }
         rest = &after[end..];
     }
-    Err(file.truncated("PNG"))
+    Err(file.truncated())
 }
 
 /// Checks that a JPEG is complete by walking its segments. The decoder would fill the rest of a truncated file with
@@ -272,7 +263,7 @@ fn check_jpeg(file: &File<'_>) -> Result<u64, ImageError> {
                         if marker == PROGRESSIVE {
                             working += std::mem::take(&mut coefficients);
                         }
-                        file.check_claim("JPEG", size, PIXEL_BYTES, working)?;
+                        file.check_claim(size, PIXEL_BYTES, working)?;
                     }
                     (START_OF_SCAN, &[_, _, count, ..]) if u64::from(count) < channels => {
                         working += std::mem::take(&mut coefficients);
@@ -283,7 +274,7 @@ fn check_jpeg(file: &File<'_>) -> Result<u64, ImageError> {
             }
         }
     }
-    Err(file.truncated("JPEG"))
+    Err(file.truncated())
 }
 
 /// Returns the memory in bytes, at most two per pixel, of the palette indices that the decoder of a TGA copies.
@@ -303,11 +294,66 @@ const HDR_HEADER: usize = 1 << 20;
 fn check_hdr(file: &File<'_>) -> Result<(), ImageError> {
     let head = &file.bytes[..file.bytes.len().min(HDR_HEADER)];
     if head.len() == HDR_HEADER && !head.windows(2).any(|w| w == b"\n\n") {
-        return Err(file.malformed(HDR, HDR_HEADER, "its header does not end"));
+        return Err(file.malformed(HDR_HEADER, "its header does not end"));
     }
     let mut lines = head.split(|&b| b == b'\n').take_while(|line| !line.is_empty());
     if lines.any(|line| line.starts_with(b"FORMAT=32-bit_rle_xyze")) {
-        return Err(file.unsupported(HDR, "XYZ colour", "RGBE"));
+        return Err(file.unsupported("XYZ colour", "RGBE"));
+    }
+    Ok(())
+}
+
+/// Returns the end of the memory of `pixels` as bytes: `bytes_per_pixel` (at most 12) for each pixel. A decoder writes
+/// packed samples there. [`expand`] then converts them in place, front to back, without overwriting unread samples.
+fn packed(pixels: &mut [[f32; 3]], bytes_per_pixel: usize) -> &mut [u8] {
+    let length = pixels.len() * bytes_per_pixel;
+    let bytes: &mut [u8] = bytemuck::cast_slice_mut(pixels);
+    let start = bytes.len().saturating_sub(length);
+    &mut bytes[start..]
+}
+
+/// Returns the opacity of each packed pixel, 0 to 1; `None` if the format has no alpha channel.
+fn opacities(packed: &[u8], color: ColorType) -> Option<Vec<f32>> {
+    let pixels = packed.chunks_exact(color.bytes_per_pixel().into());
+    let word = |b: &[u8; 2]| f32::from(u16::from_ne_bytes(*b)) / 65535.0;
+    match color {
+        ColorType::La8 | ColorType::Rgba8 => Some(pixels.map(|p| f32::from(p[p.len() - 1]) / 255.0).collect()),
+        ColorType::La16 | ColorType::Rgba16 => Some(pixels.filter_map(|p| p.last_chunk()).map(word).collect()),
+        _ => None,
+    }
+}
+
+/// Converts the samples in the memory that [`packed`] returns to linear RGB, in place, so that large images are not held
+/// twice. The error describes an unsupported colour type.
+///
+/// Of `n` pixels of `b` bytes, pixel `i` is read `b (n - i)` bytes before the end. It is written up to `12 (n - i - 1)`
+/// bytes before the end, so that no unread byte is overwritten.
+fn expand(pixels: &mut [[f32; 3]], color: ColorType, encoding: Encoding) -> Result<(), &'static str> {
+    let [length, channels] = [color.bytes_per_pixel(), color.channel_count()].map(usize::from);
+    let size = length / channels;
+    if color == ColorType::Rgb32F {
+        // Radiance HDR: the samples are linear RGB already, in their final place.
+        return Ok(());
+    } else if size > 2 {
+        return Err("this kind of pixel");
+    }
+    let codes = 1_u32 << (8 * size);
+    let value = |code: u32| f64::from(code) / f64::from(codes - 1);
+    let linear = |v: f64| if encoding == Encoding::Linear { v } else { srgb_decode(v) };
+    let table: Vec<f32> = (0..codes).map(|code| linear(value(code)) as f32).collect();
+    // Gray has one sample for all three channels.
+    let step = if channels < 3 { 0 } else { size };
+    let bytes: &mut [u8] = bytemuck::cast_slice_mut(pixels);
+    let mut from = bytes.len() - bytes.len() / size_of::<[f32; 3]>() * length;
+    for to in (0..bytes.len()).step_by(size_of::<[f32; 3]>()) {
+        let mut packed = [0; 8];
+        packed[..length].copy_from_slice(&bytes[from..from + length]);
+        from += length;
+        for channel in 0..3 {
+            let at = channel * step;
+            let code = if size == 1 { packed[at].into() } else { u16::from_ne_bytes([packed[at], packed[at + 1]]) };
+            bytes[to + 4 * channel..][..4].copy_from_slice(&table[usize::from(code)].to_ne_bytes());
+        }
     }
     Ok(())
 }

@@ -1,33 +1,145 @@
-//! Reading of MTL files, the material files of OBJ models.
+//! Materials of an OBJ model: its MTL files, and the images that these name.
 
+use super::{GREY, add_material};
+use crate::files::Files;
+use crate::image::{Encoding, Image, read_image};
+use crate::{Color, MaterialId, Scene, Source, TextureKind};
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// The materials of an OBJ file: those read from its MTL files, and those added to the scene so far.
+#[derive(Default)]
+pub(super) struct Materials {
+    /// MTL materials by name, each with the path of its file.
+    known: BTreeMap<String, (Statements, Arc<PathBuf>)>,
+    made: BTreeMap<Option<String>, MaterialId>,
+    images: BTreeMap<PathBuf, Option<Arc<Image>>>,
+}
+
+impl Materials {
+    pub(super) fn open(&mut self, scene: &mut Scene, name: &str, files: &dyn Files, source: &Source) {
+        let path = beside(&source.file, name);
+        let bytes = match files.read(&path) {
+            Ok(bytes) => bytes,
+            Err(e) => {
+                scene.warn(source, format!("the materials of {} cannot be read ({e}); grey instead", path.display()));
+                return;
+            }
+        };
+        let library = read_mtl(&bytes);
+        let file = Arc::new(path);
+        for (line, message) in library.notices {
+            scene.warn(&Source { file: file.clone(), line }, message);
+        }
+        for (name, material) in library.materials {
+            self.known.insert(name, (material, file.clone()));
+        }
+    }
+
+    /// Returns the scene's material for the name and line of a `usemtl`, or the default grey for `None`. Adds the
+    /// material on its first use.
+    pub(super) fn of(
+        &mut self,
+        scene: &mut Scene,
+        asked: Option<&(String, u32)>,
+        files: &dyn Files,
+        source: &Source,
+    ) -> MaterialId {
+        let name = asked.map(|(name, _)| name.clone());
+        if let Some(id) = self.made.get(&name) {
+            return *id;
+        }
+        let id = match asked {
+            None => add_material(scene, "grey", GREY, source),
+            Some((name, line)) => match self.known.get(name).cloned() {
+                Some((material, file)) => {
+                    let source = Source { line: material.line, file };
+                    let color = self.color(scene, &material, files, &source);
+                    add_material(scene, name, color, &source)
+                }
+                None => {
+                    let source = Source { line: *line, ..source.clone() };
+                    scene.warn(&source, format!("unknown material \"{name}\"; grey instead"));
+                    add_material(scene, name, GREY, &source)
+                }
+            },
+        };
+        self.made.insert(name, id);
+        id
+    }
+
+    fn color(&mut self, scene: &mut Scene, material: &Statements, files: &dyn Files, source: &Source) -> Color {
+        let flat = material.diffuse.map_or(GREY, Color::Constant);
+        let Some(name) = &material.texture else { return flat };
+        let Some(image) = self.image(scene, name, files, source) else { return flat };
+        // Kd multiplies the image. A missing Kd, or a black one as some programs write, leaves the image unchanged.
+        let tint = material.diffuse.filter(|c| *c != [0.0; 3]).unwrap_or([1.0; 3]);
+        let even = tint[0] == tint[1] && tint[1] == tint[2];
+        let image = TextureKind::image(image, if even { tint[0] } else { 1.0 });
+        let image = Color::Texture(scene.add_texture(name, image, source));
+        if even {
+            return image;
+        }
+        let product = TextureKind::Product { factors: [Color::Constant(tint), image] };
+        Color::Texture(scene.add_texture(name, product, source))
+    }
+
+    /// Returns the image of a file; `None`, with a notice, if it cannot be read. Each file is read once.
+    fn image(&mut self, scene: &mut Scene, name: &str, files: &dyn Files, source: &Source) -> Option<Arc<Image>> {
+        let path = beside(&source.file, name);
+        if let Some(known) = self.images.get(&path) {
+            return known.clone();
+        }
+        let bytes = files.read(&path).map_err(|e| format!("{}: {e}", path.display()));
+        let read = |bytes: Vec<u8>| {
+            let name = path.display().to_string();
+            let image = read_image(&bytes, &name, Encoding::Auto).and_then(|p| p.checked_finite(&name));
+            image.map_err(|e| e.to_string())
+        };
+        let image = match bytes.and_then(read) {
+            Ok(image) => Some(Arc::new(image)),
+            Err(e) => {
+                scene.warn(source, format!("the texture cannot be read, Kd stands for it: {e}"));
+                None
+            }
+        };
+        self.images.insert(path, image.clone());
+        image
+    }
+}
+
+/// Returns the path of the file `name` relative to the folder of `file`. Accepts backslashes, as Windows writes them.
+fn beside(file: &Path, name: &str) -> PathBuf {
+    file.parent().unwrap_or(Path::new("")).join(name.replace('\\', "/"))
+}
 
 /// The contents of an MTL file.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Library {
+struct Library {
     /// The materials of the file, by name.
-    pub(super) materials: BTreeMap<String, Material>,
+    materials: BTreeMap<String, Statements>,
     /// Messages on unsupported or corrected statements, each with its line; line 0 is the whole file.
-    pub(super) notices: Vec<(u32, String)>,
+    notices: Vec<(u32, String)>,
 }
 
 /// The supported statements of one MTL material.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Material {
+struct Statements {
     /// The diffuse reflectance, statement `Kd`: linear RGB within 0..=1.
-    pub(super) diffuse: Option<[f32; 3]>,
+    diffuse: Option<[f32; 3]>,
     /// The name of an image file, statement `map_Kd`.
-    pub(super) texture: Option<String>,
+    texture: Option<String>,
     /// The line of the statement `newmtl` that begins the material.
-    pub(super) line: u32,
+    line: u32,
 }
 
 /// Reads an MTL file. Unreadable statements are skipped with a notice, never an error.
-pub(super) fn read_mtl(bytes: &[u8]) -> Library {
+fn read_mtl(bytes: &[u8]) -> Library {
     let text = String::from_utf8_lossy(bytes);
     let mut library = Library::default();
     // Statements before the first `newmtl` belong to no material.
-    let mut ownerless = Material::default();
+    let mut ownerless = Statements::default();
     let mut name = None;
     let mut unheeded = BTreeSet::new();
     for (number, line) in (1..).zip(text.lines()) {
@@ -38,7 +150,7 @@ pub(super) fn read_mtl(bytes: &[u8]) -> Library {
         let material = name.as_ref().and_then(|name| library.materials.get_mut(name)).unwrap_or(&mut ownerless);
         match keyword {
             "newmtl" if !rest.is_empty() => {
-                library.materials.insert(rest.to_owned(), Material { line: number, ..Material::default() });
+                library.materials.insert(rest.to_owned(), Statements { line: number, ..Statements::default() });
                 name = Some(rest.to_owned());
             }
             "Kd" => match numbers[..] {
@@ -102,8 +214,8 @@ mod tests {
             newmtl a b\nKd nan 0 0\nKd 2 -1 0.5\nmap_Kd wood \xff.png\nd 0.5\nillum x\nNs\n";
         let library = read_mtl(text);
         let material = |name: &str| library.materials[name].clone();
-        assert_eq!(material("red"), Material { diffuse: Some([1.0, 0.0, 0.0]), texture: None, line: 1 });
-        assert_eq!(material("short"), Material { diffuse: None, texture: Some("wall.png".into()), line: 7 });
+        assert_eq!(material("red"), Statements { diffuse: Some([1.0, 0.0, 0.0]), texture: None, line: 1 });
+        assert_eq!(material("short"), Statements { diffuse: None, texture: Some("wall.png".into()), line: 7 });
         assert_eq!(material("a b").diffuse, Some([1.0, 0.0, 0.5]));
         assert_eq!(material("a b").texture.as_deref(), Some("wood \u{fffd}.png"));
         let lines: Vec<u32> = library.notices.iter().map(|n| n.0).collect();

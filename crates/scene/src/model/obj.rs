@@ -3,45 +3,33 @@
 //! This parser uses no library. `tobj` reports no lines with its errors, and panics or reads wrong numbers at some
 //! mistakes. It supports neither continued lines nor faces that mix corners with and without texture coordinates.
 
-use super::obj_materials::Materials;
+use super::mtl::Materials;
 use super::{ModelError, UpAxis, model_scene};
 use crate::files::Files;
 use crate::polygon;
-use crate::readers::{AnyOptions, SceneReader, first_word};
-use crate::{Geometry, MeshData, ReadError, Scene, Shape, Source};
+use crate::readers::{SceneReader, first_word};
+use crate::{Geometry, MeshData, Scene, Shape, Source};
 use glam::{DAffine3, DVec3};
 use std::collections::{BTreeMap, HashMap};
-use std::path::Path;
 use std::sync::Arc;
 
-/// The [`SceneReader`] of OBJ models.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct ObjReader;
-
-impl SceneReader for ObjReader {
-    fn name(&self) -> &'static str {
-        "OBJ"
-    }
-
-    fn extensions(&self) -> &'static [&'static str] {
-        &["obj"]
-    }
-
-    fn recognizes(&self, content: &[u8]) -> bool {
+/// The reader of OBJ models.
+pub(crate) const OBJ: SceneReader = SceneReader {
+    name: "OBJ",
+    extensions: &["obj"],
+    recognizes: |content| {
         const WORDS: [&[u8]; 10] = [b"v", b"vn", b"vt", b"vp", b"f", b"o", b"g", b"s", b"mtllib", b"usemtl"];
         first_word(content).is_some_and(|word| WORDS.contains(&word))
-    }
-
-    fn read(&self, files: &dyn Files, path: &Path, options: &AnyOptions) -> Result<Scene, ReadError> {
-        let stage = options.model.stage(UpAxis::Y);
-        model_scene(files, path, stage, |scene, bytes, source| {
+    },
+    read: |files, path, options| {
+        model_scene(files, path, options.model.stage(UpAxis::Y), |scene, bytes, source| {
             let model = read_obj(&bytes)?;
             drop(bytes);
             add_model(scene, model, files, source);
             Ok(())
         })
-    }
-}
+    },
+};
 
 /// Adds the shapes and materials of an OBJ file to a scene, and notices on unsupported statements.
 fn add_model(scene: &mut Scene, model: ObjModel, files: &dyn Files, source: &Source) {
@@ -90,9 +78,17 @@ pub struct ObjMesh {
 pub fn read_obj(bytes: &[u8]) -> Result<ObjModel, ModelError> {
     let text = String::from_utf8_lossy(bytes);
     let mut parser = Parser::default();
-    let lines = Lines { rest: &text, number: 0 };
-    for (number, line) in lines {
-        parser.line(number, &line).map_err(|what| ModelError::at(number, what))?;
+    // The lines that a backslash at the end continues, joined, and the number of the first.
+    let (mut joined, mut first) = (String::new(), 1);
+    for (number, line) in (1..).zip(text.lines().chain([""])) {
+        let line = line.trim_end();
+        first = if joined.is_empty() { number } else { first };
+        let (part, continued) = line.strip_suffix('\\').map_or((line, false), |part| (part, true));
+        joined.extend([part, " "]);
+        if !continued {
+            parser.line(first, &joined).map_err(|what| ModelError::at(first, what))?;
+            joined.clear();
+        }
     }
     parser.check_ranges()?;
     let Parser { vertices, groups, libraries, left_out, .. } = parser;
@@ -153,34 +149,6 @@ impl Vertices {
     }
 }
 
-/// An iterator over lines of a text with their numbers. A backslash at the end continues a line.
-struct Lines<'t> {
-    rest: &'t str,
-    number: u32,
-}
-
-impl<'t> Iterator for Lines<'t> {
-    type Item = (u32, std::borrow::Cow<'t, str>);
-
-    fn next(&mut self) -> Option<Self::Item> {
-        let mut joined = String::new();
-        let mut first = 0;
-        while !self.rest.is_empty() {
-            let (line, rest) = self.rest.split_once('\n').unwrap_or((self.rest, ""));
-            self.rest = rest;
-            self.number += 1;
-            first = if first == 0 { self.number } else { first };
-            let line = line.trim_end();
-            match line.strip_suffix('\\') {
-                Some(line) => joined.extend([line, " "]),
-                None if joined.is_empty() => return Some((first, line.into())),
-                None => return Some((first, (joined + line).into())),
-            }
-        }
-        (first > 0).then(|| (first, joined.into()))
-    }
-}
-
 /// The key of a group of faces: material and vertex attributes. Keys sort by the material's first use.
 #[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 struct Key {
@@ -200,20 +168,14 @@ struct Group {
     faces: Vec<(u32, usize)>,
 }
 
-/// The largest index of a vertex that had not been read at its use, and the line of that use.
-#[derive(Clone, Copy, Debug, Default)]
-struct Largest {
-    value: u64,
-    line: u32,
-}
-
 const KINDS: [&str; 3] = ["vertices", "texture coordinates", "normals"];
 
 /// The state of the OBJ parser: everything read so far.
 #[derive(Default)]
 struct Parser {
     vertices: Vertices,
-    largest: [Largest; 3],
+    /// The largest index of a vertex that had not been read at its use, and the line of that use.
+    largest: [(u64, u32); 3],
     groups: BTreeMap<Key, Group>,
     key: Key,
     materials: BTreeMap<String, u32>,
@@ -293,8 +255,8 @@ impl Parser {
             *number = Some(match u64::try_from(value) {
                 Ok(0) => return Err(format!("corner \"{}\": {what} count from 1", shown(word))),
                 Ok(value) => {
-                    if value > count.max(self.largest[kind].value) {
-                        self.largest[kind] = Largest { value, line };
+                    if value > count.max(self.largest[kind].0) {
+                        self.largest[kind] = (value, line);
                     }
                     value
                 }
@@ -312,11 +274,11 @@ impl Parser {
 
     /// Checks, after the last line, that all indices refer to existing vertices. Faces may precede their vertices.
     fn check_ranges(&self) -> Result<(), ModelError> {
-        for (kind, largest) in self.largest.iter().enumerate() {
+        for (kind, &(largest, line)) in self.largest.iter().enumerate() {
             let (count, what) = (self.vertices.counts()[kind], KINDS[kind]);
-            if largest.value > count {
-                let what = format!("a corner has number {}, but there are only {count} {what}", largest.value);
-                return Err(ModelError::at(largest.line, what));
+            if largest > count {
+                let what = format!("a corner has number {largest}, but there are only {count} {what}");
+                return Err(ModelError::at(line, what));
             }
             if count > u64::from(u32::MAX) {
                 return Err(ModelError::at(1, format!("{count} {what} are too many; split the mesh")));
@@ -328,17 +290,13 @@ impl Parser {
 
 /// Parses the first `N` numbers of a statement. The error is a message without the line.
 fn numbers<'w, const N: usize>(keyword: &str, words: impl Iterator<Item = &'w str>) -> Result<[f64; N], String> {
-    let mut values = [0.0; N];
-    let mut found = 0;
-    for word in words.take(N) {
-        let value: f64 = word.parse().map_err(|_| not_a_number(word))?;
-        if !value.is_finite() {
-            return Err(not_finite(word));
-        }
-        values[found] = value;
-        found += 1;
-    }
-    if found == N { Ok(values) } else { Err(format!("{keyword} needs {N} numbers, not {found}")) }
+    let number = |word: &str| match word.parse::<f64>() {
+        Ok(value) if value.is_finite() => Ok(value),
+        Ok(_) => Err(not_finite(word)),
+        Err(_) => Err(format!("\"{}\" is not a number", shown(word))),
+    };
+    let values: Vec<f64> = words.take(N).map(number).collect::<Result<_, _>>()?;
+    values.try_into().map_err(|values: Vec<f64>| format!("{keyword} needs {N} numbers, not {}", values.len()))
 }
 
 /// Converts numbers to single precision. The error reports an overflow.
@@ -348,10 +306,6 @@ fn single<const N: usize>(values: [f64; N]) -> Result<[f32; N], String> {
         Some(at) => Err(not_finite(&values[at].to_string())),
         None => Ok(rounded),
     }
-}
-
-fn not_a_number(word: &str) -> String {
-    format!("\"{}\" is not a number", shown(word))
 }
 
 fn not_finite(word: &str) -> String {

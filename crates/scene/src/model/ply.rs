@@ -1,46 +1,21 @@
 //! Meshes from PLY files: ASCII, and binary of either byte order [Turk 1994].
+//!
+//! A file is a header and rows of numbers. This parser uses no library: those there are wrap every number in a
+//! property, and name neither the line of a fault nor its remedy.
 
-use super::{ModelError, ModelMesh, UpAxis, add_mesh, model_scene};
-use crate::files::Files;
+use super::{ModelError, ModelMesh, UpAxis, mesh_scene};
+use crate::MeshData;
 use crate::polygon;
-use crate::readers::{AnyOptions, SceneReader};
-use crate::{MeshData, MeshFault, ReadError, Scene};
+use crate::readers::SceneReader;
 use glam::dvec3;
-use ply_rs_bw::parser::{ParseError, Parser, Reader};
-use ply_rs_bw::ply::{
-    BeginList, DefaultElement, ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult,
-    PropertyType, ScalarType,
+
+/// The reader of PLY models.
+pub(crate) const PLY: SceneReader = SceneReader {
+    name: "PLY",
+    extensions: &["ply"],
+    recognizes: |content| content.starts_with(b"ply\n") || content.starts_with(b"ply\r"),
+    read: |files, path, options| mesh_scene(files, path, options.model.stage(UpAxis::Y), read_ply),
 };
-use std::borrow::Cow;
-use std::fmt::Display;
-use std::io::BufRead;
-use std::path::Path;
-
-/// The [`SceneReader`] of PLY models.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct PlyReader;
-
-impl SceneReader for PlyReader {
-    fn name(&self) -> &'static str {
-        "PLY"
-    }
-
-    fn extensions(&self) -> &'static [&'static str] {
-        &["ply"]
-    }
-
-    fn recognizes(&self, content: &[u8]) -> bool {
-        content.starts_with(b"ply\n") || content.starts_with(b"ply\r")
-    }
-
-    fn read(&self, files: &dyn Files, path: &Path, options: &AnyOptions) -> Result<Scene, ReadError> {
-        let stage = options.model.stage(UpAxis::Y);
-        model_scene(files, path, stage, |scene, bytes, source| {
-            add_mesh(scene, read_ply(&bytes)?, source);
-            Ok(())
-        })
-    }
-}
 
 /// Reads a mesh from the bytes of a PLY file. Texture coordinates may be called `u v`, `s t`, `texture_u texture_v` or
 /// `texture_s texture_t`; other properties and elements are skipped.
@@ -50,221 +25,251 @@ impl SceneReader for PlyReader {
 /// # Errors
 /// Returns the first fault in the file.
 pub fn read_ply(bytes: &[u8]) -> Result<ModelMesh, ModelError> {
-    let mut reader = Reader::new(bytes);
-    let header = Parser::<DefaultElement>::new().read_header(&mut reader).map_err(|e| bad_header(&one_line(&e)))?;
-    let left = reader.into_inner();
-    check_unique(&bytes[..bytes.len() - left.len()], &header)?;
-    let mut payload = Payload { left, encoding: header.encoding, line: String::new() };
+    let (elements, mut rows) = header(bytes)?;
+    let ascii = rows.format == ASCII;
     let mut data = MeshData::default();
     let (mut has_positions, mut faces) = (false, None);
-    for def in header.elements.values() {
-        payload.check_length(def)?;
-        match def.name.as_str() {
+    for element in &elements {
+        rows.check_length(element)?;
+        match element.name {
             "vertex" => {
-                has_positions = ["x", "y", "z"].iter().all(|name| def.properties.contains_key(*name));
-                read_vertices(&mut payload, def, &mut data)?;
+                has_positions = element.has(&["x", "y", "z"]);
+                read_vertices(&mut rows, element, &mut data)?;
             }
-            "face" => faces = Some(read_faces(&mut payload, def)?),
-            _ => (0..def.count).try_for_each(|i| payload.read::<Skipped>(def, i).map(|_| ()))?,
+            "face" => faces = Some(read_faces(&mut rows, element)?),
+            _ => (0..element.count).try_for_each(|i| rows.read(element, i, |_, _| {}))?,
         }
     }
     if !has_positions {
-        return Err(ModelError::new("there is no element vertex with properties x, y and z; export positions too"));
+        return Err("there is no element vertex with properties x, y and z; export positions too".into());
     }
-    let faces = faces.ok_or_else(no_faces)?;
-    if let Some(vertex) = data.positions.iter().position(|p| !p.is_finite()) {
-        return Err(MeshFault::Position { vertex }.into());
-    }
+    let faces = faces.ok_or(NO_FACES)?;
+    data.check_positions()?;
     cut(&faces, &mut data)?;
     let mended = data.mend_normals();
     let mended = mended.map(|count| format!("{count} normals are not finite; the faces' own stand for them"));
     data.check()?;
-    let cut_line = header.encoding == Encoding::Ascii && !bytes.ends_with(b"\n");
-    let cut =
-        cut_line.then(|| "the last line has no line break; if the file was cut off, a number may be wrong".into());
+    let cut = (ascii && !bytes.ends_with(b"\n"))
+        .then(|| "the last line has no line break; if the file was cut off, a number may be wrong".into());
     let doubts = mended.into_iter().chain(cut).collect::<Vec<String>>().join("; ");
     Ok(ModelMesh { data, doubt: (!doubts.is_empty()).then_some(doubts) })
 }
 
-/// Refuses a header that declares a name twice: the parser would keep one of the two and misread the data.
-fn check_unique(text: &[u8], header: &Header) -> Result<(), ModelError> {
-    let lines = |word: &[u8]| text.split(|&b| b == b'\n').filter(|line| line.starts_with(word)).count();
-    let properties: usize = header.elements.values().map(|def| def.properties.len()).sum();
-    if lines(b"element") == header.elements.len() && lines(b"property") == properties {
-        return Ok(());
-    }
-    Err(bad_header("an element or property is declared twice"))
-}
+const ASCII: &str = "ascii";
+const NO_FACES: &str = "there is no element face with a list vertex_indices; export triangles";
 
-fn bad_header(what: &str) -> ModelError {
-    ModelError::new(format!("the PLY header cannot be read ({what}); export the mesh anew"))
-}
-
-fn no_faces() -> ModelError {
-    ModelError::new("there is no element face with a list vertex_indices; export triangles")
-}
-
-fn bad_face(face: usize, what: impl Display) -> ModelError {
+fn bad_face(face: usize, what: impl std::fmt::Display) -> ModelError {
     ModelError::new(format!("face {face}: {what}"))
 }
 
-fn one_line(e: &ParseError) -> String {
-    let text = e.to_string();
-    let words: Vec<&str> = text.split_whitespace().collect();
-    let text = words.join(" ");
-    match text.char_indices().nth(200) {
-        Some((end, _)) => format!("{}…", &text[..end]),
-        None => text,
+/// A type of number: its length in bytes, and how its bits are read.
+#[derive(Clone, Copy)]
+struct Number(usize, Bits);
+
+#[derive(Clone, Copy, PartialEq)]
+enum Bits {
+    Signed,
+    Unsigned,
+    Float,
+}
+
+impl Number {
+    fn named(name: &str) -> Option<Self> {
+        Some(match name {
+            "char" | "int8" => Self(1, Bits::Signed),
+            "uchar" | "uint8" => Self(1, Bits::Unsigned),
+            "short" | "int16" => Self(2, Bits::Signed),
+            "ushort" | "uint16" => Self(2, Bits::Unsigned),
+            "int" | "int32" => Self(4, Bits::Signed),
+            "uint" | "uint32" => Self(4, Bits::Unsigned),
+            "float" | "float32" => Self(4, Bits::Float),
+            "double" | "float64" => Self(8, Bits::Float),
+            _ => return None,
+        })
+    }
+
+    /// The value of a word, of which some programs write `nan(ind)`.
+    fn of_word(self, word: &str) -> Option<f64> {
+        let plain = word.split('(').next()?;
+        match self {
+            Self(4, Bits::Float) => plain.parse().map(|value: f32| value.into()).ok(),
+            Self(_, Bits::Float) => plain.parse().ok(),
+            // A number of too many bytes has other bits.
+            Self(bytes, _) => plain
+                .parse()
+                .ok()
+                .map(|value: i64| value as f64)
+                .filter(|value| *value == self.of_bits(*value as i64 as u64 & u64::MAX >> (64 - 8 * bytes))),
+        }
+    }
+
+    /// The value of bits, of which those beyond the length are 0.
+    fn of_bits(self, bits: u64) -> f64 {
+        let unused = 64 - 8 * self.0;
+        match self {
+            Self(4, Bits::Float) => f32::from_bits(bits as u32).into(),
+            Self(_, Bits::Float) => f64::from_bits(bits),
+            Self(_, Bits::Unsigned) => bits as f64,
+            Self(_, Bits::Signed) => ((bits << unused) as i64 >> unused) as f64,
+        }
     }
 }
 
-/// The unread bytes after the header, which hold the elements.
-struct Payload<'b> {
-    left: &'b [u8],
-    encoding: Encoding,
-    line: String,
+/// A property of an element: a number, or a list with a count.
+struct Property<'b> {
+    name: &'b str,
+    count: Option<Number>,
+    number: Number,
 }
 
-impl Payload<'_> {
+/// An element of the header: the form of some rows.
+struct Element<'b> {
+    name: &'b str,
+    count: usize,
+    properties: Vec<Property<'b>>,
+}
+
+impl Element<'_> {
+    fn lacks(&self, name: &str) -> bool {
+        self.properties.iter().all(|p| p.name != name)
+    }
+
+    /// True if the element has all of these numbers.
+    fn has(&self, names: &[&str]) -> bool {
+        names.iter().all(|name| self.properties.iter().any(|p| p.name == *name && p.count.is_none()))
+    }
+}
+
+/// Reads the header. Returns the elements, and the rows that follow.
+fn header(bytes: &[u8]) -> Result<(Vec<Element<'_>>, Rows<'_>), ModelError> {
+    let mut rows = Rows { left: bytes, format: "" };
+    let mut elements: Vec<Element<'_>> = Vec::new();
+    let mut line = 0;
+    loop {
+        line += 1;
+        let bad = |what| ModelError::at(line, format!("the PLY header cannot be read ({what}); export the mesh anew"));
+        let unknown = || bad("this line is unknown");
+        let words: Vec<&str> = rows.line().ok_or_else(|| bad("it does not end"))?.split_whitespace().collect();
+        match words[..] {
+            [] | ["ply" | "comment" | "obj_info", ..] => {}
+            ["format", format @ ("ascii" | "binary_little_endian" | "binary_big_endian"), _] => {
+                rows.format = format;
+            }
+            ["element", name, count] if elements.iter().all(|e| e.name != name) => {
+                let count = count.parse().map_err(|_| unknown())?;
+                elements.push(Element { name, count, properties: Vec::new() });
+            }
+            ["property", ref kind @ .., name] if elements.last().is_some_and(|e| e.lacks(name)) => {
+                let (count, number) = match kind {
+                    ["list", count, number] => (Some(Number::named(count).ok_or_else(unknown)?), number),
+                    [number] => (None, number),
+                    _ => return Err(unknown()),
+                };
+                let last = elements.len() - 1;
+                elements[last].properties.push(Property {
+                    name,
+                    count,
+                    number: Number::named(number).ok_or_else(unknown)?,
+                });
+            }
+            ["element", ..] | ["property", ..] => {
+                return Err(bad("a name is declared twice, or a property before its element"));
+            }
+            ["end_header"] if !rows.format.is_empty() => return Ok((elements, rows)),
+            _ => return Err(unknown()),
+        }
+    }
+}
+
+/// The unread bytes and, after the header, their format.
+struct Rows<'b> {
+    left: &'b [u8],
+    format: &'b str,
+}
+
+impl<'b> Rows<'b> {
+    /// Takes the next line; `None` at the end, or if it is not UTF-8.
+    fn line(&mut self) -> Option<&'b str> {
+        let line = self.left.split_inclusive(|&b| b == b'\n').next()?;
+        self.left = &self.left[line.len()..];
+        std::str::from_utf8(line).ok()
+    }
+
     /// Refuses an element count that the remaining bytes cannot hold, before memory is allocated.
-    fn check_length(&self, def: &ElementDef) -> Result<(), ModelError> {
-        let size = |ty: &PropertyType| match (self.encoding, ty) {
-            // The shortest number in ASCII: a digit and a space.
-            (Encoding::Ascii, _) => 2,
-            (_, PropertyType::Scalar(scalar) | PropertyType::List(scalar, _)) => bytes_of(scalar),
-        };
-        let least: usize = def.properties.values().map(|p| size(&p.data_type)).sum();
+    fn check_length(&self, element: &Element<'_>) -> Result<(), ModelError> {
+        // The shortest number in ASCII: a digit and a space.
+        let size = |number: Number| if self.format == ASCII { 2 } else { number.0 };
+        let least: usize = element.properties.iter().map(|p| size(p.count.unwrap_or(p.number))).sum();
         // The last line may lack its line break.
         let bytes = self.left.len();
-        let fits = least > 0 && def.count.checked_mul(least).is_some_and(|total| total <= bytes + 1);
-        if fits || def.count == 0 {
+        let fits = least > 0 && element.count.checked_mul(least).is_some_and(|total| total <= bytes + 1);
+        if fits || element.count == 0 {
             return Ok(());
         }
-        let (name, count) = (&def.name, def.count);
+        let Element { name, count, .. } = element;
         Err(ModelError::new(format!(
             "the header promises {count} elements {name}, and only {bytes} bytes follow; the file is cut off or damaged"
         )))
     }
 
-    fn read<E: PropertyAccess>(&mut self, def: &ElementDef, index: usize) -> Result<E, ModelError> {
-        let parser = Parser::<E>::new();
-        let result = match self.encoding {
-            Encoding::BinaryLittleEndian => parser.read_little_endian_element(&mut self.left, def),
-            Encoding::BinaryBigEndian => parser.read_big_endian_element(&mut self.left, def),
-            Encoding::Ascii => {
-                self.line.clear();
-                match self.left.read_line(&mut self.line) {
-                    Ok(_) => parser.read_ascii_element(&spelled_out(&self.line), def),
-                    Err(e) => Err(e.into()),
-                }
+    /// Reads the row `index` of an element. Calls `take` with the index of the property and each of its values.
+    fn read(
+        &mut self,
+        element: &Element<'_>,
+        index: usize,
+        mut take: impl FnMut(usize, f64),
+    ) -> Result<(), ModelError> {
+        let mut words = if self.format == ASCII { self.line().unwrap_or("") } else { "" }.split_ascii_whitespace();
+        let mut next = |number: Number| match self.format {
+            ASCII => words.next().and_then(|word| number.of_word(word)),
+            _ => {
+                let (bytes, rest) = self.left.split_at_checked(number.0)?;
+                self.left = rest;
+                let join = |bits: u64, byte: &u8| bits << 8 | u64::from(*byte);
+                let big = self.format == "binary_big_endian";
+                let bits = if big { bytes.iter().fold(0, join) } else { bytes.iter().rev().fold(0, join) };
+                Some(number.of_bits(bits))
             }
         };
-        result.map_err(|e| {
-            let (name, what) = (&def.name, one_line(&e));
-            ModelError::new(format!("{name} {index} cannot be read ({what}); the file is cut off or damaged"))
-        })
-    }
-}
-
-/// A line of numbers in which `nan` and `inf`, which the parser doesn't know, are numbers too large for a float.
-fn spelled_out(line: &str) -> Cow<'_, str> {
-    let finite = |byte: u8| !matches!(byte, b'n' | b'N');
-    if line.bytes().all(finite) {
-        return Cow::Borrowed(line);
-    }
-    let plain = |word: &str| word.trim_start_matches(['-', '+']).to_ascii_lowercase();
-    let word = |word| match plain(word).as_str() {
-        "nan" | "inf" | "infinity" | "nan(ind)" => "1e999",
-        _ => word,
-    };
-    // The parser needs the line break.
-    let words: Vec<&str> = line.split_whitespace().map(word).collect();
-    Cow::Owned(words.join(" ") + "\n")
-}
-
-fn bytes_of(scalar: &ScalarType) -> usize {
-    match scalar {
-        ScalarType::Char | ScalarType::UChar => 1,
-        ScalarType::Short | ScalarType::UShort => 2,
-        ScalarType::Int | ScalarType::UInt | ScalarType::Float => 4,
-        ScalarType::Double => 8,
-    }
-}
-
-fn scalar(property: &Property) -> Option<f64> {
-    Some(match property {
-        Property::Char(v) => f64::from(*v),
-        Property::UChar(v) => f64::from(*v),
-        Property::Short(v) => f64::from(*v),
-        Property::UShort(v) => f64::from(*v),
-        Property::Int(v) => f64::from(*v),
-        Property::UInt(v) => f64::from(*v),
-        Property::Float(v) => f64::from(*v),
-        Property::Double(v) => *v,
-        _ => return None,
-    })
-}
-
-struct Skipped;
-
-impl PropertyAccess for Skipped {
-    fn new() -> Self {
-        Self
-    }
-}
-
-/// The values of one vertex in a PLY file: x, y, z, nx, ny, nz, u, v.
-struct Vertex([f64; 8]);
-
-impl PropertyAccess for Vertex {
-    fn new() -> Self {
-        Self([0.0; 8])
-    }
-
-    fn set_float(&mut self, name: &str, value: f32) -> PropertyAccessResult {
-        self.set_double(name, f64::from(value))
-    }
-
-    fn set_double(&mut self, name: &str, value: f64) -> PropertyAccessResult {
-        match slot(name) {
-            Some(slot) => self.0[slot] = value,
-            None => return PropertyAccessResult::Ignored,
+        for (at, Property { name, count, number }) in element.properties.iter().enumerate() {
+            let bad = || {
+                let of = element.name;
+                let what = format!("{of} {index} cannot be read ({name} lacks a number of its type)");
+                ModelError::new(what + "; the file is cut off or damaged")
+            };
+            let count = count.map_or(Some(1.0), &mut next).filter(|count| *count >= 0.0).ok_or_else(bad)?;
+            for _ in 0..count as u64 {
+                take(at, next(*number).ok_or_else(bad)?);
+            }
         }
-        PropertyAccessResult::Set
-    }
-
-    fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
-        match (slot(name), scalar(&property)) {
-            (Some(_), Some(value)) => self.set_double(name, value),
-            (Some(_), None) => PropertyAccessResult::UnsupportedType,
-            (None, _) => PropertyAccessResult::Ignored,
-        }
+        Ok(())
     }
 }
 
-fn slot(name: &str) -> Option<usize> {
-    Some(match name {
-        "x" => 0,
-        "y" => 1,
-        "z" => 2,
-        "nx" => 3,
-        "ny" => 4,
-        "nz" => 5,
-        "u" | "s" | "texture_u" | "texture_s" => 6,
-        "v" | "t" | "texture_v" | "texture_t" => 7,
-        _ => return None,
-    })
-}
+/// The names of a vertex's numbers: x, y, z, nx, ny, nz, and the two texture coordinates.
+const SLOTS: [[&str; 4]; 8] = [
+    ["x"; 4],
+    ["y"; 4],
+    ["z"; 4],
+    ["nx"; 4],
+    ["ny"; 4],
+    ["nz"; 4],
+    ["u", "s", "texture_u", "texture_s"],
+    ["v", "t", "texture_v", "texture_t"],
+];
 
-fn read_vertices(payload: &mut Payload<'_>, def: &ElementDef, data: &mut MeshData) -> Result<(), ModelError> {
-    let has = |names: &[&str]| names.iter().all(|name| def.properties.contains_key(*name));
-    let pairs = [["u", "v"], ["s", "t"], ["texture_u", "texture_v"], ["texture_s", "texture_t"]];
-    let (normals, uvs) = (has(&["nx", "ny", "nz"]), pairs.iter().any(|pair| has(pair)));
-    data.positions.reserve_exact(def.count);
-    data.normals.reserve_exact(if normals { def.count } else { 0 });
-    data.uvs.reserve_exact(if uvs { def.count } else { 0 });
-    for i in 0..def.count {
-        let Vertex([x, y, z, nx, ny, nz, u, v]) = payload.read(def, i)?;
+fn read_vertices(rows: &mut Rows<'_>, element: &Element<'_>, data: &mut MeshData) -> Result<(), ModelError> {
+    let slot = |p: &Property<'_>| SLOTS.iter().position(|names| p.count.is_none() && names.contains(&p.name));
+    let slots: Vec<Option<usize>> = element.properties.iter().map(slot).collect();
+    let normals = element.has(&["nx", "ny", "nz"]);
+    let uvs = (0..4).any(|k| element.has(&[SLOTS[6][k], SLOTS[7][k]]));
+    data.positions.reserve_exact(element.count);
+    data.normals.reserve_exact(if normals { element.count } else { 0 });
+    data.uvs.reserve_exact(if uvs { element.count } else { 0 });
+    for i in 0..element.count {
+        let mut vertex = [0.0; 8];
+        rows.read(element, i, |property, value| slots[property].into_iter().for_each(|slot| vertex[slot] = value))?;
+        let [x, y, z, nx, ny, nz, u, v] = vertex;
         data.positions.push(dvec3(x, y, z));
         if normals {
             data.normals.push([nx as f32, ny as f32, nz as f32]);
@@ -276,42 +281,6 @@ fn read_vertices(payload: &mut Payload<'_>, def: &ElementDef, data: &mut MeshDat
     Ok(())
 }
 
-/// The vertex indices of one polygon. The file's type of integer decides which list holds them.
-#[derive(Default)]
-struct Face {
-    signed: Vec<i32>,
-    unsigned: Vec<u32>,
-}
-
-fn is_corners(name: &str) -> bool {
-    matches!(name, "vertex_indices" | "vertex_index")
-}
-
-impl PropertyAccess for Face {
-    fn new() -> Self {
-        Self::default()
-    }
-
-    fn begin_list_int(&mut self, name: &str, _: usize) -> BeginList<'_, i32> {
-        if is_corners(name) { BeginList::Fill(&mut self.signed) } else { BeginList::UseSetter }
-    }
-
-    fn begin_list_uint(&mut self, name: &str, _: usize) -> BeginList<'_, u32> {
-        if is_corners(name) { BeginList::Fill(&mut self.unsigned) } else { BeginList::UseSetter }
-    }
-
-    fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
-        if !is_corners(name) {
-            return PropertyAccessResult::Ignored;
-        }
-        match property.to_u32_list() {
-            Some(list) => self.unsigned = list,
-            None => return PropertyAccessResult::UnsupportedType,
-        }
-        PropertyAccessResult::Set
-    }
-}
-
 /// The vertex indices of all polygons in one list, and the end of each polygon in that list.
 #[derive(Default)]
 struct Faces {
@@ -319,18 +288,19 @@ struct Faces {
     ends: Vec<usize>,
 }
 
-fn read_faces(payload: &mut Payload<'_>, def: &ElementDef) -> Result<Faces, ModelError> {
-    if !def.properties.values().any(|p| is_corners(&p.name) && matches!(p.data_type, PropertyType::List(..))) {
-        return Err(no_faces());
-    }
+fn read_faces(rows: &mut Rows<'_>, element: &Element<'_>) -> Result<Faces, ModelError> {
+    let is_corners = |p: &Property<'_>| p.count.is_some() && matches!(p.name, "vertex_indices" | "vertex_index");
+    let list = element.properties.iter().position(is_corners).ok_or(NO_FACES)?;
     let mut faces = Faces::default();
-    for face in 0..def.count {
-        let Face { signed, unsigned } = payload.read(def, face)?;
-        faces.corners.extend(unsigned);
-        for corner in signed {
-            let negative = |_| bad_face(face, format!("corner {corner} is negative; corners count vertices from 0"));
-            let corner = u32::try_from(corner).map_err(negative)?;
-            faces.corners.push(corner);
+    for face in 0..element.count {
+        let mut bad = None;
+        rows.read(element, face, |property, value| match value {
+            _ if property != list => {}
+            _ if value >= 0.0 && value.fract() == 0.0 => faces.corners.push(value as u32),
+            _ => bad = bad.or(Some(value)),
+        })?;
+        if let Some(corner) = bad {
+            return Err(bad_face(face, format!("corner {corner} is negative; corners count vertices from 0")));
         }
         faces.ends.push(faces.corners.len());
     }

@@ -1,40 +1,22 @@
 //! Meshes from STL files, binary and text.
 
-use super::{ModelError, ModelMesh, UpAxis, add_mesh, model_scene};
-use crate::files::Files;
-use crate::readers::{AnyOptions, SceneReader};
-use crate::{MeshData, ReadError, Scene};
+use super::{ModelError, ModelMesh, UpAxis, mesh_scene};
+use crate::MeshData;
+use crate::readers::SceneReader;
 use glam::DVec3;
 use std::collections::HashMap;
-use std::path::Path;
 
-/// The [`SceneReader`] of STL models.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct StlReader;
-
-impl SceneReader for StlReader {
-    fn name(&self) -> &'static str {
-        "STL"
-    }
-
-    fn extensions(&self) -> &'static [&'static str] {
-        &["stl"]
-    }
-
-    fn recognizes(&self, content: &[u8]) -> bool {
+/// The reader of STL models.
+pub(crate) const STL: SceneReader = SceneReader {
+    name: "STL",
+    extensions: &["stl"],
+    recognizes: |content| {
         let count = content.get(80..84).map(|b| u64::from(u32::from_le_bytes([b[0], b[1], b[2], b[3]])));
         let binary = count.is_some_and(|count| count > 0 && content.len() as u64 == 84 + 50 * count);
         binary || begins_with(&String::from_utf8_lossy(&content[..content.len().min(64)]), "solid")
-    }
-
-    fn read(&self, files: &dyn Files, path: &Path, options: &AnyOptions) -> Result<Scene, ReadError> {
-        let stage = options.model.stage(UpAxis::Z);
-        model_scene(files, path, stage, |scene, bytes, source| {
-            add_mesh(scene, read_stl(&bytes)?, source);
-            Ok(())
-        })
-    }
-}
+    },
+    read: |files, path, options| mesh_scene(files, path, options.model.stage(UpAxis::Z), read_stl),
+};
 
 /// Length of a binary file's header in bytes: 80 of text, and 4 for the number of facets.
 const HEADER: usize = 84;

@@ -1,14 +1,13 @@
 //! The camera, light and ground of files that have none.
 
-mod view;
-
 use super::UpAxis;
 use crate::image::Image;
 use crate::{
     Camera, Color, EnvironmentRadiance, FilmSettings, Geometry, Light, LightKind, Material, MaterialKind, Projection,
     Scene, Shape, Source,
 };
-use glam::{DAffine3, DMat3, DVec3};
+use glam::{DAffine3, DMat3, DVec2, DVec3};
+use std::f64::consts::TAU;
 use std::sync::{Arc, LazyLock};
 
 /// Full angle of view along the shorter side of the image, in degrees: about that of a portrait lens.
@@ -38,26 +37,22 @@ pub(crate) struct Wanted {
 }
 
 /// The setting of a bare model: the axis that points up, and width over height of the image.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Stage {
-    pub(crate) up: UpAxis,
-    pub(crate) aspect: Option<f64>,
-}
+pub(crate) type Stage = (UpAxis, Option<f64>);
 
 /// Sets camera, film, light and ground of a scene, as far as they are wanted.
 ///
 /// # Errors
 /// Returns a message if all vertices coincide, or if the size overflows.
-pub(crate) fn set(scene: &mut Scene, stage: Stage, wanted: Wanted, source: &Source) -> Result<(), &'static str> {
+pub(crate) fn set(scene: &mut Scene, (up, aspect): Stage, wanted: Wanted, source: &Source) -> Result<(), &'static str> {
     if !(wanted.camera || wanted.sky || wanted.ground) {
         return Ok(());
     }
     let (centre, radius) = bounds(scene)?;
-    let (front, right, up) = stage.up.axes();
-    let view = if wanted.camera { view::choose(scene, [front, right, up], centre, radius) } else { view::USUAL };
-    let towards = view::direction(view, [front, right, up]);
+    let (front, right, up) = up.axes();
+    let view = if wanted.camera { choose_view(scene, [front, right, up], centre, radius) } else { USUAL };
+    let towards = view_direction(view, [front, right, up]);
     if wanted.camera {
-        let aspect = stage.aspect.unwrap_or(4.0 / 3.0);
+        let aspect = aspect.unwrap_or(4.0 / 3.0);
         let camera_right = (-towards).cross(up).normalize();
         let axes = [camera_right, camera_right.cross(-towards), -towards];
         let tangents = [aspect.max(1.0), (1.0 / aspect).max(1.0)].map(|side| FILLED * TAN_HALF_FOV * side);
@@ -150,19 +145,13 @@ fn add_ground(scene: &mut Scene, radius: f64, up: DVec3, source: &Source) {
 
 /// Calls `f` with the corners of every triangle of a scene in world space, counter-clockwise as seen from its front.
 fn each_triangle(scene: &Scene, mut f: impl FnMut([DVec3; 3])) {
-    let mut shape = |shape: &Shape, to_world: DAffine3| {
-        let Geometry::Mesh(mesh) = &shape.geometry else { return };
-        let to_world = to_world * shape.to_world;
+    for (shape, to_world) in scene.placed() {
+        let Geometry::Mesh(mesh) = &shape.geometry else { continue };
         let turned = (to_world.matrix3.determinant() < 0.0) != shape.reversed;
         for triangle in &mesh.triangles {
             let [a, b, c] = triangle.map(|corner| to_world.transform_point3(mesh.positions[corner as usize]));
             f(if turned { [a, c, b] } else { [a, b, c] });
         }
-    };
-    scene.shapes.iter().for_each(|s| shape(s, DAffine3::IDENTITY));
-    for instance in &scene.instances {
-        let object = &scene.objects[instance.object.0 as usize];
-        object.shapes.iter().for_each(|s| shape(s, instance.to_world));
     }
 }
 
@@ -186,8 +175,9 @@ fn studio() -> Image {
         a * (1.0 - t) + b * t
     };
     let radiance = |x: u32, y: u32| {
-        let [sin_phi, cos_phi] = sin_cos((f64::from(x) + 0.5) / f64::from(SIZE[0]));
-        let [sin_theta, cos_theta] = sin_cos(0.5 * (f64::from(y) + 0.5) / f64::from(SIZE[1]));
+        // The same on every machine, which the standard library's functions aren't.
+        let (sin_phi, cos_phi) = libm::sincos((f64::from(x) + 0.5) / f64::from(SIZE[0]) * TAU);
+        let (sin_theta, cos_theta) = libm::sincos(0.5 * (f64::from(y) + 0.5) / f64::from(SIZE[1]) * TAU);
         let direction = DVec3::new(sin_theta * cos_phi, sin_theta * sin_phi, cos_theta);
         let sky = mix(HORIZON, ZENITH, [0.0, 1.0], cos_theta);
         let room = mix(sky, FLOOR, [0.0, 0.35], -cos_theta);
@@ -197,28 +187,212 @@ fn studio() -> Image {
     Image { size: SIZE, pixels, alpha: Vec::new() }
 }
 
-/// Returns the sine and the cosine of an angle of `turns` full turns, within 1e-12, for `turns` in `[0, 1]`.
-///
-/// Uses Taylor polynomials about the nearest quarter turn: the platform's functions differ in the last bit between
-/// machines.
-fn sin_cos(turns: f64) -> [f64; 2] {
-    let quarter = (4.0 * turns).round();
-    let x = (turns - 0.25 * quarter) * (2.0 * std::f64::consts::PI);
-    let square = x * x;
-    let (mut sine, mut cosine) = (0.0, 0.0);
-    for k in (0..8).rev() {
-        let k = f64::from(k);
-        sine = 1.0 - square / ((2.0 * k + 2.0) * (2.0 * k + 3.0)) * sine;
-        cosine = 1.0 - square / ((2.0 * k + 1.0) * (2.0 * k + 2.0)) * cosine;
+// The direction from which a model is seen.
+//
+// A bare model is seen from the front, the right and above. A room without a front wall, such as a Cornell box, would
+// show the outsides of its walls from there. So a small image of each side tells whether the triangles that are seen
+// face the viewer, and the first view from which most do is taken.
+
+/// A view: components of the direction to the camera to the front, to the right and up. It is normalized at its use.
+type View = [f64; 3];
+
+/// The usual view.
+const USUAL: View = [1.0, 0.6, 0.45];
+/// Other views, in the order of preference.
+const OTHERS: [View; 6] =
+    [[1.0, 0.0, 0.08], [-1.0, 0.0, 0.08], [0.0, 1.0, 0.08], [0.0, -1.0, 0.08], [1.0, 0.0, 1.2], [-1.0, -0.6, 0.45]];
+/// The share of back faces among what is seen, above which other views are tried.
+const ENOUGH: f64 = 0.3;
+/// Another view must have this part of the usual view's back faces at most.
+const BETTER: f64 = 0.5;
+/// Width and height of the small images in pixels.
+const VIEW: usize = 48;
+/// The largest number of triangles that are drawn; of more, evenly spaced ones.
+const MOST: usize = 300_000;
+
+/// Returns the direction of a view, given the directions to the front, to the right and up.
+fn view_direction(view: View, [front, right, up]: [DVec3; 3]) -> DVec3 {
+    (view[0] * front + view[1] * right + view[2] * up).normalize()
+}
+
+/// Chooses the view of a model with its centre and radius.
+fn choose_view(scene: &Scene, axes: [DVec3; 3], centre: DVec3, radius: f64) -> View {
+    let usual = back_faces(scene, view_direction(USUAL, axes), axes[2], centre, radius);
+    if usual <= ENOUGH {
+        return USUAL;
     }
-    let sine = x * sine;
-    match quarter as u32 % 4 {
-        0 => [sine, cosine],
-        1 => [cosine, -sine],
-        2 => [-sine, -cosine],
-        _ => [-cosine, sine],
+    let mut best = (BETTER * usual, USUAL);
+    for view in OTHERS {
+        let share = back_faces(scene, view_direction(view, axes), axes[2], centre, radius);
+        if share < best.0 {
+            best = (share, view);
+        }
+    }
+    best.1
+}
+
+/// The share of pixels that show the back of a triangle, among those that show any.
+fn back_faces(scene: &Scene, towards: DVec3, up: DVec3, centre: DVec3, radius: f64) -> f64 {
+    let right = (-towards).cross(up).normalize();
+    let up = right.cross(-towards);
+    let eye = centre + towards * (1.1 * radius / TAN_HALF_FOV);
+    let mut total = 0;
+    each_triangle(scene, |_| total += 1);
+    let (every, mut number) = (total / MOST + 1, 0);
+    // Depth, and true for a back face.
+    let mut pixels = [(f64::INFINITY, false); VIEW * VIEW];
+    each_triangle(scene, |corners| {
+        number += 1;
+        if number % every != 0 {
+            return;
+        }
+        let back = (corners[1] - corners[0]).cross(corners[2] - corners[0]).dot(eye - corners[0]) < 0.0;
+        let seen = corners.map(|p| (p - eye).dot(-towards));
+        if seen.iter().any(|z| *z <= 0.0) {
+            return;
+        }
+        let at = |k: usize| {
+            let p = corners[k] - eye;
+            (DVec2::new(p.dot(right), p.dot(up)) / (seen[k] * TAN_HALF_FOV) + 1.0) * (0.5 * VIEW as f64)
+        };
+        draw(&mut pixels, [at(0), at(1), at(2)], seen, back);
+    });
+    let shown = pixels.iter().filter(|p| p.0.is_finite()).count();
+    pixels.iter().filter(|p| p.1).count() as f64 / shown.max(1) as f64
+}
+
+/// Draws a triangle with corners at `at`, in pixels, and depths `depth`. A triangle that covers no pixel's centre is drawn
+/// as a point.
+fn draw(pixels: &mut [(f64, bool); VIEW * VIEW], at: [DVec2; 3], depth: [f64; 3], back: bool) {
+    let mut set = |x: usize, y: usize, z: f64| {
+        let pixel = &mut pixels[y * VIEW + x];
+        if z < pixel.0 {
+            *pixel = (z, back);
+        }
+    };
+    let (low, high) = (at[0].min(at[1]).min(at[2]), at[0].max(at[1]).max(at[2]));
+    let cell = |v: f64| v.clamp(0.0, VIEW as f64 - 1.0) as usize;
+    let area = (at[1] - at[0]).perp_dot(at[2] - at[0]);
+    let mut drawn = false;
+    if area.abs() > 1e-9 {
+        for y in cell(low.y)..=cell(high.y) {
+            for x in cell(low.x)..=cell(high.x) {
+                let p = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
+                let share = |k: usize| (at[(k + 1) % 3] - p).perp_dot(at[(k + 2) % 3] - p) / area;
+                let shares = [share(0), share(1), share(2)];
+                if shares.iter().all(|s| *s >= 0.0) {
+                    drawn = true;
+                    set(x, y, (0..3).map(|k| shares[k] * depth[k]).sum());
+                }
+            }
+        }
+    }
+    if !drawn && low.min_element() >= 0.0 && high.max_element() < VIEW as f64 {
+        set(cell(at[0].x), cell(at[0].y), depth[0]);
     }
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use super::*;
+    use crate::{MaterialId, MeshData};
+
+    #[test]
+    fn the_angle_and_its_tangent_agree() {
+        assert!((TAN_HALF_FOV - (FOV / 2.0).to_radians().tan()).abs() < 1e-15);
+    }
+
+    /// A scene with one mesh.
+    fn scene(positions: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> Scene {
+        let mesh = MeshData { positions, triangles, ..MeshData::default() };
+        let shape = Shape::new(Geometry::Mesh(Arc::new(mesh)), DAffine3::IDENTITY, MaterialId(0), Source::default());
+        Scene { shapes: vec![shape], ..Scene::default() }
+    }
+
+    /// A box whose faces point outwards; `faces` of its six are there: left, right, bottom, top, back, front.
+    fn cuboid(low: DVec3, high: DVec3, faces: &[usize], inwards: bool) -> Scene {
+        let corner =
+            |i: usize| DVec3::new([low.x, high.x][i & 1], [low.y, high.y][i >> 1 & 1], [low.z, high.z][i >> 2]);
+        let quads = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
+        let mut triangles = Vec::new();
+        for [a, b, c, d] in faces.iter().map(|&face| quads[face]) {
+            triangles.extend(if inwards { [[a, c, b], [a, d, c]] } else { [[a, b, c], [a, c, d]] });
+        }
+        scene((0..8).map(corner).collect(), triangles)
+    }
+
+    const ALL: [usize; 6] = [0, 1, 2, 3, 4, 5];
+
+    fn stage(scene: &mut Scene, up: UpAxis, aspect: Option<f64>) -> Result<(), &'static str> {
+        set(scene, (up, aspect), Wanted { camera: true, sky: true, ground: true }, &Source::default())
+    }
+
+    /// The largest |x| and |y| of a scene's corners in the image, in units of half its width and height.
+    fn reach(scene: &Scene, corners: &[DVec3]) -> [f64; 2] {
+        let to_camera = scene.camera.to_world.inverse();
+        let [width, height] = scene.film.resolution.map(f64::from);
+        let sides = [width, height].map(|side| TAN_HALF_FOV * side / width.min(height));
+        let seen: Vec<DVec3> = corners.iter().map(|p| to_camera.transform_point3(*p)).collect();
+        assert!(seen.iter().all(|p| p.z > 0.0));
+        let most = |f: fn(&DVec3) -> f64, side: f64| seen.iter().map(|p| f(p).abs() / p.z / side).fold(0.0, f64::max);
+        [most(|p| p.x, sides[0]), most(|p| p.y, sides[1])]
+    }
+
+    #[test]
+    fn models_fill_the_image_without_leaving_it() {
+        let sizes = [
+            DVec3::ONE,
+            DVec3::new(10.0, 1.0, 1.0),
+            DVec3::new(1.0, 8.0, 1.0),
+            DVec3::new(1e-9, 2e-9, 1e-9),
+            DVec3::splat(1e12),
+        ];
+        for (size, aspect) in sizes.into_iter().flat_map(|s| [None, Some(1.0), Some(0.5), Some(2.0)].map(|a| (s, a))) {
+            for up in [UpAxis::Y, UpAxis::Z] {
+                let mut scene = cuboid(3.0 * size, 4.0 * size, &ALL, false);
+                let Geometry::Mesh(mesh) = scene.shapes[0].geometry.clone() else { unreachable!("it is a mesh") };
+                stage(&mut scene, up, aspect).unwrap();
+                let reach = reach(&scene, &mesh.positions);
+                let most = reach[0].max(reach[1]);
+                assert!((FILLED - 1e-6..FILLED + 1e-6).contains(&most), "{size} {aspect:?} {up:?}: {reach:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_model_stands_upright_on_the_ground() {
+        for (up, axis) in [(UpAxis::Y, DVec3::Y), (UpAxis::Z, DVec3::Z)] {
+            let mut scene = cuboid(DVec3::splat(5.0), DVec3::splat(7.0), &ALL, false);
+            stage(&mut scene, up, None).unwrap();
+            let camera = scene.camera.to_world.matrix3;
+            assert!(camera.y_axis.dot(axis) > 0.5 && camera.z_axis.dot(axis) < 0.0, "it looks down, with up above");
+            assert!(camera.x_axis.x > 0.0);
+            let ground = &scene.shapes[1].to_world;
+            let below = 5.0 - ground.translation.dot(axis);
+            assert!(below > 0.0 && below < 1e-3 && ground.matrix3.z_axis == axis, "{below}");
+        }
+    }
+
+    #[test]
+    fn an_open_room_is_seen_from_its_open_side() {
+        // Walls that face inwards, without the side at +z, or at -x.
+        for (faces, open) in [(vec![0, 1, 2, 3, 4], DVec3::Z), (vec![1, 2, 3, 4, 5], DVec3::NEG_X)] {
+            let mut scene = cuboid(DVec3::ZERO, DVec3::ONE, &faces, true);
+            stage(&mut scene, UpAxis::Y, None).unwrap();
+            assert!(scene.camera.to_world.matrix3.z_axis.dot(open) < -0.9, "{:?}", scene.camera.to_world);
+        }
+        // A closed model is seen as usual.
+        let mut scene = cuboid(DVec3::ZERO, DVec3::ONE, &ALL, false);
+        stage(&mut scene, UpAxis::Y, None).unwrap();
+        let usual = view_direction(USUAL, [DVec3::Z, DVec3::X, DVec3::Y]);
+        assert!(scene.camera.to_world.matrix3.z_axis.dot(usual) < -0.999);
+    }
+
+    #[test]
+    fn a_model_without_extent_is_refused() {
+        let mut same = scene(vec![DVec3::ONE; 3], vec![[0, 1, 2]]);
+        assert!(stage(&mut same, UpAxis::Y, None).is_err());
+        let mut huge = scene(vec![DVec3::splat(-1e308), DVec3::splat(1e308), DVec3::ZERO], vec![[0, 1, 2]]);
+        assert!(stage(&mut huge, UpAxis::Y, None).is_err());
+    }
+}

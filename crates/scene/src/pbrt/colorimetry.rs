@@ -1,101 +1,47 @@
 //! Conversion of spectra to linear RGB.
 
-use glam::{DMat3, DVec3, dvec3};
+use glam::{DMat3, DVec3, DVec4, dvec3};
+use std::sync::LazyLock;
 
-/// First wavelength of the tables `OBSERVER` and `D65`, in nm. The tables have a value every 10 nm.
+/// First wavelength of the table, in nm, and the distance of its lines.
 const FIRST: f64 = 380.0;
 const STEP: f64 = 10.0;
 
-/// The colour-matching functions x, y, z of the CIE 1931 observer, by wavelength from 380 to 780 nm [CIE 15:2004, table
-/// T.4].
-const OBSERVER: [[f64; 3]; 41] = [
-    [0.0014, 0.0000, 0.0065],
-    [0.0042, 0.0001, 0.0201],
-    [0.0143, 0.0004, 0.0679],
-    [0.0435, 0.0012, 0.2074],
-    [0.1344, 0.0040, 0.6456],
-    [0.2839, 0.0116, 1.3856],
-    [0.3483, 0.0230, 1.7471],
-    [0.3362, 0.0380, 1.7721],
-    [0.2908, 0.0600, 1.6692],
-    [0.1954, 0.0910, 1.2876],
-    [0.0956, 0.1390, 0.8130],
-    [0.0320, 0.2080, 0.4652],
-    [0.0049, 0.3230, 0.2720],
-    [0.0093, 0.5030, 0.1582],
-    [0.0633, 0.7100, 0.0782],
-    [0.1655, 0.8620, 0.0422],
-    [0.2904, 0.9540, 0.0203],
-    [0.4334, 0.9950, 0.0087],
-    [0.5945, 0.9950, 0.0039],
-    [0.7621, 0.9520, 0.0021],
-    [0.9163, 0.8700, 0.0017],
-    [1.0263, 0.7570, 0.0011],
-    [1.0622, 0.6310, 0.0008],
-    [1.0026, 0.5030, 0.0003],
-    [0.8544, 0.3810, 0.0002],
-    [0.6424, 0.2650, 0.0000],
-    [0.4479, 0.1750, 0.0000],
-    [0.2835, 0.1070, 0.0000],
-    [0.1649, 0.0610, 0.0000],
-    [0.0874, 0.0320, 0.0000],
-    [0.0468, 0.0170, 0.0000],
-    [0.0227, 0.0082, 0.0000],
-    [0.0114, 0.0041, 0.0000],
-    [0.0058, 0.0021, 0.0000],
-    [0.0029, 0.0010, 0.0000],
-    [0.0014, 0.0005, 0.0000],
-    [0.0007, 0.0002, 0.0000],
-    [0.0003, 0.0001, 0.0000],
-    [0.0002, 0.0001, 0.0000],
-    [0.0001, 0.0000, 0.0000],
-    [0.0000, 0.0000, 0.0000],
-];
-
-/// Relative spectral power of illuminant D65, by wavelength from 380 to 780 nm [CIE 15:2004, table T.1].
-const D65: [f64; 41] = [
-    49.9755, 54.6482, 82.7549, 91.4860, 93.4318, 86.6823, 104.865, 117.008, 117.812, 114.861, 115.923, 108.811,
-    109.354, 107.802, 104.790, 107.689, 104.405, 104.046, 100.000, 96.3342, 95.7880, 88.6856, 90.0062, 89.5991,
-    87.6987, 83.2886, 83.6992, 80.0268, 80.2146, 82.2778, 78.2842, 69.7213, 71.6091, 74.3490, 61.6040, 69.8856,
-    75.0870, 63.5927, 46.4182, 66.8054, 63.3828,
-];
+/// The colour-matching functions x, y, z of the CIE 1931 observer [CIE 15:2004, table T.4] and the relative spectral
+/// power of illuminant D65 [table T.1], by wavelength from 380 to 780 nm.
+static TABLE: LazyLock<Vec<DVec4>> = LazyLock::new(|| {
+    let value = |line: &str, k| line.split('\t').nth(k).and_then(|value| value.parse().ok()).unwrap_or(f64::NAN);
+    include_str!("observer.tsv").lines().map(|line| DVec4::from_array([0, 1, 2, 3].map(|k| value(line, k)))).collect()
+});
 
 /// Converts XYZ to linear sRGB [IEC 61966-2-1] without clipping.
 pub(super) fn rgb_of_xyz(xyz: DVec3) -> DVec3 {
-    DMat3::from_cols_array(&[
-        3.240_969_942,
-        -0.969_243_636,
-        0.055_630_080,
-        -1.537_383_178,
-        1.875_967_502,
-        -0.203_976_959,
-        -0.498_610_760,
-        0.041_555_057,
-        1.056_971_514,
-    ])
-    .mul_vec3(xyz)
+    DMat3::from_cols_array_2d(&[
+        [3.240_969_942, -0.969_243_636, 0.055_630_080],
+        [-1.537_383_178, 1.875_967_502, -0.203_976_959],
+        [-0.498_610_760, 0.041_555_057, 1.056_971_514],
+    ]) * xyz
 }
 
 /// Returns the observer's x, y, z and the power of D65 at a wavelength in nm, interpolated linearly; 0 outside of the
-/// tables.
-fn tables_at(wavelength: f64) -> (DVec3, f64) {
+/// table.
+fn table_at(wavelength: f64) -> DVec4 {
     let place = (wavelength - FIRST) / STEP;
-    if !(0.0..=(OBSERVER.len() - 1) as f64).contains(&place) {
-        return (DVec3::ZERO, 0.0);
+    if !(0.0..=(TABLE.len() - 1) as f64).contains(&place) {
+        return DVec4::ZERO;
     }
-    let below = (place as usize).min(OBSERVER.len() - 2);
-    let part = place - below as f64;
-    let observer = DVec3::from(OBSERVER[below]).lerp(DVec3::from(OBSERVER[below + 1]), part);
-    (observer, D65[below] + (D65[below + 1] - D65[below]) * part)
+    let below = (place as usize).min(TABLE.len() - 2);
+    let (from, to, part) = (TABLE[below], TABLE[below + 1], place - below as f64);
+    from.truncate().lerp(to.truncate(), part).extend(from.w + (to.w - from.w) * part)
 }
 
 /// Returns the CIE XYZ of `spectrum` under D65 or, if `under_d65` is false, under equal energy. The result is divided
 /// by the illuminant's Y.
 fn xyz(spectrum: impl Fn(f64) -> f64, under_d65: bool) -> DVec3 {
     let (mut sum, mut whole) = (DVec3::ZERO, 0.0);
-    for step in 0..=4 * (OBSERVER.len() as u32 - 1) {
+    for step in 0..=4 * (TABLE.len() as u32 - 1) {
         let wavelength = FIRST + f64::from(step) * STEP / 4.0;
-        let (observer, d65) = tables_at(wavelength);
+        let (observer, d65) = (table_at(wavelength).truncate(), table_at(wavelength).w);
         let weight = if under_d65 { d65 } else { 1.0 };
         sum += observer * (weight * spectrum(wavelength));
         whole += weight * observer.y;

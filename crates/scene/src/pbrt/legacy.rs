@@ -1,12 +1,11 @@
 //! Files of pbrt-v2 and pbrt-v3: detection of the version, and materials, lights and integrators that pbrt-v4 dropped.
 
-use super::directive::Directive;
-use super::materials::{Made, fresnel};
+use super::directive::{Directive, Kind, Tokens};
+use super::materials::{Made, NEW_MATERIALS, OLD_MATERIALS, ROUGHNESS, fresnel, roughness_by};
 use super::options::transport;
 use super::params::{Params, Type};
 use super::reader::Reader;
 use super::spectra::Gamut;
-use super::tokens::{Kind, Tokens};
 use crate::{Color, MaterialId, MaterialKind, Roughness, Scalar, Source};
 
 /// A version of the pbrt file format, which decides the meaning of directives.
@@ -18,44 +17,18 @@ pub(super) enum Version {
     V4,
 }
 
-/// Material types of pbrt-v2 or v3 that pbrt-v4 no longer has.
-const OLD_MATERIALS: &[&str] = &[
-    "disney",
-    "fourier",
-    "glass",
-    "kdsubsurface",
-    "matte",
-    "metal",
-    "mirror",
-    "plastic",
-    "shinymetal",
-    "substrate",
-    "translucent",
-    "uber",
-];
+/// Material types of pbrt-v2 or v3 that pbrt-v4 no longer has and that are not supported.
+const FOREIGN_MATERIALS: &str = "disney fourier kdsubsurface shinymetal translucent uber";
 
-/// Material types that pbrt-v4 introduced.
-const NEW_MATERIALS: &[&str] = &[
-    "coatedconductor",
-    "coateddiffuse",
-    "conductor",
-    "dielectric",
-    "diffuse",
-    "diffusetransmission",
-    "interface",
-    "thindielectric",
-];
-
-/// Flags for directives and types, found in a file, that identify a pbrt version.
-#[derive(Default)]
-struct Marks {
-    new: bool,
-    old: bool,
-    /// True after a directive that only pbrt-v2 has.
-    second: bool,
-    /// True after a directive that pbrt-v3 and later have.
-    third: bool,
-}
+/// Directives that only pbrt-v4 has, and types of directives.
+const NEW: &str = "Attribute ColorSpace Import Option Film/rgb Film/gbuffer Film/spectral Sampler/independent \
+                   Sampler/paddedsobol Sampler/pmj02bn Sampler/zsobol";
+/// Directives and types that only versions before pbrt-v4 have.
+const OLD: &str = "WorldEnd Renderer SurfaceIntegrator VolumeIntegrator Volume Film/image AreaLightSource/area";
+/// Directives that only pbrt-v2 has.
+const SECOND: &str = "Renderer SurfaceIntegrator VolumeIntegrator Volume";
+/// Directives that pbrt-v3 and later have.
+const THIRD: &str = "Integrator MakeNamedMedium MediumInterface";
 
 impl Version {
     /// Returns the pbrt version of a file, derived from its directives and types, since files do not state it.
@@ -64,29 +37,43 @@ impl Version {
     /// have. Otherwise an `Integrator` or a medium, without a directive of pbrt-v2 alone, identifies pbrt-v3. All other
     /// files are pbrt-v2.
     pub(super) fn of(text: &str) -> Self {
-        let mut marks = Marks::default();
+        let named = |list: &str, word: &str| list.split(' ').any(|known| known == word);
+        let [mut new, mut old, mut second, mut third] = [false; 4];
         let mut tokens = Tokens::new(text);
         let mut word = "";
         // The index of the current string after `word`, and the string before it.
         let (mut place, mut before) = (0, "");
         while let Some(token) = tokens.next() {
             let Ok(token) = token else { continue };
-            match token.kind {
-                Kind::Word if token.is_name() => {
-                    (word, place, before) = (token.text, 0, "");
-                    marks.meet_word(word);
+            if token.is_name() {
+                (word, place, before) = (token.text, 0, "");
+                new |= named(NEW, word);
+                old |= named(OLD, word);
+                second |= named(SECOND, word);
+                third |= named(THIRD, word);
+            } else if token.kind == Kind::Text {
+                let text = token.text;
+                let declared = word == "MakeNamedMaterial" && before.split_ascii_whitespace().eq(["string", "type"]);
+                if declared || (word == "Material" && place == 0) {
+                    new |= named(NEW_MATERIALS, text);
+                    old |= named(OLD_MATERIALS, text) || named(FOREIGN_MATERIALS, text);
+                } else if place == 0 {
+                    let typed = format!("{word}/{text}");
+                    new |= named(NEW, &typed);
+                    old |= named(OLD, &typed);
+                } else {
+                    // The types in declarations of parameters.
+                    let words: Vec<&str> = text.split_ascii_whitespace().collect();
+                    old |= matches!(words[..], ["color" | "xyz" | "point" | "vector", _]);
+                    old |= word == "Texture" && place == 1 && text == "color";
                 }
-                Kind::Text => {
-                    marks.meet_text(word, place, before, token.text);
-                    place += 1;
-                    before = token.text;
-                }
-                _ => {}
+                place += 1;
+                before = text;
             }
         }
-        match marks {
-            Marks { new: true, .. } | Marks { old: false, .. } => Self::V4,
-            Marks { second: false, third: true, .. } => Self::V3,
+        match (new, old, second, third) {
+            (true, ..) | (_, false, ..) => Self::V4,
+            (_, _, false, true) => Self::V3,
             _ => Self::V2,
         }
     }
@@ -106,46 +93,10 @@ impl Version {
     }
 }
 
-impl Marks {
-    fn meet_word(&mut self, word: &str) {
-        match word {
-            "Attribute" | "ColorSpace" | "Import" | "Option" => self.new = true,
-            "WorldEnd" => self.old = true,
-            "Renderer" | "SurfaceIntegrator" | "VolumeIntegrator" | "Volume" => {
-                self.old = true;
-                self.second = true;
-            }
-            "Integrator" | "MakeNamedMedium" | "MediumInterface" => self.third = true,
-            _ => {}
-        }
-    }
-
-    fn meet_text(&mut self, word: &str, place: usize, before: &str, text: &str) {
-        let material = (word == "Material" && place == 0)
-            || (word == "MakeNamedMaterial" && before.split_ascii_whitespace().eq(["string", "type"]));
-        if material {
-            self.new |= NEW_MATERIALS.contains(&text);
-            self.old |= OLD_MATERIALS.contains(&text);
-        }
-        match (word, place, text) {
-            ("Film", 0, "rgb" | "gbuffer" | "spectral") => self.new = true,
-            ("Sampler", 0, "independent" | "paddedsobol" | "pmj02bn" | "zsobol") => self.new = true,
-            ("Film", 0, "image") | ("AreaLightSource", 0, "area") | ("Texture", 1, "color") => self.old = true,
-            // The types in declarations of parameters.
-            (_, 1.., _) => {
-                let mut parts = text.split_ascii_whitespace();
-                let ty = parts.next().filter(|_| parts.next().is_some() && parts.next().is_none());
-                self.old |= matches!(ty, Some("color" | "xyz" | "point" | "vector"));
-            }
-            _ => {}
-        }
-    }
-}
-
 impl Reader<'_> {
     /// Adds a notice if a pbrt-v2 file names no `SurfaceIntegrator`, since pbrt-v2's default differs from path tracing.
     pub(super) fn check_old_transport(&mut self, whole: &Source) {
-        if self.version == Version::V2 && !self.once.places.contains_key("depth") {
+        if self.context.version == Version::V2 && !self.once.contains_key("depth") {
             let what = "no SurfaceIntegrator is named: pbrt-v2 would light directly and follow 5 mirrors; \
                         light is transported by path tracing of that depth";
             self.log.notice(whole, what);
@@ -156,7 +107,7 @@ impl Reader<'_> {
     pub(super) fn read_old_transport(&mut self, mut d: Directive<'_>) {
         let mut params = self.params(&mut d, "");
         let kind = d.texts[0].as_str();
-        let what = format!("{} (of pbrt-v2) is ignored; {}", params.of(), transport(kind));
+        let what = format!("{} (of pbrt-v2) is ignored; {}", params.of, transport(kind));
         self.log.ignored_setting(&d.source, what);
         let depth = match d.word {
             "SurfaceIntegrator" => {
@@ -177,44 +128,41 @@ impl Reader<'_> {
 
     /// Makes a material of the pbrt-v2 or v3 type `kind`; `None` for an unknown or unsupported type.
     pub(super) fn old_material(&self, kind: &str, params: &mut Params) -> Option<Made> {
-        let textures = &self.textures;
         let kind = match kind {
             "matte" => {
                 let line = params.peek("sigma").map(|p| p.line);
-                let sigma = params.scalar("sigma", 0.0, textures, |_| true, "finite");
+                let sigma = params.scalar("sigma", 0.0, |_| true, "finite");
                 if let (Some(line), true) = (line, sigma != Scalar::Constant(0.0)) {
-                    params.notice(line, format!("sigma of {} (Oren-Nayar) is read as 0 (Lambert)", params.of()));
+                    params.notice(line, format!("sigma of {} (Oren-Nayar) is read as 0 (Lambert)", params.of));
                 }
-                MaterialKind::Diffuse { reflectance: params.color("Kd", [0.5; 3], textures) }
+                MaterialKind::Diffuse { reflectance: params.color("Kd", [0.5; 3]) }
             }
-            "plastic" => MaterialKind::Plastic {
-                diffuse: params.color("Kd", [0.25; 3], textures),
-                specular: params.color("Ks", [0.25; 3], textures),
-                roughness: self.old_roughness(params, 0.1),
-            },
-            "substrate" => MaterialKind::Substrate {
-                diffuse: params.color("Kd", [0.5; 3], textures),
-                specular: params.color("Ks", [0.5; 3], textures),
-                roughness: self.old_roughness(params, 0.1),
-            },
+            "plastic" | "substrate" => {
+                let default = if kind == "plastic" { [0.25; 3] } else { [0.5; 3] };
+                let [diffuse, specular] = ["Kd", "Ks"].map(|name| params.color(name, default));
+                let roughness = self.old_roughness(params, 0.1);
+                match kind {
+                    "plastic" => MaterialKind::Plastic { diffuse, specular, roughness },
+                    _ => MaterialKind::Substrate { diffuse, specular, roughness },
+                }
+            }
             "metal" => MaterialKind::Conductor {
-                fresnel: fresnel(params, textures, ["", "eta", "k"]),
+                fresnel: fresnel(params, ["", "eta", "k"]),
                 roughness: self.old_roughness(params, 0.01),
             },
-            "mirror" => MaterialKind::Mirror { reflectance: params.color("Kr", [0.9; 3], textures) },
+            "mirror" => MaterialKind::Mirror { reflectance: params.color("Kr", [0.9; 3]) },
             "glass" => self.glass(params),
             "mix" => return Some(self.old_mix(params)),
-            "none" | "" if self.version == Version::V3 => MaterialKind::Interface,
+            "none" | "" if self.context.version == Version::V3 => MaterialKind::Interface,
             _ => return None,
         };
         Some(kind.into())
     }
 
     fn glass(&self, params: &mut Params) -> MaterialKind {
-        let textures = &self.textures;
-        let name = if params.has("eta") && self.version == Version::V3 { "eta" } else { "index" };
-        let eta = params.constant(name, 1.5, textures, |v| v > 0.0, "above 0");
-        let roughness = match self.version {
+        let name = if params.has("eta") && self.context.version == Version::V3 { "eta" } else { "index" };
+        let eta = params.constant(name, 1.5, |v| v > 0.0, "above 0");
+        let roughness = match self.context.version {
             Version::V3 if params.has("uroughness") || params.has("vroughness") => self.old_roughness(params, 0.0),
             _ => {
                 params.ignore(&["uroughness", "vroughness", "remaproughness"]);
@@ -224,29 +172,21 @@ impl Reader<'_> {
         MaterialKind::Dielectric {
             eta,
             roughness,
-            reflectance: params.color("Kr", [1.0; 3], textures),
-            transmittance: params.color("Kt", [1.0; 3], textures),
+            reflectance: params.color("Kr", [1.0; 3]),
+            transmittance: params.color("Kt", [1.0; 3]),
         }
     }
 
     /// Makes a mix of two materials. The file's `amount` is the weight of the first material, here of the second, so it
     /// is subtracted from 1.
     fn old_mix(&self, params: &mut Params) -> Made {
-        let mut name = |parameter| {
-            params.text(parameter).map(|t| t.0).or_else(|| {
-                params.problem(params.line(), format!("{} lacks \"string {parameter}\"", params.of()));
-                None
-            })
-        };
-        let mixes = match (name("namedmaterial1"), name("namedmaterial2")) {
-            (Some(first), Some(second)) => Some([first, second]),
-            _ => None,
-        };
+        let names = ["namedmaterial1", "namedmaterial2"].map(|name| params.needed_text(name).map(|text| text.0));
+        let mixes = if let [Some(first), Some(second)] = names { Some([first, second]) } else { None };
         let line = params.line();
-        let amount = match params.color("amount", [0.5; 3], &self.textures) {
+        let amount = match params.color("amount", [0.5; 3]) {
             Color::Constant([r, g, b]) if r == g && g == b => 1.0 - r,
             _ => {
-                params.unsupported(line, format!("an amount that is a texture or not gray in {}", params.of()));
+                params.unsupported(line, format!("an amount that is a texture or not gray in {}", params.of));
                 0.5
             }
         };
@@ -255,28 +195,21 @@ impl Reader<'_> {
 
     /// Reads the roughness parameters and converts them to microfacet widths (alpha) by the rule of the file's version.
     fn old_roughness(&self, params: &mut Params, default: f32) -> Roughness {
-        let remap = self.version == Version::V3 && params.flag("remaproughness", true);
-        let both = self.old_alpha(params, "roughness", default, remap);
-        let mut along = |name| match params.has(name) {
-            true => self.old_alpha(params, name, default, remap),
-            false => {
-                params.ignore(&[name]);
-                both
-            }
-        };
-        Roughness { u: along("uroughness"), v: along("vroughness"), remap: false }
+        let remap = self.context.version == Version::V3 && params.flag("remaproughness", true);
+        let read = |params: &mut Params, name| self.old_alpha(params, name, default, remap);
+        roughness_by(params, ROUGHNESS, false, read)
     }
 
     fn old_alpha(&self, params: &mut Params, name: &'static str, default: f32, remap: bool) -> Scalar {
         let line = params.peek(name).map(|p| p.line);
-        let roughness = params.scalar(name, default, &self.textures, |v| v >= 0.0, "at least 0");
-        match (roughness, self.version) {
+        let roughness = params.scalar(name, default, |v| v >= 0.0, "at least 0");
+        match (roughness, self.context.version) {
             (Scalar::Constant(r), Version::V2) => {
                 let alpha = alpha_of_blinn(r);
                 if let Some(line) = line {
                     let what = format!(
                         "{name} {r} of {} (Blinn) is read as Trowbridge-Reitz microfacets of alpha {alpha:.3}",
-                        params.of()
+                        params.of
                     );
                     params.notice(line, what);
                 }
@@ -284,7 +217,7 @@ impl Reader<'_> {
             }
             (Scalar::Constant(r), _) if remap => Scalar::Constant(alpha_of_third(r)),
             (Scalar::Texture(_), version) if remap || version == Version::V2 => {
-                let what = format!("a texture as {name} of {} (other than as alpha itself)", params.of());
+                let what = format!("a texture as {name} of {} (other than as alpha itself)", params.of);
                 params.unsupported(line.unwrap_or(params.line()), what);
                 Scalar::Constant(default)
             }

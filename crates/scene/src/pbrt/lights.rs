@@ -1,13 +1,12 @@
 //! Lights of pbrt scenes, and the emission of shapes.
 
-use super::directive::Directive;
-use super::images::{Channel, Decoding};
+use super::directive::{Directive, shown};
 use super::legacy::light_scale;
 use super::params::{Params, Type};
 use super::reader::Reader;
 use super::spectra::Gamut;
 use super::state::AreaLight;
-use super::tokens::shown;
+use super::textures::{Channel, Decoding};
 use crate::image::Image;
 use crate::{EnvironmentRadiance, Light, LightKind, Source, SpotFalloff};
 use glam::{DAffine3, DMat3, DVec3};
@@ -20,22 +19,19 @@ impl Reader<'_> {
         self.lights_met += 1;
         let mut params = self.params(&mut d, "light");
         let line = d.source.line;
-        let old = self.version.is_old();
+        let old = self.context.version.is_old();
         if !(d.texts[0] == "diffuse" || old && d.texts[0] == "area") {
             params.unsupported_type(line, "AreaLightSource", &d.texts[0], &["diffuse"]);
             params.finish(&mut self.log);
             return;
         }
-        let radiance = params.rgb("L", Gamut::Light).unwrap_or([1.0; 3]);
-        let radiance = scaled(radiance, &mut params);
+        let radiance = color(&mut params, "L");
         let two_sided = params.flag("twosided", false);
-        let power = if old {
-            params.ignore(&["nsamples", "samples"]);
-            None
-        } else {
-            params.refuse(&["filename"]);
-            positive(&mut params, "power")
-        };
+        match old {
+            true => params.ignore(&["nsamples", "samples"]),
+            false => params.refuse(&["filename"]),
+        }
+        let power = positive(&mut params, "power");
         if params.finish(&mut self.log) {
             self.state.emission = Some(AreaLight { radiance, two_sided, power });
         }
@@ -45,21 +41,21 @@ impl Reader<'_> {
     pub(super) fn add_light(&mut self, mut d: Directive<'_>) {
         self.lights_met += 1;
         let mut params = self.params(&mut d, "light");
-        if self.version.is_old() {
+        if self.context.version.is_old() {
             params.ignore(&["nsamples", "samples"]);
         }
         let made = match d.texts[0].as_str() {
             "infinite" => self.infinite(&mut params, &d.source),
-            "point" => Some(self.point(&mut params)),
+            "point" => Some(Self::point(&mut params)),
             "spot" => self.spot(&mut params),
-            "distant" => self.distant(&mut params),
+            "distant" => Self::distant(&mut params),
             kind => {
                 params.unsupported_type(d.source.line, "LightSource", kind, &["infinite", "point", "spot", "distant"]);
                 None
             }
         };
         if self.state.ctm.moves_to().is_some() {
-            let what = format!("{} does not move; it stands where the motion starts, as in pbrt", params.of());
+            let what = format!("{} does not move; it stands where the motion starts, as in pbrt", params.of);
             params.notice(d.source.line, what);
         }
         if params.finish(&mut self.log)
@@ -69,61 +65,49 @@ impl Reader<'_> {
         }
     }
 
-    fn point(&self, params: &mut Params) -> (LightKind, DAffine3) {
-        let intensity = params.rgb("I", Gamut::Light).unwrap_or([1.0; 3]);
-        let mut intensity = scaled(intensity, params);
-        if let Some(power) = self.power(params) {
+    fn point(params: &mut Params) -> (LightKind, DAffine3) {
+        let mut intensity = color(params, "I");
+        if let Some(power) = positive(params, "power") {
             intensity = brighter(intensity, power / (4.0 * PI), params);
         }
         (LightKind::Point { intensity }, DAffine3::from_translation(point(params, "from", DVec3::ZERO)))
     }
 
     fn spot(&self, params: &mut Params) -> Option<(LightKind, DAffine3)> {
-        let intensity = params.rgb("I", Gamut::Light).unwrap_or([1.0; 3]);
-        let mut intensity = scaled(intensity, params);
+        let mut intensity = color(params, "I");
         let cone = params.float32("coneangle", 30.0, |v| v > 0.0 && v <= 180.0, "above 0 and at most 180 degrees");
         let within = |v: f64| v >= 0.0 && v <= f64::from(cone);
         let delta = params.float32("conedeltaangle", 5.0f32.min(cone), within, "at least 0 and at most coneangle");
-        if let Some(power) = self.power(params) {
+        if let Some(power) = positive(params, "power") {
             let [edge, start] = [cone, cone - delta].map(|angle| f64::from(angle).to_radians().cos());
             // The solid angle of the cone; the part within the falloff counts half.
             let filled = TAU * ((1.0 - start) + (start - edge) / 2.0);
             intensity = brighter(intensity, power / filled, params);
         }
-        let falloff = if self.version.is_old() { SpotFalloff::Quartic } else { SpotFalloff::Smoothstep };
-        let (from, to) = (point(params, "from", DVec3::ZERO), point(params, "to", DVec3::Z));
-        let frame = along(to - from, params)?;
+        let falloff = if self.context.version.is_old() { SpotFalloff::Quartic } else { SpotFalloff::Smoothstep };
+        let (from, frame) = pose(params, 1.0)?;
         let kind = LightKind::Spot { intensity, cone, falloff_start: cone - delta, falloff };
         Some((kind, DAffine3::from_mat3_translation(frame, from)))
     }
 
-    fn distant(&self, params: &mut Params) -> Option<(LightKind, DAffine3)> {
-        let irradiance = params.rgb("L", Gamut::Light).unwrap_or([1.0; 3]);
-        let mut irradiance = scaled(irradiance, params);
-        if !self.version.is_old()
-            && let Some(illuminance) = positive(params, "illuminance")
-        {
+    fn distant(params: &mut Params) -> Option<(LightKind, DAffine3)> {
+        let mut irradiance = color(params, "L");
+        if let Some(illuminance) = positive(params, "illuminance") {
             irradiance = brighter(irradiance, illuminance, params);
         }
-        let (from, to) = (point(params, "from", DVec3::ZERO), point(params, "to", DVec3::Z));
-        let frame = along(from - to, params)?;
+        let (_, frame) = pose(params, -1.0)?;
         Some((LightKind::Distant { irradiance }, DAffine3::from_mat3(frame)))
-    }
-
-    /// Takes the parameter `power` of a light (pbrt-v4 only). `None` unless it is above 0.
-    fn power(&self, params: &mut Params) -> Option<f64> {
-        if self.version.is_old() { None } else { positive(params, "power") }
     }
 
     fn infinite(&mut self, params: &mut Params, source: &Source) -> Option<(LightKind, DAffine3)> {
         params.refuse(&["portal"]);
-        let old = self.version.is_old();
+        let old = self.context.version.is_old();
         let constant = params.has("L").then(|| params.rgb("L", Gamut::Light).unwrap_or([1.0; 3]));
-        let illuminance = if old { None } else { positive(params, "illuminance") };
+        let illuminance = positive(params, "illuminance");
         let file = params.text(if old { "mapname" } else { "filename" });
         let radiance = match file {
             Some((_, line)) if constant.is_some() && !old => {
-                params.problem(line, format!("{} has both L and filename; remove one", params.of()));
+                params.problem(line, format!("{} has both L and filename; remove one", params.of));
                 None
             }
             Some((file, line)) => {
@@ -153,10 +137,10 @@ impl Reader<'_> {
         params: &mut Params,
     ) -> Option<EnvironmentRadiance> {
         // pbrt-v2 decodes integers without the sRGB curve.
-        let linear = self.version == super::legacy::Version::V2;
+        let linear = self.context.version == super::legacy::Version::V2;
         let decoding = if linear { Decoding::Linear } else { Decoding::Srgb };
         let Some(mut image) = self.image(file, decoding, Channel::Rgb, source) else {
-            params.fail();
+            params.broken = true;
             return None;
         };
         let mut scale = tint[0];
@@ -166,7 +150,7 @@ impl Reader<'_> {
             scale = 1.0;
         }
         // Older versions have only the latitude-longitude layout.
-        let equal_area = image.size[0] == image.size[1] && !self.version.is_old();
+        let equal_area = image.size[0] == image.size[1] && !self.context.version.is_old();
         if let Some(wanted) = illuminance {
             let mut found = illuminance_of(&image, equal_area);
             if equal_area {
@@ -199,16 +183,25 @@ impl Reader<'_> {
     }
 }
 
-/// Takes a number parameter. `None` unless it is above 0: pbrt ignores such values, too.
+/// Takes a number parameter of pbrt-v4. `None` unless it is above 0: pbrt ignores such values, too.
 fn positive(params: &mut Params, name: &'static str) -> Option<f64> {
+    if params.context.version.is_old() {
+        return None;
+    }
     let given = params.has(name);
     let value = params.float(name, 0.0, |_| true, "finite");
     (given && value > 0.0).then_some(value)
 }
 
+/// Takes a light's colour, white by default, times the light's parameter `scale`.
+fn color(params: &mut Params, name: &'static str) -> [f32; 3] {
+    let color = params.rgb(name, Gamut::Light).unwrap_or([1.0; 3]);
+    scaled(color, params)
+}
+
 /// Returns a light's colour times the light's parameter `scale`.
 fn scaled(color: [f32; 3], params: &mut Params) -> [f32; 3] {
-    if params.version().is_old() {
+    if params.context.version.is_old() {
         let scale = light_scale(params);
         return finite(std::array::from_fn(|i| color[i] * scale[i]), params);
     }
@@ -226,7 +219,7 @@ fn finite(color: [f32; 3], params: &mut Params) -> [f32; 3] {
     if color.iter().all(|c| c.is_finite()) {
         return color;
     }
-    params.problem(params.line(), format!("{} is brighter than 3.4e38; make it darker", params.of()));
+    params.problem(params.line(), format!("{} is brighter than 3.4e38; make it darker", params.of));
     [0.0; 3]
 }
 
@@ -234,14 +227,17 @@ fn point(params: &mut Params, name: &'static str, default: DVec3) -> DVec3 {
     params.array::<3>(name, Type::Point3).map_or(default, |(p, _)| DVec3::from_array(p))
 }
 
-/// Returns orthonormal axes whose z is along `direction`; `None`, with a reported problem, for direction 0.
-fn along(direction: DVec3, params: &mut Params) -> Option<DMat3> {
+/// Takes the parameters `from` and `to`. Returns `from`, and orthonormal axes whose z points from there to `to`, times
+/// `sign`. `None`, with a reported problem, if both are the same.
+fn pose(params: &mut Params, sign: f64) -> Option<(DVec3, DMat3)> {
+    let (from, to) = (point(params, "from", DVec3::ZERO), point(params, "to", DVec3::Z));
+    let direction = (to - from) * sign;
     let Some(z) = (direction / direction.abs().max_element()).try_normalize() else {
-        params.problem(params.line(), format!("{} needs from and to to differ", params.of()));
+        params.problem(params.line(), format!("{} needs from and to to differ", params.of));
         return None;
     };
     let (x, y) = z.any_orthonormal_pair();
-    Some(DMat3::from_cols(x, y, z))
+    Some((from, DMat3::from_cols(x, y, z)))
 }
 
 /// Returns the illuminance of an upward surface under the upper half (z > 0) of an environment map: the integral of

@@ -1,30 +1,22 @@
 //! Materials of pbrt-v4. Materials of older versions are in `legacy`.
 
-use super::directive::Directive;
-use super::params::{Params, Type, Values};
+use super::directive::{Directive, shown};
+use super::params::{Params, Type};
 use super::reader::Reader;
 use super::spectra::{Gamut, metal};
 use super::state::MaterialRef;
-use super::textures::Textures;
-use super::tokens::shown;
 use crate::{
     Coating, Color, ConductorFresnel, Material, MaterialId, MaterialKind, Roughness, Scalar, Source, TextureKind,
 };
 
-/// Supported material types of pbrt-v4.
-const MATERIALS: &[&str] = &[
-    "diffuse",
-    "diffusetransmission",
-    "conductor",
-    "dielectric",
-    "thindielectric",
-    "coateddiffuse",
-    "coatedconductor",
-    "mix",
-    "interface",
-];
-/// Supported material types of pbrt-v2 and v3.
-const OLD_MATERIALS: &[&str] = &["matte", "plastic", "substrate", "metal", "mirror", "glass", "mix"];
+/// Material types that pbrt-v4 introduced, all supported.
+pub(super) const NEW_MATERIALS: &str =
+    "diffuse diffusetransmission conductor dielectric thindielectric coateddiffuse coatedconductor interface";
+/// Supported material types of pbrt-v2 and v3 that pbrt-v4 no longer has.
+pub(super) const OLD_MATERIALS: &str = "matte plastic substrate metal mirror glass";
+
+/// The usual names of a roughness: for both directions, for u, for v.
+pub(super) const ROUGHNESS: [&str; 3] = ["roughness", "uroughness", "vroughness"];
 
 /// Returns pbrt's default material: diffuse, with reflectance 0.5.
 pub(super) fn default_kind() -> MaterialKind {
@@ -62,11 +54,11 @@ impl Reader<'_> {
         let name = d.texts.swap_remove(0);
         let kind = params.text("type");
         if kind.is_none() {
-            params.lacks(d.source.line, "its type; add \"string type\" \"diffuse\"");
+            params.lacks("its type; add \"string type\" \"diffuse\"");
         }
         if let Some(first) = self.named_materials.get(&name) {
             let first = &self.scene.materials[first].source;
-            if self.version.is_old() {
+            if self.context.version.is_old() {
                 params.notice(d.source.line, format!("material {} is made anew (first at {first})", shown(&name)));
             } else {
                 params.problem(d.source.line, format!("material {} is made twice (first at {first})", shown(&name)));
@@ -89,26 +81,25 @@ impl Reader<'_> {
         source: Source,
     ) -> (Material, Option<[String; 2]>) {
         let shades = !matches!(kind, "mix" | "interface" | "none" | "");
-        let (bump_name, has_bump) = match self.version.is_old() {
-            true => ("bumpmap", params.has("bumpmap")),
-            false => ("displacement", params.has("displacement")),
-        };
-        let bump = (shades && has_bump)
-            .then(|| params.scalar(bump_name, 0.0, &self.textures, |_| true, "finite"))
+        let bump_name = if self.context.version.is_old() { "bumpmap" } else { "displacement" };
+        let bump = (shades && params.has(bump_name))
+            .then(|| params.scalar(bump_name, 0.0, |_| true, "finite"))
             // A constant height tilts no normals.
             .filter(|bump| matches!(bump, Scalar::Texture(_)));
-        let normal_map = (shades && !self.version.is_old()).then(|| self.normal_map(&mut params, &source)).flatten();
+        let normal_map =
+            (shades && !self.context.version.is_old()).then(|| self.normal_map(&mut params, &source)).flatten();
         if let (Some(_), Some(_)) = (bump, normal_map) {
-            params.problem(line, format!("{} has both displacement and normalmap; remove one", params.of()));
+            params.problem(line, format!("{} has both displacement and normalmap; remove one", params.of));
         }
-        let (textures, old) = (&self.textures, self.version.is_old());
+        let old = self.context.version.is_old();
         let made = match kind {
             "diffusetransmission" if !old => Some(self.diffuse_transmission(&mut params, &source).into()),
             _ if old => self.old_material(kind, &mut params),
-            _ => new_material(kind, &mut params, textures),
+            _ => new_material(kind, &mut params),
         };
         let made = made.unwrap_or_else(|| {
-            params.unsupported_type(line, "Material", kind, if old { OLD_MATERIALS } else { MATERIALS });
+            let known: Vec<&str> = if old { OLD_MATERIALS } else { NEW_MATERIALS }.split(' ').chain(["mix"]).collect();
+            params.unsupported_type(line, "Material", kind, &known);
             default_kind().into()
         });
         params.finish(&mut self.log);
@@ -126,7 +117,7 @@ impl Reader<'_> {
     }
 
     fn diffuse_transmission(&mut self, params: &mut Params, source: &Source) -> MaterialKind {
-        let given = ["reflectance", "transmittance"].map(|name| params.color(name, [0.25; 3], &self.textures));
+        let given = ["reflectance", "transmittance"].map(|name| params.color(name, [0.25; 3]));
         let scale = params.float32("scale", 1.0, |v| v >= 0.0, "at least 0");
         let [reflectance, transmittance] = given.map(|color| match color {
             Color::Constant(c) => Color::Constant(c.map(|c| c * scale)),
@@ -138,10 +129,10 @@ impl Reader<'_> {
         });
         if let (Color::Constant(r), Color::Constant(t)) = (reflectance, transmittance) {
             if r.iter().chain(&t).any(|&c| c > 1.0) {
-                let what = format!("{}: reflectance and transmittance, scaled, must not be above 1", params.of());
+                let what = format!("{}: reflectance and transmittance, scaled, must not be above 1", params.of);
                 params.problem(params.line(), what);
             } else if (0..3).any(|i| r[i] + t[i] > 1.0) {
-                let what = format!("{} gives back more light than it gets; the sum of both is above 1", params.of());
+                let what = format!("{} gives back more light than it gets; the sum of both is above 1", params.of);
                 params.notice(params.line(), what);
             }
         }
@@ -150,75 +141,67 @@ impl Reader<'_> {
 }
 
 /// Makes a material of the pbrt-v4 type `kind`; `None` for an unknown type.
-fn new_material(kind: &str, params: &mut Params, textures: &Textures) -> Option<Made> {
+fn new_material(kind: &str, params: &mut Params) -> Option<Made> {
     let kind = match kind {
-        "diffuse" => MaterialKind::Diffuse { reflectance: params.color("reflectance", [0.5; 3], textures) },
+        "diffuse" => MaterialKind::Diffuse { reflectance: params.color("reflectance", [0.5; 3]) },
         "conductor" => MaterialKind::Conductor {
-            fresnel: fresnel(params, textures, ["reflectance", "eta", "k"]),
-            roughness: roughness(params, textures),
+            fresnel: fresnel(params, ["reflectance", "eta", "k"]),
+            roughness: roughness(params),
         },
         "dielectric" => MaterialKind::Dielectric {
             eta: params.index("eta", 1.5),
-            roughness: roughness(params, textures),
+            roughness: roughness(params),
             reflectance: Color::Constant([1.0; 3]),
             transmittance: Color::Constant([1.0; 3]),
         },
         "thindielectric" => MaterialKind::ThinDielectric { eta: params.index("eta", 1.5) },
-        "coateddiffuse" => MaterialKind::CoatedDiffuse {
-            reflectance: params.color("reflectance", [0.5; 3], textures),
-            coat: {
-                let roughness = roughness(params, textures);
-                coating(params, textures, roughness, "eta")
-            },
-        },
-        "coatedconductor" => coated_conductor(params, textures),
-        "mix" => return Some(mix(params, textures)),
+        "coateddiffuse" => {
+            let remap = params.flag("remaproughness", true);
+            let coat = coating(params, ROUGHNESS, remap, "eta");
+            MaterialKind::CoatedDiffuse { reflectance: params.color("reflectance", [0.5; 3]), coat }
+        }
+        "coatedconductor" => coated_conductor(params),
+        "mix" => return Some(mix(params)),
         "interface" | "none" | "" => MaterialKind::Interface,
         _ => return None,
     };
     Some(kind.into())
 }
 
-fn coated_conductor(params: &mut Params, textures: &Textures) -> MaterialKind {
+fn coated_conductor(params: &mut Params) -> MaterialKind {
     let remap = params.flag("remaproughness", true);
     let coat = ["interface.roughness", "interface.uroughness", "interface.vroughness"];
     let metal = ["conductor.roughness", "conductor.uroughness", "conductor.vroughness"];
     MaterialKind::CoatedConductor {
-        fresnel: fresnel(params, textures, ["reflectance", "conductor.eta", "conductor.k"]),
-        roughness: roughness_of(params, textures, metal, 0.0, remap),
-        coat: {
-            let roughness = roughness_of(params, textures, coat, 0.0, remap);
-            coating(params, textures, roughness, "interface.eta")
-        },
+        fresnel: fresnel(params, ["reflectance", "conductor.eta", "conductor.k"]),
+        roughness: roughness_of(params, metal, remap),
+        coat: coating(params, coat, remap, "interface.eta"),
     }
 }
 
-fn coating(params: &mut Params, textures: &Textures, roughness: Roughness, eta: &'static str) -> Coating {
+fn coating(params: &mut Params, names: [&'static str; 3], remap: bool, eta: &'static str) -> Coating {
     Coating {
-        roughness,
+        roughness: roughness_of(params, names, remap),
         eta: params.index(eta, 1.5),
-        thickness: params.constant("thickness", 0.01, textures, |v| v >= 0.0, "at least 0"),
-        albedo: params.color("albedo", [0.0; 3], textures),
-        g: params.constant("g", 0.0, textures, |v| v > -1.0 && v < 1.0, "between -1 and 1"),
+        thickness: params.constant("thickness", 0.01, |v| v >= 0.0, "at least 0"),
+        albedo: params.color("albedo", [0.0; 3]),
+        g: params.constant("g", 0.0, |v| v > -1.0 && v < 1.0, "between -1 and 1"),
         max_depth: params.integer("maxdepth", 1, i32::MAX).unwrap_or(10) as u32,
         samples: params.integer("nsamples", 1, i32::MAX).unwrap_or(1) as u32,
     }
 }
 
-fn mix(params: &mut Params, textures: &Textures) -> Made {
-    let amount = params.scalar("amount", 0.5, textures, |v| (0.0..=1.0).contains(&v), "within 0..=1");
-    let names = params.take_typed("materials", &[Type::Text]).and_then(|p| match p.values {
-        Values::Texts(names) => Some((names, p.line)),
-        _ => None,
-    });
-    let mixes = match names.map(|(names, line)| (<[String; 2]>::try_from(names), line)) {
+fn mix(params: &mut Params) -> Made {
+    let amount = params.scalar("amount", 0.5, |v| (0.0..=1.0).contains(&v), "within 0..=1");
+    let names = params.take_texts("materials", Type::Text).map(|(names, line)| (<[String; 2]>::try_from(names), line));
+    let mixes = match names {
         Some((Ok(names), _)) => Some(names),
         Some((Err(names), line)) => {
-            params.problem(line, format!("parameter materials of {} takes 2 names, not {}", params.of(), names.len()));
+            params.bad("materials", line, format!("takes 2 names, not {}", names.len()));
             None
         }
         None => {
-            params.lacks(params.line(), "\"string materials\" with two names");
+            params.lacks("\"string materials\" with two names");
             None
         }
     };
@@ -226,13 +209,13 @@ fn mix(params: &mut Params, textures: &Textures) -> Made {
 }
 
 /// Reads a metal's Fresnel parameters. `names` are the names of the parameters for reflectance, eta and k.
-pub(super) fn fresnel(params: &mut Params, textures: &Textures, names: [&'static str; 3]) -> ConductorFresnel {
+pub(super) fn fresnel(params: &mut Params, names: [&'static str; 3]) -> ConductorFresnel {
     let [reflectance_name, eta, k] = names;
     if params.has(reflectance_name) {
-        let reflectance = params.color(reflectance_name, [0.5; 3], textures);
+        let reflectance = params.color(reflectance_name, [0.5; 3]);
         for name in [eta, k] {
             if let Some(param) = params.take(name) {
-                let what = format!("{} has both {reflectance_name} and {name}; remove one", params.of());
+                let what = format!("{} has both {reflectance_name} and {name}; remove one", params.of);
                 params.problem(param.line, what);
             }
         }
@@ -244,71 +227,74 @@ pub(super) fn fresnel(params: &mut Params, textures: &Textures, names: [&'static
     ConductorFresnel::EtaK { eta: eta.unwrap_or([1.0; 3]), k: k.unwrap_or([0.0; 3]) }
 }
 
-fn roughness(params: &mut Params, textures: &Textures) -> Roughness {
+fn roughness(params: &mut Params) -> Roughness {
     let remap = params.flag("remaproughness", true);
-    roughness_of(params, textures, ["roughness", "uroughness", "vroughness"], 0.0, remap)
+    roughness_of(params, ROUGHNESS, remap)
 }
 
 /// Reads a roughness from three parameters. `names` are their names: for both directions, for u, for v.
-pub(super) fn roughness_of(
+fn roughness_of(params: &mut Params, names: [&'static str; 3], remap: bool) -> Roughness {
+    roughness_by(params, names, remap, |params, name| params.scalar(name, 0.0, |v| v >= 0.0, "at least 0"))
+}
+
+/// Reads a roughness from three parameters, each by `read`: for both directions, for u, for v.
+pub(super) fn roughness_by(
     params: &mut Params,
-    textures: &Textures,
     names: [&'static str; 3],
-    default: f32,
     remap: bool,
+    read: impl Fn(&mut Params, &'static str) -> Scalar,
 ) -> Roughness {
-    let ok = |v: f64| v >= 0.0;
-    let both = params.scalar(names[0], default, textures, ok, "at least 0");
-    let mut along = |name| match params.has(name) {
-        true => params.scalar(name, default, textures, ok, "at least 0"),
-        false => {
-            params.ignore(&[name]);
-            both
-        }
-    };
-    Roughness { u: along(names[1]), v: along(names[2]), remap }
+    let [both, u, v] = names.map(|name| (name, params.has(name)));
+    let both = read(params, both.0);
+    let [u, v] = [u, v].map(|(name, given)| if given { read(params, name) } else { both });
+    params.ignore(&names);
+    Roughness { u, v, remap }
 }
 
 impl Params {
     /// Reads a reflectance parameter: a constant or a texture. Returns `default` if it is absent or invalid.
-    pub(super) fn color(&mut self, name: &'static str, default: [f32; 3], textures: &Textures) -> Color {
-        if self.peek(name).is_none_or(|p| p.ty != Type::Texture) {
-            return Color::Constant(self.rgb(name, Gamut::Reflectance).unwrap_or(default));
+    pub(super) fn color(&mut self, name: &'static str, default: [f32; 3]) -> Color {
+        self.color_in(Gamut::Reflectance, name, default)
+    }
+
+    /// Reads a colour parameter: a constant or a texture. Returns `default` if it is absent or invalid.
+    pub(super) fn color_in(&mut self, gamut: Gamut, name: &'static str, default: [f32; 3]) -> Color {
+        let default_color = Color::Constant(default);
+        match self.peek(name).map(|p| p.ty) {
+            Some(Type::Texture) => {}
+            // pbrt-v2 and v3 take a number for gray in textures.
+            Some(Type::Float) if gamut == Gamut::Unbounded && self.context.version.is_old() => {
+                return Color::Constant([self.float32(name, default[0], |v| v >= 0.0, "at least 0"); 3]);
+            }
+            _ => return Color::Constant(self.rgb(name, gamut).unwrap_or(default)),
         }
-        let Some((texture, line)) = self.texture_name(name) else { return Color::Constant(default) };
-        match textures.spectrum(&texture) {
-            Ok(Color::Constant(c)) if c.iter().any(|&c| c > 1.0) => {
-                let what = format!("texture {} is above 1: {name} of {} must not be", shown(&texture), self.of());
+        let Some((texture, line)) = self.texture_name(name) else { return default_color };
+        match self.context.textures.clone().spectrum(&texture) {
+            Ok(Color::Constant(c)) if gamut == Gamut::Reflectance && c.iter().any(|&c| c > 1.0) => {
+                let what = format!("texture {} is above 1: {name} of {} must not be", shown(&texture), self.of);
                 self.problem(line, what);
             }
             Ok(color) => return color,
             Err(message) => self.problem(line, message),
         }
-        Color::Constant(default)
+        default_color
     }
 
     /// Reads a number parameter: a constant or a texture. `ok` accepts valid constants; `range` describes these in
     /// messages. Returns `default` if the parameter is absent or invalid.
-    pub(super) fn scalar(
-        &mut self,
-        name: &'static str,
-        default: f32,
-        textures: &Textures,
-        ok: impl Fn(f64) -> bool,
-        range: &str,
-    ) -> Scalar {
+    pub(super) fn scalar(&mut self, name: &'static str, default: f32, ok: impl Fn(f64) -> bool, range: &str) -> Scalar {
         let default_scalar = Scalar::Constant(default);
         if self.peek(name).is_none_or(|p| p.ty != Type::Texture) {
             return Scalar::Constant(self.float32(name, default, ok, range));
         }
         let Some((texture, line)) = self.texture_name(name) else { return default_scalar };
-        match textures.float(&texture) {
+        match self.context.textures.clone().float(&texture) {
             Ok(Ok(Scalar::Constant(value))) if !ok(f64::from(*value)) => {
-                self.problem(line, format!("parameter {name} of {} must be {range}, not {value}", self.of()));
+                self.bad(name, line, format!("must be {range}, not {value}"));
             }
             Ok(Ok(scalar)) => return *scalar,
             Ok(Err(class)) => {
-                self.unsupported(line, format!("a texture of class {} as {name} of {}", shown(class), self.of()));
+                self.unsupported(line, format!("a texture of class {} as {name} of {}", shown(class), self.of));
             }
             Err(message) => self.problem(line, message),
         }
@@ -317,19 +303,12 @@ impl Params {
 
     /// Reads a number parameter that must not vary: a constant or a constant texture. `ok` accepts valid numbers;
     /// `range` describes these in messages. Returns `default` if the parameter is absent, invalid or varies.
-    pub(super) fn constant(
-        &mut self,
-        name: &'static str,
-        default: f32,
-        textures: &Textures,
-        ok: impl Fn(f64) -> bool,
-        range: &str,
-    ) -> f32 {
+    pub(super) fn constant(&mut self, name: &'static str, default: f32, ok: impl Fn(f64) -> bool, range: &str) -> f32 {
         let line = self.peek(name).map_or(0, |p| p.line);
-        match self.scalar(name, default, textures, ok, range) {
+        match self.scalar(name, default, ok, range) {
             Scalar::Constant(value) => value,
             Scalar::Texture(_) => {
-                self.unsupported(line, format!("a texture as {name} of {}", self.of()));
+                self.unsupported(line, format!("a texture as {name} of {}", self.of));
                 default
             }
         }
@@ -337,11 +316,10 @@ impl Params {
 
     /// Takes a parameter that names a texture. Returns the texture's name and the parameter's line.
     pub(super) fn texture_name(&mut self, name: &'static str) -> Option<(String, u32)> {
-        let param = self.take_typed(name, &[Type::Texture])?;
-        match &param.values {
-            Values::Texts(names) if names.len() == 1 => Some((names[0].clone(), param.line)),
-            _ => {
-                self.problem(param.line, format!("parameter {name} of {} takes one texture's name", self.of()));
+        match self.take_texts(name, Type::Texture)? {
+            (names, line) if names.len() == 1 => names.into_iter().next().map(|name| (name, line)),
+            (_, line) => {
+                self.bad(name, line, "takes one texture's name");
                 None
             }
         }

@@ -1,15 +1,17 @@
 //! Names of materials, media and objects, which may be used before their definition. Objects and their instances, and
-//! checks that need the whole file.
+//! checks that need the whole file. Participating media.
 
-use super::diagnostics::Log;
-use super::directive::Directive;
+use super::Log;
+use super::directive::{Directive, shown};
 use super::reader::{Reader, unknown_name};
-use super::state::MaterialRef;
-use super::tokens::shown;
+use super::spectra::Gamut;
+use super::state::{MaterialRef, MediaRef};
 use crate::{
-    Instance, Material, MaterialId, MaterialKind, Medium, MediumId, MediumInterface, Object, ObjectId, Shape, Source,
+    Instance, Material, MaterialId, MaterialKind, Medium, MediumId, MediumInterface, Object, ObjectId, Scene, Shape,
+    Source,
 };
 use std::collections::BTreeMap;
+use std::rc::Rc;
 
 /// The deepest nesting of mixed materials. Each level costs a random choice per hit.
 const DEEPEST_MIX: u32 = 8;
@@ -153,38 +155,36 @@ impl Reader<'_> {
         for block in std::mem::take(&mut self.blocks) {
             self.log.problem(&block.source, format!("this {} is never closed", block.begin));
         }
-        if !self.once.places.contains_key("WorldBegin") {
+        if !self.once.contains_key("WorldBegin") {
             self.log.problem(whole, "there is no WorldBegin; the file holds no scene, or is cut off");
             return;
         }
         self.check_old_transport(whole);
-        if !self.once.places.contains_key("Camera") {
-            self.log.problem(whole, "there is no Camera; add one before WorldBegin, as in Camera \"perspective\"");
-        }
-        if !self.once.places.contains_key("Film") {
+        if !self.once.contains_key("Film") {
             let [width, height] = self.scene.film.resolution;
             self.log.notice(whole, format!("there is no Film; the image is {width}x{height}"));
         }
-        if self.shapes_met == 0 {
-            self.log.problem(whole, "there are no shapes; add a Shape after WorldBegin");
-        }
-        if self.lights_met == 0 {
-            self.log.problem(whole, "nothing gives off light; add a LightSource, or an AreaLightSource before a Shape");
-        }
+        let camera = "there is no Camera; add one before WorldBegin, as in Camera \"perspective\"";
+        let light = "nothing gives off light; add a LightSource, or an AreaLightSource before a Shape";
+        let present = [
+            (self.once.contains_key("Camera"), camera),
+            (self.shapes_met > 0, "there are no shapes; add a Shape after WorldBegin"),
+            (self.lights_met > 0, light),
+        ];
+        present.iter().filter(|(there, _)| !there).for_each(|(_, what)| self.log.problem(whole, *what));
         if self.log.has_problems() {
             return;
         }
         // The unsupported features left out may have been the only shapes or lights.
-        if self.scene.shapes.is_empty() && self.scene.instances.is_empty() {
-            let what = if self.scene.objects.iter().any(|o| !o.shapes.is_empty()) {
-                "no shape stands in the world; place an object by ObjectInstance"
-            } else {
-                "no shapes remain once unsupported ones are left out"
+        let Scene { shapes, instances, objects, lights, .. } = &self.scene;
+        if shapes.is_empty() && instances.is_empty() {
+            let what = match objects.iter().any(|o| !o.shapes.is_empty()) {
+                true => "no shape stands in the world; place an object by ObjectInstance",
+                false => "no shapes remain once unsupported ones are left out",
             };
             self.log.problem(whole, what);
         }
-        let shines = self.scene.shapes.iter().any(|s| s.emission.is_some());
-        if self.scene.lights.is_empty() && !shines {
+        if lights.is_empty() && shapes.iter().all(|s| s.emission.is_none()) {
             self.log.problem(whole, "no lights remain; those that there are belong to no shape, or are not supported");
         }
     }
@@ -201,16 +201,57 @@ impl Reader<'_> {
                 }
             }
         }
-        for (Material { name, source, .. }, _) in
-            self.scene.materials.iter().zip(depths).filter(|(_, d)| *d > DEEPEST_MIX)
-        {
-            if !self.log.has_problems() {
-                let what = format!(
-                    "material {} mixes itself, or mixes more than {DEEPEST_MIX} deep; name other materials",
-                    shown(name)
-                );
-                self.log.problem(source, what);
-            }
+        let deep = self.scene.materials.iter().zip(depths).find(|(_, depth)| *depth > DEEPEST_MIX);
+        if let Some((Material { name, source, .. }, _)) = deep.filter(|_| !self.log.has_problems()) {
+            let name = shown(name);
+            let what =
+                format!("material {name} mixes itself, or mixes more than {DEEPEST_MIX} deep; name other materials");
+            self.log.problem(source, what);
         }
+    }
+
+    /// Executes `MakeNamedMedium`: defines a homogeneous medium.
+    pub(super) fn make_medium(&mut self, mut d: Directive<'_>) {
+        let mut params = self.params(&mut d, "medium");
+        let name = d.texts.swap_remove(0);
+        let line = d.source.line;
+        match params.text("type") {
+            Some((kind, _)) if kind == "homogeneous" => {}
+            Some((kind, line)) => {
+                params.unsupported(line, format!("a medium of type {} (other than homogeneous)", shown(&kind)));
+                params.ignore_rest();
+            }
+            None => params.lacks("its type; add \"string type\" \"homogeneous\""),
+        }
+        if let Some(param) = params.take("preset") {
+            let what = format!("parameter preset (give its sigma_a and sigma_s) of {}", params.of);
+            params.unsupported(param.line, what);
+        }
+        params.refuse(&["Le", "Lescale"]);
+        // pbrt's defaults.
+        let absorption = params.rgb("sigma_a", Gamut::Unbounded).unwrap_or([0.0011, 0.0024, 0.014]);
+        let scattering = params.rgb("sigma_s", Gamut::Unbounded).unwrap_or([2.55, 3.21, 3.77]);
+        let largest = absorption.iter().chain(&scattering).fold(0.0f32, |a, &b| a.max(b));
+        let ok = |v: f64| v >= 0.0 && (largest * v as f32).is_finite();
+        let scale = params.float32("scale", 1.0, ok, "at least 0, and its product with the coefficients below 3.4e38");
+        let g = params.float32("g", 0.0, |v| v > -1.0 && v < 1.0, "between -1 and 1");
+        if let Some(first) = self.named_media.get(&name) {
+            let first = &self.scene.media[first].source;
+            params.problem(line, format!("medium {} is made twice (first at {first})", shown(&name)));
+        }
+        // Made even after an error, so that its uses cause no further errors.
+        let _good = params.finish(&mut self.log);
+        let [absorption, scattering] = [absorption, scattering].map(|rgb| rgb.map(|c| c * scale));
+        let medium = Medium { name: name.clone(), absorption, scattering, g, source: d.source };
+        self.named_media.define(&name, medium, &mut self.scene.media);
+    }
+
+    /// Executes `MediumInterface`: sets the media of later shapes, and of the camera.
+    pub(super) fn set_media(&mut self, d: Directive<'_>) {
+        let named = |i: usize| d.texts.get(i).filter(|name| !name.is_empty()).cloned();
+        let inside = named(0);
+        // A single name applies to both sides, as in pbrt.
+        let outside = if d.texts.len() == 1 { inside.clone() } else { named(1) };
+        self.state.media = Some(Rc::new(MediaRef { inside, outside, source: d.source }));
     }
 }

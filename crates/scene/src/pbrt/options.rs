@@ -1,9 +1,8 @@
 //! Directives before `WorldBegin`: camera, film, pixel filter, sampler, integrator.
 
-use super::directive::Directive;
+use super::directive::{Directive, shown};
 use super::params::{Params, Type};
 use super::reader::Reader;
-use super::tokens::shown;
 use crate::{Camera, PixelFilter, Projection, Source};
 
 impl Reader<'_> {
@@ -55,7 +54,7 @@ impl Reader<'_> {
         }
         let ctm = self.state.ctm;
         let (to_world, moved) = (ctm.start.inverse(), ctm.end.inverse());
-        self.name_space("camera", [to_world, moved]);
+        self.spaces.insert("camera".into(), [to_world, moved]);
         if params.finish(&mut self.log) {
             // The current outside medium surrounds the camera.
             let media = self.state.media.clone();
@@ -76,7 +75,7 @@ impl Reader<'_> {
     }
 
     fn field_of_view(&self, params: &mut Params) -> f64 {
-        if self.version.is_old() && params.has("halffov") {
+        if self.context.version.is_old() && params.has("halffov") {
             return 2.0 * params.float("halffov", 45.0, |v| v > 0.0 && v < 90.0, "between 0 and 90 degrees");
         }
         params.float("fov", 90.0, |v| v > 0.0 && v < 180.0, "between 0 and 180 degrees")
@@ -84,11 +83,11 @@ impl Reader<'_> {
 
     fn read_film(&mut self, kind: &str, source: &Source, mut params: Params) {
         self.meet("Film", source);
-        let usual = if self.version.is_old() { "image" } else { "rgb" };
+        let usual = if self.context.version.is_old() { "image" } else { "rgb" };
         if kind != usual {
             self.log.notice(source, format!("Film {} is read as Film \"rgb\"", shown(kind)));
         }
-        let [width, height] = if self.version.is_old() { [640, 480] } else { [1280, 720] };
+        let [width, height] = if self.context.version.is_old() { [640, 480] } else { [1280, 720] };
         let width = params.integer("xresolution", 1, i32::MAX).unwrap_or(width) as u32;
         let height = params.integer("yresolution", 1, i32::MAX).unwrap_or(height) as u32;
         let film = &mut self.scene.film;
@@ -97,7 +96,7 @@ impl Reader<'_> {
         film.crop = crop(&mut params, [width, height]);
         params.not_followed(&["diagonal", "iso", "whitebalance", "sensor", "exposuretime", "maxcomponentvalue"]);
         params.ignore(&["savefp16"]);
-        if self.version.is_old() {
+        if self.context.version.is_old() {
             params.not_followed(&["scale", "maxsampleluminance", "display"]);
         }
         params.finish(&mut self.log);
@@ -135,7 +134,7 @@ impl Reader<'_> {
 
     fn read_filter(&mut self, kind: &str, source: &Source, mut params: Params) {
         self.meet("PixelFilter", source);
-        let old = self.version.is_old();
+        let old = self.context.version.is_old();
         let default = match (kind, old) {
             ("box", _) => 0.5,
             ("triangle", _) | ("gaussian", true) => 2.0,

@@ -1,63 +1,57 @@
 //! The parameters of a directive: typed values by name, each taken at most once.
 
-use super::diagnostics::Log;
+use super::Log;
+use super::directive::{Fault, Kind, Token, Tokens, number, shown, unescape};
 use super::legacy::Version;
-use super::tokens::{Fault, Kind, Token, Tokens, number, shown, unescape};
+use super::textures::Textures;
 use crate::Source;
 use dapple_core::nearest_name;
 use std::path::PathBuf;
+use std::rc::Rc;
 use std::sync::Arc;
 
-/// The type in a parameter's declaration, such as `float`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Type {
-    Float,
-    Integer,
-    Bool,
-    Text,
-    Point2,
-    Vector2,
-    Point3,
-    Vector3,
-    Normal,
-    Rgb,
-    Xyz,
-    Spectrum,
-    Blackbody,
-    Texture,
+/// Declares the types of parameters, each with its name and the names of older versions.
+macro_rules! types {
+    ($($variant:ident $name:literal $($old:literal)*;)*) => {
+        /// The type in a parameter's declaration, such as `float`.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub(super) enum Type {
+            $($variant,)*
+        }
+
+        impl Type {
+            const NAMES: &[&str] = &[$($name),*];
+
+            /// Returns the parameter type with this name in any version of pbrt; `None` for an unknown name.
+            fn named(name: &str) -> Option<Self> {
+                match name {
+                    $($name $(| $old)* => Some(Self::$variant),)*
+                    _ => None,
+                }
+            }
+
+            fn name(self) -> &'static str {
+                Self::NAMES[self as usize]
+            }
+        }
+    };
 }
 
-/// The names of the types in any version of pbrt; a type's own name comes before its older ones.
-const TYPES: [(&str, Type); 18] = [
-    ("float", Type::Float),
-    ("integer", Type::Integer),
-    ("bool", Type::Bool),
-    ("string", Type::Text),
-    ("point2", Type::Point2),
-    ("vector2", Type::Vector2),
-    ("point3", Type::Point3),
-    ("vector3", Type::Vector3),
-    ("normal", Type::Normal),
-    ("rgb", Type::Rgb),
-    ("spectrum", Type::Spectrum),
-    ("blackbody", Type::Blackbody),
-    ("texture", Type::Texture),
-    ("xyz", Type::Xyz),
-    ("point", Type::Point3),
-    ("vector", Type::Vector3),
-    ("normal3", Type::Normal),
-    ("color", Type::Rgb),
-];
-
-impl Type {
-    /// Returns the parameter type with this name in any version of pbrt; `None` for an unknown name.
-    fn named(name: &str) -> Option<Self> {
-        TYPES.iter().find(|(known, _)| *known == name).map(|(_, ty)| *ty)
-    }
-
-    fn name(self) -> &'static str {
-        TYPES.iter().find(|(_, ty)| *ty == self).map_or("", |(name, _)| name)
-    }
+types! {
+    Float "float";
+    Integer "integer";
+    Bool "bool";
+    Text "string";
+    Point2 "point2";
+    Vector2 "vector2";
+    Point3 "point3" "point";
+    Vector3 "vector3" "vector";
+    Normal "normal" "normal3";
+    Rgb "rgb" "color";
+    Xyz "xyz";
+    Spectrum "spectrum";
+    Blackbody "blackbody";
+    Texture "texture";
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -67,6 +61,38 @@ pub(super) enum Values {
     Bools(Vec<bool>),
     /// An invalid value, which has been reported.
     Broken,
+}
+
+impl Values {
+    fn new(ty: Type) -> Self {
+        match ty {
+            Type::Bool => Self::Bools(Vec::new()),
+            Type::Text | Type::Texture => Self::Texts(Vec::new()),
+            _ => Self::Numbers(Vec::new()),
+        }
+    }
+
+    /// Appends the value of a token to the values of a parameter of type `ty`.
+    fn push(&mut self, token: &Token<'_>, ty: Type) -> Result<(), Fault> {
+        let wanted = match (&mut *self, token.kind) {
+            (Self::Bools(list), _) if matches!(token.text, "true" | "false") => {
+                list.push(token.text == "true");
+                return Ok(());
+            }
+            (Self::Texts(list), Kind::Text) => return unescape(token).map(|text| list.push(text)),
+            (Self::Numbers(list), Kind::Text) if ty == Type::Spectrum && list.is_empty() => {
+                *self = Self::Texts(vec![unescape(token)?]);
+                return Ok(());
+            }
+            (Self::Numbers(list), kind) if kind != Kind::Text => return number(token).map(|value| list.push(value)),
+            (Self::Bools(_), _) => "true or false",
+            _ if ty == Type::Spectrum => "either numbers or one name",
+            (Self::Texts(_), _) => "a quoted name",
+            _ => "numbers",
+        };
+        let ty = ty.name();
+        Err((token.line, format!("a parameter of type {ty} takes {wanted}, not {}", shown(token.text))))
+    }
 }
 
 /// One parameter of a directive, as written in the file.
@@ -97,14 +123,12 @@ pub(super) fn read_param(tokens: &mut Tokens<'_>, file: &Arc<PathBuf>, log: &mut
     let mut report = |(line, message): Fault| log.problem(&Source { file: file.clone(), line }, message);
     let ty = Type::named(type_name);
     if ty.is_none() {
-        report((declaration.line, unknown_type(type_name)));
+        let near = did_you_mean(type_name, Type::NAMES.iter().copied());
+        report((declaration.line, format!("unknown parameter type {}{near}", shown(type_name))));
     }
     let mut faults = 0;
-    let mut values: Option<Values> = None;
-    let bracketed = tokens.peek_good().is_some_and(|t| t.kind == Kind::Open);
-    if bracketed {
-        tokens.next();
-    }
+    let mut values = ty.map_or(Values::Broken, Values::new);
+    let bracketed = tokens.open();
     loop {
         match tokens.peek_good() {
             Some(t) if t.kind == Kind::Close && bracketed => {
@@ -121,7 +145,8 @@ pub(super) fn read_param(tokens: &mut Tokens<'_>, file: &Arc<PathBuf>, log: &mut
         let Some(token) = tokens.next() else {
             return Err((declaration.line, format!("the file ends within the values of {}", shown(declaration.text))));
         };
-        if let Err(fault) = push_value(&mut values, &token?, ty) {
+        let token = token?;
+        if let Some(Err(fault)) = ty.map(|ty| values.push(&token, ty)) {
             faults += 1;
             if faults <= 3 {
                 report(fault);
@@ -131,116 +156,66 @@ pub(super) fn read_param(tokens: &mut Tokens<'_>, file: &Arc<PathBuf>, log: &mut
             break;
         }
     }
-    let values =
-        if faults > 0 || ty.is_none() { Values::Broken } else { values.unwrap_or(Values::Numbers(Vec::new())) };
-    let name = name.to_owned();
-    Ok(Param { ty: ty.unwrap_or(Type::Float), name, values, line: declaration.line, taken: false, inherited: false })
-}
-
-fn unknown_type(name: &str) -> String {
-    // Without the names of older versions.
-    let near = nearest_name(name, TYPES[..13].iter().map(|(known, _)| *known))
-        .map_or(String::new(), |k| format!("; did you mean \"{k}\"?"));
-    format!("unknown parameter type {}{near}", shown(name))
-}
-
-/// Appends the value of a token to the values of a parameter of type `ty`.
-fn push_value(values: &mut Option<Values>, token: &Token<'_>, ty: Option<Type>) -> Result<(), Fault> {
-    let wrong = |wanted: &str| {
-        let ty = ty.map_or("this type", Type::name);
-        Err((token.line, format!("a parameter of type {ty} takes {wanted}, not {}", shown(token.text))))
-    };
-    match (ty, token.kind) {
-        (None, _) => Ok(()),
-        (Some(Type::Bool), _) => {
-            let flag = match token.text {
-                "true" => true,
-                "false" => false,
-                _ => return wrong("true or false"),
-            };
-            if let Values::Bools(list) = values.get_or_insert(Values::Bools(Vec::new())) {
-                list.push(flag);
-            }
-            Ok(())
-        }
-        (Some(Type::Text | Type::Texture | Type::Spectrum), Kind::Text) => {
-            let Values::Texts(list) = values.get_or_insert(Values::Texts(Vec::new())) else {
-                return wrong("either numbers or one name");
-            };
-            list.push(unescape(token)?);
-            Ok(())
-        }
-        (Some(Type::Text | Type::Texture), _) => wrong("a quoted name"),
-        (_, Kind::Text) => wrong("numbers"),
-        (Some(_), _) => {
-            let Values::Numbers(list) = values.get_or_insert(Values::Numbers(Vec::new())) else {
-                return wrong("either numbers or one name");
-            };
-            list.push(number(token)?);
-            Ok(())
-        }
-    }
+    let values = if faults > 0 { Values::Broken } else { values };
+    let (ty, name) = (ty.unwrap_or(Type::Float), name.to_owned());
+    Ok(Param { ty, name, values, line: declaration.line, taken: false, inherited: false })
 }
 
 /// The parameters of one directive. To take a parameter is to read it and mark it as used. [`finish`](Self::finish)
 /// reports invalid parameters, and those never taken.
 #[derive(Debug)]
 pub(super) struct Params {
-    of: String,
-    file: Arc<PathBuf>,
-    line: u32,
+    /// The directive's name, for messages.
+    pub(super) of: String,
+    source: Source,
     list: Vec<Param>,
     asked: Vec<&'static str>,
-    problems: Vec<Fault>,
-    unsupported: Vec<Fault>,
-    notices: Vec<Fault>,
-    broken: bool,
-    version: Version,
+    reports: Vec<(Report, Fault)>,
+    /// Makes [`finish`](Self::finish) return false: an invalid value, or a failure that has been reported.
+    pub(super) broken: bool,
+    /// The state of the file before the directive.
+    pub(super) context: Context,
+}
+
+/// The state of the file on which parameters depend.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Context {
+    pub(super) version: Version,
+    /// The textures made so far.
+    pub(super) textures: Rc<Textures>,
+}
+
+/// The kinds of messages, in the order in which they are reported.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Report {
+    Problem,
+    Unsupported,
+    Notice,
 }
 
 impl Params {
     /// Makes the list of a directive's own parameters and those inherited from `Attribute`. `of` names the directive in
     /// messages.
-    pub(super) fn new(of: String, source: &Source, own: Vec<Param>, inherited: &[Param], version: Version) -> Self {
-        let mut problems = Vec::new();
+    pub(super) fn new(of: String, source: &Source, own: Vec<Param>, inherited: &[Param], context: Context) -> Self {
         let mut by_name: Vec<(&str, u32)> = own.iter().map(|p| (p.name.as_str(), p.line)).collect();
         by_name.sort();
-        for pair in by_name.windows(2).filter(|pair| pair[0].0 == pair[1].0) {
-            problems.push((pair[1].1, format!("parameter {} of {of} is given twice; remove one", shown(pair[0].0))));
-        }
+        let twice = by_name.windows(2).filter(|pair| pair[0].0 == pair[1].0).map(|pair| {
+            let what = format!("parameter {} of {of} is given twice; remove one", shown(pair[0].0));
+            (Report::Problem, (pair[1].1, what))
+        });
+        let reports = twice.collect();
         let mut list = own;
         list.extend(inherited.iter().map(|p| Param { inherited: true, ..p.clone() }));
-        Self {
-            of,
-            file: source.file.clone(),
-            line: source.line,
-            list,
-            asked: Vec::new(),
-            problems,
-            unsupported: Vec::new(),
-            notices: Vec::new(),
-            broken: false,
-            version,
-        }
-    }
-
-    /// Returns the directive's name, for messages.
-    pub(super) fn of(&self) -> &str {
-        &self.of
+        Self { of, source: source.clone(), list, asked: Vec::new(), reports, broken: false, context }
     }
 
     /// Returns the directive's line.
     pub(super) fn line(&self) -> u32 {
-        self.line
-    }
-
-    /// Returns the pbrt version of the file.
-    pub(super) fn version(&self) -> Version {
-        self.version
+        self.source.line
     }
 
     pub(super) fn problem(&mut self, line: u32, message: impl Into<String>) {
-        self.problems.push((line, message.into()));
+        self.reports.push((Report::Problem, (line, message.into())));
     }
 
     /// Reports an unsupported type of a directive, such as an unknown shape, and suggests the nearest of the supported
@@ -253,13 +228,12 @@ impl Params {
     }
 
     pub(super) fn unsupported(&mut self, line: u32, what: impl Into<String>) {
-        self.unsupported.push((line, what.into()));
+        self.reports.push((Report::Unsupported, (line, what.into())));
     }
 
     /// Reports an unsupported feature at the directive's line.
     pub(super) fn unsupported_here(&mut self, what: &str) {
-        let line = self.line;
-        self.unsupported(line, what);
+        self.unsupported(self.source.line, what);
     }
 
     /// Takes parameters that would change the image and are unsupported, and reports those that were given.
@@ -272,24 +246,19 @@ impl Params {
     }
 
     /// Reports a missing parameter, unless an invalid one has been reported.
-    pub(super) fn lacks(&mut self, line: u32, what: &str) {
+    pub(super) fn lacks(&mut self, what: &str) {
         if !self.is_bad() {
-            self.problem(line, format!("{} lacks {what}", self.of));
+            self.problem(self.source.line, format!("{} lacks {what}", self.of));
         }
     }
 
-    /// Makes [`finish`](Self::finish) return false, for a failure that the caller has reported.
-    pub(super) fn fail(&mut self) {
-        self.broken = true;
-    }
-
     pub(super) fn notice(&mut self, line: u32, message: impl Into<String>) {
-        self.notices.push((line, message.into()));
+        self.reports.push((Report::Notice, (line, message.into())));
     }
 
-    /// Returns true if a parameter taken so far was invalid, or if [`fail`](Self::fail) was called.
+    /// Returns true if a parameter taken so far was invalid, or if anything else failed.
     pub(super) fn is_bad(&self) -> bool {
-        self.broken || !self.problems.is_empty()
+        self.broken || self.reports.iter().any(|(report, _)| *report == Report::Problem)
     }
 
     /// Returns true if a parameter with this name was given and not yet taken.
@@ -307,16 +276,11 @@ impl Params {
         self.asked.push(name);
         let index = self.list.iter().position(|p| p.name == name && !p.taken)?;
         // Later parameters of this name are duplicates or hidden inherited ones.
-        let mut taken = self.list[index].clone_head();
-        for p in self.list.iter_mut().filter(|p| p.name == name) {
-            p.taken = true;
-        }
-        taken.values = std::mem::replace(&mut self.list[index].values, Values::Broken);
-        if taken.values == Values::Broken {
-            self.broken = true;
-            return None;
-        }
-        Some(taken)
+        self.list.iter_mut().filter(|p| p.name == name).for_each(|p| p.taken = true);
+        let values = std::mem::replace(&mut self.list[index].values, Values::Broken);
+        self.broken |= values == Values::Broken;
+        let taken = Param { name: name.to_owned(), values, ..self.list[index] };
+        Some(taken).filter(|taken| taken.values != Values::Broken)
     }
 
     /// Takes the parameter with this name; `None` if it is missing or, with a reported problem, if its type is not
@@ -326,28 +290,43 @@ impl Params {
         if types.contains(&param.ty) {
             return Some(param);
         }
-        let what = format!(
-            "parameter {name} of {} is declared {}; write \"{} {name}\"",
-            self.of,
-            param.ty.name(),
-            types[0].name()
-        );
-        self.problem(param.line, what);
+        let what = format!("is declared {}; write \"{} {name}\"", param.ty.name(), types[0].name());
+        self.bad(name, param.line, what);
         None
+    }
+
+    /// Reports a problem of the parameter `name`: its name, then `what`.
+    pub(super) fn bad(&mut self, name: &str, line: u32, what: impl std::fmt::Display) {
+        self.problem(line, format!("parameter {name} of {} {what}", self.of));
+    }
+
+    /// Takes the numbers of a parameter, with its line.
+    fn take_numbers(&mut self, name: &'static str, types: &[Type]) -> Option<(Vec<f64>, u32)> {
+        match self.take_typed(name, types)? {
+            Param { values: Values::Numbers(values), line, .. } => Some((values, line)),
+            _ => None,
+        }
+    }
+
+    /// Takes the texts of a parameter, with its line.
+    pub(super) fn take_texts(&mut self, name: &'static str, ty: Type) -> Option<(Vec<String>, u32)> {
+        match self.take_typed(name, &[ty])? {
+            Param { values: Values::Texts(values), line, .. } => Some((values, line)),
+            _ => None,
+        }
     }
 
     fn one<T: Clone>(&mut self, name: &str, line: u32, values: &[T]) -> Option<T> {
         if let [value] = values {
             return Some(value.clone());
         }
-        self.problem(line, format!("parameter {name} of {} takes one value, not {}", self.of, values.len()));
+        self.bad(name, line, format!("takes one value, not {}", values.len()));
         None
     }
 
     fn number(&mut self, name: &'static str, ty: Type) -> Option<(f64, u32)> {
-        let param = self.take_typed(name, &[ty])?;
-        let Values::Numbers(values) = param.values else { return None };
-        self.one(name, param.line, &values).map(|value| (value, param.line))
+        let (values, line) = self.take_numbers(name, &[ty])?;
+        self.one(name, line, &values).map(|value| (value, line))
     }
 
     /// Takes a number parameter; returns `default` if it is missing or `ok` rejects it. `range` describes the valid
@@ -357,7 +336,7 @@ impl Params {
         if ok(value) {
             return value;
         }
-        self.problem(line, format!("parameter {name} of {} must be {range}, not {value}", self.of));
+        self.bad(name, line, format!("must be {range}, not {value}"));
         default
     }
 
@@ -374,7 +353,7 @@ impl Params {
             return Some(value as i32);
         }
         let range = if most == i32::MAX { format!("at least {least}") } else { format!("in {least}..={most}") };
-        self.problem(line, format!("parameter {name} of {} must be a whole number {range}, not {value}", self.of));
+        self.bad(name, line, format!("must be a whole number {range}, not {value}"));
         None
     }
 
@@ -387,34 +366,38 @@ impl Params {
 
     /// Takes a string parameter. Returns the string and the parameter's line.
     pub(super) fn text(&mut self, name: &'static str) -> Option<(String, u32)> {
-        let param = self.take_typed(name, &[Type::Text])?;
-        let Values::Texts(values) = param.values else { return None };
-        self.one(name, param.line, &values).map(|text| (text, param.line))
+        let (values, line) = self.take_texts(name, Type::Text)?;
+        self.one(name, line, &values).map(|text| (text, line))
+    }
+
+    /// Takes a string parameter, and reports a missing one.
+    pub(super) fn needed_text(&mut self, name: &'static str) -> Option<(String, u32)> {
+        let text = self.text(name);
+        if text.is_none() {
+            self.lacks(&format!("\"string {name}\""));
+        }
+        text
     }
 
     /// Takes a parameter of several numbers, whose count must be a multiple of `group`. Returns the numbers and the
     /// parameter's line.
     pub(super) fn numbers(&mut self, name: &'static str, types: &[Type], group: usize) -> Option<(Vec<f64>, u32)> {
-        let param = self.take_typed(name, types)?;
-        let Values::Numbers(values) = param.values else { return None };
+        let (values, line) = self.take_numbers(name, types)?;
         if !values.is_empty() && values.len() % group == 0 {
-            return Some((values, param.line));
+            return Some((values, line));
         }
-        let (of, count) = (&self.of, values.len());
-        self.problem(param.line, format!("parameter {name} of {of} takes a multiple of {group} numbers, not {count}"));
+        self.bad(name, line, format!("takes a multiple of {group} numbers, not {}", values.len()));
         None
     }
 
     /// Takes a parameter of exactly `N` numbers. Returns the numbers and the parameter's line.
     pub(super) fn array<const N: usize>(&mut self, name: &'static str, ty: Type) -> Option<([f64; N], u32)> {
-        let param = self.take_typed(name, &[ty])?;
-        let Values::Numbers(values) = param.values else { return None };
+        let (values, line) = self.take_numbers(name, &[ty])?;
         let array = <[f64; N]>::try_from(values.as_slice()).ok();
         if array.is_none() {
-            let what = format!("parameter {name} of {} takes {N} numbers, not {}", self.of, values.len());
-            self.problem(param.line, what);
+            self.bad(name, line, format!("takes {N} numbers, not {}", values.len()));
         }
-        array.map(|a| (a, param.line))
+        array.map(|a| (a, line))
     }
 
     /// Takes unsupported parameters that may be ignored. Adds a notice for each parameter that was given.
@@ -440,29 +423,26 @@ impl Params {
 
     /// Reports all problems, notices and unknown parameters to `log`. Returns true if the directive can be executed.
     pub(super) fn finish(mut self, log: &mut Log) -> bool {
-        let source = |line| Source { file: self.file.clone(), line };
-        for (line, message) in &self.problems {
-            log.problem(&source(*line), message.clone());
-        }
-        for (line, what) in &self.unsupported {
-            log.unsupported(&source(*line), what);
-        }
-        for (line, message) in &self.notices {
-            log.notice(&source(*line), message.clone());
-        }
-        self.list.retain(|p| !p.taken && !p.inherited);
-        for p in &self.list {
-            let near = nearest_name(&p.name, self.asked.iter().copied());
-            let near = near.map_or(String::new(), |k| format!("; did you mean \"{k}\"?"));
+        let good = !self.is_bad();
+        self.reports.sort_by_key(|(report, _)| *report);
+        for p in self.list.iter().filter(|p| !p.taken && !p.inherited) {
+            let near = did_you_mean(&p.name, self.asked.iter().copied());
             let message = format!("{} has no parameter {}; ignored{near}", self.of, shown(&p.name));
-            log.notice(&Source { file: self.file.clone(), line: p.line }, message);
+            self.reports.push((Report::Notice, (p.line, message)));
         }
-        !self.is_bad()
+        for (report, (line, message)) in self.reports {
+            let source = Source { line, ..self.source.clone() };
+            match report {
+                Report::Problem => log.problem(&source, message),
+                Report::Unsupported => log.unsupported(&source, &message),
+                Report::Notice => log.notice(&source, message),
+            }
+        }
+        good
     }
 }
 
-impl Param {
-    fn clone_head(&self) -> Self {
-        Self { name: self.name.clone(), values: Values::Broken, ..*self }
-    }
+/// Returns advice to be appended to a message about an unknown name: the nearest known name, if there is one.
+pub(super) fn did_you_mean<'k>(name: &str, known: impl IntoIterator<Item = &'k str>) -> String {
+    nearest_name(name, known).map_or(String::new(), |near| format!("; did you mean \"{near}\"?"))
 }

@@ -1,15 +1,13 @@
 //! Execution of the directives of a pbrt file, one by one, on a graphics state.
 
+use super::Log;
 use super::ReadOptions;
-use super::diagnostics::Log;
-use super::directive::{Directive, Directives};
-use super::images::Images;
+use super::directive::{Directive, Directives, shown};
 use super::legacy::Version;
 use super::names::Names;
-use super::params::{Param, Params, Values};
+use super::params::{Context, Param, Params, Values};
 use super::state::{Ctm, MaterialRef, State};
-use super::textures::Textures;
-use super::tokens::shown;
+use super::textures::Images;
 use crate::ReadError;
 use crate::files::Files;
 use crate::{MaterialId, MeshData, ObjectId, PixelFilter, Scene, Source};
@@ -31,6 +29,8 @@ const MOST_INCLUDES: usize = 10_000;
 /// The largest number of parameters that `Attribute` may add to one kind of directive. Each directive copies these
 /// parameters.
 const MOST_ATTRIBUTES: usize = 64;
+/// The kinds of directives to which `Attribute` adds parameters.
+const ATTRIBUTED: [&str; 5] = ["shape", "light", "material", "medium", "texture"];
 
 /// An open block: its opening directive and the state to restore at its end.
 pub(super) struct Block {
@@ -38,12 +38,6 @@ pub(super) struct Block {
     pub(super) begin: &'static str,
     pub(super) source: Source,
     saved: State,
-}
-
-/// The places in the file of directives that should occur only once, by name.
-#[derive(Default)]
-pub(super) struct Once {
-    pub(super) places: BTreeMap<&'static str, Source>,
 }
 
 /// The reader of one pbrt scene: the scene so far, the graphics state, and all named objects.
@@ -54,7 +48,7 @@ pub(super) struct Reader<'a> {
     pub(super) log: Log,
     pub(super) scene: Scene,
     pub(super) state: State,
-    pub(super) version: Version,
+    pub(super) context: Context,
     pub(super) blocks: Vec<Block>,
     /// Named coordinate systems. The two transforms lead to world space, at the start and at the end of the motion.
     pub(super) spaces: BTreeMap<String, [DAffine3; 2]>,
@@ -64,14 +58,16 @@ pub(super) struct Reader<'a> {
     pub(super) named_materials: Names,
     pub(super) named_media: Names,
     pub(super) default_material: Option<MaterialId>,
-    pub(super) textures: Textures,
+    /// The nesting depth of each texture of the scene, by its index.
+    pub(super) texture_depths: Vec<u32>,
     pub(super) meshes: BTreeMap<PathBuf, Arc<MeshData>>,
     pub(super) images: Images,
     /// Number of triangles made so far from shapes that are not triangle meshes.
     pub(super) triangles_made: usize,
     /// The memory in bytes for subdivision surfaces, if it is limited.
     pub(super) memory: Option<u64>,
-    pub(super) once: Once,
+    /// The places in the file of directives that should occur only once, by name.
+    pub(super) once: BTreeMap<&'static str, Source>,
     including: Vec<PathBuf>,
     included: usize,
     /// Number of `Shape` directives so far, including failed ones. `lights_met` counts directives that emit light.
@@ -93,7 +89,7 @@ impl<'a> Reader<'a> {
             log: Log::new(options.allow_unsupported),
             scene,
             state: State::default(),
-            version: Version::default(),
+            context: Context::default(),
             blocks: Vec::new(),
             spaces: BTreeMap::new(),
             object: None,
@@ -101,12 +97,12 @@ impl<'a> Reader<'a> {
             named_materials: Names::new("material", "make it by MakeNamedMaterial"),
             named_media: Names::new("medium", "make it by MakeNamedMedium"),
             default_material: None,
-            textures: Textures::default(),
+            texture_depths: Vec::new(),
             meshes: BTreeMap::new(),
             images: Images::default(),
             triangles_made: 0,
             memory: options.memory,
-            once: Once::default(),
+            once: BTreeMap::new(),
             including: Vec::new(),
             included: 0,
             shapes_met: 0,
@@ -186,7 +182,7 @@ impl<'a> Reader<'a> {
 
     /// Sets the pbrt version whose rules and defaults apply. Adds a notice for a version before pbrt-v4.
     fn set_version(&mut self, version: Version, whole: &Source) {
-        self.version = version;
+        self.context.version = version;
         if version.is_old() {
             let what =
                 format!("this file is written for an older version; it is read by the rules of {}", version.name());
@@ -205,7 +201,7 @@ impl<'a> Reader<'a> {
             "ReverseOrientation" if self.in_world(&d) => self.state.reversed = !self.state.reversed,
             "WorldBegin" => self.begin_world(&source),
             "AttributeBegin" if self.in_world(&d) => self.begin_block("AttributeBegin", source),
-            "TransformBegin" if self.version.is_old() => self.begin_block("TransformBegin", source),
+            "TransformBegin" if self.context.version.is_old() => self.begin_block("TransformBegin", source),
             "TransformBegin" if self.in_world(&d) => {
                 let what = "TransformBegin is read as AttributeBegin, as pbrt-v4 does; write that instead";
                 self.log.notice(&source, what);
@@ -223,7 +219,7 @@ impl<'a> Reader<'a> {
                 self.log.unsupported(&source, &format!("ColorSpace {}", shown(&d.texts[0])));
             }
             "ColorSpace" => {}
-            "Camera" | "Film" | "Sampler" | "Integrator" | "PixelFilter" if self.in_options(&d) => {
+            "Camera" | "Film" | "Sampler" | "Integrator" | "PixelFilter" if self.is_placed(&d, false) => {
                 self.read_rendering_option(d);
             }
             // Advice on speed, which does not change the image.
@@ -237,10 +233,10 @@ impl<'a> Reader<'a> {
             "Shape" if self.in_world(&d) => self.add_shape(d),
             "AreaLightSource" if self.in_world(&d) => self.set_area_light(d),
             "LightSource" if self.in_world(&d) => self.add_light(d),
-            "TransformTimes" if self.in_options(&d) => self.set_times(&d),
+            "TransformTimes" if self.is_placed(&d, false) => self.set_times(&d),
             "MakeNamedMedium" => self.make_medium(d),
             "MediumInterface" => self.set_media(d),
-            "WorldEnd" if self.version.is_old() => {}
+            "WorldEnd" if self.context.version.is_old() => {}
             "WorldEnd" => self.log.notice(&source, "WorldEnd is not needed since pbrt-v4"),
             "Renderer" | "SurfaceIntegrator" | "VolumeIntegrator" => self.read_old_transport(d),
             "Volume" => self.log.unsupported(&source, "Volume (of pbrt-v2)"),
@@ -249,35 +245,33 @@ impl<'a> Reader<'a> {
         }
     }
 
-    pub(super) fn in_world(&mut self, d: &Directive<'_>) -> bool {
-        let inside = self.once.places.contains_key("WorldBegin");
-        if !inside {
-            self.log.problem(&d.source, format!("{} belongs after WorldBegin; move it there", d.word));
-        }
-        inside
+    fn in_world(&mut self, d: &Directive<'_>) -> bool {
+        self.is_placed(d, true)
     }
 
-    pub(super) fn in_options(&mut self, d: &Directive<'_>) -> bool {
-        let inside = self.once.places.contains_key("WorldBegin");
-        if inside {
-            self.log.problem(&d.source, format!("{} belongs before WorldBegin; move it there", d.word));
+    /// Returns true if a directive stands where it belongs, before or after `WorldBegin`; else reports it.
+    fn is_placed(&mut self, d: &Directive<'_>, after: bool) -> bool {
+        let placed = self.once.contains_key("WorldBegin") == after;
+        if !placed {
+            let side = if after { "after" } else { "before" };
+            self.log.problem(&d.source, format!("{} belongs {side} WorldBegin; move it there", d.word));
         }
-        !inside
+        placed
     }
 
     /// Records a directive that should occur only once. Adds a notice if it has occurred before.
     pub(super) fn meet(&mut self, word: &'static str, source: &Source) {
-        if let Some(first) = self.once.places.insert(word, source.clone()) {
+        if let Some(first) = self.once.insert(word, source.clone()) {
             self.log.notice(source, format!("a second {word} (the first is at {first}); this one counts"));
         }
     }
 
     fn begin_world(&mut self, source: &Source) {
-        if let Some(first) = self.once.places.get("WorldBegin").cloned() {
+        if let Some(first) = self.once.get("WorldBegin").cloned() {
             self.log.problem(source, format!("a second WorldBegin (the first is at {first}); remove one"));
             return;
         }
-        self.once.places.insert("WorldBegin", source.clone());
+        self.once.insert("WorldBegin", source.clone());
         self.state.ctm = Ctm::default();
         self.spaces.insert("world".into(), [DAffine3::IDENTITY; 2]);
     }
@@ -302,7 +296,7 @@ impl<'a> Reader<'a> {
                 if block.begin == "ObjectBegin" {
                     self.object = None;
                 }
-                if block.begin == "TransformBegin" && self.version.is_old() {
+                if block.begin == "TransformBegin" && self.context.version.is_old() {
                     // In older versions such a block saves only the transform.
                     self.state.ctm = block.saved.ctm;
                 } else {
@@ -315,25 +309,20 @@ impl<'a> Reader<'a> {
 
     fn add_attributes(&mut self, mut d: Directive<'_>) {
         self.load_spectra(&mut d.params, &d.source);
-        match Rc::make_mut(&mut self.state.attributes).of_mut(&d.texts[0]) {
-            Some(list) => {
-                // Later parameters replace earlier ones of the same name.
-                list.retain(|old: &Param| d.params.iter().all(|new| new.name != old.name));
-                list.extend(d.params);
-                if list.len() > MOST_ATTRIBUTES {
-                    let what =
-                        format!("more than {MOST_ATTRIBUTES} attributes of one kind; give them where they belong");
-                    self.log.problem(&d.source, what);
-                    self.stopped = true;
-                }
-            }
-            None => {
-                let what = format!(
-                    "Attribute {} is unknown; use shape, light, material, medium or texture",
-                    shown(&d.texts[0])
-                );
-                self.log.problem(&d.source, what);
-            }
+        let kind = ATTRIBUTED.iter().find(|kind| **kind == d.texts[0]);
+        let Some(kind) = kind else {
+            let what = "is unknown; use shape, light, material, medium or texture";
+            self.log.problem(&d.source, format!("Attribute {} {what}", shown(&d.texts[0])));
+            return;
+        };
+        let list = Rc::make_mut(&mut self.state.attributes).entry(kind).or_default();
+        // Later parameters replace earlier ones of the same name.
+        list.retain(|old: &Param| d.params.iter().all(|new| new.name != old.name));
+        list.extend(d.params);
+        if list.len() > MOST_ATTRIBUTES {
+            let what = format!("more than {MOST_ATTRIBUTES} attributes of one kind; give them where they belong");
+            self.log.problem(&d.source, what);
+            self.stopped = true;
         }
     }
 
@@ -368,16 +357,8 @@ impl<'a> Reader<'a> {
     pub(super) fn params(&mut self, d: &mut Directive<'_>, kind: &str) -> Params {
         let of = d.texts.last().map_or(d.word.to_owned(), |t| format!("{} {}", d.word, shown(t)));
         self.load_spectra(&mut d.params, &d.source);
-        let attributes = &self.state.attributes;
-        let inherited: &[Param] = match kind {
-            "shape" => &attributes.shape,
-            "light" => &attributes.light,
-            "material" => &attributes.material,
-            "texture" => &attributes.texture,
-            "medium" => &attributes.medium,
-            _ => &[],
-        };
-        Params::new(of, &d.source, std::mem::take(&mut d.params), inherited, self.version)
+        let inherited = self.state.attributes.get(kind).map_or(&[][..], Vec::as_slice);
+        Params::new(of, &d.source, std::mem::take(&mut d.params), inherited, self.context.clone())
     }
 }
 

@@ -7,7 +7,7 @@ use super::subdivide::subdivide;
 use super::tessellate::{Patches, Round};
 use crate::model::read_ply;
 use crate::{Emission, Geometry, MeshData, Scalar, Shape, Source};
-use glam::{DAffine3, DVec3};
+use glam::{DAffine3, DMat3, DVec3};
 use std::f64::consts::PI;
 use std::sync::Arc;
 
@@ -25,24 +25,24 @@ impl Reader<'_> {
         let mut params = self.params(&mut d, "shape");
         let line = d.source.line;
         let geometry = match d.texts[0].as_str() {
-            "trianglemesh" => triangle_mesh(&mut params, line),
+            "trianglemesh" => triangle_mesh(&mut params),
             "plymesh" => self.ply_mesh(&mut params, &d.source),
-            "sphere" => self.sphere(&mut params, line),
-            "disk" => self.disk(&mut params, line),
-            "cylinder" => self.cylinder(&mut params, line),
-            "bilinearmesh" => self.bilinear_mesh(&mut params, line),
-            "loopsubdiv" => self.loop_surface(&mut params, line),
+            "sphere" => self.sphere(&mut params),
+            "disk" => self.disk(&mut params),
+            "cylinder" => self.cylinder(&mut params),
+            "bilinearmesh" => self.bilinear_mesh(&mut params),
+            "loopsubdiv" => self.loop_surface(&mut params),
             kind => {
                 params.unsupported_type(line, "Shape", kind, &SHAPES);
                 None
             }
         };
-        if self.version.is_old() {
+        if self.context.version.is_old() {
             // A parameter of pbrt-v3 that affects shadows only.
             params.refuse(&["shadowalpha"]);
         }
         let given = params.has("alpha");
-        let alpha = params.scalar("alpha", 1.0, &self.textures, |v| (0.0..=1.0).contains(&v), "within 0..=1");
+        let alpha = params.scalar("alpha", 1.0, |v| (0.0..=1.0).contains(&v), "within 0..=1");
         let alpha = Some(alpha).filter(|a| given && *a != Scalar::Constant(1.0));
         let emission = geometry.as_ref().and_then(|g| self.emission(g, &mut params));
         let moves_to = self.state.ctm.moves_to();
@@ -86,7 +86,7 @@ impl Reader<'_> {
             && mesh.triangles.len() > 1
         {
             let what = "the power of the light is shared by the whole mesh; pbrt-v4 gives each triangle all of it";
-            params.notice(line, what);
+            params.notice(params.line(), what);
         }
         let sides = if light.two_sided { 2.0 } else { 1.0 };
         let radiance = light.radiance.map(|c| (f64::from(c) * power / (PI * area * sides)) as f32);
@@ -99,10 +99,7 @@ impl Reader<'_> {
 
     fn ply_mesh(&mut self, params: &mut Params, source: &Source) -> Option<Geometry> {
         params.refuse(&["displacement", "edgelength"]);
-        let Some((name, line)) = params.text("filename") else {
-            params.lacks(source.line, "\"string filename\"");
-            return None;
-        };
+        let (name, line) = params.needed_text("filename")?;
         let path = self.resolve(&name);
         if let Some(mesh) = self.meshes.get(&path) {
             return Some(Geometry::Mesh(mesh.clone()));
@@ -110,7 +107,7 @@ impl Reader<'_> {
         let source = Source { line, ..source.clone() };
         // `load` reports the reason of a failure.
         let Some(bytes) = self.load(&path, &source) else {
-            params.fail();
+            params.broken = true;
             return None;
         };
         match read_ply(&bytes) {
@@ -129,7 +126,7 @@ impl Reader<'_> {
         }
     }
 
-    fn sphere(&mut self, params: &mut Params, line: u32) -> Option<Geometry> {
+    fn sphere(&mut self, params: &mut Params) -> Option<Geometry> {
         let radius = params.float("radius", 1.0, |v| v > 0.0, "above 0");
         let low = params.float("zmin", -radius, |_| true, "finite");
         let high = params.float("zmax", radius, |_| true, "finite");
@@ -138,10 +135,10 @@ impl Reader<'_> {
         if low <= -radius && high >= radius && sweep == 360.0 {
             return Some(Geometry::Sphere { radius });
         }
-        self.round(Round::Sphere { radius, low, high, sweep }, params, line)
+        self.round(Round::Sphere { radius, low, high, sweep }, params)
     }
 
-    fn disk(&mut self, params: &mut Params, line: u32) -> Option<Geometry> {
+    fn disk(&mut self, params: &mut Params) -> Option<Geometry> {
         let height = params.float("height", 0.0, |_| true, "finite");
         let radius = params.float("radius", 1.0, |v| v > 0.0, "above 0");
         let inner = |v: f64| v >= 0.0 && v < radius;
@@ -150,92 +147,91 @@ impl Reader<'_> {
         if sweep == 360.0 {
             return Some(Geometry::Disk { height, radius, inner_radius });
         }
-        self.round(Round::Disk { height, radius, inner_radius, sweep }, params, line)
+        self.round(Round::Disk { height, radius, inner_radius, sweep }, params)
     }
 
-    fn cylinder(&mut self, params: &mut Params, line: u32) -> Option<Geometry> {
+    fn cylinder(&mut self, params: &mut Params) -> Option<Geometry> {
         let radius = params.float("radius", 1.0, |v| v > 0.0, "above 0");
         let [a, b] = [("zmin", -1.0), ("zmax", 1.0)].map(|(name, z)| params.float(name, z, |_| true, "finite"));
         let sweep = sweep(params);
         if a == b {
-            params.problem(line, format!("{} has no height; zmin and zmax must differ", params.of()));
+            params.problem(params.line(), format!("{} has no height; zmin and zmax must differ", params.of));
             return None;
         }
-        self.round(Round::Cylinder { radius, low: a.min(b), high: a.max(b), sweep }, params, line)
+        self.round(Round::Cylinder { radius, low: a.min(b), high: a.max(b), sweep }, params)
     }
 
-    fn round(&mut self, shape: Round, params: &mut Params, line: u32) -> Option<Geometry> {
+    fn round(&mut self, shape: Round, params: &mut Params) -> Option<Geometry> {
         // A sphere has the most triangles of the round shapes.
-        self.make_room(1 << 16, MOST_MADE, params, line)?;
+        self.make_room(1 << 16, MOST_MADE, params)?;
         let mesh = shape.mesh();
-        let what = format!("{} is made of {} triangles with smooth normals", params.of(), mesh.triangles.len());
-        params.notice(line, what);
-        self.made(mesh, params, line)
+        let what = format!("{} is made of {} triangles with smooth normals", params.of, mesh.triangles.len());
+        params.notice(params.line(), what);
+        self.made(mesh, params)
     }
 
-    fn bilinear_mesh(&mut self, params: &mut Params, line: u32) -> Option<Geometry> {
+    fn bilinear_mesh(&mut self, params: &mut Params) -> Option<Geometry> {
         params.refuse(&["emissionfilename"]);
-        let (positions, normals, uvs) = vertices(params, line)?;
+        let (positions, normals, uvs) = vertices(params)?;
         params.ignore(&["faceIndices"]);
         let corners = match params.numbers("indices", &[Type::Integer], 4) {
             Some((numbers, line)) => corners::<4>(params, "patch", &numbers, line, positions.len())?,
             None if params.is_bad() => return None,
             None if positions.len() == 4 => vec![[0, 1, 2, 3]],
-            None => return lacks_indices(params, line),
+            None => return lacks_indices(params),
         };
         // Checks the vertices' values, with the error messages of meshes.
         let whole = MeshData { positions, normals, uvs, triangles: vec![[0; 3]] };
-        check(&whole, params, line)?;
+        check(&whole, params)?;
         let MeshData { positions, normals, uvs, .. } = whole;
         let most = corners.len().saturating_mul(8).saturating_add(1 << 19);
-        self.make_room(most, MOST_MADE, params, line)?;
+        self.make_room(most, MOST_MADE, params)?;
         let (mesh, curved) = Patches { positions, normals, uvs, corners }.mesh();
         if curved > 0 {
-            let what = format!("{} has {curved} curved patches; made of triangles with smooth normals", params.of());
-            params.notice(line, what);
+            let what = format!("{} has {curved} curved patches; made of triangles with smooth normals", params.of);
+            params.notice(params.line(), what);
         }
-        self.made(mesh, params, line)
+        self.made(mesh, params)
     }
 
-    fn loop_surface(&mut self, params: &mut Params, line: u32) -> Option<Geometry> {
-        let name = if params.has("nlevels") && self.version.is_old() { "nlevels" } else { "levels" };
+    fn loop_surface(&mut self, params: &mut Params) -> Option<Geometry> {
+        let name = if params.has("nlevels") && self.context.version.is_old() { "nlevels" } else { "levels" };
         let levels = params.integer(name, 0, 20).unwrap_or(3) as u32;
         params.ignore(&["scheme"]);
-        let positions = positions(params, line)?;
+        let positions = positions(params)?;
         let Some((numbers, line)) = params.numbers("indices", &[Type::Integer], 3) else {
-            return lacks_indices(params, line);
+            return lacks_indices(params);
         };
         let faces = corners::<3>(params, "triangle", &numbers, line, positions.len())?;
         let made = 1usize.checked_shl(2 * levels).and_then(|n| faces.len().checked_mul(n)).unwrap_or(usize::MAX);
         let room = self.memory.map(|bytes| usize::try_from(bytes / MADE_BYTES).unwrap_or(usize::MAX));
-        self.make_room(made, room.map_or(MOST_MADE, |room| room.min(MOST_MADE)), params, line)?;
+        self.make_room(made, room.map_or(MOST_MADE, |room| room.min(MOST_MADE)), params)?;
         match subdivide(positions, faces, levels) {
-            Ok(mesh) => self.made(mesh, params, line),
+            Ok(mesh) => self.made(mesh, params),
             Err(unfit) => {
-                params.problem(line, format!("{}: {unfit}", params.of()));
+                params.problem(line, format!("{}: {unfit}", params.of));
                 None
             }
         }
     }
 
     /// Returns `Some` if `more` triangles may be made, `most` in all; otherwise reports a problem and returns `None`.
-    fn make_room(&self, more: usize, most: usize, params: &mut Params, line: u32) -> Option<()> {
+    fn make_room(&self, more: usize, most: usize, params: &mut Params) -> Option<()> {
         if self.triangles_made.saturating_add(more) <= most {
             return Some(());
         }
         let why = if most < MOST_MADE { ", for lack of memory" } else { "" };
         let what = format!(
             "{} would make {more} triangles, after {} made of others; at most {most} may be made in all{why}",
-            params.of(),
-            self.triangles_made
+            params.of, self.triangles_made
         );
-        params.problem(line, what);
+        params.problem(params.line(), what);
         None
     }
 
-    fn made(&mut self, mesh: MeshData, params: &mut Params, line: u32) -> Option<Geometry> {
+    fn made(&mut self, mesh: MeshData, params: &mut Params) -> Option<Geometry> {
         self.triangles_made += mesh.triangles.len();
-        check(&mesh, params, line)?;
+        check(&mesh, params)?;
         Some(Geometry::Mesh(Arc::new(mesh)))
     }
 }
@@ -248,12 +244,9 @@ fn sweep(params: &mut Params) -> f64 {
 /// Returns the area of a shape in world space; `None` for a sphere or disk that the transform does not scale uniformly.
 fn world_area(geometry: &Geometry, to_world: DAffine3) -> Option<f64> {
     let even = || {
-        let axes = [to_world.matrix3.x_axis, to_world.matrix3.y_axis, to_world.matrix3.z_axis];
-        let scale = axes[0].length();
-        let straight = |a: DVec3, b: DVec3| a.dot(b).abs() <= 1e-6 * scale * scale;
-        let alike = axes.iter().all(|a| (a.length() - scale).abs() <= 1e-6 * scale);
-        (alike && straight(axes[0], axes[1]) && straight(axes[1], axes[2]) && straight(axes[2], axes[0]))
-            .then_some(scale * scale)
+        let (axes, scale) = (to_world.matrix3, to_world.matrix3.x_axis.length());
+        let wanted = DMat3::from_diagonal(DVec3::splat(scale * scale));
+        (axes.transpose() * axes).abs_diff_eq(wanted, 2e-6 * scale * scale).then_some(scale * scale)
     };
     let area = match geometry {
         Geometry::Mesh(mesh) => {
@@ -267,32 +260,32 @@ fn world_area(geometry: &Geometry, to_world: DAffine3) -> Option<f64> {
     Some(area)
 }
 
-fn triangle_mesh(params: &mut Params, line: u32) -> Option<Geometry> {
-    let (positions, normals, uvs) = vertices(params, line)?;
+fn triangle_mesh(params: &mut Params) -> Option<Geometry> {
+    let (positions, normals, uvs) = vertices(params)?;
     params.ignore(&["S", "faceIndices"]);
     let triangles = match params.numbers("indices", &[Type::Integer], 3) {
         Some((numbers, line)) => corners::<3>(params, "triangle", &numbers, line, positions.len())?,
         None if params.is_bad() => return None,
         None if positions.len() == 3 => vec![[0, 1, 2]],
-        None => return lacks_indices(params, line),
+        None => return lacks_indices(params),
     };
     let mesh = MeshData { positions, normals, uvs, triangles };
-    check(&mesh, params, line)?;
+    check(&mesh, params)?;
     Some(Geometry::Mesh(Arc::new(mesh)))
 }
 
-fn lacks_indices<T>(params: &mut Params, line: u32) -> Option<T> {
-    params.lacks(line, "\"integer indices\"");
+fn lacks_indices<T>(params: &mut Params) -> Option<T> {
+    params.lacks("\"integer indices\"");
     None
 }
 
-fn check(mesh: &MeshData, params: &mut Params, line: u32) -> Option<()> {
-    mesh.check().map_err(|fault| params.problem(line, format!("{}: {fault}", params.of()))).ok()
+fn check(mesh: &MeshData, params: &mut Params) -> Option<()> {
+    mesh.check().map_err(|fault| params.problem(params.line(), format!("{}: {fault}", params.of))).ok()
 }
 
-fn positions(params: &mut Params, line: u32) -> Option<Vec<DVec3>> {
+fn positions(params: &mut Params) -> Option<Vec<DVec3>> {
     let Some((points, _)) = params.numbers("P", &[Type::Point3], 3) else {
-        params.lacks(line, "\"point3 P\"");
+        params.lacks("\"point3 P\"");
         return None;
     };
     Some(points.chunks_exact(3).map(DVec3::from_slice).collect())
@@ -301,8 +294,8 @@ fn positions(params: &mut Params, line: u32) -> Option<Vec<DVec3>> {
 /// Positions, normals and texture coordinates of a mesh.
 type Vertices = (Vec<DVec3>, Vec<[f32; 3]>, Vec<[f32; 2]>);
 
-fn vertices(params: &mut Params, line: u32) -> Option<Vertices> {
-    let positions = positions(params, line)?;
+fn vertices(params: &mut Params) -> Option<Vertices> {
+    let positions = positions(params)?;
     let normals = singles::<3>(params.numbers("N", &[Type::Normal], 3));
     // pbrt-v3 also names texture coordinates `st`; pbrt-v2 and v3 declare them float.
     let uv = if params.has("uv") { "uv" } else { "st" };
@@ -324,7 +317,7 @@ fn corners<const N: usize>(
             if !(c.fract() == 0.0 && c >= 0.0 && c < vertices as f64 && c <= f64::from(u32::MAX)) {
                 let what = format!(
                     "{what} {i} of {} has vertex index {c}; indices are whole numbers from 0 to {}",
-                    params.of(),
+                    params.of,
                     vertices - 1
                 );
                 params.problem(line, what);

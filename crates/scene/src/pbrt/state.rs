@@ -1,12 +1,16 @@
-//! The graphics state: transform, material, emission and media that apply to subsequent shapes and lights.
+//! The graphics state: transform, material, emission and media that apply to subsequent shapes and lights. Directives
+//! that change the transform.
 
+use super::directive::{Directive, shown};
 use super::params::Param;
+use super::reader::{Reader, unknown_name};
 use crate::{MaterialId, Source};
 use glam::{DAffine3, DMat3, DVec3};
+use std::collections::BTreeMap;
 use std::rc::Rc;
 
 /// The graphics state, which `AttributeBegin` saves and `AttributeEnd` restores.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct State {
     /// The current transformation matrix: from the current space to world space (before `WorldBegin`, to camera space).
     pub(super) ctm: Ctm,
@@ -14,20 +18,8 @@ pub(super) struct State {
     pub(super) material: MaterialRef,
     pub(super) emission: Option<AreaLight>,
     pub(super) media: Option<Rc<MediaRef>>,
-    pub(super) attributes: Rc<Attributes>,
-}
-
-impl Default for State {
-    fn default() -> Self {
-        Self {
-            ctm: Ctm::default(),
-            reversed: false,
-            material: MaterialRef::Default,
-            emission: None,
-            media: None,
-            attributes: Rc::default(),
-        }
-    }
+    /// Parameters that `Attribute` adds to directives, for each kind of directive.
+    pub(super) attributes: Rc<BTreeMap<&'static str, Vec<Param>>>,
 }
 
 /// The current transformation matrix at the start and at the end of the motion.
@@ -72,34 +64,12 @@ pub(super) struct MediaRef {
 }
 
 /// The current material: the default, an index, or a name. As in pbrt, names are looked up at the end of the file.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(super) enum MaterialRef {
+    #[default]
     Default,
     Made(MaterialId),
     Named(Rc<str>, Rc<Source>),
-}
-
-/// Parameters that `Attribute` adds to directives, for each kind of directive.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Attributes {
-    pub(super) shape: Vec<Param>,
-    pub(super) light: Vec<Param>,
-    pub(super) material: Vec<Param>,
-    pub(super) medium: Vec<Param>,
-    pub(super) texture: Vec<Param>,
-}
-
-impl Attributes {
-    pub(super) fn of_mut(&mut self, target: &str) -> Option<&mut Vec<Param>> {
-        Some(match target {
-            "shape" => &mut self.shape,
-            "light" => &mut self.light,
-            "material" => &mut self.material,
-            "medium" => &mut self.medium,
-            "texture" => &mut self.texture,
-            _ => return None,
-        })
-    }
 }
 
 /// Returns the affine transform of a 4 x 4 matrix, given column by column; an error for a projective matrix.
@@ -124,14 +94,14 @@ pub(super) fn rotation(degrees: f64, axis: DVec3) -> Result<DAffine3, String> {
 /// Returns the transform from world space to the space of a viewer at `eye` (x right, y up, z forward, left-handed); an
 /// error if the directions are degenerate.
 pub(super) fn look_at(eye: DVec3, target: DVec3, up: DVec3) -> Result<DAffine3, String> {
+    let axes = || {
+        let forward = (target - eye).try_normalize()?;
+        let right = up.try_normalize()?.cross(forward).try_normalize()?;
+        Some(DMat3::from_cols(right, forward.cross(right), forward))
+    };
     let degenerate = "LookAt needs three different directions: the point looked at must differ from the eye, and up \
                       must not lie along the line of sight";
-    let (Some(forward), Some(up)) = ((target - eye).try_normalize(), up.try_normalize()) else {
-        return Err(degenerate.into());
-    };
-    let Some(right) = up.cross(forward).try_normalize() else { return Err(degenerate.into()) };
-    let up = forward.cross(right);
-    Ok(DAffine3::from_mat3_translation(DMat3::from_cols(right, up, forward), eye).inverse())
+    Ok(DAffine3::from_mat3_translation(axes().ok_or(degenerate)?, eye).inverse())
 }
 
 /// Returns true if a transform can be inverted: the transform and its inverse are finite.
@@ -140,42 +110,85 @@ pub(super) fn is_invertible(transform: &DAffine3) -> bool {
     transform.is_finite() && determinant.is_finite() && determinant != 0.0 && transform.inverse().is_finite()
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use approx::assert_abs_diff_eq;
-
-    fn assert_close(a: DVec3, b: DVec3) {
-        assert_abs_diff_eq!(a.x, b.x, epsilon = 1e-12);
-        assert_abs_diff_eq!(a.y, b.y, epsilon = 1e-12);
-        assert_abs_diff_eq!(a.z, b.z, epsilon = 1e-12);
+impl Reader<'_> {
+    /// Executes a directive that changes the current transformation matrix. Returns false, without effect, for other
+    /// directives.
+    pub(super) fn transform(&mut self, d: &Directive<'_>) -> bool {
+        let numbers = &d.numbers;
+        let from_here = |change: DAffine3| Ok((change, false));
+        let change = match d.word {
+            "Identity" => Ok((DAffine3::IDENTITY, true)),
+            "Translate" => from_here(DAffine3::from_translation(DVec3::from_slice(numbers))),
+            "Scale" => from_here(DAffine3::from_scale(DVec3::from_slice(numbers))),
+            "Rotate" => rotation(numbers[0], DVec3::from_slice(&numbers[1..])).and_then(from_here),
+            "LookAt" => {
+                let point = |i| DVec3::from_slice(&numbers[i..]);
+                look_at(point(0), point(3), point(6)).and_then(from_here)
+            }
+            "Transform" => matrix(numbers).map(|matrix| (matrix, true)),
+            "ConcatTransform" => matrix(numbers).and_then(from_here),
+            "CoordinateSystem" => {
+                self.spaces.insert(d.texts[0].clone(), [self.state.ctm.start, self.state.ctm.end]);
+                return true;
+            }
+            "CoordSysTransform" => {
+                self.enter_space(&d.texts[0], &d.source);
+                return true;
+            }
+            "ActiveTransform" => {
+                self.state.ctm.active = match d.texts[0].as_str() {
+                    "All" => [true, true],
+                    "StartTime" => [true, false],
+                    "EndTime" => [false, true],
+                    word => {
+                        let what = format!("ActiveTransform takes All, StartTime or EndTime, not {}", shown(word));
+                        self.log.problem(&d.source, what);
+                        return true;
+                    }
+                };
+                return true;
+            }
+            _ => return false,
+        };
+        if let Err(what) = change.and_then(|(change, anew)| self.change_ctm(change, anew)) {
+            self.log.problem(&d.source, what);
+        }
+        true
     }
 
-    #[test]
-    fn matrices_are_column_major() {
-        let m: Vec<f64> = [1, 2, 3, 0, 4, 5, 6, 0, 7, 8, 10, 0, 11, 12, 13, 1].map(f64::from).to_vec();
-        assert_eq!(matrix(&m).unwrap().transform_point3(DVec3::X), DVec3::new(12.0, 14.0, 16.0));
-        assert!(matrix(&[1.0; 16]).is_err());
+    /// Changes the active transforms, relative to the old ones or anew.
+    fn change_ctm(&mut self, change: DAffine3, anew: bool) -> Result<(), String> {
+        let Ctm { start, end, active } = self.state.ctm;
+        let [start, end] = [(start, active[0]), (end, active[1])].map(|(old, active)| match active {
+            true if anew => change,
+            true => old * change,
+            false => old,
+        });
+        if !(is_invertible(&start) && is_invertible(&end)) {
+            return Err("with this, the transform flattens space or overflows; it must have an inverse".into());
+        }
+        self.state.ctm = Ctm { start, end, active };
+        Ok(())
     }
 
-    #[test]
-    fn rotations_are_right_handed() {
-        assert_close(rotation(90.0, DVec3::Z * 1e-200).unwrap().transform_point3(DVec3::X), DVec3::Y);
-        assert!(rotation(90.0, DVec3::ZERO).is_err());
+    /// Executes `TransformTimes`: sets the start and end times of the motion.
+    pub(super) fn set_times(&mut self, d: &Directive<'_>) {
+        self.meet("TransformTimes", &d.source);
+        let times = [d.numbers[0], d.numbers[1]];
+        if times[0] < times[1] {
+            self.scene.motion_times = times;
+        } else {
+            let what = format!("TransformTimes takes a start before an end, not {} and {}", times[0], times[1]);
+            self.log.problem(&d.source, what);
+        }
     }
 
-    #[test]
-    fn viewers_look_along_z() {
-        let view = look_at(DVec3::new(0.0, 0.0, -5.0), DVec3::ZERO, DVec3::Y).unwrap();
-        assert_close(view.transform_point3(DVec3::ZERO), DVec3::Z * 5.0);
-        // Seen from -z with y up, +x lies to the right.
-        assert_close(view.transform_vector3(DVec3::X), DVec3::X);
-        let view = look_at(DVec3::ZERO, DVec3::X, DVec3::Z).unwrap();
-        assert_close(view.transform_point3(DVec3::X), DVec3::Z);
-        assert_close(view.transform_point3(DVec3::Z), DVec3::Y);
-        // Left-handed: with x forward and z up, -y … +y runs from left to right when up x forward = right.
-        assert_close(view.transform_point3(DVec3::Y), DVec3::X);
-        assert!(look_at(DVec3::ZERO, DVec3::X, DVec3::X).is_err());
-        assert!(look_at(DVec3::ZERO, DVec3::ZERO, DVec3::X).is_err());
+    fn enter_space(&mut self, name: &str, source: &Source) {
+        if let Some(&[start, end]) = self.spaces.get(name) {
+            self.state.ctm = Ctm { start, end, ..self.state.ctm };
+            return;
+        }
+        let what = unknown_name("coordinate system", name, self.spaces.keys(), "name it by CoordinateSystem first");
+        self.log.problem(source, what);
     }
 }

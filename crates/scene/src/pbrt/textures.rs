@@ -1,14 +1,16 @@
-//! Textures of pbrt scenes, by name. Constant textures become plain values.
+//! Textures of pbrt scenes, by name, and the images that a scene names. Constant textures become plain values.
 
-use super::directive::Directive;
-use super::images::{Channel, Decoding};
+use super::directive::{Directive, shown};
 use super::legacy::Version;
-use super::params::{Params, Type};
+use super::params::Params;
 use super::reader::{Reader, unknown_name};
 use super::spectra::Gamut;
-use super::tokens::shown;
+use crate::image::{Encoding, Image, read_image};
 use crate::{Color, Scalar, Source, TextureId, TextureKind, Wrap};
 use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::rc::Rc;
+use std::sync::Arc;
 
 /// The colour in place of an unsupported or invalid texture.
 const GREY: Color = Color::Constant([0.5; 3]);
@@ -17,47 +19,31 @@ const GREY: Color = Color::Constant([0.5; 3]);
 const DEEPEST_TEXTURE: u32 = 8;
 
 /// The textures defined so far, by name.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Textures {
     spectra: BTreeMap<String, Color>,
     /// Float textures by name. `Err` holds the name of an unsupported class of texture.
     floats: BTreeMap<String, Result<Scalar, String>>,
-    /// The nesting depth of each texture of the scene, by its index.
-    depths: Vec<u32>,
 }
 
 impl Textures {
     /// Returns the spectrum (colour) texture with this name. The error is a message for an unknown name.
     pub(super) fn spectrum(&self, name: &str) -> Result<Color, String> {
-        self.spectra.get(name).copied().ok_or_else(|| {
-            let advice = if self.floats.contains_key(name) {
-                "it is a float texture, and a spectrum texture is needed"
-            } else {
-                "make it by Texture above this line"
-            };
-            unknown_name("texture", name, self.spectra.keys(), advice)
-        })
+        let wrong = self.floats.contains_key(name).then_some("it is a float texture, and a spectrum texture is needed");
+        self.spectra.get(name).copied().ok_or_else(|| unknown_texture(name, self.spectra.keys(), wrong))
     }
 
     /// Returns the float texture with this name. The outer error is a message for an unknown name. The inner error
     /// names an unsupported class of texture.
     pub(super) fn float(&self, name: &str) -> Result<&Result<Scalar, String>, String> {
-        self.floats.get(name).ok_or_else(|| {
-            let advice = if self.spectra.contains_key(name) {
-                "it is a spectrum texture, and a float texture is needed"
-            } else {
-                "make it by Texture above this line"
-            };
-            unknown_name("texture", name, self.floats.keys(), advice)
-        })
+        let wrong =
+            self.spectra.contains_key(name).then_some("it is a spectrum texture, and a float texture is needed");
+        self.floats.get(name).ok_or_else(|| unknown_texture(name, self.floats.keys(), wrong))
     }
 }
 
-/// The type of a texture's values: colours or numbers.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Holds {
-    Colors,
-    Numbers,
+fn unknown_texture<'k>(name: &str, known: impl IntoIterator<Item = &'k String>, wrong: Option<&str>) -> String {
+    unknown_name("texture", name, known, wrong.unwrap_or("make it by Texture above this line"))
 }
 
 impl Reader<'_> {
@@ -66,10 +52,11 @@ impl Reader<'_> {
         let mut params = self.params(&mut d, "texture");
         let [name, ty, class] = &d.texts[..] else { return };
         let line = d.source.line;
-        let holds = match ty.as_str() {
-            "spectrum" => Holds::Colors,
-            "color" if self.version.is_old() => Holds::Colors,
-            "float" => Holds::Numbers,
+        let old = self.context.version.is_old();
+        let colors = match ty.as_str() {
+            "spectrum" => true,
+            "color" if old => true,
+            "float" => false,
             _ => {
                 params.problem(line, format!("a texture is of type spectrum or float, not {}", shown(ty)));
                 params.ignore_rest();
@@ -77,33 +64,30 @@ impl Reader<'_> {
                 return;
             }
         };
-        let made = match holds {
-            Holds::Colors => self.textures.spectra.contains_key(name),
-            Holds::Numbers => self.textures.floats.contains_key(name),
-        };
+        let known = params.context.textures.clone();
+        let made = if colors { known.spectra.contains_key(name) } else { known.floats.contains_key(name) };
         match made {
-            true if self.version.is_old() => params.notice(line, format!("texture {} is made anew", shown(name))),
+            true if old => params.notice(line, format!("texture {} is made anew", shown(name))),
             true => params.problem(line, format!("{ty} texture {} is made twice; rename one", shown(name))),
             false => {}
         }
-        let color = self.texture_color(name, class, holds, &mut params, &d.source);
+        drop(known);
+        let color = self.texture_color(name, class, colors, &mut params, &d.source);
         if color.is_none() {
             params.ignore_rest();
-        }
-        match holds {
-            Holds::Colors => {
-                if color.is_none() {
-                    params.unsupported(line, format!("Texture {}", shown(class)));
-                }
-                self.textures.spectra.insert(name.clone(), color.unwrap_or(GREY));
-            }
             // An unsupported float texture is reported only at its use.
-            Holds::Numbers => {
-                let value = color.map(scalar_of).ok_or_else(|| class.clone());
-                self.textures.floats.insert(name.clone(), value);
+            if colors {
+                params.unsupported(line, format!("Texture {}", shown(class)));
             }
         }
+        // After this, nothing else holds the textures, so that they aren't copied.
         params.finish(&mut self.log);
+        let textures = Rc::make_mut(&mut self.context.textures);
+        if colors {
+            textures.spectra.insert(name.clone(), color.unwrap_or(GREY));
+        } else {
+            textures.floats.insert(name.clone(), color.map(scalar_of).ok_or_else(|| class.clone()));
+        }
     }
 
     /// Makes a texture of a class such as `imagemap`, for colours or numbers; `None` if the class is unsupported.
@@ -111,31 +95,29 @@ impl Reader<'_> {
         &mut self,
         name: &str,
         class: &str,
-        holds: Holds,
+        colors: bool,
         params: &mut Params,
         source: &Source,
     ) -> Option<Color> {
         let color = match class {
-            "constant" => self.part("value", 1.0, holds, params),
-            "checkerboard" => self.checkerboard(name, holds, params, source),
-            "imagemap" => self.image_map(name, holds, params, source),
+            "constant" => self.part("value", 1.0, colors, params),
+            "checkerboard" => self.checkerboard(name, colors, params, source),
+            "imagemap" => self.image_map(name, colors, params, source),
             "scale" => {
-                let old = self.version.is_old();
-                let first = self.part(if old { "tex1" } else { "tex" }, 1.0, holds, params);
+                let old = self.context.version.is_old();
+                let first = self.part(if old { "tex1" } else { "tex" }, 1.0, colors, params);
                 // In pbrt-v4 the second factor is a number.
-                let second = match (old, holds) {
-                    (true, _) => self.part("tex2", 1.0, holds, params),
-                    (false, Holds::Numbers) => self.part("scale", 1.0, holds, params),
-                    (false, Holds::Colors) => {
-                        color_of(params.scalar("scale", 1.0, &self.textures, |v| v >= 0.0, "at least 0"))
-                    }
+                let second = match (old, colors) {
+                    (true, _) => self.part("tex2", 1.0, colors, params),
+                    (false, false) => self.part("scale", 1.0, colors, params),
+                    (false, true) => color_of(params.scalar("scale", 1.0, |v| v >= 0.0, "at least 0")),
                 };
                 self.product(name, first, second, params, source)
             }
             "mix" => {
-                let colors = [self.part("tex1", 0.0, holds, params), self.part("tex2", 1.0, holds, params)];
+                let colors = [self.part("tex1", 0.0, colors, params), self.part("tex2", 1.0, colors, params)];
                 let range = |v: f64| (0.0..=1.0).contains(&v);
-                let amount = params.scalar("amount", 0.5, &self.textures, range, "within 0..=1");
+                let amount = params.scalar("amount", 0.5, range, "within 0..=1");
                 match (colors, amount) {
                     ([Color::Constant(a), Color::Constant(b)], Scalar::Constant(t)) => {
                         Color::Constant(std::array::from_fn(|i| a[i] * (1.0 - t) + b[i] * t))
@@ -149,16 +131,16 @@ impl Reader<'_> {
     }
 
     /// Takes a parameter of a texture: a constant, or another texture of the same type.
-    fn part(&self, name: &'static str, default: f32, holds: Holds, params: &mut Params) -> Color {
-        match holds {
-            Holds::Colors => params.any_color(name, [default; 3], &self.textures),
-            Holds::Numbers => color_of(params.scalar(name, default, &self.textures, |_| true, "finite")),
+    fn part(&self, name: &'static str, default: f32, colors: bool, params: &mut Params) -> Color {
+        match colors {
+            true => params.color_in(Gamut::Unbounded, name, [default; 3]),
+            false => color_of(params.scalar(name, default, |_| true, "finite")),
         }
     }
 
     pub(super) fn add_texture(&mut self, name: &str, kind: TextureKind, params: &mut Params, source: &Source) -> Color {
         let depth_of = |color: &Color| match color {
-            Color::Texture(id) => self.textures.depths.get(id.0 as usize).copied().unwrap_or(0),
+            Color::Texture(id) => self.texture_depths.get(id.0 as usize).copied().unwrap_or(0),
             Color::Constant(_) => 0,
         };
         let below = match &kind {
@@ -174,28 +156,28 @@ impl Reader<'_> {
             return GREY;
         }
         let id = self.scene.add_texture(name, kind, source);
-        self.textures.depths.push(depth);
+        self.texture_depths.push(depth);
         Color::Texture(id)
     }
 
-    fn checkerboard(&mut self, name: &str, holds: Holds, params: &mut Params, source: &Source) -> Color {
+    fn checkerboard(&mut self, name: &str, colors: bool, params: &mut Params, source: &Source) -> Color {
         if params.integer("dimension", 2, 3) == Some(3) {
             params.unsupported(source.line, "a three-dimensional checkerboard");
         }
         params.ignore(&["aamode"]);
         let (scale, shift) = mapping(params);
-        let colors = [self.part("tex1", 1.0, holds, params), self.part("tex2", 0.0, holds, params)];
+        let colors = [self.part("tex1", 1.0, colors, params), self.part("tex2", 0.0, colors, params)];
         self.add_texture(name, TextureKind::Checkerboard { scale, shift, colors }, params, source)
     }
 
-    fn image_map(&mut self, name: &str, holds: Holds, params: &mut Params, source: &Source) -> Color {
+    fn image_map(&mut self, name: &str, colors: bool, params: &mut Params, source: &Source) -> Color {
         let (mut scale, mut shift) = mapping(params);
-        if self.version == Version::V2 {
+        if self.context.version == Version::V2 {
             // pbrt-v2 places an image's first row at v = 0.
             (scale[1], shift[1]) = (-scale[1], 1.0 - shift[1]);
         }
         let factor = params.float32("scale", 1.0, |_| true, "finite");
-        let invert = !self.version.is_old() && params.flag("invert", false);
+        let invert = !self.context.version.is_old() && params.flag("invert", false);
         let wrap = match params.text("wrap").as_ref().map(|(w, line)| (w.as_str(), line)) {
             None | Some(("repeat", _)) => Wrap::Repeat,
             Some(("black", _)) => Wrap::Black,
@@ -209,15 +191,12 @@ impl Reader<'_> {
             params.notice(line, format!("filter {} of an image is read as bilinear", shown(&filter)));
         }
         params.ignore(&["maxanisotropy"]);
-        if self.version.is_old() {
+        if self.context.version.is_old() {
             params.ignore(&["trilinear"]);
         }
-        let Some((file, line)) = params.text("filename") else {
-            params.lacks(source.line, "\"string filename\"");
-            return GREY;
-        };
+        let Some((file, line)) = params.needed_text("filename") else { return GREY };
         let decoding = self.decoding(params, &file);
-        let channel = if holds == Holds::Colors { Channel::Rgb } else { Channel::of_number(self.version) };
+        let channel = if colors { Channel::Rgb } else { Channel::of_number(self.context.version) };
         match self.image(&file, decoding, channel, &Source { line, ..source.clone() }) {
             Some(image) => {
                 let kind = TextureKind::Image { image, scale, shift, factor, invert, wrap };
@@ -231,8 +210,7 @@ impl Reader<'_> {
     pub(super) fn normal_map(&mut self, params: &mut Params, source: &Source) -> Option<TextureId> {
         let (file, line) = params.text("normalmap")?;
         let image = self.image(&file, Decoding::Linear, Channel::Rgb, &Source { line, ..source.clone() })?;
-        let (scale, shift, factor, invert, wrap) = ([1.0; 2], [0.0; 2], 1.0, false, Wrap::Repeat);
-        let kind = TextureKind::Image { image, scale, shift, factor, invert, wrap };
+        let kind = TextureKind::image(image, 1.0);
         match self.add_texture(&file, kind, params, source) {
             Color::Texture(id) => Some(id),
             Color::Constant(_) => None,
@@ -249,7 +227,7 @@ impl Reader<'_> {
                 if product.iter().all(|c| c.is_finite()) {
                     return Color::Constant(product);
                 }
-                params.problem(source.line, format!("{} is above 3.4e38; scale it less", params.of()));
+                params.problem(source.line, format!("{} is above 3.4e38; scale it less", params.of));
                 return GREY;
             }
             (Color::Texture(id), Color::Constant(c)) | (Color::Constant(c), Color::Texture(id)) => {
@@ -309,21 +287,125 @@ fn mapping(params: &mut Params) -> ([f32; 2], [f32; 2]) {
     (scale, shift)
 }
 
-impl Params {
-    /// Takes a parameter that is a colour without an upper bound or a texture. Returns `default` if it is missing or
-    /// invalid.
-    fn any_color(&mut self, name: &'static str, default: [f32; 3], textures: &Textures) -> Color {
-        // pbrt-v2 and v3 take a number for gray here.
-        if self.version().is_old() && self.peek(name).is_some_and(|p| p.ty == Type::Float) {
-            return Color::Constant([self.float32(name, default[0], |v| v >= 0.0, "at least 0"); 3]);
-        }
-        if self.peek(name).is_none_or(|p| p.ty != Type::Texture) {
-            return Color::Constant(self.rgb(name, Gamut::Unbounded).unwrap_or(default));
-        }
-        let Some((texture, line)) = self.texture_name(name) else { return Color::Constant(default) };
-        textures.spectrum(&texture).unwrap_or_else(|message| {
-            self.problem(line, message);
-            Color::Constant(default)
-        })
+/// Decoded images by path, decoding of integers, and channel.
+pub(super) type Images = BTreeMap<(PathBuf, Decoding, Channel), Arc<Image>>;
+
+/// The conversion of an image file's integers to linear intensity.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Decoding {
+    Srgb,
+    Linear,
+    /// Raises the integer, scaled to 0..=1, to this power. Holds the bits of an `f32`, so that the type can be a map
+    /// key.
+    Gamma(u32),
+}
+
+/// The part of an image's pixels that a texture reads.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Channel {
+    /// The colour (RGB).
+    Rgb,
+    /// Opacity if it is not 1 everywhere, else the mean of R, G and B, as in pbrt-v4.
+    AlphaOrMean,
+    /// Luminance of the colour, as in pbrt-v2 and v3.
+    Luminance,
+}
+
+impl Channel {
+    /// Returns the channel that a float texture reads in a version of pbrt.
+    pub(super) fn of_number(version: Version) -> Self {
+        if version.is_old() { Self::Luminance } else { Self::AlphaOrMean }
     }
+
+    fn of(self, mut image: Image) -> Image {
+        // A float texture does not need the opacity besides its values.
+        let alpha = if self == Self::Rgb { Vec::new() } else { std::mem::take(&mut image.alpha) };
+        match self {
+            Self::Rgb => {}
+            Self::AlphaOrMean if !alpha.is_empty() => {
+                image.pixels = alpha.into_iter().map(|a| [a; 3]).collect();
+            }
+            Self::AlphaOrMean => image.pixels.iter_mut().for_each(|p| *p = [(p[0] + p[1] + p[2]) / 3.0; 3]),
+            Self::Luminance => {
+                // The weights of pbrt-v3's RGB spectra.
+                let y = |p: &[f32; 3]| 0.212_671 * p[0] + 0.715_160 * p[1] + 0.072_169 * p[2];
+                image.pixels.iter_mut().for_each(|p| *p = [y(p); 3]);
+            }
+        }
+        image
+    }
+}
+
+impl Reader<'_> {
+    /// Returns the image of a file that the scene names. Decodes the file at its first use. `None`, with a reported
+    /// problem, if the file cannot be read.
+    pub(super) fn image(
+        &mut self,
+        name: &str,
+        decoding: Decoding,
+        channel: Channel,
+        source: &Source,
+    ) -> Option<Arc<Image>> {
+        let key = (self.resolve(name), decoding, channel);
+        if let Some(image) = self.images.get(&key) {
+            return Some(image.clone());
+        }
+        let bytes = self.load(&key.0, source)?;
+        let encoding = if decoding == Decoding::Srgb { Encoding::Srgb } else { Encoding::Linear };
+        match read_image(&bytes, name, encoding).and_then(|image| image.checked_finite(name)) {
+            Ok(mut image) => {
+                if let Decoding::Gamma(bits) = decoding
+                    && holds_integers(&bytes)
+                {
+                    let gamma = f32::from_bits(bits);
+                    image.pixels.iter_mut().for_each(|p| *p = p.map(|c| c.powf(gamma)));
+                }
+                let image = Arc::new(channel.of(image));
+                self.images.insert(key, image.clone());
+                Some(image)
+            }
+            Err(e) => {
+                self.log.problem(source, e.to_string());
+                None
+            }
+        }
+    }
+
+    /// Returns the decoding of an image map's integers, from the directive's parameters and the version of pbrt.
+    pub(super) fn decoding(&self, params: &mut Params, file: &str) -> Decoding {
+        match self.context.version {
+            Version::V2 => {
+                let gamma = params.float("gamma", 1.0, |v| v > 0.0, "above 0");
+                if gamma != 1.0 {
+                    params.unsupported_here("an image with a gamma other than 1 (of pbrt-v2)");
+                }
+                Decoding::Linear
+            }
+            Version::V3 => {
+                let integers = [".tga", ".png"].iter().any(|e| file.to_ascii_lowercase().ends_with(e));
+                if params.flag("gamma", integers) { Decoding::Srgb } else { Decoding::Linear }
+            }
+            Version::V4 => match params.text("encoding") {
+                None => Decoding::Srgb,
+                Some((text, line)) => match text.split_ascii_whitespace().collect::<Vec<_>>()[..] {
+                    ["sRGB"] => Decoding::Srgb,
+                    ["linear"] => Decoding::Linear,
+                    ["gamma", power] if power.parse::<f32>().is_ok_and(|p| p > 0.0 && p.is_finite()) => {
+                        Decoding::Gamma(power.parse::<f32>().unwrap_or(1.0).to_bits())
+                    }
+                    _ => {
+                        let what = format!("must be sRGB, linear, or gamma and a number above 0, not {}", shown(&text));
+                        params.bad("encoding", line, what);
+                        Decoding::Srgb
+                    }
+                },
+            },
+        }
+    }
+}
+
+/// Returns true if a file's values are encoded integers, false for OpenEXR, Radiance HDR and PFM files, which hold
+/// linear values.
+fn holds_integers(bytes: &[u8]) -> bool {
+    ![&b"\x76\x2f\x31\x01"[..], b"#?", b"PF", b"Pf"].iter().any(|magic| bytes.starts_with(magic))
 }

@@ -36,9 +36,6 @@ fn more(change: impl FnOnce(&mut Scene)) -> Vec<(Effect, u32, usize)> {
 
 const NONE: [(Effect, u32, usize); 0] = [];
 
-/// A material that looks a texture up.
-type Make = fn(TextureId) -> MaterialKind;
-
 /// One more shape of a material of its own; gives its number.
 fn wear(scene: &mut Scene, kind: MaterialKind) -> usize {
     let material = add_material(scene, kind);
@@ -138,47 +135,47 @@ fn lights_that_give_light() {
 #[test]
 fn surfaces_by_their_lobes() {
     use Effect::{Glossy, Mirror, Refraction};
-    let kind = |kind: MaterialKind| -> Vec<Effect> {
-        let found = more(|s| s.materials[0].kind = kind);
-        assert!(found.iter().all(|f| (f.1, f.2) == (100, 1)), "{found:?}");
-        found.into_iter().map(|f| f.0).collect()
-    };
     let (white, black) = (Color::Constant([1.0; 3]), Color::Constant([0.0; 3]));
-    let fresnel = ConductorFresnel::Reflectance(white);
     let rough = |alpha| Roughness::constant(alpha, alpha, false);
+    let metal_of = |roughness| {
+        let fresnel = ConductorFresnel::Reflectance(white);
+        MaterialKind::Conductor { fresnel, roughness }
+    };
     let lacquer = |metal, coat| MaterialKind::CoatedConductor {
-        fresnel: fresnel.clone(),
+        fresnel: ConductorFresnel::Reflectance(white),
         roughness: rough(metal),
         coat: Coating { roughness: rough(coat), ..Coating::default() },
     };
     let plastic = |specular, alpha| MaterialKind::Plastic { diffuse: white, specular, roughness: rough(alpha) };
-    let substrate = |alpha| MaterialKind::Substrate { diffuse: white, specular: black, roughness: rough(alpha) };
-    let none: [Effect; 0] = [];
-    assert_eq!(kind(diffuse(0.2)), none);
-    assert_eq!(kind(MaterialKind::DiffuseTransmission { reflectance: white, transmittance: white }), none);
-    assert_eq!(kind(metal(0.2)), [Glossy]);
-    assert_eq!(kind(metal(0.0)), [Mirror]);
-    // Roughness 1e-8, remapped, is alpha 1e-4: smooth. The wider of two decides.
-    let conductor =
-        |u, v, remap| MaterialKind::Conductor { fresnel: fresnel.clone(), roughness: Roughness::constant(u, v, remap) };
-    assert_eq!(kind(conductor(1e-8, 1e-8, true)), [Mirror]);
-    assert_eq!(kind(conductor(0.0, 0.1, false)), [Glossy]);
-    assert_eq!(kind(coated(0.5, 0.0)), [Mirror]);
-    assert_eq!(kind(coated(0.5, 0.1)), [Glossy]);
-    assert_eq!(kind(lacquer(0.1, 0.0)), [Glossy, Mirror]);
-    assert_eq!(kind(lacquer(0.1, 0.1)), [Glossy]);
-    assert_eq!(kind(plastic(white, 0.1)), [Glossy]);
-    assert_eq!(kind(plastic(white, 0.0)), [Mirror]);
-    assert_eq!(kind(plastic(black, 0.1)), none, "idle");
-    assert_eq!(kind(substrate(0.1)), [Glossy], "it reflects at grazing angles");
-    assert_eq!(kind(MaterialKind::Mirror { reflectance: white }), [Mirror]);
-    assert_eq!(kind(MaterialKind::Mirror { reflectance: black }), none, "idle");
-    assert_eq!(kind(glass(0.0)), [Refraction]);
-    assert_eq!(kind(glass(0.3)), [Glossy, Refraction]);
-    assert_eq!(kind(MaterialKind::ThinDielectric { eta: 1.5 }), [Refraction]);
-    let opaque = MaterialKind::Dielectric { eta: 1.5, roughness: rough(0.0), reflectance: black, transmittance: black };
-    assert_eq!(kind(opaque), none, "idle");
-    assert_eq!(kind(MaterialKind::Interface), none);
+    let cases: [(MaterialKind, &[Effect]); 21] = [
+        (diffuse(0.2), &[]),
+        (MaterialKind::DiffuseTransmission { reflectance: white, transmittance: white }, &[]),
+        (metal(0.2), &[Glossy]),
+        (metal(0.0), &[Mirror]),
+        // Roughness 1e-8, remapped, is alpha 1e-4: smooth. The wider of two decides.
+        (metal_of(Roughness::constant(1e-8, 1e-8, true)), &[Mirror]),
+        (metal_of(Roughness::constant(0.0, 0.1, false)), &[Glossy]),
+        (coated(0.5, 0.0), &[Mirror]),
+        (coated(0.5, 0.1), &[Glossy]),
+        (lacquer(0.1, 0.0), &[Glossy, Mirror]),
+        (lacquer(0.1, 0.1), &[Glossy]),
+        (plastic(white, 0.1), &[Glossy]),
+        (plastic(white, 0.0), &[Mirror]),
+        (plastic(black, 0.1), &[]),
+        // It reflects at grazing angles.
+        (MaterialKind::Substrate { diffuse: white, specular: black, roughness: rough(0.1) }, &[Glossy]),
+        (MaterialKind::Mirror { reflectance: white }, &[Mirror]),
+        (MaterialKind::Mirror { reflectance: black }, &[]),
+        (glass(0.0), &[Refraction]),
+        (glass(0.3), &[Glossy, Refraction]),
+        (MaterialKind::ThinDielectric { eta: 1.5 }, &[Refraction]),
+        (MaterialKind::Dielectric { eta: 1.5, roughness: rough(0.0), reflectance: black, transmittance: black }, &[]),
+        (MaterialKind::Interface, &[]),
+    ];
+    for (kind, expected) in cases {
+        let found = more(|s| s.materials[0].kind = kind.clone());
+        assert_eq!(found, expected.iter().map(|effect| (*effect, 100, 1)).collect::<Vec<_>>(), "{kind:?}");
+    }
 }
 
 #[test]
@@ -234,51 +231,31 @@ fn only_what_can_be_seen() {
 
 #[test]
 fn textures_wherever_they_are() {
-    let textured = |kind: fn(TextureId) -> MaterialKind| {
+    let (grey, rough) = (Color::Constant([0.5; 3]), Roughness::constant(0.1, 0.1, false));
+    let metal_of = |fresnel, roughness| MaterialKind::Conductor { fresnel, roughness };
+    let id = TextureId(0);
+    let color = Color::Texture(id);
+    let (v, eta) = (Scalar::Constant(0.1), ConductorFresnel::EtaK { eta: [1.0; 3], k: [1.0; 3] });
+    let scratched = metal_of(eta, Roughness { u: Scalar::Texture(id), v, remap: false });
+    let textured = |kind: MaterialKind| {
         with(|s| {
-            let id = add_texture(s);
-            s.materials[0].kind = kind(id);
+            add_texture(s);
+            s.materials[0].kind = kind;
         })
     };
-    let reasons: [(Make, &str); 5] = [
-        (|id| MaterialKind::Diffuse { reflectance: Color::Texture(id) }, "color"),
-        (
-            |id| MaterialKind::Conductor {
-                fresnel: ConductorFresnel::Reflectance(Color::Texture(id)),
-                roughness: Roughness::constant(0.1, 0.1, false),
-            },
-            "color",
-        ),
-        (
-            |id| MaterialKind::DiffuseTransmission {
-                reflectance: Color::Constant([0.5; 3]),
-                transmittance: Color::Texture(id),
-            },
-            "transmitted color",
-        ),
-        (
-            |id| MaterialKind::Conductor {
-                fresnel: ConductorFresnel::EtaK { eta: [1.0; 3], k: [1.0; 3] },
-                roughness: Roughness { u: Scalar::Texture(id), v: Scalar::Constant(0.1), remap: false },
-            },
-            "roughness",
-        ),
-        (
-            |id| MaterialKind::Substrate {
-                diffuse: Color::Constant([0.5; 3]),
-                specular: Color::Texture(id),
-                roughness: Roughness::constant(0.1, 0.1, false),
-            },
-            "specular color",
-        ),
-    ];
-    for (kind, what) in reasons {
+    for (kind, what) in [
+        (MaterialKind::Diffuse { reflectance: color }, "color"),
+        (metal_of(ConductorFresnel::Reflectance(color), rough), "color"),
+        (MaterialKind::DiffuseTransmission { reflectance: grey, transmittance: color }, "transmitted color"),
+        (scratched.clone(), "roughness"),
+        (MaterialKind::Substrate { diffuse: grey, specular: color, roughness: rough }, "specular color"),
+    ] {
         let effects = textured(kind);
         let called = effects.called().iter().find(|c| c.effect == Effect::Textures).expect(what);
         assert_eq!(called.because, format!("material \"material0\" uses texture \"texture0\" ({what})"));
     }
     // A textured roughness may be smooth here and rough there.
-    let either = textured(reasons[3].0);
+    let either = textured(scratched);
     assert!(either.has(Effect::Glossy) && either.has(Effect::Mirror));
     // Bumps, normals, holes.
     let bump = |bump: fn(&mut Material, TextureId)| {
@@ -387,19 +364,20 @@ fn motion_while_the_shutter_is_open() {
     assert_eq!((instance(false, false), instance(true, true)), (vec![], vec![]));
     // Idle: it moves to where it is, or never while the shutter is open.
     assert_eq!(more(|s| s.shapes[0].moves_to = Some(s.shapes[0].to_world)), NONE);
-    let moving = |shutter, motion_times| {
-        more(|s| {
-            s.shapes[0].moves_to = Some(there);
-            s.camera.shutter = shutter;
-            s.motion_times = motion_times;
-        })
-    };
-    assert_eq!(moving([0.5, 0.5], [0.0, 1.0]), NONE, "closed");
-    assert_eq!(moving([0.0, 1.0], [0.0, 0.0]), blur(10, 1), "no time in between is one");
-    assert_eq!(moving([0.0, 1.0], [1.0, 2.0]), NONE, "before");
-    assert_eq!(moving([2.0, 3.0], [1.0, 2.0]), NONE, "after");
-    assert_eq!(moving([0.0, 1.5], [1.0, 2.0]), blur(10, 1));
-    assert_eq!(moving([f64::NAN, 1.0], [0.0, 1.0]), blur(10, 1));
+    for (shutter, motion_times, expected) in [
+        ([0.5, 0.5], [0.0, 1.0], vec![]),
+        // No time in between is one.
+        ([0.0, 1.0], [0.0, 0.0], blur(10, 1)),
+        ([0.0, 1.0], [1.0, 2.0], vec![]),
+        ([2.0, 3.0], [1.0, 2.0], vec![]),
+        ([0.0, 1.5], [1.0, 2.0], blur(10, 1)),
+        ([f64::NAN, 1.0], [0.0, 1.0], blur(10, 1)),
+    ] {
+        let found = more(|s| {
+            (s.shapes[0].moves_to, s.camera.shutter, s.motion_times) = (Some(there), shutter, motion_times);
+        });
+        assert_eq!(found, expected, "{shutter:?} {motion_times:?}");
+    }
 }
 
 /// A small lamp over a glass ball, and what keeps its light from being found by chance only.

@@ -78,6 +78,20 @@ fn read(document: &Value) -> Result<Scene, ReadError> {
     read_any_from(&files(document), "m.gltf", &AnyOptions::default())
 }
 
+/// A scene of a square of a material, in which nothing is left out.
+fn quiet(material: Value) -> Scene {
+    let scene = read(&with_material(material)).unwrap();
+    assert!(scene.notices.is_empty(), "{:?}", notices(&scene));
+    scene
+}
+
+/// The first values of an image's pixels that a parameter reads, and the factor.
+fn texels(scene: &Scene, scalar: Scalar) -> ([f32; 2], f32) {
+    let Scalar::Texture(id) = scalar else { panic!("{scalar:?}") };
+    let TextureKind::Image { image, factor, .. } = &scene.textures[id.0 as usize].kind else { panic!("an image") };
+    ([image.pixels[0][0], image.pixels[1][0]], *factor)
+}
+
 /// A binary file (GLB) of a document whose buffer is in its own chunk.
 fn binary(mut document: Value) -> Vec<u8> {
     document["buffers"][0].as_object_mut().expect("an object").remove("uri");
@@ -152,11 +166,7 @@ fn cameras_and_lights_are_read() {
 
 #[test]
 fn materials_become_layers_metals_glass_and_lamps() {
-    let kind = |value: Value| {
-        let scene = read(&with_material(value)).unwrap();
-        assert!(scene.notices.is_empty(), "{:?}", notices(&scene));
-        material(&scene).kind.clone()
-    };
+    let kind = |value: Value| material(&quiet(value)).kind.clone();
     let plain = kind(json!({"pbrMetallicRoughness": {
         "baseColorFactor": [0.5, 0.25, 0.125, 1], "metallicFactor": 0.5, "roughnessFactor": 0.5}}));
     let MaterialKind::Layered { base, metallic, normal, grazing, roughness, coat } = plain else { panic!("{plain:?}") };
@@ -193,16 +203,10 @@ fn materials_become_layers_metals_glass_and_lamps() {
 #[test]
 fn textures_set_color_roughness_metal_normals_and_opacity() {
     let texture = json!({"index": 0});
-    let scene = read(&with_material(json!({
+    let scene = quiet(json!({
         "pbrMetallicRoughness": {"baseColorTexture": texture, "metallicRoughnessTexture": texture},
-        "normalTexture": texture, "alphaMode": "MASK", "alphaCutoff": 0.5})))
-    .unwrap();
-    assert!(scene.notices.is_empty(), "{:?}", notices(&scene));
-    let pixels = |scalar: Scalar| {
-        let Scalar::Texture(id) = scalar else { panic!("{scalar:?}") };
-        let TextureKind::Image { image, .. } = &scene.textures[id.0 as usize].kind else { panic!("an image") };
-        [image.pixels[0][0], image.pixels[1][0]]
-    };
+        "normalTexture": texture, "alphaMode": "MASK", "alphaCutoff": 0.5}));
+    let pixels = |scalar: Scalar| texels(&scene, scalar).0;
     let MaterialKind::Layered { base: Color::Texture(_), metallic, roughness, .. } = material(&scene).kind else {
         panic!("{:?}", material(&scene).kind)
     };
@@ -301,14 +305,11 @@ fn textures_of_coats_and_of_thickness_are_left_out_by_name() {
 
 #[test]
 fn blended_opacity_is_the_textures_times_the_factor() {
-    let scene = read(&with_material(json!({"alphaMode": "BLEND",
-        "pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1, 0.5], "baseColorTexture": {"index": 0}}})))
-    .unwrap();
-    assert!(scene.notices.is_empty(), "{:?}", notices(&scene));
-    let Some(Scalar::Texture(id)) = scene.shapes[0].alpha else { panic!("{:?}", scene.shapes[0].alpha) };
-    let TextureKind::Image { image, factor, .. } = &scene.textures[id.0 as usize].kind else { panic!("an image") };
-    assert_eq!((image.pixels[0][0], *factor), (1.0, 0.5));
-    assert!((image.pixels[1][0] - 64.0 / 255.0).abs() < 1e-6, "the alpha of the second pixel");
+    let scene = quiet(json!({"alphaMode": "BLEND",
+        "pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1, 0.5], "baseColorTexture": {"index": 0}}}));
+    let ([first, second], factor) = texels(&scene, scene.shapes[0].alpha.unwrap());
+    assert_eq!((first, factor), (1.0, 0.5));
+    assert!((second - 64.0 / 255.0).abs() < 1e-6, "the alpha of the second pixel");
     let even = |mode: &str| {
         let material = json!({"alphaMode": mode, "pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1, 0.25]}});
         read(&with_material(material)).unwrap().shapes[0].alpha
@@ -319,21 +320,15 @@ fn blended_opacity_is_the_textures_times_the_factor() {
 
 #[test]
 fn unlit_surfaces_are_matte() {
-    let scene = read(&with_material(json!({"extensions": {"KHR_materials_unlit": {}},
-        "pbrMetallicRoughness": {"baseColorFactor": [0.5, 0.25, 0.125, 1], "metallicFactor": 0}})))
-    .unwrap();
+    let scene = quiet(json!({"extensions": {"KHR_materials_unlit": {}},
+        "pbrMetallicRoughness": {"baseColorFactor": [0.5, 0.25, 0.125, 1], "metallicFactor": 0}}));
     let color = Color::Constant([0.5, 0.25, 0.125]);
     assert!(matches!(material(&scene).kind, MaterialKind::Diffuse { reflectance } if reflectance == color));
 }
 
 #[test]
 fn specular_and_glossiness_become_a_coated_surface() {
-    let read_old = |old: Value| {
-        let document = json!({"extensions": {"KHR_materials_pbrSpecularGlossiness": old}});
-        let scene = read(&with_material(document)).unwrap();
-        assert!(scene.notices.is_empty(), "{:?}", notices(&scene));
-        scene
-    };
+    let read_old = |old: Value| quiet(json!({"extensions": {"KHR_materials_pbrSpecularGlossiness": old}}));
     let scene = read_old(json!({"diffuseFactor": [0.5, 0.25, 0.125, 1], "specularFactor": [0.25, 0.125, 0.0625],
         "glossinessFactor": 0.75}));
     let MaterialKind::Substrate { diffuse, specular, roughness } = material(&scene).kind else {
@@ -344,9 +339,7 @@ fn specular_and_glossiness_become_a_coated_surface() {
     assert_eq!(roughness.constants(), Some([0.0625; 2]), "alpha is the square of 1 minus the glossiness");
     let scene = read_old(json!({"glossinessFactor": 0.5, "specularGlossinessTexture": {"index": 0}}));
     let MaterialKind::Substrate { roughness, .. } = material(&scene).kind else { panic!("as above") };
-    let Scalar::Texture(id) = roughness.u else { panic!("{roughness:?}") };
-    let TextureKind::Image { image, .. } = &scene.textures[id.0 as usize].kind else { panic!("an image") };
-    assert_eq!(image.pixels[0][0], 0.25, "an alpha of 1 times 0.5 is the glossiness");
+    assert_eq!(texels(&scene, roughness.u).0[0], 0.25, "an alpha of 1 times 0.5 is the glossiness");
 }
 
 #[test]

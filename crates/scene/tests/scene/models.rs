@@ -66,14 +66,16 @@ fn a_model_alone_is_a_lit_scene() {
 #[test]
 fn the_up_axis_is_ys_or_zs_and_can_be_chosen() {
     let height = |name: &str, bytes: &[u8], options: ModelOptions| {
-        let scene = read_any_from(&files(&[(name, bytes)]), name, &AnyOptions::default().with_model(options)).unwrap();
+        let scene =
+            read_any_from(&files(&[(name, bytes)]), name, &AnyOptions { model: options, ..AnyOptions::default() })
+                .unwrap();
         let up = scene.camera.to_world.matrix3.y_axis;
         if up.y > up.z { 'y' } else { 'z' }
     };
     let default = ModelOptions::default();
     assert_eq!(height("m.obj", TETRAHEDRON.as_bytes(), default), 'y');
     assert_eq!(height("m.stl", TEXT_STL.as_bytes(), default), 'z');
-    assert_eq!(height("m.obj", TETRAHEDRON.as_bytes(), default.with_up(UpAxis::Z)), 'z');
+    assert_eq!(height("m.obj", TETRAHEDRON.as_bytes(), ModelOptions { up: Some(UpAxis::Z), ..default }), 'z');
 }
 
 #[test]

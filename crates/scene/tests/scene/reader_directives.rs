@@ -1,8 +1,9 @@
-//! Directives of pbrt-v4: the scenes that they make, and the errors of wrong ones.
+//! Directives of pbrt-v4, materials and textures: the descriptions that they make.
 
-use crate::snippets::*;
+use crate::reader_messages::*;
 use dapple_scene::{
-    Color, EnvironmentRadiance, Geometry, LightKind, MaterialKind, MediumInterface, Projection, SpotFalloff,
+    Color, ConductorFresnel, EnvironmentRadiance, Geometry, LightKind, MaterialKind, MediumInterface, Projection,
+    Scalar, SpotFalloff, TextureKind, Wrap,
 };
 use glam::{DVec3, dvec3};
 use std::f32::consts::PI;
@@ -113,38 +114,8 @@ fn spectra_become_colours() {
     assert_eq!(reflectance("\"xyz reflectance\" [0 0 0]"), [0.0; 3]);
     let white = reflectance("\"xyz reflectance\" [.47523 .5 .54441]");
     assert!(close(white, [0.5; 3], 1e-3), "{white:?}");
-    for (text, expected) in [
-        (
-            "Material \"conductor\" \"spectrum eta\" \"metal-Cu-et\"",
-            "s.pbrt:4: spectrum \"metal-Cu-et\" is neither known by name nor a file; did you mean \"metal-Cu-eta\"?",
-        ),
-        (
-            "Material \"conductor\" \"spectrum eta\" \"bad.spd\"",
-            "bad.spd:2: \"one\" is not a number; a spectrum file holds wavelengths and values",
-        ),
-        (
-            "Material \"diffuse\" \"spectrum reflectance\" [500 1 400 1]",
-            "s.pbrt:4: parameter reflectance of Material \"diffuse\" takes wavelengths that rise, not 400 after 500",
-        ),
-        (
-            "Material \"diffuse\" \"spectrum reflectance\" [400 1 500 2]",
-            "s.pbrt:4: parameter reflectance of Material \"diffuse\" must be at least 0",
-        ),
-        (
-            "Material \"diffuse\" \"blackbody reflectance\" 5000",
-            "s.pbrt:4: a black body as reflectance of Material \"diffuse\" is not supported; remove it, or allow unsupported directives",
-        ),
-        (
-            "LightSource \"infinite\" \"spectrum L\" \"metal-Cu-k\"",
-            "s.pbrt:4: spectrum \"metal-Cu-k\" as L of LightSource \"infinite\" is not supported; remove it, or allow unsupported directives",
-        ),
-    ] {
-        // A share is cut to 1 rather than refused: the one row that is read well.
-        match read(&format!("{HEAD}{WORLD}{text}\n{TAIL}")) {
-            Ok(_) => assert!(expected.ends_with("at least 0"), "{text}"),
-            Err(e) => assert_eq!(e.to_string(), expected),
-        }
-    }
+    // A share is cut to 1 rather than refused.
+    world("Material \"diffuse\" \"spectrum reflectance\" [400 1 500 2]");
 }
 
 #[test]
@@ -158,31 +129,6 @@ fn objects_and_instances() {
     assert_eq!(places, [DVec3::ZERO, dvec3(1.0, 0.0, 3.0), dvec3(1.0, 0.0, 3.0)]);
     assert!(scene.instances[1].moves_to.is_none());
     assert_eq!(scene.instances[2].moves_to.unwrap().transform_point3(DVec3::X), dvec3(3.0, 0.0, 3.0));
-    for (text, expected) in [
-        (
-            "ObjectInstance \"lake\"\nObjectBegin \"late\"\nObjectEnd",
-            "s.pbrt:4: unknown object \"lake\"; did you mean \"late\"?",
-        ),
-        (
-            "ObjectBegin \"a\"\nObjectEnd\nObjectBegin \"a\"\nObjectEnd",
-            "s.pbrt:6: object \"a\" is made twice (first at s.pbrt:4); rename one",
-        ),
-        (
-            "ObjectBegin \"a\"\nObjectInstance \"a\"\nObjectEnd",
-            "s.pbrt:5: ObjectInstance within an object; objects hold shapes only, so move it out",
-        ),
-        (
-            "ObjectBegin \"a\"\nObjectBegin \"b\"\nObjectEnd\nObjectEnd",
-            "s.pbrt:5: ObjectBegin within object \"a\" of s.pbrt:4; close that first",
-        ),
-        ("ObjectBegin \"a\"", "s.pbrt:4: this ObjectBegin is never closed"),
-        (
-            "ObjectBegin \"a\"\nAreaLightSource \"diffuse\"\nShape \"disk\"\nObjectEnd",
-            "s.pbrt:6: an area light in an object is not supported; remove it, or allow unsupported directives",
-        ),
-    ] {
-        assert_eq!(complaint(text), expected);
-    }
     let unplaced =
         read(&format!("{HEAD}{WORLD}LightSource \"infinite\"\nObjectBegin \"o\"\nShape \"disk\"\nObjectEnd\n"));
     assert_eq!(
@@ -253,26 +199,6 @@ fn media() {
     assert_eq!(scene.shapes[0].media, Some(MediumInterface { inside: late, outside: None }));
     assert_eq!((scene.shapes[1].media, scene.shapes[2].media), (None, None));
     assert_eq!(scene.media[0].absorption, [0.0011, 0.0024, 0.014]);
-    for (text, expected) in [
-        (
-            "MakeNamedMedium \"m\"",
-            "s.pbrt:4: MakeNamedMedium \"m\" lacks its type; add \"string type\" \"homogeneous\"",
-        ),
-        (
-            "MakeNamedMedium \"m\" \"string type\" \"homogeneous\" \"float g\" 1",
-            "s.pbrt:4: parameter g of MakeNamedMedium \"m\" must be between -1 and 1, not 1",
-        ),
-        (
-            "MakeNamedMedium \"m\" \"string type\" \"homogeneous\" \"string preset\" \"Skin1\"",
-            "s.pbrt:4: parameter preset (give its sigma_a and sigma_s) of MakeNamedMedium \"m\" is not supported; remove it, or allow unsupported directives",
-        ),
-        (
-            "MakeNamedMedium \"mist\" \"string type\" \"homogeneous\"\nMediumInterface \"must\" \"\"",
-            "s.pbrt:5: unknown medium \"must\"; did you mean \"mist\"?",
-        ),
-    ] {
-        assert_eq!(complaint(text), expected);
-    }
 }
 
 #[test]
@@ -292,28 +218,131 @@ fn made_shapes() {
     let tetrahedron = "\"point3 P\" [1 1 1 -1 -1 1 -1 1 -1 1 -1 -1] \"integer indices\" [0 1 2 0 3 1 0 2 3 1 3 2]";
     assert_eq!(mesh(&format!("Shape \"loopsubdiv\" {tetrahedron}")).0.triangles.len(), 4 * 64);
     assert_eq!(mesh(&format!("Shape \"loopsubdiv\" \"integer levels\" 1 {tetrahedron}")).0.triangles.len(), 16);
-    for (text, expected) in [
-        (
-            format!("Shape \"loopsubdiv\" \"integer levels\" 15 {tetrahedron}"),
-            "s.pbrt:4: Shape \"loopsubdiv\" would make 4294967296 triangles, after 0 made of others; at most 4194304 may be made in all",
-        ),
-        (
-            "Shape \"loopsubdiv\" \"point3 P\" [0 0 0 1 0 0 0 1 0] \"integer indices\" [0 1 1]".into(),
-            "s.pbrt:4: Shape \"loopsubdiv\": triangle 0 has the same corner twice; remove it",
-        ),
-        (
-            "Shape \"bilinearmesh\" \"point3 P\" [0 0 0 1 0 0 0 1 0 1 1 0] \"integer indices\" [0 1 2 4]".into(),
-            "s.pbrt:4: patch 0 of Shape \"bilinearmesh\" has vertex index 4; indices are whole numbers from 0 to 3",
-        ),
-        (
-            "Shape \"cylinder\" \"float zmin\" 1".into(),
-            "s.pbrt:4: Shape \"cylinder\" has no height; zmin and zmax must differ",
-        ),
-        (
-            "Shape \"sphere\" \"float phimax\" 0".into(),
-            "s.pbrt:4: parameter phimax of Shape \"sphere\" must be above 0, not 0",
-        ),
-    ] {
-        assert_eq!(complaint(&text), expected);
+}
+
+#[test]
+fn materials_of_the_fourth_version() {
+    let MaterialKind::Dielectric { eta, roughness, .. } =
+        kind("Material \"dielectric\" \"spectrum eta\" \"glass-BK7\" \"float uroughness\" .3")
+    else {
+        panic!()
+    };
+    assert_eq!((eta, roughness.constants(), roughness.remap), (1.5168, Some([0.3, 0.0]), true));
+    assert!(matches!(kind("Material \"thindielectric\" \"float eta\" 1.3"), MaterialKind::ThinDielectric { eta: 1.3 }));
+    let sampled = "Material \"dielectric\" \"spectrum eta\" [487.6 1 687.6 3]";
+    assert!(matches!(kind(sampled), MaterialKind::Dielectric { eta: 2.0, .. }));
+    let MaterialKind::Conductor { fresnel: ConductorFresnel::EtaK { eta, k }, .. } =
+        kind("Material \"conductor\" \"spectrum eta\" \"metal-TiO2-eta\" \"spectrum k\" \"metal-MgO-k\"")
+    else {
+        panic!()
+    };
+    assert!(close(eta, [3.457, 2.802, 2.905], 1e-3) && k == [0.0; 3]);
+    let MaterialKind::CoatedConductor { fresnel, roughness, coat } = kind(
+        "Material \"coatedconductor\" \"float conductor.roughness\" .2 \"float interface.roughness\" .1 \"float interface.eta\" 1.4 \"spectrum conductor.eta\" \"metal-Au-eta\" \"integer maxdepth\" 7",
+    ) else {
+        panic!()
+    };
+    assert_eq!((roughness.constants(), coat.roughness.constants()), (Some([0.2; 2]), Some([0.1; 2])));
+    assert_eq!((coat.eta, coat.max_depth, coat.samples), (1.4, 7, 1));
+    // k is left at copper's.
+    assert!(matches!(fresnel, ConductorFresnel::EtaK { eta, k } if eta[0] < 0.15 && k[0] < 3.92));
+    let paper = "Material \"diffusetransmission\" \"rgb reflectance\" [.4 .4 .4] \"float scale\" .5";
+    assert!(matches!(
+        kind(paper),
+        MaterialKind::DiffuseTransmission {
+            reflectance: Color::Constant([0.2, 0.2, 0.2]),
+            transmittance: Color::Constant([0.125, 0.125, 0.125])
+        }
+    ));
+    let textured = "Texture \"t\" \"spectrum\" \"checkerboard\"\nMaterial \"diffusetransmission\" \"texture reflectance\" \"t\" \"float scale\" .5";
+    let scene = world(textured);
+    let scaled = scene.textures.iter().find(|texture| matches!(texture.kind, TextureKind::Product { .. }));
+    let TextureKind::Product { factors } = scaled.expect("a scaled texture").kind else { unreachable!() };
+    assert_eq!(factors[1], Color::Constant([0.5; 3]), "the scale goes into the texture");
+    assert!(matches!(kind("Material \"interface\""), MaterialKind::Interface));
+}
+
+#[test]
+fn mixes_are_settled_at_the_end() {
+    let text = "MakeNamedMaterial \"m\" \"string type\" \"mix\" \"string materials\" [\"a\" \"b\"] \"float amount\" .25\nNamedMaterial \"m\"\nShape \"disk\"\nMakeNamedMaterial \"b\" \"string type\" \"diffuse\"\nMakeNamedMaterial \"a\" \"string type\" \"interface\"";
+    let scene = world(text);
+    let MaterialKind::Mix { materials, amount } = scene.materials[0].kind else { panic!() };
+    assert_eq!(
+        (materials.map(|m| scene.materials[m.0 as usize].name.clone()), amount),
+        (["a".into(), "b".into()], Scalar::Constant(0.25))
+    );
+}
+
+#[test]
+fn textures_of_numbers_and_colours() {
+    let imagemap = "\"imagemap\" \"string filename\" \"wide.pfm\"";
+    let text = format!(
+        "Texture \"f\" \"float\" {imagemap} \"string wrap\" \"clamp\" \"bool invert\" true\nTexture \"c\" \"spectrum\" {imagemap} \"float uscale\" 3\nTexture \"b\" \"float\" \"checkerboard\" \"float tex1\" .25 \"texture tex2\" \"f\"\nTexture \"m\" \"spectrum\" \"mix\" \"texture tex1\" \"c\" \"rgb tex2\" [1 0 0] \"texture amount\" \"b\"\nTexture \"p\" \"spectrum\" \"scale\" \"texture tex\" \"m\" \"texture scale\" \"f\"\nTexture \"h\" \"float\" \"scale\" \"texture tex\" \"f\" \"float scale\" -2\nMaterial \"conductor\" \"texture roughness\" \"b\" \"texture reflectance\" \"p\" \"texture displacement\" \"h\"\nShape \"disk\" \"texture alpha\" \"f\"\nMaterial \"diffuse\" \"string normalmap\" \"square.pfm\"\nShape \"disk\" \"float alpha\" .5\nShape \"disk\" \"float alpha\" 1"
+    );
+    let scene = world(&text);
+    let texture = |name: &str| {
+        let found = scene.textures.iter().position(|t| t.name == name);
+        found.unwrap_or_else(|| panic!("{name}: {:?}", scene.textures.iter().map(|t| &t.name).collect::<Vec<_>>()))
+    };
+    let id = |name: &str| dapple_scene::TextureId(texture(name) as u32);
+    let TextureKind::Image { image, invert, wrap, .. } = &scene.textures[texture("f")].kind else { panic!() };
+    // The mean of the channels; 4 is the first pixel of the lower row.
+    assert_eq!((image.pixels[4], *invert, *wrap), ([4.75 / 3.0; 3], true, Wrap::Clamp));
+    let TextureKind::Image { image, scale, .. } = &scene.textures[texture("c")].kind else { panic!() };
+    assert_eq!((image.pixels[4], *scale), ([4.0, 0.5, 0.25], [3.0, 1.0]));
+    let TextureKind::Checkerboard { colors, .. } = scene.textures[texture("b")].kind else { panic!() };
+    assert_eq!(colors, [Color::Constant([0.25; 3]), Color::Texture(id("f"))]);
+    let TextureKind::Mix { colors, amount } = scene.textures[texture("m")].kind else { panic!() };
+    assert_eq!((colors[0], amount), (Color::Texture(id("c")), Scalar::Texture(id("b"))));
+    let TextureKind::Product { factors } = scene.textures[texture("p")].kind else { panic!() };
+    assert_eq!(factors, [Color::Texture(id("m")), Color::Texture(id("f"))]);
+    // What is inverted cannot take a factor in.
+    assert!(matches!(scene.textures[texture("h")].kind, TextureKind::Product { .. }));
+    let material = &scene.materials[scene.shapes[0].material.0 as usize];
+    let MaterialKind::Conductor { fresnel: ConductorFresnel::Reflectance(r), roughness } = &material.kind else {
+        panic!()
+    };
+    assert_eq!(
+        (*r, roughness.u, material.bump),
+        (Color::Texture(id("p")), Scalar::Texture(id("b")), Some(Scalar::Texture(id("h"))))
+    );
+    assert_eq!(scene.shapes[0].alpha, Some(Scalar::Texture(id("f"))));
+    assert_eq!((scene.shapes[1].alpha, scene.shapes[2].alpha), (Some(Scalar::Constant(0.5)), None));
+    assert!(scene.materials[scene.shapes[1].material.0 as usize].normal_map.is_some());
+
+    let nest: String =
+        (0..9).map(|i| format!("Texture \"t{}\" \"float\" \"mix\" \"texture tex1\" \"t{i}\"\n", i + 1)).collect();
+    let nested = format!("Texture \"t0\" \"float\" {imagemap}\n{nest}");
+    assert!(
+        complaint(&nested).starts_with("s.pbrt:12: textures are nested too deep; at most 8"),
+        "{}",
+        complaint(&nested)
+    );
+}
+
+/// An image as a texture: of numbers, then of colours.
+fn image_of(file: &str) -> [Vec<[f32; 3]>; 2] {
+    let image = format!("\"imagemap\" \"string filename\" \"{file}\" \"string encoding\" \"linear\"");
+    let scene = world(&format!(
+        "Texture \"n\" \"float\" {image}\nTexture \"c\" \"spectrum\" {image}\nMaterial \"diffuse\" \"texture reflectance\" \"c\"\nShape \"disk\" \"texture alpha\" \"n\""
+    ));
+    ["n", "c"].map(|name| {
+        let texture = scene.textures.iter().find(|t| t.name == name).expect("it is used");
+        let TextureKind::Image { image, .. } = &texture.kind else { panic!("{name} is an image") };
+        image.pixels.clone()
+    })
+}
+
+#[test]
+fn numbers_are_opacity_where_an_image_has_any() {
+    for file in ["leaf.png", "leaf.tga"] {
+        let [numbers, colours] = image_of(file);
+        // 51 of 255, and not the mean of the colours, 120 of 255.
+        assert_eq!(numbers, [[0.2; 3], [1.0; 3]], "{file}");
+        let expected = [60.0, 120.0, 180.0].map(|c: f32| c / 255.0);
+        assert!(close(colours[0], expected, 1e-6), "{file}: {colours:?}");
     }
+    // Opaque throughout, it is as if there were none.
+    let [numbers, _] = image_of("opaque.png");
+    assert!(close(numbers[0], [120.0 / 255.0; 3], 1e-6) && numbers[1] == [0.0; 3], "{numbers:?}");
 }

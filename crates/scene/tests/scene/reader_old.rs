@@ -1,7 +1,7 @@
 //! Files of pbrt-v2 and pbrt-v3.
 
+use crate::reader_messages::pfm;
 use dapple_scene::ReadError;
-use dapple_scene::image::{Image, encode_pfm};
 use dapple_scene::pbrt::{ReadOptions, read_scene_from};
 use dapple_scene::{
     Color, EnvironmentRadiance, LightKind, MaterialKind, PixelFilter, Scalar, Scene, SpotFalloff, TextureKind,
@@ -9,8 +9,7 @@ use dapple_scene::{
 use glam::DVec3;
 
 fn read(text: &str) -> Result<Scene, ReadError> {
-    let pixels = (0..8).map(|i| [i as f32, 1.0, 0.0]).collect();
-    let image = encode_pfm(&Image::new([2, 4], pixels).unwrap()).unwrap();
+    let image = pfm([2, 4], |i| [i as f32, 1.0, 0.0]);
     let files: &[(&str, &[u8])] = &[("s.pbrt", text.as_bytes()), ("p.pfm", &image)];
     read_scene_from(files, "s.pbrt", &ReadOptions::default())
 }

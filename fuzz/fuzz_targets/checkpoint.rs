@@ -1,6 +1,0 @@
-#![no_main]
-
-#[path = "../src/checkpoint.rs"]
-mod checkpoint;
-
-libfuzzer_sys::fuzz_target!(|data: &[u8]| checkpoint::checkpoint(data));
