@@ -7,6 +7,7 @@
 //! | samples follow their density | [`chi_square`], [`integrate`] |
 //! | a mean is *proven* close to a value | [`Mean::equals`] |
 //! | one of two methods has less error at equal budget | `ratio_interval` and `log_log_fit` of dapple-metrics |
+//! | error estimates are calibrated | [`Calibration`] |
 //! | adaptive counts do not bias the image | [`kept`], [`refined`], [`Bernoulli`], [`Naive`], [`count_trend`] |
 //! | two images are the same bits | [`bits`](crate::bits), and the checks of samplers and filters |
 //!
@@ -33,7 +34,9 @@
 mod image;
 mod levels;
 
-pub use image::{Bernoulli, ImageTest, Naive, Pixels, count_trend, image, image_mean, images, kept, refined};
+pub use image::{
+    Bernoulli, Calibration, ImageTest, Naive, Pixels, count_trend, image, image_mean, images, kept, refined,
+};
 pub use levels::{
     FAMILY, adjusted, chi_square, critical, integrate, normal_tail, power, sidak, student_tail, two_sided,
 };

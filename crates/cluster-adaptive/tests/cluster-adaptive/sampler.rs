@@ -8,7 +8,7 @@ use dapple_cluster_adaptive::{
 use dapple_clustering::Triangles;
 use dapple_conformance::toys::{Field, raised};
 use dapple_conformance::{Spending, sampler, sampler_on_frames};
-use dapple_core::{Budget, Limits, Needs, Render, Sampler as _};
+use dapple_core::{Needs, Sampler as _};
 use dapple_low_discrepancy::{Random, Sobol};
 use std::sync::Arc;
 
