@@ -225,7 +225,7 @@ fn outputs_replace_neither_inputs_nor_each_other() {
         crate::common::TINY.to_owned() + &more.concat() + "Shape \"plymesh\" \"string filename\" \"mesh.png\"\n";
     folder.write("all.pbrt", scene);
     folder.write("spec.png", r#"{"version":1,"scene":"all.pbrt"}"#);
-    ["maps", "new"].map(|name| std::fs::create_dir(folder.path(name)).expect("a folder"));
+    ["maps", "new"].iter().for_each(|name| std::fs::create_dir(folder.path(name)).expect("a folder"));
     #[cfg(unix)]
     std::os::unix::fs::symlink("all.pbrt", folder.path("link.png")).expect("a link");
     for (new, old) in [("hard.png", "texture.png"), ("scene.png", "all.pbrt"), ("maps/albedo.png", "mesh.png")] {
