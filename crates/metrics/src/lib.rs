@@ -35,6 +35,7 @@
 
 mod blocks;
 mod compare;
+mod discrepancy;
 mod flip;
 mod metric;
 mod noise;
@@ -49,6 +50,7 @@ struct Readme;
 
 pub use blocks::{BlockRatios, Blocks, block_means, block_ratios, downsample};
 pub use compare::{Comparison, RELATIVE_EPSILON, TRIMMED_SHARE, WORST_BLOCK_SIZE, WorstBlock, compare};
+pub use discrepancy::{l2_star_discrepancy, star_discrepancy};
 pub use flip::{Flip, PIXELS_PER_DEGREE, flip};
 pub use metric::{Better, METRICS, Measurement, Metric, ReferenceNoise};
 pub use noise::{
