@@ -180,6 +180,9 @@ fn scene(name: &str) -> Result<Scene> {
     Ok(bundled::files(name).ok_or("there is no such bundled scene")?.read()?)
 }
 
+/// A part of the work on samples.
+type Part<'a> = &'a dyn Fn(&[[f32; 3]]);
+
 /// Samples per pixel of the sums.
 const SPP: usize = 16;
 
@@ -232,14 +235,14 @@ impl Image {
     }
 
     /// The price of a part of the work on each sample, relative to a whole render, and its nanoseconds.
-    fn of_render(&self, count: usize, runs: usize, part: [&dyn Fn(&[[f32; 3]]); 2]) -> Result<(Ratio, f64)> {
+    fn of_render(&self, count: usize, runs: usize, part: [Part<'_>; 2]) -> Result<(Ratio, f64)> {
         let mut rng = Pcg64Mcg::seed_from_u64(5);
         let samples: Vec<[f32; 3]> =
             (0..4096 * SPP).map(|_| std::array::from_fn(|_| rng.random_range(0.0..2.0))).collect();
         let per_sample = 1.0 / (samples.len() * runs) as f64;
         let mut parts = Vec::new();
         let ratio = pairs(count, |number| {
-            let time = |part: &dyn Fn(&[[f32; 3]])| Ok(seconds(|| (0..runs).for_each(|_| part(black_box(&samples)))));
+            let time = |part: Part<'_>| Ok(seconds(|| (0..runs).for_each(|_| part(black_box(&samples)))));
             let [with, without] = in_turn(number, || time(part[0]), || time(part[1]))?;
             parts.push((with - without) * per_sample);
             Ok(of_whole(self.seconds(Needs::none())? / self.samples() as f64, (with - without) * per_sample))

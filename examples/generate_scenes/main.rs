@@ -15,7 +15,7 @@ mod patterns;
 mod teapot;
 mod terrain;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::{env, fs, io};
 
 /// `SCENE/NAME` and the bytes of each file.
@@ -24,9 +24,10 @@ type Assets = Vec<(String, Vec<u8>)>;
 fn main() -> io::Result<()> {
     let default = concat!(env!("CARGO_MANIFEST_DIR"), "/crates/scene/src/bundled");
     let folder = env::args_os().nth(1).map_or_else(|| PathBuf::from(default), PathBuf::from);
+    let committed = |name: &str| fs::read_to_string(Path::new(default).join(name));
     let patterns = [
-        ("grass/scene.pbrt", patterns::grass().into_bytes()),
-        ("many-lights/scene.pbrt", patterns::many_lights().into_bytes()),
+        ("grass/scene.pbrt", patterns::grass(&committed("grass/scene.pbrt")?).into_bytes()),
+        ("many-lights/scene.pbrt", patterns::many_lights(&committed("many-lights/scene.pbrt")?).into_bytes()),
         ("glass/leaf.tga", patterns::leaf_image()),
         ("zone-plate/rings.tga", patterns::rings_image()),
     ];

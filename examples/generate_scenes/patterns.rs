@@ -50,9 +50,9 @@ fn tuft(kind: u64) -> String {
     format!("  Shape \"trianglemesh\"\n    \"point3 P\" [{points}]\n    \"integer indices\" [{indices}]\n")
 }
 
-/// Returns the text of the meadow's scene file.
-pub(crate) fn grass() -> String {
-    let mut text = head(include_str!("../../crates/scene/src/bundled/grass/scene.pbrt"), "\nObjectBegin \"tuft 0\"");
+/// Returns the text of the meadow's scene file, with new tufts.
+pub(crate) fn grass(text: &str) -> String {
+    let mut text = head(text, "\nObjectBegin \"tuft 0\"");
     for kind in 0..KINDS {
         let _ = write!(text, "\nObjectBegin \"tuft {kind}\"\n  NamedMaterial \"blade {kind}\"\n");
         text += &tuft(kind);
@@ -98,10 +98,9 @@ fn height(column: u32, row: u32) -> i64 {
     (40.0 + 12.0 * wave + 8.0 * other).round() as i64
 }
 
-/// Returns the text of the scene file of many lights.
-pub(crate) fn many_lights() -> String {
-    let first = "AttributeBegin\nScale";
-    let mut text = head(include_str!("../../crates/scene/src/bundled/many-lights/scene.pbrt"), first);
+/// Returns the text of the scene file of many lights, with new lights.
+pub(crate) fn many_lights(text: &str) -> String {
+    let mut text = head(text, "AttributeBegin\nScale");
     for (group, [r, g, b]) in GROUPS.into_iter().enumerate() {
         let _ = writeln!(text, "AttributeBegin\nScale {LAMP_RADIUS} {LAMP_RADIUS} {LAMP_RADIUS}");
         let _ = writeln!(text, "AreaLightSource \"diffuse\" \"rgb L\" [ {r} {g} {b} ]");

@@ -202,7 +202,6 @@ impl Law {
             plan: 0.3 * self.overhead - filter,
             trace,
             filter,
-            ..Phases::default()
         };
         Run {
             scene: scene.into(),
