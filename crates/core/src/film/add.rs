@@ -80,11 +80,11 @@ impl Strip<'_> {
     pub(crate) fn add(&mut self, half: usize, local: usize, estimate: &Estimate) -> Option<RejectedReason> {
         let rejected = self.halves[half].add(local, estimate, self.recorders);
         if self.needs.wants_first_hit() {
+            let k = usize::from(self.needs.first_hits);
             // Kept and discarded samples fill the places in the order of tracing. These indices give the next place,
             // as long as all rounds have the same retention, which is usual.
-            let seen = self.next(local).iter().sum::<u64>() - 1;
-            let (BesideRows { features, half_features, first_hits, .. }, k) =
-                (&mut self.beside, usize::from(self.needs.first_hits));
+            let seen = if k > 0 { self.next(local).iter().sum::<u64>() - 1 } else { u64::MAX };
+            let BesideRows { features, half_features, first_hits, .. } = &mut self.beside;
             let features = [features.get_mut(local), half_features.get_mut(2 * local + half)];
             record_first_hit(features, &mut first_hits[k * local..k * (local + 1)], seen, estimate);
         }
