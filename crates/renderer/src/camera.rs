@@ -1,9 +1,5 @@
 //! Cameras, which turn a position on the image into a ray.
 
-mod importance;
-
-pub use importance::CameraConnection;
-
 use crate::SceneError;
 use crate::shading::warp::concentric_disk;
 use crate::space::Space;
@@ -363,5 +359,70 @@ impl Lens for General {
         let aside = Vec3::new(lens.x, lens.y, 0.0);
         let direction = forward * view.focal_distance - aside;
         Ray::new(origin + axes * (start + aside), (axes * direction).normalize())
+    }
+}
+
+/// The camera ray through a point of the scene, found by [`CameraView::connect`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CameraConnection {
+    /// The place in the image, in pixels from the top left corner.
+    pub place: Vec2,
+    /// The start of the camera ray: the eye, a point on the lens, or a point on the screen of an orthographic camera.
+    pub position: Vec3,
+    /// The unit direction from the camera to the point.
+    pub direction: Vec3,
+    /// The distance from `position` to the point, in units of the renderer's space.
+    pub distance: f32,
+}
+
+impl CameraView {
+    /// Returns the density of camera rays along a unit `direction` at a `distance` from their start, per unit of area
+    /// across them.
+    ///
+    /// The rays are those of places that are uniform over the whole image, at a time in `[0, 1]`. For a perspective
+    /// camera, the density is the one per solid angle over the squared distance. With a lens, it holds for one point of
+    /// the lens. Returns 0 for directions that no ray has, behind the camera.
+    #[inline]
+    pub fn density(&self, direction: Vec3, distance: f32, time: f32) -> f32 {
+        let (_, axes) = self.pose(time);
+        let across = axes.x_axis.cross(axes.y_axis);
+        // The determinant, and the forward component of the direction in camera space times the determinant.
+        let (volume, forward) = (across.dot(axes.z_axis), across.dot(direction));
+        let image = 4.0 * self.half.x * self.half.y * (self.step.x * self.step.y);
+        let forward = forward / volume;
+        let density = match self.orthographic {
+            // Rays through the same point of the lens are parallel.
+            true => (image * volume.abs() * forward).recip(),
+            false => (image * volume.abs() * (forward * distance) * (forward * distance) * forward).recip(),
+        };
+        if forward > 0.0 && density.is_finite() { density } else { 0.0 }
+    }
+
+    /// Returns the camera ray through a `point`, at a time in `[0, 1]`. `on_lens` in `[0, 1)^2` selects the point on the
+    /// lens.
+    ///
+    /// The place may lie outside the image. Returns `None` for points behind the camera, and at the camera itself.
+    pub fn connect(&self, point: Vec3, on_lens: [f32; 2], time: f32) -> Option<CameraConnection> {
+        let (origin, axes) = self.pose(time);
+        let to_camera = axes.inverse();
+        let lens = if self.has_lens() { (concentric_disk(on_lens) * self.lens_radius).extend(0.0) } else { Vec3::ZERO };
+        // The screen position is the one of the ray's point in the plane in focus.
+        let (screen, position) = if self.orthographic {
+            let inner = to_camera * (point - origin);
+            let focus = if self.has_lens() { 1.0 - inner.z / self.focal_distance } else { 0.0 };
+            let screen = inner - lens * focus;
+            (screen, origin + axes * Vec3::new(screen.x + lens.x, screen.y + lens.y, 0.0))
+        } else {
+            let start = origin + axes * lens;
+            let inner = to_camera * (point - start);
+            let focus = if self.has_lens() { lens / self.focal_distance } else { Vec3::ZERO };
+            (Vec3::new(inner.x / inner.z + focus.x, inner.y / inner.z + focus.y, inner.z), start)
+        };
+        let (x, y) = ((screen.x - self.shift.x) / self.step.x, (self.shift.y - screen.y) / self.step.y);
+        let (to, place) = (point - position, Vec2::new(x, y) + self.half);
+        let distance = to.length();
+        let direction = to / distance;
+        let in_front = screen.z > 0.0 && distance > 0.0 && direction.is_finite() && place.is_finite();
+        in_front.then_some(CameraConnection { place, position, direction, distance })
     }
 }

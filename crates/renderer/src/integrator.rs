@@ -12,7 +12,7 @@ pub use ambient_occlusion::{AmbientOcclusion, AmbientOcclusionOptions};
 pub use light_selector::{FixedSelector, LearnedSelector, LightSelector};
 pub use path::{CERTAIN_LOBE, GatherPoint, NoVertexLight, PathTracer, RARE_LOBE, VertexLight};
 pub use table::{
-    IntegratorEntry, IntegratorError, MakeError, MakeIntegrator, check, check_among, integrators, make, make_among,
+    IntegratorEntry, IntegratorError, MakeError, MakeIntegrator, check_among, integrators, make, make_among,
 };
 
 use crate::World;

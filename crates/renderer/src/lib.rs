@@ -9,6 +9,9 @@
 #[doc = include_str!("../README.md")]
 struct Readme;
 
+#[cfg(test)]
+extern crate self as dapple_renderer;
+
 pub mod blocks;
 pub mod camera;
 mod integrator;
@@ -16,22 +19,21 @@ pub mod light;
 mod material;
 pub mod medium;
 pub mod pixel_filter;
-mod scene_error;
 pub mod shading;
 mod space;
+#[cfg(test)]
+#[path = "../tests/renderer/support.rs"]
+mod support;
 mod texture;
-mod without;
 mod world;
 
 pub use integrator::{
     AmbientOcclusion, AmbientOcclusionOptions, CERTAIN_LOBE, FixedSelector, GatherPoint, IntegratorEntry,
     IntegratorError, LearnedSelector, LightSelector, MakeError, MakeIntegrator, NoVertexLight, PathTracer, RARE_LOBE,
-    VertexLight, check as check_integrator, check_among as check_integrator_among, code, integrator, integrator_with,
-    integrators, make as make_integrator, make_among as make_integrator_among, path_tracer_with,
+    VertexLight, check_among as check_integrator_among, code, integrator, integrator_with, integrators,
+    make as make_integrator, make_among as make_integrator_among, path_tracer_with,
 };
-pub use material::{MaterialError, Surface};
-pub use scene_error::SceneError;
+pub use material::{MaterialError, Surface, without};
 pub use space::Space;
 pub use texture::Textures;
-pub use without::without;
-pub use world::{Emitter, Interaction, Lanes, SampleDimensions, World, WorldError};
+pub use world::{Emitter, Interaction, Lanes, SampleDimensions, SceneError, World, WorldError};

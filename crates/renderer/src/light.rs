@@ -8,7 +8,6 @@
 
 mod environment;
 mod mesh;
-mod octahedral;
 mod punctual;
 mod quadrics;
 mod selection;

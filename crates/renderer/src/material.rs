@@ -13,8 +13,8 @@ use crate::shading::{
 };
 use crate::texture::Textures;
 use dapple_scene::{
-    ClearCoat, Coating, Color, ConductorFresnel, Material, MaterialKind, Roughness, Scalar, Source, TextureId,
-    effectively_smooth, roughness_to_alpha,
+    ClearCoat, Coating, Color, ConductorFresnel, Effect, Material, MaterialKind, Roughness, Scalar, Scene, Source,
+    TextureId, WithoutError, effectively_smooth, roughness_to_alpha,
 };
 use glam::Vec3;
 
@@ -475,4 +475,21 @@ fn alpha(roughness: &Roughness) -> Result<[f32; 2], String> {
             Err(format!("a roughness of {}, {} is invalid; give numbers of at least 0", constants[0], constants[1]))
         }
     }
+}
+
+/// Returns a copy of the scene that lacks an effect, made by [`Scene::without`]. If the edit replaces a material by a
+/// diffuse one, the diffuse one gets the material's approximate albedo.
+///
+/// # Errors
+///
+/// [`WithoutError::NoLight`] if the edit would remove the last light of the scene.
+pub fn without(scene: &Scene, effect: Effect) -> Result<Scene, WithoutError> {
+    scene.without(effect, &albedo)
+}
+
+/// Returns the approximate albedo of a material at normal incidence. Textures count as black. Returns `None` for an
+/// invalid material.
+fn albedo(material: &Material) -> Option<[f32; 3]> {
+    let surface = Surface::new(material).ok()?;
+    Some(surface.bsdf(&Textures::default(), [0.5; 2]).albedo().to_array())
 }

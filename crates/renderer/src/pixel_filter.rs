@@ -142,18 +142,9 @@ fn look_up(table: &[f32], u: f32) -> f32 {
 mod tests {
     use super::*;
 
-    /// The distribution function of a filter's shape along one axis, by fine summation.
-    fn distribution(shape: impl Fn(f64) -> f64, radius: f64, x: f64) -> f64 {
-        let sum = |to: f64| {
-            let n = 20_000;
-            let step = (to + radius) / f64::from(n);
-            (0..n).map(|k| shape(-radius + (f64::from(k) + 0.5) * step)).sum::<f64>() * step
-        };
-        sum(x) / sum(radius)
-    }
-
+    /// The share of samples in a rectangle is the integral of the density over it, which is the filter's shape.
     #[test]
-    fn offsets_follow_the_filters_shape() {
+    fn samples_have_the_density_of_the_filters_shape() {
         let gaussian = |s: f64, r: f64| move |x: f64| (-x * x / (2.0 * s * s)).exp() - (-r * r / (2.0 * s * s)).exp();
         type Shape = Box<dyn Fn(f64) -> f64>;
         let cases: [(PixelFilter, f64, Shape); 4] = [
@@ -162,69 +153,59 @@ mod tests {
             (PixelFilter::Gaussian { radius: [1.5, 1.5], sigma: 0.5 }, 1.5, Box::new(gaussian(0.5, 1.5))),
             (PixelFilter::Gaussian { radius: [2.0, 2.0], sigma: 4.0 }, 2.0, Box::new(gaussian(4.0, 2.0))),
         ];
+        let middles = |n: i32| (0..n).map(move |i| (f64::from(i) + 0.5) / f64::from(n));
         for (filter, radius, shape) in cases {
             let sampler = FilterSampler::new(&filter);
-            for k in 1..200 {
-                let u = k as f32 / 200.0;
-                let [x, y] = sampler.sample([u, 1.0 - u]).to_array();
-                let found = distribution(&shape, radius, f64::from(x));
-                assert!((found - f64::from(u)).abs() < 1e-3, "{filter:?}, u = {u}: {x} has {found}");
-                // The table inverts from one side: mirrored to a thousandth of the radius.
+            assert!((sampler.radius() - radius as f32).abs().max_element() < 2e-3, "{filter:?}");
+            // The distribution function along one axis, by fine summation; the table inverts from one side, mirrored to a
+            // thousandth of the radius.
+            let sum = |to: f64| middles(20_000).map(|u| shape((to + radius) * u - radius)).sum::<f64>() * (to + radius);
+            for u in middles(100) {
+                let [x, y] = sampler.sample([u, 1.0 - u].map(|u| u as f32)).to_array();
+                let found = sum(f64::from(x)) / sum(radius);
+                assert!((found - u).abs() < 1e-3, "{filter:?}, u = {u}: {x} has {found}");
                 assert!((x + y).abs() < 1e-3 * radius as f32, "{filter:?}: {x} {y}");
             }
             for u in [0.0, 1.0 - f32::EPSILON / 2.0] {
                 assert!(sampler.sample([u, u]).abs().max_element() <= radius as f32, "{filter:?}");
             }
+            let mass = sum(radius) / 20_000.0;
+            let (low, high, n) = (Vec2::new(-0.37, -0.3), Vec2::new(0.4, 0.21), 400);
+            let grid = || middles(n).flat_map(|x| middles(n).map(move |y| Vec2::new(x as f32, y as f32)));
+            let is_inside = |p: &Vec2| p.cmpge(low).all() && p.cmplt(high).all();
+            let share = grid().map(|u| sampler.sample(u.to_array())).filter(is_inside).count() as f64;
+            let mean = |of: &dyn Fn(Vec2) -> f64| grid().map(|u| of(low + (high - low) * u)).sum::<f64>();
+            let area = f64::from((high - low).element_product());
+            for integral in [
+                mean(&|p| f64::from(sampler.density(p))),
+                mean(&|p| shape(p.x.into()) * shape(p.y.into()) / (mass * mass)),
+            ] {
+                assert!((share - integral * area).abs() < 2e-3 * f64::from(n * n), "{filter:?}: {share} {integral}");
+            }
+            let beyond = radius as f32 + 0.1;
+            assert_eq!(sampler.density(Vec2::new(beyond, 0.0)) + sampler.density(Vec2::new(0.0, -beyond)), 0.0);
         }
     }
 
+    /// A very wide one is a parabola: 1 - x^2. Senseless filters are the box.
     #[test]
-    fn extreme_gaussians_stay_in_their_pixel() {
+    fn extreme_and_senseless_filters_stay_in_their_pixel() {
         for sigma in [1e-30, 1e-9, 1e9, 1e30] {
             let sampler = FilterSampler::new(&PixelFilter::Gaussian { radius: [1.0, 2.0], sigma });
             let [low, middle, high] = [0.1, 0.5, 0.9].map(|u| sampler.sample([u, u]));
-            assert!(middle.abs().max_element() < 2e-3, "sigma {sigma}: {middle}");
-            // A very wide one is a parabola: 1 - x^2.
             let spread = if sigma > 1.0 { 0.5..0.7 } else { 0.0..1e-3 };
-            assert!(spread.contains(&high.x) && spread.contains(&-low.x), "sigma {sigma}: {low} {high}");
+            let is_spread = spread.contains(&high.x) && spread.contains(&-low.x);
+            assert!(is_spread && middle.abs().max_element() < 2e-3, "sigma {sigma}: {low} {middle} {high}");
         }
-    }
-
-    #[test]
-    fn senseless_filters_are_the_box() {
-        let expected = FilterSampler::new(&PixelFilter::default()).sample([0.25, 0.875]);
-        assert_eq!(expected, Vec2::new(-0.25, 0.375));
         for filter in [
+            PixelFilter::default(),
             PixelFilter::Box { radius: [0.0, 1.0] },
             PixelFilter::Triangle { radius: [f64::NAN, 1.0] },
             PixelFilter::Gaussian { radius: [1.0, 1.0], sigma: 0.0 },
             PixelFilter::Gaussian { radius: [f64::INFINITY, 1.0], sigma: 1.0 },
         ] {
-            assert_eq!(FilterSampler::new(&filter).sample([0.25, 0.875]), expected, "{filter:?}");
-        }
-    }
-
-    #[test]
-    fn densities_are_those_of_the_samples() {
-        let radius = [1.5, 1.0];
-        for filter in [
-            PixelFilter::Box { radius },
-            PixelFilter::Triangle { radius },
-            PixelFilter::Gaussian { radius, sigma: 0.5 },
-        ] {
-            let sampler = FilterSampler::new(&filter);
-            assert!((sampler.radius() - Vec2::new(1.5, 1.0)).abs().max_element() < 2e-3, "{filter:?}");
-            // The share of samples in a rectangle is the integral of the density over it.
-            let (low, high, cells) = (Vec2::new(-0.9, -0.3), Vec2::new(0.4, 0.7), 400);
-            let grid = |n: usize| (0..n * n).map(move |i| Vec2::new((i % n) as f32, (i / n) as f32) + 0.5);
-            let samples = grid(cells).map(|at| sampler.sample((at / cells as f32).to_array()));
-            let inside = samples.filter(|p| p.cmpge(low).all() && p.cmplt(high).all()).count();
-            let share = inside as f64 / (cells * cells) as f64;
-            let points = grid(cells).map(|at| low + (high - low) * at / cells as f32);
-            let mean = points.map(|p| f64::from(sampler.density(p))).sum::<f64>() / (cells * cells) as f64;
-            let integral = mean * f64::from((high - low).x * (high - low).y);
-            assert!((share - integral).abs() < 2e-3, "{filter:?}: {share} {integral}");
-            assert_eq!(sampler.density(Vec2::new(1.6, 0.0)) + sampler.density(Vec2::new(0.0, -1.1)), 0.0);
+            let found = FilterSampler::new(&filter).sample([0.25, 0.875]);
+            assert_eq!(found, Vec2::new(-0.25, 0.375), "{filter:?}");
         }
     }
 }

@@ -139,13 +139,15 @@ pub(crate) fn even_scale(m: &DMat3) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use dapple_scene::{MaterialId, Source};
+    use crate::support::add;
+    use dapple_scene::MaterialId;
 
-    fn scene(shapes: &[(Geometry, DAffine3)]) -> Scene {
-        let shape = |(geometry, to_world): &(Geometry, DAffine3)| {
-            Shape::new(geometry.clone(), *to_world, MaterialId(0), Source::default())
-        };
-        Scene { shapes: shapes.iter().map(shape).collect(), ..Scene::default() }
+    fn scene(shapes: Vec<Geometry>, to_world: DAffine3) -> Scene {
+        let mut scene = Scene::default();
+        for geometry in shapes {
+            add(&mut scene, geometry, to_world, MaterialId(0), None);
+        }
+        scene
     }
 
     #[test]
@@ -153,9 +155,8 @@ mod tests {
         for exponent in [-100, -3, 0, 5, 100] {
             let size = 1.3 * f64::from(exponent).exp2();
             let far = DAffine3::from_translation(DVec3::new(7.0, -2e5, 3.0) * size);
-            let ball = (Geometry::Sphere { radius: size }, far);
-            let disk = (Geometry::Disk { height: 3.0 * size, radius: size, inner_radius: 0.0 }, far);
-            let space = Space::of(&scene(&[ball, disk]));
+            let disk = Geometry::Disk { height: 3.0 * size, radius: size, inner_radius: 0.0 };
+            let space = Space::of(&scene(vec![Geometry::Sphere { radius: size }, disk], far));
             assert_eq!(space.scale().log2().fract(), 0.0, "a power of two");
             let corners = [DVec3::splat(-size), DVec3::new(size, size, 3.0 * size)];
             let moved = corners.map(|c| space.apply(far).transform_point3(c));
@@ -170,7 +171,7 @@ mod tests {
     fn nothing_and_points_keep_their_scale() {
         assert_eq!(Space::of(&Scene::default()), Space { centre: DVec3::ZERO, scale: 1.0 });
         let dot = Geometry::Disk { height: 2.0, radius: 0.0, inner_radius: 0.0 };
-        let space = Space::of(&scene(&[(dot, DAffine3::IDENTITY)]));
+        let space = Space::of(&scene(vec![dot], DAffine3::IDENTITY));
         assert_eq!((space.scale(), space.point(DVec3::new(0.0, 0.0, 2.0))), (1.0, DVec3::ZERO));
     }
 

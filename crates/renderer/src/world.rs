@@ -2,18 +2,14 @@
 
 mod build;
 mod bump;
-mod dimensions;
 mod first_hit;
-#[cfg(test)]
-mod frame_tests;
 mod instances;
 mod segment;
 #[cfg(test)]
 mod tests;
-mod trajectory;
 
-pub use build::WorldError;
-pub use dimensions::{Lanes, SampleDimensions};
+pub use build::{SceneError, WorldError};
+pub use first_hit::{Lanes, SampleDimensions};
 pub(crate) use segment::MOST_PASSED;
 
 use crate::blocks;

@@ -7,8 +7,6 @@ mod strategies;
 mod tests;
 mod vertex;
 mod walk;
-#[cfg(test)]
-mod weight_tests;
 mod weights;
 
 use dapple_core::{Draws, Estimate, Integrator, Needs, Options as _, Worker};

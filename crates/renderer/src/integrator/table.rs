@@ -143,21 +143,12 @@ pub fn make_among<'w>(
     })
 }
 
-/// Checks a request without a world. The integrator's name and the names of its parameters must be known; values are
-/// not checked.
+/// Checks a request without a world, against a table that may have entries of other crates. The integrator's name and the
+/// names of its parameters must be known; values are not checked.
 ///
 /// # Errors
 ///
 /// [`IntegratorError`] if the integrator or a parameter is unknown.
-pub fn check(request: &str) -> Result<(), IntegratorError> {
-    check_among(INTEGRATORS, request)
-}
-
-/// Checks a request as [`check`] does, against a table that may have entries of other crates.
-///
-/// # Errors
-///
-/// The errors of [`check`].
 pub fn check_among(entries: &'static [IntegratorEntry], request: &str) -> Result<(), IntegratorError> {
     find(entries, request).map(|_| ())
 }
@@ -183,28 +174,24 @@ fn find<'r>(
 mod tests {
     use super::*;
 
-    fn refused(request: &str) -> String {
-        let options = |text: &str| AmbientOcclusionOptions::parse(text).map_err(|e| e.to_string());
-        match find(INTEGRATORS, request) {
-            Err(error) => error.to_string(),
-            Ok((entry, text)) => options(text).map_or_else(|e| e, |o| format!("{} {}", entry.name, o.distance)),
-        }
-    }
-
     #[test]
     fn requests_are_read_and_wrong_ones_refused() {
-        assert_eq!(refused("ambient-occlusion"), "ambient-occlusion inf");
-        assert_eq!(refused("ambient-occlusion: distance = 2.5"), "ambient-occlusion 2.5");
-        assert_eq!(
-            refused("paths"),
-            "there is no integrator \"paths\"; did you mean \"path\"? Choose among path, ambient-occlusion"
-        );
-        let wrong = |problem: &str| format!("ambient-occlusion: {problem}");
-        assert_eq!(refused("ambient-occlusion:far"), wrong("\"far\" is not of the form key=value"));
-        assert_eq!(refused("ambient-occlusion:far=1"), wrong("there is no parameter \"far\"; it takes distance"));
-        let twice = "ambient-occlusion:distance=1,distance=2";
-        assert_eq!(refused(twice), wrong("\"distance\" is given twice"));
-        assert_eq!(refused("ambient-occlusion:distance=-1"), "distance = -1 is out of range: above 0");
-        assert_eq!(refused("path:distance=1"), "path: there is no parameter \"distance\"; it takes none");
+        let outcome = |request: &str| match find(INTEGRATORS, request) {
+            Err(error) => error.to_string(),
+            Ok((entry, text)) => AmbientOcclusionOptions::parse(text)
+                .map_or_else(|e| e.to_string(), |options| format!("{} {}", entry.name, options.distance)),
+        };
+        for (request, expected) in [
+            ("ambient-occlusion", "ambient-occlusion inf"),
+            ("ambient-occlusion: distance = 2.5", "ambient-occlusion 2.5"),
+            ("paths", "there is no integrator \"paths\"; did you mean \"path\"? Choose among path, ambient-occlusion"),
+            ("ambient-occlusion:far", "ambient-occlusion: \"far\" is not of the form key=value"),
+            ("ambient-occlusion:far=1", "ambient-occlusion: there is no parameter \"far\"; it takes distance"),
+            ("ambient-occlusion:distance=1,distance=2", "ambient-occlusion: \"distance\" is given twice"),
+            ("ambient-occlusion:distance=-1", "distance = -1 is out of range: above 0"),
+            ("path:distance=1", "path: there is no parameter \"distance\"; it takes none"),
+        ] {
+            assert_eq!(outcome(request), expected);
+        }
     }
 }

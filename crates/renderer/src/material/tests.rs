@@ -1,33 +1,29 @@
 //! Materials ready to shade.
 
 use super::*;
+use crate::support::{add_texture, diffuse, metal};
 use dapple_scene::image::Image;
-use dapple_scene::{Texture, TextureId, TextureKind, Wrap};
+use dapple_scene::{Scene, TextureId, TextureKind, Wrap};
 use std::sync::Arc;
 
 fn surface(kind: MaterialKind) -> Result<Surface, String> {
-    let made = Surface::new(&Material::new("m", kind, Source::default()));
-    made.map_err(|e| e.to_string())
+    Surface::new(&Material::new("m", kind, Source::default())).map_err(|e| e.to_string())
 }
 
-fn diffuse(rgb: [f32; 3]) -> MaterialKind {
-    MaterialKind::Diffuse { reflectance: Color::Constant(rgb) }
-}
-
-fn metal(alpha: f32) -> MaterialKind {
-    let fresnel = ConductorFresnel::EtaK { eta: [0.2; 3], k: [3.0; 3] };
-    MaterialKind::Conductor { fresnel, roughness: Roughness::constant(alpha, alpha, false) }
+fn sound(kind: MaterialKind) -> Surface {
+    surface(kind).unwrap_or_else(|e| panic!("{e}"))
 }
 
 #[test]
 fn parameters_out_of_range_are_refused_by_name() {
     for bad in [-0.1, f32::NAN, f32::INFINITY] {
-        assert!(surface(diffuse([0.5, bad, 0.5])).is_err_and(|e| e.contains("material \"m\"")), "{bad}");
+        let kind = MaterialKind::Diffuse { reflectance: Color::Constant([0.5, bad, 0.5]) };
+        assert!(surface(kind).is_err_and(|e| e.contains("material \"m\"")), "{bad}");
         assert!(surface(metal(bad)).is_err(), "{bad}");
     }
     assert!(surface(metal(11.0)).is_err());
     assert!(surface(metal(0.0)).is_ok_and(|s| !s.several_lobes && !s.anisotropic));
-    assert!(surface(diffuse([0.0; 3])).is_ok_and(|s| s.black));
+    assert!(surface(diffuse(0.0)).is_ok_and(|s| s.black));
 }
 
 #[test]
@@ -36,13 +32,14 @@ fn reflectances_lie_between_0_and_1() {
     let image = Arc::new(Image::new([1, 1], pixels).expect("one pixel"));
     let kind =
         TextureKind::Image { image, scale: [1.0; 2], shift: [0.0; 2], factor: 1.0, invert: false, wrap: Wrap::Repeat };
-    let textures = Textures::new(&[Texture { name: String::new(), kind, source: Source::default() }]);
-    let color = Color::Texture(TextureId(0));
+    let mut scene = Scene::default();
+    let color = Color::Texture(add_texture(&mut scene, "", kind));
+    let textures = Textures::new(&scene.textures);
     let coated = MaterialKind::CoatedDiffuse { reflectance: color, coat: Coating::default() };
     let roughness = Roughness::constant(0.3, 0.3, false);
     let tinted = MaterialKind::Conductor { fresnel: ConductorFresnel::Reflectance(color), roughness };
     for kind in [MaterialKind::Diffuse { reflectance: color }, coated, tinted] {
-        let surface = surface(kind.clone()).unwrap_or_else(|e| panic!("{e}"));
+        let surface = sound(kind.clone());
         assert!(surface.textured);
         let bsdf = surface.bsdf(&textures, [0.5, 0.5]);
         let up = Vec3::new(0.0, 0.6, 0.8);
@@ -60,9 +57,8 @@ fn mix(parts: [u32; 2], amount: f32) -> MaterialKind {
 #[test]
 fn one_coordinate_resolves_nested_mixes() {
     // 0.25 of material 1; of the rest 0.4 interface.
-    let kinds = [mix([2, 1], 0.25), diffuse([0.5; 3]), mix([3, 4], 0.4), diffuse([0.1; 3]), MaterialKind::Interface];
-    let surfaces: Vec<Surface> =
-        kinds.into_iter().map(|kind| surface(kind).unwrap_or_else(|e| panic!("{e}"))).collect();
+    let kinds = [mix([2, 1], 0.25), diffuse(0.5), mix([3, 4], 0.4), diffuse(0.1), MaterialKind::Interface];
+    let surfaces: Vec<Surface> = kinds.into_iter().map(sound).collect();
     let textures = Textures::default();
     let mut counts = [0u32; 5];
     let n = 100_000;
@@ -87,14 +83,14 @@ fn one_coordinate_resolves_nested_mixes() {
 fn mixes_that_are_none_are_refused_by_name() {
     let named = |name: &str, kind| Material::new(name, kind, Source::default());
     let told = |materials: &[Material]| check_mixes(materials).iter().map(ToString::to_string).collect::<Vec<_>>();
-    let circle = [named("a", mix([1, 2], 0.5)), named("b", mix([2, 0], 0.5)), named("c", diffuse([0.5; 3]))];
+    let circle = [named("a", mix([1, 2], 0.5)), named("b", mix([2, 0], 0.5)), named("c", diffuse(0.5))];
     let problems = told(&circle);
     assert!(problems.len() == 1 && problems[0].contains("\"a\"") && problems[0].contains("\"b\""), "{problems:?}");
     assert_eq!(told(&[named("self", mix([0, 0], 0.5))]).len(), 2, "once for each part");
     assert!(told(&[named("lost", mix([7, 0], 0.5))]).iter().any(|p| p.contains("not there")));
     // Deep, but no circle; beyond all measure, told once; and no stack overflows.
     let chain = |n: u32| -> Vec<Material> {
-        let link = |i: u32| named("link", if i + 1 < n { mix([i + 1, i + 1], 0.5) } else { diffuse([0.5; 3]) });
+        let link = |i: u32| named("link", if i + 1 < n { mix([i + 1, i + 1], 0.5) } else { diffuse(0.5) });
         (0..n).map(link).collect()
     };
     assert_eq!(told(&chain(17)), [""; 0]);
@@ -121,7 +117,7 @@ fn every_kind_can_be_shaded() {
         (MaterialKind::Plastic { diffuse: white, specular: white, roughness: looked_up }, false),
         (MaterialKind::Substrate { diffuse: white, specular: white, roughness }, false),
     ] {
-        let surface = surface(kind.clone()).unwrap_or_else(|e| panic!("{e}"));
+        let surface = sound(kind.clone());
         let bsdf = surface.bsdf(&textures, [0.5; 2]);
         assert_eq!((surface.transmits, bsdf.transmits()), (through, through), "{kind:?}");
         assert!(surface.several_lobes || !through);

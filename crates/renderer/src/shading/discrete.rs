@@ -343,14 +343,10 @@ impl Window {
 mod tests {
     use super::*;
 
-    fn whole() -> PiecewiseConstant2d {
-        let weights: Vec<f32> = (0..70).map(|i| ((i * i) % 11) as f32 * if i % 7 == 3 { 1e-7 } else { 1.0 }).collect();
-        PiecewiseConstant2d::new(&weights, [10, 7]).expect("weights")
-    }
-
     #[test]
     fn windows_share_the_whole_and_keep_to_themselves() {
-        let whole = whole();
+        let weights: Vec<f32> = (0..70).map(|i| ((i * i) % 11) as f32 * if i % 7 == 3 { 1e-7 } else { 1.0 }).collect();
+        let whole = PiecewiseConstant2d::new(&weights, [10, 7]).expect("weights");
         let mut sum = 0.0;
         for (columns, rows) in [(0..3, 0..7), (3..4, 0..7), (4..10, 0..6), (4..10, 6..7)] {
             let window = Window::new(&whole, columns.clone(), rows.clone()).expect("not black");
@@ -364,14 +360,9 @@ mod tests {
             }
         }
         assert!((sum - 1.0).abs() < 1e-12, "{sum}");
-    }
-
-    #[test]
-    fn the_window_of_everything_draws_as_the_whole() {
-        let whole = whole();
+        // The window of everything draws as the whole.
         let window = Window::new(&whole, 0..10, 0..7).expect("not black");
-        for i in 0..1024_u32 {
-            let u = [(i % 32) as f32 / 32.0, (i / 32) as f32 / 32.0];
+        for u in (0..1024_u32).map(|i| [(i % 32) as f32 / 32.0, (i / 32) as f32 / 32.0]) {
             assert_eq!(window.sample_near(&whole, u, |_| ()), whole.sample(u));
         }
     }

@@ -70,15 +70,13 @@ mod tests {
 
     #[test]
     fn axes_are_exact() {
-        assert_eq!(sin_cos_turn(0.0), (0.0, 1.0));
-        assert_eq!(sin_cos_turn(0.25), (1.0, 0.0));
-        assert_eq!(sin_cos_turn(0.5), (0.0, -1.0));
-        assert_eq!(sin_cos_turn(-0.25), (-1.0, 0.0));
-        assert_eq!(turn_of(0.0, 0.0), 0.0);
-        assert_eq!(turn_of(-0.0, 1.0), 0.0);
-        assert_eq!(turn_of(1.0, 0.0), 0.25);
-        assert_eq!(turn_of(-1e-30, 1.0), 0.0);
-        assert_eq!(turn_of(0.0, -1.0), 0.5);
-        assert_eq!(turn_of(f32::NAN, f32::NAN), 0.0);
+        let axes = [0.0, 0.25, 0.5, -0.25].map(sin_cos_turn);
+        assert_eq!(axes, [(0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0.0)]);
+        let nan = f32::NAN;
+        for (y, x, turn) in [(0.0, 0.0, 0.0), (-0.0, 1.0, 0.0), (1.0, 0.0, 0.25), (-1e-30, 1.0, 0.0), (0.0, -1.0, 0.5)]
+        {
+            assert_eq!(turn_of(y, x), turn, "{y} {x}");
+        }
+        assert_eq!(turn_of(nan, nan), 0.0);
     }
 }

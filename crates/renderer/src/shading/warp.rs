@@ -20,28 +20,10 @@ pub fn uniform_sphere_pdf() -> f32 {
     0.25 / PI
 }
 
-/// Samples a unit direction uniformly on the hemisphere `z > 0`.
-#[inline]
-pub fn uniform_hemisphere(u: [f32; 2]) -> Vec3 {
-    around_z((u[0] * (2.0 - u[0])).sqrt(), 1.0 - u[0], u[1])
-}
-
-/// Returns the solid-angle density of [`uniform_hemisphere`] on `z > 0`.
-#[inline]
-pub fn uniform_hemisphere_pdf() -> f32 {
-    0.5 / PI
-}
-
 /// Samples a point uniformly on the unit disk by the concentric map [Shirley and Chiu 1997].
 #[inline]
 pub fn concentric_disk(u: [f32; 2]) -> Vec2 {
     concentric(u).1
-}
-
-/// Returns the area density of [`concentric_disk`].
-#[inline]
-pub fn concentric_disk_pdf() -> f32 {
-    1.0 / PI
 }
 
 /// Samples a unit direction on the hemisphere `z > 0` with density proportional to its cosine.
@@ -54,12 +36,6 @@ pub fn cosine_hemisphere(u: [f32; 2]) -> Vec3 {
     p.extend(z)
 }
 
-/// Returns the solid-angle density of [`cosine_hemisphere`] at a direction whose cosine is `cos`; 0 below the horizon.
-#[inline]
-pub fn cosine_hemisphere_pdf(cos: f32) -> f32 {
-    cos.max(0.0) / PI
-}
-
 /// Samples a point uniformly on a triangle by a low-distortion map [Heitz 2019]. Returns its barycentric coordinates
 /// `(b0, b1, b2)`, which sum to 1.
 #[inline]
@@ -70,12 +46,6 @@ pub fn uniform_triangle(u: [f32; 2]) -> [f32; 3] {
     let first = Vec4::splat(u[1]).cmpgt(Vec4::splat(u[0]));
     let [b0, b1, ..] = Vec4::select(first, Vec4::new(half, rest, 0.0, 0.0), Vec4::new(rest, half, 0.0, 0.0)).to_array();
     [b0, b1, (1.0 - b0 - b1).max(0.0)]
-}
-
-/// Returns the area density of [`uniform_triangle`] on a triangle of this area; infinity for area 0.
-#[inline]
-pub fn uniform_triangle_pdf(area: f32) -> f32 {
-    1.0 / area
 }
 
 /// Samples a unit direction uniformly in a cone around +z. `one_minus_cos` is `1 - cos` of the angle between the axis

@@ -2,7 +2,6 @@
 
 use super::instances::{Placements, Shutter, empty_mesh};
 use super::{NO_LIGHT, NO_MEDIUM, Part, World};
-use crate::SceneError;
 use crate::camera::CameraView;
 use crate::light::{DiskLight, Lamp, Light, Lights, MeshLight, SceneSphere, SphereLight};
 use crate::material::{Surface, check_mixes};
@@ -14,6 +13,22 @@ use dapple_geometry::{Disk, Geometry, Mesh, Shape, Sphere};
 use dapple_scene::Effects;
 use dapple_scene::{Emission, Geometry as Described, MeshData, Scene, Shape as DescribedShape, Source};
 use glam::{DAffine3, DVec3, Vec3};
+
+/// The reason why a camera, a light or a medium of a scene was refused.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("{at}: {what}")]
+pub struct SceneError {
+    /// The line of the scene file that defines the object.
+    pub at: Source,
+    /// The problem and its remedy.
+    pub what: String,
+}
+
+impl SceneError {
+    pub(crate) fn new(at: &Source, what: impl Into<String>) -> Self {
+        Self { at: at.clone(), what: what.into() }
+    }
+}
 
 /// The reasons why a scene cannot be rendered.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -178,16 +193,14 @@ pub(super) fn convert(shape: &DescribedShape, space: &Space) -> Result<(Shape, P
             part.uvs.clone_from(&mesh.uvs);
             let moved = |p: &DVec3| space.point(shape.to_world.transform_point3(*p)).as_vec3().to_array();
             let positions = mesh.positions.iter().map(moved).collect();
-            Mesh::new(positions, mesh.triangles.clone()).map(Shape::from).map_err(|e| e.to_string())?
+            Mesh::new(positions, mesh.triangles.clone()).map(Shape::from)
         }
-        Described::Sphere { radius } => {
-            Sphere::transformed(to_world, *radius).map(Shape::from).map_err(|e| e.to_string())?
-        }
+        Described::Sphere { radius } => Sphere::transformed(to_world, *radius).map(Shape::from),
         Described::Disk { height, radius, inner_radius } => {
-            Disk::transformed(to_world, *height, *radius, *inner_radius).map(Shape::from).map_err(|e| e.to_string())?
+            Disk::transformed(to_world, *height, *radius, *inner_radius).map(Shape::from)
         }
     };
-    Ok((geometry, part))
+    Ok((geometry.map_err(|e| e.to_string())?, part))
 }
 
 /// Returns unit vertex normals in world space, multiplied by `sign`. Normals of length 0 stay zero.

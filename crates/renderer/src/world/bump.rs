@@ -85,24 +85,3 @@ fn triangle_derivatives(at: &Interaction<'_>, mesh: &Mesh, [p0, p1, p2]: [Vec3; 
     let (e1, e2) = (p1 - p0, p2 - p0);
     [(e1 * dv2 - e2 * dv1) / determinant, (e2 * du1 - e1 * du2) / determinant]
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn slopes_tilt_normals_against_them() {
-        for (p_u, p_v) in [(Vec3::X, Vec3::Y), (-3.0 * Vec3::X, Vec3::Y), (Vec3::X, 0.1 * Vec3::Y), (Vec3::Y, Vec3::X)]
-        {
-            // A height that grows by 0.5 along x and by 0.25 along y.
-            let slope = Vec3::new(0.5, 0.25, 0.0);
-            let n = tilt(Vec3::Z, [p_u, p_v], [slope.dot(p_u), slope.dot(p_v)]).normalize();
-            assert!((n - Vec3::new(-0.5, -0.25, 1.0).normalize()).length() < 1e-6, "{p_u} {p_v}: {n}");
-            let below = tilt(-Vec3::Z, [p_u, p_v], [slope.dot(p_u), slope.dot(p_v)]).normalize();
-            assert!((below - Vec3::new(0.5, 0.25, 1.0).normalize() * Vec3::new(-1.0, -1.0, -1.0)).length() < 1e-6);
-        }
-        // No directions, no slope.
-        assert_eq!(tilt(Vec3::Z, [Vec3::ZERO; 2], [1.0, 1.0]), Vec3::Z);
-        assert_eq!(tilt(Vec3::Z, [Vec3::X, Vec3::NAN], [1.0, 1.0]), Vec3::Z);
-    }
-}

@@ -1,13 +1,66 @@
-//! The features of a camera ray's first hit and of the first rough surface, for samplers and denoisers.
+//! What samplers and filters read of a camera ray: the features of its first hit and of the first rough surface, the
+//! dimensions with a meaning, and the motion of the hit across the image.
 
 use super::{Interaction, NO_LIGHT, World};
+use crate::blocks;
 use crate::material::Surface;
 use crate::shading::Bsdf;
-use dapple_core::{FirstHit, SurfaceFeatures};
+use dapple_core::{Block, FirstHit, SurfaceFeatures, Trajectory};
 use dapple_geometry::Ray;
-use glam::Vec3;
+use dapple_scene::Effect;
+use glam::{DVec3, Vec3};
+use std::ops::Range;
+
+/// A group of random numbers, and its dimensions that have a meaning.
+pub type Lanes = (Block, Range<u8>);
+
+/// The dimensions in which the samples of the path tracer have a meaning.
+#[non_exhaustive]
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SampleDimensions {
+    /// The place in the pixel: two dimensions.
+    pub place: Lanes,
+    /// The point on the lens: two dimensions, or none without a lens.
+    pub lens: Lanes,
+    /// The time within the exposure: one dimension, or none if nothing moves.
+    pub time: Lanes,
+    /// The point on the light: two dimensions, or none unless there is one light with an extent.
+    pub light: Lanes,
+    /// The first use of other random numbers, as a noun phrase: light that scatters more than once, scattering in media, surfaces
+    /// that rays may pass, the selection among lights, and directions towards lights with an extent.
+    pub outside: Option<&'static str>,
+}
 
 impl World {
+    /// Returns the dimensions in which the samples of the path tracer have a meaning. `None` for pixel filters other than a box of
+    /// one pixel, since the place in the pixel is not a coordinate then.
+    pub fn sample_dimensions(&self) -> Option<SampleDimensions> {
+        let is_light_a_coordinate = self.lights.len() == 1 && !self.lights.has_delta();
+        self.filter.is_one_pixel().then(|| SampleDimensions {
+            place: (blocks::CAMERA, 0..2),
+            lens: (blocks::CAMERA, if self.camera.has_lens() { 2..4 } else { 0..0 }),
+            time: (blocks::TIME, if self.moves { 0..1 } else { 0..0 }),
+            light: (blocks::scatter(0), if is_light_a_coordinate { 0..2 } else { 0..0 }),
+            outside: self.outside(),
+        })
+    }
+
+    /// Returns the first use of random numbers beside these dimensions, as a noun phrase.
+    fn outside(&self) -> Option<&'static str> {
+        let has = |effect| self.effects.has(effect);
+        let uses = [
+            (self.max_depth > 1 && has(Effect::Interreflection), "light that scatters more than once"),
+            (has(Effect::ScatteringMedia), "scattering in media"),
+            (self.has_passable_surfaces, "surfaces that rays may pass"),
+            (self.lights.len() > 1, "the selection among several lights"),
+            (
+                has(Effect::SoftShadows) || has(Effect::Environment),
+                "directions scattered towards a light with an extent",
+            ),
+        ];
+        uses.into_iter().find_map(|(is_used, what)| is_used.then_some(what))
+    }
+
     /// Returns the features of a camera ray's first hit that samplers and denoisers use.
     ///
     /// `u` in `[0, 1)` selects one material if the surface is a mix.
@@ -68,6 +121,49 @@ impl World {
         SurfaceFeatures::new(at.point.position.to_array(), normal.to_array(), depth)
             .with_albedo(albedo.min(Vec3::ONE).to_array())
     }
+
+    /// Returns the trajectory of a camera ray's first hit: its depth, and its motion across the image while the shutter is
+    /// open, with the object and the camera. Reflections, and what is behind glass, are taken to move with the surface hit.
+    ///
+    /// Returns `None` for a hit in the plane of the lens, and for a motion beyond the range of `f32`.
+    pub fn trajectory(&self, at: &Interaction<'_>) -> Option<Trajectory> {
+        let now = at.point.position.as_dvec3();
+        let ends = match self.geometry.to_world(at.hit.shape, at.time).filter(|_| self.moves) {
+            None => [now; 2],
+            Some(to_world) => {
+                let inner = to_world.inverse().transform_point3(now);
+                let place = |time| self.geometry.to_world(at.hit.shape, time).map(|map| map.transform_point3(inner));
+                self.open.map(|time| place(time).unwrap_or(now))
+            }
+        };
+        let (here, depth) = self.camera.project(at.time, now);
+        let motion = self.motion(|time, end| self.camera.project(time, ends[end]).0, here.z);
+        sound((depth > 0.0).then(|| 1.0 / depth)?, motion)
+    }
+
+    /// Returns the trajectory of the background along a camera ray that hits nothing; `None` if the camera is at rest or
+    /// orthographic.
+    pub fn background_trajectory(&self, ray: &Ray, time: f32) -> Option<Trajectory> {
+        let direction = ray.direction.as_dvec3();
+        let here = self.camera.project_direction(time, direction).filter(|_| self.camera.moves())?;
+        let at = |time, _| self.camera.project_direction(time, direction).unwrap_or(here);
+        sound(0.0, self.motion(at, here.z))
+    }
+
+    /// Returns the change of a position while the shutter is open, relative to `depth`.
+    fn motion(&self, at: impl Fn(f32, usize) -> DVec3, depth: f64) -> DVec3 {
+        if !self.moves {
+            return DVec3::ZERO;
+        }
+        let [opens, closes] = self.open;
+        (at(closes, 1) - at(opens, 0)) / depth
+    }
+}
+
+/// Returns the trajectory if its numbers are finite in `f32`.
+fn sound(inverse_depth: f64, motion: DVec3) -> Option<Trajectory> {
+    let (inverse_depth, motion) = (inverse_depth as f32, motion.as_vec3());
+    (inverse_depth.is_finite() && motion.is_finite()).then(|| Trajectory::new(inverse_depth, motion.to_array()))
 }
 
 /// Returns the factor, 1 or -1, that turns a surface's normals to the side that the ray came from.
@@ -78,4 +174,196 @@ fn side(ray: &Ray, at: &Interaction<'_>) -> f32 {
 /// Returns a surface's albedo: 1 for emitters.
 fn albedo(at: &Interaction<'_>, bsdf: &Bsdf<'_>) -> Vec3 {
     if at.part.light == NO_LIGHT { bsdf.albedo() } else { Vec3::ONE }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::shading::warp::concentric_disk;
+    use crate::support::*;
+    use crate::without;
+    use dapple_conformance::toys::Points;
+
+    const SIZE: [u32; 2] = [24, 16];
+
+    fn boxed(name: &str) -> Scene {
+        let mut scene = bundle(name);
+        scene.film.pixel_filter = PixelFilter::default();
+        scene
+    }
+
+    /// A scene whose light scatters once, from one point light.
+    fn simple(name: &str) -> Scene {
+        let scene = Scene { max_depth: Some(1), ..boxed(name) };
+        let effects = [Effect::Environment, Effect::SoftShadows, Effect::SeveralLights];
+        effects.into_iter().fold(scene, |scene, effect| match Effects::of(&scene).has(effect) {
+            true => without(&scene, effect).unwrap_or_else(|e| panic!("{e}")),
+            false => scene,
+        })
+    }
+
+    fn dimensions(world: &World) -> SampleDimensions {
+        world.sample_dimensions().unwrap_or_else(|| panic!("no dimensions"))
+    }
+
+    /// Place, lens, time and light have these numbers of dimensions, but for pixel filters other than a box of one pixel.
+    #[test]
+    fn dimensions_are_those_that_the_scene_uses() {
+        for (scene, expected) in
+            [(simple("lens"), [2, 2, 0, 0]), (simple("motion"), [2, 0, 1, 0]), (boxed("cornell"), [2, 0, 0, 2])]
+        {
+            let SampleDimensions { place, lens, time, light, .. } = dimensions(&small(&scene, SIZE));
+            assert_eq!([place, lens, time, light].map(|(_, lanes)| lanes.len()), expected);
+        }
+        let triangle = PixelFilter::Triangle { radius: [0.5, 0.5] };
+        for filter in [[1.0, 1.0], [0.5, 0.25]].map(|radius| PixelFilter::Box { radius }).into_iter().chain([triangle])
+        {
+            let mut scene = boxed("cornell");
+            scene.film.pixel_filter = filter;
+            assert_eq!(small(&scene, SIZE).sample_dimensions(), None);
+        }
+    }
+
+    /// The number of samples whose radiance changes with the random numbers outside the dimensions.
+    fn changed(world: &World) -> usize {
+        let SampleDimensions { place, lens, time, light, .. } = dimensions(world);
+        let is_inside = |block, lane| {
+            [&place, &lens, &time, &light].iter().any(|(of, lanes)| of.number() == block && lanes.contains(&lane))
+        };
+        let tracer = integrator(world);
+        let is_changed = |i: &u32| {
+            let [one, other] = [2, 3].map(|seed| {
+                let points = Points(|id, block| {
+                    let [fixed, free] = [1, seed].map(|seed| Random::new(seed).block(id, block));
+                    std::array::from_fn(|lane| if is_inside(block, lane as u8) { fixed[lane] } else { free[lane] })
+                });
+                let id = SampleId::new([i % SIZE[0], i / SIZE[0]], streams::WHOLE, 0);
+                tracer.estimate(&Draws::new(&points, id), &mut Worker::default()).radiance
+            });
+            one != other
+        };
+        (0..SIZE[0] * SIZE[1]).filter(is_changed).count()
+    }
+
+    #[test]
+    fn random_numbers_outside_the_dimensions_change_samples_exactly_if_there_is_such_a_use() {
+        for name in ["lens", "motion", "cornell", "plates", "terrain"] {
+            let world = small(&simple(name), SIZE);
+            assert_eq!((dimensions(&world).outside, changed(&world)), (None, 0), "{name}");
+        }
+        let once = Scene { max_depth: Some(1), ..boxed("cornell") };
+        let twice = "light that scatters more than once";
+        for (scene, outside) in [
+            (once, "directions scattered towards a light with an extent"),
+            (boxed("cornell"), twice),
+            (boxed("lens"), twice),
+            (boxed("glass"), twice),
+        ] {
+            let world = small(&scene, SIZE);
+            assert_eq!(dimensions(&world).outside, Some(outside), "{}", scene.name);
+            assert!(changed(&world) > 0, "{}", scene.name);
+        }
+    }
+
+    /// The first hits of some camera rays: place in the image, point on the lens, hit, trajectory and time.
+    fn hits(world: &World) -> Vec<([f32; 2], Vec2, Interaction<'_>, Trajectory, f32)> {
+        let points = Random::new(4);
+        let ids = (0..400).map(|k| SampleId::new([k % SIZE[0], k / SIZE[0] % SIZE[1]], 0, u64::from(k)));
+        let hit = |id: SampleId| {
+            let [x, y, u, v] = points.block(id, blocks::CAMERA.number());
+            let (ray, time) = world.camera_ray(&Draws::new(&points, id));
+            let at = world.closest_hit(&ray, time)?;
+            let path = world.trajectory(&at).unwrap_or_else(|| panic!("no trajectory"));
+            let place = [id.pixel[0] as f32 + x, id.pixel[1] as f32 + y];
+            Some((place, concentric_disk([u, v]), at, path, time))
+        };
+        ids.filter_map(hit).collect()
+    }
+
+    #[test]
+    fn a_sample_lies_at_its_depths_blur_from_its_hits_place_through_the_centre_of_the_lens() {
+        let mut wide = boxed("lens");
+        wide.camera.lens_radius *= 3.0;
+        for (scene, blur) in [(boxed("lens"), 0.3), (wide, 1.0), (boxed("cornell"), 0.0), (boxed("motion"), 0.0)] {
+            let world = small(&scene, SIZE);
+            let (hits, mut largest) = (hits(&world), 0.0_f32);
+            for (place, on_lens, at, path, time) in &hits {
+                let (through, _) = world.camera.project(*time, at.point.position.as_dvec3());
+                let [far, by_inverse_depth] = world.camera.defocus().unwrap_or_default();
+                for axis in 0..2 {
+                    let radius = far[axis] + by_inverse_depth[axis] * path.inverse_depth;
+                    let expected = (through[axis] / through.z) as f32 + radius * on_lens[axis];
+                    assert!((place[axis] - expected).abs() < 1e-3, "{place:?}: {expected} on axis {axis}");
+                    largest = largest.max((radius * on_lens[axis]).abs());
+                }
+            }
+            assert!(hits.len() > 100 && largest >= blur, "{} hits, blurred by {largest} pixels", hits.len());
+        }
+    }
+
+    #[test]
+    fn moved_samples_hit_the_same_point_of_the_object() {
+        let mut panning = boxed("lens");
+        panning.camera.moves_to = Some(panning.camera.to_world * at(0.02, 0.01, 0.1));
+        // Rotating objects leave the straight line between their ends.
+        for (scene, least, tolerance) in [(boxed("motion"), 40, 0.1), (panning, 100, 1e-3)] {
+            let world = small(&scene, SIZE);
+            let (mut moved, mut worst) = (0, 0.0_f64);
+            for (_, _, at, path, time) in hits(&world) {
+                moved += usize::from(path.motion != [0.0; 3]);
+                // The point at the middle of the exposure, carried by its object.
+                let (here, later) = (at.point.position.as_dvec3(), world.time(0.5));
+                let map = |time| world.geometry.to_world(at.hit.shape, time);
+                let inner = map(time).map(|map| map.inverse().transform_point3(here));
+                let carried = inner.zip(map(later)).map_or(here, |(inner, map)| map.transform_point3(inner));
+                let [(expected, _), (from, _)] =
+                    [(later, carried), (time, here)].map(|(t, p)| world.camera.project(t, p));
+                let [opens, closes] = world.open.map(f64::from);
+                let share = (f64::from(later) - f64::from(time)) / (closes - opens);
+                let found = from / from.z + share * DVec3::from(path.motion.map(f64::from));
+                worst = worst.max((found / found.z - expected / expected.z).truncate().length());
+            }
+            assert!(moved >= least && worst < tolerance, "{moved} samples moved, {worst} pixels apart");
+        }
+    }
+
+    #[test]
+    fn path_tracers_report_trajectories_only_on_request() {
+        for name in ["cornell", "lens", "motion", "room"] {
+            let world = small(&boxed(name), SIZE);
+            let (tracer, points) = (integrator(&world), Random::new(4));
+            let mut hits = 0;
+            for k in 0..200 {
+                let id = SampleId::new([k % SIZE[0], k / SIZE[0] % SIZE[1]], 0, u64::from(k));
+                let plain = tracer.estimate(&Draws::new(&points, id), &mut Worker::default());
+                let asked = tracer.estimate(&Draws::new(&points, id).with_trajectory(), &mut Worker::default());
+                assert_eq!((plain.radiance, plain.trajectory), (asked.radiance, None));
+                assert_eq!(asked.first_hit.is_some(), asked.trajectory.is_some());
+                hits += u32::from(asked.trajectory.is_some());
+            }
+            assert!(hits > 50, "{name}: {hits} hits");
+        }
+    }
+
+    #[test]
+    fn the_background_moves_with_a_camera_that_turns_and_stays_with_one_that_does_not() {
+        let mut turning = boxed("lens");
+        turning.camera.moves_to = Some(turning.camera.to_world * DAffine3::from_rotation_y(0.05));
+        let [still, turning] = [boxed("lens"), turning].map(|scene| small(&scene, SIZE));
+        let points = Random::new(4);
+        for k in 0..400 {
+            let id = SampleId::new([k % SIZE[0], k / SIZE[0] % SIZE[1]], 0, u64::from(k));
+            let [x, y, u, v] = points.block(id, blocks::CAMERA.number());
+            let (ray, time) = turning.camera_ray(&Draws::new(&points, id));
+            assert_eq!(still.background_trajectory(&ray, time), None);
+            let path = turning.background_trajectory(&ray, time).unwrap_or_else(|| panic!("no trajectory"));
+            let here = turning.camera.project_direction(time, ray.direction.as_dvec3()).unwrap_or_default();
+            let [radius, _] = turning.camera.defocus().unwrap_or_default();
+            let place = Vec2::new(id.pixel[0] as f32 + x, id.pixel[1] as f32 + y);
+            let expected = place - Vec2::from(radius) * concentric_disk([u, v]);
+            let found = (here / here.z).truncate().as_vec2();
+            assert!((found - expected).length() < 1e-3, "{found} instead of {expected}");
+            assert!(path.inverse_depth == 0.0 && path.motion[0].abs() > 0.5);
+        }
+    }
 }

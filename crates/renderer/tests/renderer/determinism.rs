@@ -1,15 +1,11 @@
 //! The same image on any number of threads, in any order of tiles, in any process, and in any unit of length.
 
 use crate::support::*;
-use dapple_core::{Draws, Frame, Limits, Needs, PointSet, Render, SampleId, Schedule, Worker, streams};
+use dapple_conformance::toys::Points;
 use dapple_job::registry::{self, MethodInputs, POINTS, SAMPLERS, Setting};
-use dapple_low_discrepancy::{Mitchell1991, Sobol};
-use dapple_renderer::{World, blocks, integrator};
-use dapple_scene::bundled;
-use dapple_scene::{Geometry, Scene};
-use glam::{DAffine3, DMat3, DVec3};
+use dapple_low_discrepancy::Mitchell1991;
 use std::collections::BTreeSet;
-use std::sync::{Arc, Mutex};
+use std::sync::Mutex;
 
 const SIZE: [u32; 2] = [37, 26];
 const SPP: u64 = 12;
@@ -22,63 +18,40 @@ fn points(name: &str) -> registry::AnyPoints {
 fn rendered(world: &World, sampler: &str, name: &str, schedule: Schedule, threads: usize) -> u64 {
     let frame = Frame::new(SIZE[0], SIZE[1]).expect("not empty");
     let limits = Limits::samples(SPP * frame.pixels() as u64).with_schedule(schedule);
-    let inputs = MethodInputs::of(Arc::new(world.clone()));
-    let made = registry::sampler(sampler, points(name), &inputs);
+    let made = registry::sampler(sampler, points(name), &MethodInputs::of(Arc::new(world.clone())));
     let mut sampler = made.unwrap_or_else(|e| panic!("{e}")).sampler;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
     let needs = Needs::none().with_variance().with_features();
-    let film = pool.install(|| Render::new(frame, &limits).needs(needs).run(&mut *integrator(world), &mut *sampler));
-    let film = film.unwrap_or_else(|e| panic!("{e}"));
+    let film = pool.install(|| film_in(world, frame, needs, &mut *sampler, &limits));
     assert_eq!(film.record().rejected, 0);
     // Features and variance must not change either.
-    let extra =
-        format!("{:?}", (0..film.frame().pixels()).map(|i| (film.moments(i), film.features(i))).collect::<Vec<_>>());
-    extra.bytes().fold(hash(&film), |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3))
-}
-
-fn schedule(tile_rows: u32, slice_spp: u32, shuffle: u64) -> Schedule {
-    Schedule::default().with_tile_rows(tile_rows).with_slice_spp(slice_spp).with_shuffle(shuffle)
-}
-
-fn plates() -> World {
-    let scene = bundled::files("plates").expect("bundled").read().unwrap_or_else(|e| panic!("{e}"));
-    World::with_resolution(&scene, SIZE).unwrap_or_else(|e| panic!("{e}"))
-}
-
-#[test]
-fn threads_and_tiles_change_no_bit_in_two_schedules_d01() {
-    check_schedules(&[(1, 0, 0, 7), (64, 5, 9, 2)], 1);
-}
-
-#[test]
-#[ignore = "14 s: five schedules in two scenes; two schedules in one are tested always"]
-fn threads_and_tiles_change_no_bit_d01() {
-    check_schedules(&[(1, 0, 0, 7), (7, 0, 5, 2), (16, 1, 0, 3), (64, 5, 9, 2), (1, 3, 77, 3)], 2);
+    let extra: Vec<_> = (0..frame.pixels()).map(|i| (film.moments(i), film.features(i))).collect();
+    fnv(hash(&film), format!("{extra:?}").bytes())
 }
 
 /// Every sampler with one point set, and every point set with one a-priori and one adaptive sampler: a sampler sees its
-/// points through one trait, so that other pairs add time but no case. In the first `scenes` of two, with these rows,
-/// slices, shuffles and threads.
-fn check_schedules(schedules: &[(u32, u32, u64, usize)], scenes: usize) {
-    let worlds = [("room", world(&room(SIZE))), ("plates", plates())];
+/// points through one trait, so that other pairs add time but no case.
+#[test]
+fn threads_and_tiles_change_no_bit_d01() {
+    let worlds = [world(&room(SIZE)), small(&bundle("plates"), SIZE)];
+    let schedule =
+        |(rows, slice, shuffle)| Schedule::default().with_tile_rows(rows).with_slice_spp(slice).with_shuffle(shuffle);
+    let schedules = [((1, 0, 0), 7), ((64, 5, 9), 2), ((7, 0, 5), 2), ((16, 1, 0), 3), ((1, 3, 77), 3)];
     let samplers = SAMPLERS.iter().map(|sampler| (sampler.name, "sobol"));
     let points = POINTS.iter().flat_map(|points| [("uniform", points.name), ("variance", points.name)]);
-    let pairs: BTreeSet<_> = samplers.chain(points).collect();
-    for (sampler, points) in pairs {
+    for (sampler, points) in samplers.chain(points).collect::<BTreeSet<_>>() {
         let words = match sampler {
             "mdas" => "mdas:force=1",
             "fourier-dof" => "fourier-dof:force=1",
             name => name,
         };
-        for (scene, world) in &worlds[..scenes] {
-            let what = format!("{scene}, {sampler}, {points}");
-            let run = |s, threads| rendered(world, words, points, s, threads);
-            let expected = run(schedule(1, 0, 0), 1);
-            for &(rows, slice, shuffle, threads) in schedules {
-                let found = run(schedule(rows, slice, shuffle), threads);
+        for world in &worlds[..thorough(1, 2)] {
+            let expected = rendered(world, words, points, schedule((1, 0, 0)), 1);
+            for &(words_of, threads) in &schedules[..thorough(2, 5)] {
+                let found = rendered(world, words, points, schedule(words_of), threads);
                 assert_eq!(
                     found, expected,
-                    "{what}, {threads} threads, {rows} rows, slices of {slice}, shuffle {shuffle}"
+                    "{sampler}, {points}, {threads} threads, rows, slice, shuffle {words_of:?}"
                 );
             }
         }
@@ -90,25 +63,24 @@ fn check_schedules(schedules: &[(u32, u32, u64, usize)], scenes: usize) {
 #[ignore = "run by fresh_processes_render_the_same_bits_d03"]
 #[allow(clippy::print_stdout)]
 fn fresh_processes_child_d03() {
-    println!("hash={:016x}", rendered(&plates(), "variance", "sobol", Schedule::default(), 3));
+    let plates = small(&bundle("plates"), SIZE);
+    println!("hash={:016x}", rendered(&plates, "variance", "sobol", Schedule::default(), 3));
 }
 
 #[test]
 fn fresh_processes_render_the_same_bits_d03() {
     let program = std::env::current_exe().expect("a test knows its program");
-    let hashes: BTreeSet<String> = (0..6)
-        .map(|_| {
-            let arguments =
-                ["--exact", "determinism::fresh_processes_child_d03", "--ignored", "--nocapture", "--test-threads=1"];
-            let output = std::process::Command::new(&program).args(arguments).output().expect("it runs");
-            let text = String::from_utf8_lossy(&output.stdout).into_owned();
-            let (_, hash) = text.split_once("hash=").unwrap_or_else(|| panic!("no hash in {text}"));
-            hash[..16].to_owned()
-        })
-        .collect();
+    let arguments =
+        ["--exact", "determinism::fresh_processes_child_d03", "--ignored", "--nocapture", "--test-threads=1"];
+    let in_process = || {
+        let output = std::process::Command::new(&program).args(arguments).output().expect("it runs");
+        let text = String::from_utf8_lossy(&output.stdout).into_owned();
+        let (_, hash) = text.split_once("hash=").unwrap_or_else(|| panic!("no hash in {text}"));
+        hash[..16].to_owned()
+    };
+    let here = rendered(&small(&bundle("plates"), SIZE), "variance", "sobol", Schedule::default(), 1);
+    let hashes: BTreeSet<String> = (0..3).map(|_| in_process()).chain([format!("{here:016x}")]).collect();
     assert_eq!(hashes.len(), 1, "{hashes:?}");
-    let here = rendered(&plates(), "variance", "sobol", Schedule::default(), 1);
-    assert_eq!(hashes.first().map(String::as_str), Some(&*format!("{here:016x}")));
 }
 
 /// Any sample replayed alone equals the one in the film: a film of n + 1 samples is a film of n plus that sample.
@@ -130,24 +102,18 @@ fn one_sample_replayed_alone_is_the_same_d03() {
     }
 }
 
-/// Shapes whose coordinates f32 holds exactly, also after moving by a power of two.
-fn dyadic() -> Scene {
+/// Shapes whose coordinates f32 holds exactly, also after moving by a power of two; with the camera, under a map of the
+/// world.
+fn dyadic(map: DAffine3) -> Scene {
     let mut scene = scene(SIZE, 50.0, DVec3::new(0.0, -4.0, 0.5), DVec3::new(0.0, 0.0, 0.5));
     let grey = add_material(&mut scene, diffuse(0.7));
     let shiny = add_material(&mut scene, metal(0.25));
-    add(&mut scene, rectangle(DVec3::ZERO, 2.0 * DVec3::X, 2.0 * DVec3::Y), DAffine3::IDENTITY, grey, None);
-    let up = DAffine3::from_translation(DVec3::new(0.25, 0.5, 0.5));
-    add(&mut scene, Geometry::Sphere { radius: 0.5 }, up, shiny, None);
-    add(&mut scene, rectangle(DVec3::new(0.0, 0.0, 1.5), DVec3::Y, DVec3::X), DAffine3::IDENTITY, grey, Some(3.0));
+    plate(&mut scene, [DVec3::ZERO, 2.0 * DVec3::X, 2.0 * DVec3::Y], grey, None);
+    ball(&mut scene, DVec3::new(0.25, 0.5, 0.5), 0.5, shiny, None);
+    plate(&mut scene, [DVec3::new(0.0, 0.0, 1.5), DVec3::Y, DVec3::X], grey, Some(3.0));
     let disk = Geometry::Disk { height: 0.25, radius: 0.5, inner_radius: 0.125 };
-    add(&mut scene, disk, DAffine3::from_translation(DVec3::new(-1.0, 0.0, 0.0)), grey, Some(1.0));
+    add(&mut scene, disk, at(-1.0, 0.0, 0.0), grey, Some(1.0));
     add_sky(&mut scene, 0.25);
-    scene
-}
-
-/// The scene and its camera under a map of the world.
-fn moved(scene: &Scene, map: DAffine3) -> Scene {
-    let mut scene = scene.clone();
     scene.shapes.iter_mut().for_each(|s| s.to_world = map * s.to_world);
     scene.camera.to_world = map * scene.camera.to_world;
     scene
@@ -155,68 +121,40 @@ fn moved(scene: &Scene, map: DAffine3) -> Scene {
 
 #[test]
 fn scale_changes_no_bit_g04() {
-    let scene = dyadic();
-    let expected = hash(&image(&scene, 4, 1));
+    let expected = hash(&image(&dyadic(DAffine3::IDENTITY), 4, 1));
     for exponent in [-90, -40, -13, -1, 1, 7, 40, 90] {
         let scale = DAffine3::from_scale(DVec3::splat(f64::from(exponent).exp2()));
-        assert_eq!(hash(&image(&moved(&scene, scale), 4, 1)), expected, "scaled by 2^{exponent}");
+        assert_eq!(hash(&image(&dyadic(scale), 4, 1)), expected, "scaled by 2^{exponent}");
     }
 }
 
 #[test]
 fn a_scene_far_from_the_origin_renders_the_same_g20() {
-    let scene = dyadic();
-    let expected = hash(&image(&scene, 4, 1));
+    let expected = hash(&image(&dyadic(DAffine3::IDENTITY), 4, 1));
     for exponent in [7, 20, 30] {
         let far = f64::from(exponent).exp2();
-        let move_by = DAffine3::from_translation(DVec3::new(far, -far, 3.0 * far));
-        assert_eq!(hash(&image(&moved(&scene, move_by), 4, 1)), expected, "moved by 2^{exponent}");
+        assert_eq!(hash(&image(&dyadic(at(far, -far, 3.0 * far)), 4, 1)), expected, "moved by 2^{exponent}");
     }
 }
 
 /// A mirrored world looks like the mirrored scene: lamps emit to the same side.
 #[test]
 fn a_mirrored_lamp_emits_to_its_own_side_l12() {
-    let scene = dyadic();
-    let mirror = DAffine3::from_mat3(DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0)));
-    let [plain, mirrored] = [scene.clone(), moved(&scene, mirror)].map(|s| mean(&image(&s, 256, 1)));
-    for c in 0..3 {
-        assert!((plain[c] / mirrored[c] - 1.0).abs() < 5e-3, "{plain:?} {mirrored:?}");
-    }
+    let mirror = DAffine3::from_scale(DVec3::new(-1.0, 1.0, 1.0));
+    let [plain, mirrored] = [DAffine3::IDENTITY, mirror].map(|map| mean(&image(&dyadic(map), 256, 1)));
+    assert!((0..3).all(|c| (plain[c] / mirrored[c] - 1.0).abs() < 5e-3), "{plain:?} {mirrored:?}");
 }
-
-/// The blocks that a render requests.
-struct Recorded {
-    points: Sobol,
-    asked: Mutex<BTreeSet<u32>>,
-}
-
-impl PointSet for &Recorded {
-    fn describe(&self) -> String {
-        self.points.describe()
-    }
-
-    fn block(&self, id: SampleId, block: u32) -> [f32; 4] {
-        self.asked.lock().expect("no test panics here").insert(block);
-        self.points.block(id, block)
-    }
-
-    fn capacity(&self) -> u64 {
-        self.points.capacity()
-    }
-}
-
-/// The sets whose pairs are nets in base 2. The others promise something else.
-const NETS: [&str; 3] = ["sobol", "lowdiscrepancy", "zsobol"];
-const NO_NETS: [&str; 8] =
-    ["random", "stratified", "halton", "blue-noise", "pmj02", "lattice", "diffused", "mitchell-1991"];
 
 /// Every pair of every block that the integrator really requests is a net, with every set of base 2.
 #[test]
 fn the_integrators_pairs_are_nets_s02() {
-    let recorded = Recorded { points: Sobol::new(1), asked: Mutex::default() };
-    film_of(&world(&room(SIZE)), SIZE, 4, &recorded);
-    let asked = recorded.asked.into_inner().expect("no test panics here");
+    let (asked, points) = (Mutex::new(BTreeSet::new()), Sobol::new(1));
+    let recorded = Points(|id, block| {
+        asked.lock().expect("no test panics here").insert(block);
+        points.block(id, block)
+    });
+    film_of(&world(&room(SIZE)), SIZE, 4, recorded);
+    let asked = asked.into_inner().expect("no test panics here");
     let named: BTreeSet<u32> = std::iter::once(blocks::CAMERA.number())
         .chain((0..8).flat_map(|v| [blocks::scatter(v).number(), blocks::choose(v).number()]))
         .collect();
@@ -227,10 +165,7 @@ fn the_integrators_pairs_are_nets_s02() {
         let points = registry::points(name, setting).unwrap_or_else(|e| panic!("{e}"));
         (0..1 << m).map(|index| points.block(SampleId::new(pixel, 0, index), block)).collect()
     };
-    for entry in POINTS {
-        assert!(NETS.contains(&entry.name) != NO_NETS.contains(&entry.name), "is {} a net?", entry.name);
-    }
-    for name in NETS.into_iter().filter(|name| POINTS.iter().any(|e| e.name == *name)) {
+    for name in ["sobol", "lowdiscrepancy", "zsobol"] {
         for (seed, pixel) in (0..4_u64).flat_map(|s| (0..25).map(move |p| (s, [p * 41 % 97, p * 17]))) {
             for (&block, m) in asked.iter().flat_map(|b| [2, 5, 8].map(|m| (b, m))) {
                 let drawn = drawn(name, seed, m, pixel, block);

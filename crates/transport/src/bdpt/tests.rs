@@ -1,21 +1,12 @@
-//! Each strategy alone, and all together, find the path tracer's light.
+//! Each strategy alone, and all together, find the path tracer's light. The weights of all that can make one path sum to one.
 #![allow(clippy::print_stderr, reason = "figures of tests")]
 
+use super::vertex::{From, Kind, Vertex};
+use super::weights::Ends;
 use super::{Bdpt, BdptOptions};
-use crate::make_integrator;
-use dapple_conformance::statistics::{FAMILY, Mean, critical, images, sidak};
-use dapple_core::samplers::Uniform;
-use dapple_core::{
-    Control, Draws, Film, Frame, Integrator, Limits, Needs, Options as _, Render, SampleId, Snapshot, Status, Worker,
-    streams,
-};
-use dapple_low_discrepancy::Sobol;
-use dapple_renderer::{World, integrator};
-use dapple_scene::{
-    Camera, Color, Emission, Geometry, Light, LightKind, Material, MaterialId, MaterialKind, Projection, Roughness,
-    Scalar, Scene, Shape, Source, bundled,
-};
-use glam::{DAffine3, DMat3, DVec3};
+use crate::support::*;
+use dapple_core::{Estimate, Options as _, PointSet};
+use dapple_low_discrepancy::Random;
 
 /// A change of weights, for tests of single strategies and as an injected error.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,59 +31,31 @@ impl Fault {
     }
 }
 
-pub(super) fn bdpt<'w>(world: &'w World, options: &str) -> Bdpt<'w> {
+fn bdpt<'w>(world: &'w World, options: &str) -> Bdpt<'w> {
     let options = BdptOptions::parse(options).unwrap_or_else(|e| panic!("{e}"));
     Bdpt::new(world, &options).unwrap_or_else(|e| panic!("{e}"))
 }
 
-fn film(integrator: &mut dyn Integrator, [width, height]: [u32; 2], spp: u64, seed: u64) -> Film {
-    let frame = Frame::new(width, height).expect("not empty");
-    let limits = Limits::samples(spp * frame.pixels() as u64);
-    let render = Render::new(frame, &limits).needs(Needs::none().with_splats());
-    let film = render.run(integrator, &mut Uniform::new(Sobol::new(seed))).unwrap_or_else(|e| panic!("{e}"));
-    assert_eq!(film.record().rejected, 0);
-    film
-}
-
-fn pixels(film: &Film) -> Vec<[f64; 3]> {
-    (0..film.frame().pixels()).map(|i| film.mean(i)).collect()
-}
-
-/// The image's mean in green, over replicates with a seed each.
-fn means(integrator: &mut dyn Integrator, size: [u32; 2], spp: u64, seeds: std::ops::Range<u64>) -> Mean {
-    let mean = |seed| {
-        let film = film(integrator, size, spp, seed);
-        pixels(&film).iter().map(|p| p[1]).sum::<f64>() / film.frame().pixels() as f64
-    };
-    seeds.map(mean).collect()
-}
-
-pub(super) fn diffuse(rho: f32) -> MaterialKind {
-    MaterialKind::Diffuse { reflectance: Color::Constant([rho; 3]) }
-}
-
-fn ball(radius: f64, at: DVec3, material: usize) -> Shape {
-    let to_world = DAffine3::from_translation(at);
-    Shape::new(Geometry::Sphere { radius }, to_world, MaterialId(material as u32), Source::default())
-}
-
 /// A room, the inside of a ball, that `camera` looks into, with a ball of the third material.
-pub(super) fn room(camera: Camera, middle: MaterialKind, lamp: Option<f64>) -> Scene {
+fn hall(camera: Camera, middle: MaterialKind, lamp: bool) -> Scene {
     let mut scene = Scene { max_depth: Some(3), camera, ..Scene::default() };
     scene.film.resolution = [8; 2];
-    for (name, kind) in [("wall", diffuse(0.6)), ("bulb", diffuse(0.2)), ("middle", middle)] {
-        scene.materials.push(Material::new(name, kind, Source::default()));
-    }
-    scene.shapes.push(ball(3.0, DVec3::ZERO, 0));
-    scene.shapes.push(ball(0.5, DVec3::new(-0.4, -0.3, 1.4), 2));
-    if let Some(radius) = lamp {
-        let emission = Some(Emission { radiance: [10.0; 3], two_sided: false });
-        scene.shapes.push(Shape { emission, ..ball(radius, DVec3::new(0.9, 0.8, 0.9), 1) });
+    let [wall, bulb, middle] = [diffuse(0.6), diffuse(0.2), middle].map(|kind| add_material(&mut scene, kind));
+    add_sphere(&mut scene, DVec3::ZERO, 3.0, wall, 0.0);
+    add_sphere(&mut scene, DVec3::new(-0.4, -0.3, 1.4), 0.5, middle, 0.0);
+    if lamp {
+        add_sphere(&mut scene, DVec3::new(0.9, 0.8, 0.9), 0.6, bulb, 10.0);
     }
     scene
 }
 
-pub(super) fn cameras() -> [(&'static str, Camera); 3] {
+/// Rough glass, which scales radiance and importance differently.
+fn rough_glass() -> MaterialKind {
+    let (roughness, white) = (Roughness::constant(0.5, 0.5, false), Color::Constant([1.0; 3]));
+    MaterialKind::Dielectric { eta: 1.5, roughness, reflectance: white, transmittance: white }
+}
+
+fn cameras() -> [(&'static str, Camera); 3] {
     let to_world = DAffine3::from_mat3_translation(DMat3::from_rotation_y(0.1), DVec3::new(0.1, 0.0, -1.5));
     let pinhole = Camera { to_world, projection: Projection::Perspective { fov: 60.0 }, ..Camera::default() };
     let lens = Camera { lens_radius: 0.3, focal_distance: 2.0, ..pinhole.clone() };
@@ -104,14 +67,14 @@ pub(super) fn cameras() -> [(&'static str, Camera); 3] {
 /// Asserts that single strategies have the same mean, for each number of scattering events. The false-alarm rate of 64
 /// comparisons is 1e-6. Strategies with fewer than `fewest` vertices from the light cannot make such paths.
 fn strategies_agree(name: &str, scene: &Scene, fewest: usize, spp: u64) {
-    let world = World::new(scene).unwrap_or_else(|e| panic!("{name}: {e}"));
+    let world = world(scene);
     for events in 1..=2_usize {
         let n = events + 2;
         let found: Vec<(usize, Mean)> = (fewest..n)
             .map(|s| {
                 let mut single = bdpt(&world, "");
                 single.fault = Fault::Only { s, t: n - s };
-                (s, means(&mut single, [8; 2], spp, 0..12))
+                (s, means_by(&mut single, [8; 2], spp, 0..12))
             })
             .collect();
         let (reference, others) = found.split_first().expect("a strategy");
@@ -124,65 +87,43 @@ fn strategies_agree(name: &str, scene: &Scene, fewest: usize, spp: u64) {
     }
 }
 
+/// By a lens; thoroughly, by all cameras, through rough glass, and from a point, which no ray can hit.
 #[test]
-fn every_strategy_alone_finds_the_same_light_by_a_lens() {
-    let [_, (name, camera), _] = cameras();
-    strategies_agree(name, &room(camera, diffuse(0.7), Some(0.6)), 0, 64);
-}
-
-#[test]
-#[ignore = "9 s: five rooms; that of the lens is tested always"]
 fn every_strategy_alone_finds_the_same_light() {
-    for (name, camera) in cameras() {
-        strategies_agree(name, &room(camera, diffuse(0.7), Some(0.6)), 0, 64);
+    let [pinhole, lens, orthographic] = cameras();
+    for (name, camera) in &[lens, pinhole.clone(), orthographic][..thorough(1, 3)] {
+        strategies_agree(name, &hall(camera.clone(), diffuse(0.7), true), 0, 64);
     }
-    let [(_, camera), ..] = cameras();
-    // Rough glass scales radiance and importance differently.
-    let (eta, white) = (1.5, Color::Constant([1.0; 3]));
-    let roughness = Roughness { u: Scalar::Constant(0.5), v: Scalar::Constant(0.5), remap: false };
-    let glass = MaterialKind::Dielectric { eta, roughness, reflectance: white, transmittance: white };
-    strategies_agree("rough glass", &room(camera.clone(), glass, Some(0.6)), 0, 64);
-    // No ray can hit a point; an environment shines through a hole.
-    let mut scene = room(camera, diffuse(0.7), None);
-    let (to_world, source) = (DAffine3::from_translation(DVec3::new(0.5, 0.6, 0.3)), Source::default());
-    scene.lights.push(Light { kind: LightKind::Point { intensity: [5.0; 3] }, to_world, source });
-    strategies_agree("point", &scene, 1, 64);
+    if thorough(false, true) {
+        strategies_agree("rough glass", &hall(pinhole.1.clone(), rough_glass(), true), 0, 64);
+        let mut scene = hall(pinhole.1, diffuse(0.7), false);
+        let (to_world, source) = (DAffine3::from_translation(DVec3::new(0.5, 0.6, 0.3)), line(200));
+        scene.lights.push(Light { kind: LightKind::Point { intensity: [5.0; 3] }, to_world, source });
+        strategies_agree("point", &scene, 1, 64);
+    }
 }
 
+/// A ball before two disks that face each other at an angle, in the light of the sky and of the sun.
 #[test]
-fn every_strategy_alone_finds_the_same_light_from_infinity_in_short() {
-    check_light_from_infinity(128);
-}
-
-#[test]
-#[ignore = "7 s: 256 samples per pixel; 128 are tested always"]
 fn every_strategy_alone_finds_the_same_light_from_infinity() {
-    check_light_from_infinity(256);
-}
-
-/// A ball before two disks, in the light of the sky and of the sun.
-fn check_light_from_infinity(spp: u64) {
     let [(_, camera), ..] = cameras();
-    let mut scene = room(camera, diffuse(0.7), None);
+    let mut scene = hall(camera, diffuse(0.7), false);
     scene.shapes.remove(0);
-    // Two disks that face each other at an angle.
     for (turn, x) in [(-0.9, -0.8), (0.9, 0.8)] {
         let disk = Geometry::Disk { height: 0.0, radius: 1.5, inner_radius: 0.0 };
         let to_world = DAffine3::from_mat3_translation(DMat3::from_rotation_y(turn), DVec3::new(x, 0.0, 1.8));
-        scene.shapes.push(Shape::new(disk, to_world, MaterialId(0), Source::default()));
+        add(&mut scene, disk, to_world, MaterialId(0), None);
     }
-    let light = |kind| Light { kind, to_world: DAffine3::from_rotation_x(2.0), source: Source::default() };
-    let sun = LightKind::Distant { irradiance: [2.0; 3] };
-    let radiance = dapple_scene::EnvironmentRadiance::Constant([0.7; 3]);
-    scene.lights.push(light(LightKind::Infinite { radiance }));
-    strategies_agree("sky", &scene, 0, spp);
-    scene.lights[0] = light(sun);
-    strategies_agree("sun", &scene, 1, spp);
+    let sky = LightKind::Infinite { radiance: EnvironmentRadiance::Constant([0.7; 3]) };
+    for (name, kind, fewest) in [("sky", sky, 0), ("sun", LightKind::Distant { irradiance: [2.0; 3] }, 1)] {
+        scene.lights = vec![Light { kind, to_world: DAffine3::from_rotation_x(2.0), source: line(200) }];
+        strategies_agree(name, &scene, fewest, thorough(128, 256));
+    }
 }
 
 /// Replicates of an image by an integrator.
 fn replicates(integrator: &mut dyn Integrator, size: [u32; 2], spp: u64, seed: u64) -> Vec<Vec<[f64; 3]>> {
-    (0..16).map(|i| pixels(&film(integrator, size, spp, seed + i))).collect()
+    (0..16).map(|i| pixels(&film_by(integrator, size, spp, seed + i))).collect()
 }
 
 const SIZE: [u32; 2] = [24, 16];
@@ -196,33 +137,21 @@ fn compared(a: &[Vec<[f64; 3]>], b: &[Vec<[f64; 3]>]) -> (f64, f64) {
     (images(SIZE[0] as usize, a, b).p(), z)
 }
 
-/// On six scenes: images by 1e-6 over all, and means within 3 standard errors of the difference. That alone gives a false
-/// alarm with probability 0.03 for six scenes of three channels with other seeds.
+/// On two scenes, thoroughly on six: images by 1e-6 over all, and means within 3 standard errors of the difference. That
+/// alone gives a false alarm with probability 0.03 for six scenes of three channels with other seeds. Negative control: light
+/// sampling counts 20 % too much.
 #[test]
-#[ignore = "6 s: six scenes; two are tested always"]
-fn means_are_the_path_tracers_on_six_scenes() {
-    check_means(&["cornell", "teapot", "lens", "motion", "room", "plates"]);
-}
-
-#[test]
-fn means_are_the_path_tracers_on_two_scenes() {
-    check_means(&["cornell", "lens"]);
-}
-
-fn check_means(names: &[&str]) {
-    for &name in names {
-        let scene = bundled::files(name).expect("bundled").read().expect("it reads");
-        let mut world = World::with_resolution(&scene, SIZE).unwrap_or_else(|e| panic!("{name}: {e}"));
+fn means_are_the_path_tracers() {
+    for name in &["cornell", "lens", "teapot", "motion", "room", "plates"][..thorough(2, 6)] {
+        let mut world = bundle(name, SIZE);
         world.set_max_depth(world.max_depth().min(6));
         let by_path = replicates(&mut *integrator(&world), SIZE, 16, 100);
         for options in ["splat=0", "splat=1"] {
-            let found = replicates(&mut bdpt(&world, options), SIZE, 8, 200);
-            let (p, z) = compared(&found, &by_path);
+            let (p, z) = compared(&replicates(&mut bdpt(&world, options), SIZE, 8, 200), &by_path);
             eprintln!("{name}, {options}: p {p:.2e}, {z:.2} standard errors");
             assert!(p > sidak(FAMILY, 12) && z < 3.0, "{name}, {options}: p {p:e}, {z} standard errors");
         }
-        if name == "cornell" {
-            // Negative control: light sampling counts 20 % too much.
+        if *name == "cornell" {
             let mut wrong = bdpt(&world, "");
             wrong.fault = Fault::Sampled(0.2);
             let (p, _) = compared(&replicates(&mut wrong, SIZE, 8, 200), &by_path);
@@ -231,67 +160,45 @@ fn check_means(names: &[&str]) {
     }
 }
 
-/// The inside of a ball of albedo `rho` that emits 1: the geometric series, whatever the strategies.
+/// The geometric series, whatever the strategies.
 #[test]
 fn furnaces_have_their_closed_form() {
-    for (depth, rho) in [(0, 0.5), (1, 0.5), (2, 0.8), (5, 0.8), (u32::MAX, 0.5)] {
-        let [(_, camera), ..] = cameras();
-        let mut scene = room(camera, diffuse(0.0), None);
-        scene.shapes.truncate(1);
-        scene.shapes[0].emission = Some(Emission { radiance: [1.0; 3], two_sided: false });
-        scene.shapes[0].reversed = true;
-        scene.materials[0] = Material::new("wall", diffuse(rho), Source::default());
-        scene.max_depth = Some(depth);
-        let world = World::new(&scene).unwrap_or_else(|e| panic!("{e}"));
-        let rho = f64::from(rho);
-        let exact = (1.0 - if depth == u32::MAX { 0.0 } else { rho.powi(depth as i32 + 1) }) / (1.0 - rho);
+    for (depth, rho) in [(Some(0), 0.5), (Some(1), 0.5), (Some(2), 0.8), (Some(5), 0.8), (None, 0.5)] {
+        let (scene, expected) = furnace(rho, depth, false);
+        let world = world(&scene);
         for options in ["splat=0", "splat=1"] {
-            let mean = means(&mut bdpt(&world, options), [8; 2], 64, 0..16);
-            let z = (mean.mean - exact) / mean.standard_error().max(1e-6 * exact);
-            assert!(mean.standard_error() < 0.02 * exact, "depth {depth}, {options}: {mean:?} is too noisy a test");
-            assert!(z.abs() < critical(sidak(FAMILY, 10)) * 2.0, "depth {depth}, {options}: {mean:?}, not {exact}");
+            let mean = means_by(&mut bdpt(&world, options), [8; 2], 64, 0..16);
+            assert_near(&format!("depth {depth:?}, {options}"), &mean, &expected, 5e-6, 0.02);
         }
     }
 }
 
 #[test]
 fn media_and_transparency_are_refused_with_their_object() {
-    let scene = bundled::files("glass").expect("bundled").read().expect("it reads");
-    let world = World::with_resolution(&scene, SIZE).unwrap_or_else(|e| panic!("{e}"));
-    let refused = Bdpt::new(&world, &BdptOptions::default()).err().map(|e| e.to_string()).unwrap_or_default();
+    let refused =
+        Bdpt::new(&bundle("glass", SIZE), &BdptOptions::default()).err().map(|e| e.to_string()).unwrap_or_default();
     assert!(refused.contains("scene.pbrt:") && refused.contains("--without"), "{refused}");
 }
 
-#[test]
-fn a_window_shows_the_light_of_the_whole_image_in_short() {
-    check_window(8);
-}
-
-#[test]
-#[ignore = "9 s: 16 replicates; 8 are tested always"]
-fn a_window_shows_the_light_of_the_whole_image() {
-    check_window(16);
-}
-
 /// A window of the image shows the light that the whole image has there, splats included.
-fn check_window(replicates: u64) {
-    let scene = bundled::files("caustic").expect("bundled").read().expect("it reads");
+#[test]
+fn a_window_shows_the_light_of_the_whole_image() {
     let size = [32, 24];
-    let world = World::with_resolution(&scene, size).unwrap_or_else(|e| panic!("{e}"));
+    let world = bundle("caustic", size);
     let whole = Frame::new(size[0], size[1]).expect("not empty");
     let window = whole.crop(15, 12, 23, 20).expect("inside");
     for request in ["bdpt", "metropolis:length=64"] {
         let mean = |frame: Frame, spp: u64| -> Mean {
             let limits = Limits::samples(spp * frame.pixels() as u64);
             let of = |seed| {
-                let mut integrator = make_integrator(request, &world).unwrap_or_else(|e| panic!("{e}"));
+                let mut integrator = made(request, &world);
                 let film = Render::new(frame, &limits).run(&mut *integrator, &mut Uniform::new(Sobol::new(seed)));
                 let image = pixels(&film.unwrap_or_else(|e| panic!("{e}")));
                 let [x, y] = [0, 1].map(|axis| (window.origin()[axis] - frame.origin()[axis]) as usize);
                 let row = |row: usize| &image[(y + row) * frame.size()[0] as usize + x..][..8];
                 (0..8).flat_map(|i| row(i).iter()).map(|p| p[1]).sum::<f64>() / 64.0
             };
-            (0..replicates).map(of).collect()
+            (0..thorough(8, 16)).map(of).collect()
         };
         // About as many light paths in either.
         let (expected, found) = (mean(whole, 8), mean(window, 96));
@@ -305,32 +212,8 @@ fn check_window(replicates: u64) {
 #[test]
 fn bits_do_not_depend_on_threads_or_interruptions() {
     let scene = bundled::files("cornell").expect("bundled").read().expect("it reads");
-    let world = World::with_resolution(&scene, SIZE).unwrap_or_else(|e| panic!("{e}"));
-    let limits = Limits::samples(8 * u64::from(SIZE[0] * SIZE[1]));
-    let frame = Frame::new(SIZE[0], SIZE[1]).expect("not empty");
     for request in ["bdpt", "metropolis:length=16"] {
-        let make = || make_integrator(request, &world).unwrap_or_else(|e| panic!("{e}"));
-        let whole = |threads| {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
-            let run = || Render::new(frame, &limits).run(&mut *make(), &mut Uniform::new(Sobol::new(3)));
-            pixels(&pool.install(run).unwrap_or_else(|e| panic!("{e}")))
-        };
-        let expected = whole(1);
-        assert!(expected.iter().all(|p| p[1] >= 0.0) && expected.iter().any(|p| p[1] > 0.0));
-        assert!(expected == whole(3), "{request}: threads");
-        let mut snapshot = None;
-        let mut stop = |status: &Status<'_>| {
-            snapshot = Some(status.snapshot());
-            Control::Stop
-        };
-        let mut short = limits.clone();
-        short.schedule.slice_spp = 1;
-        let stopped = Render::new(frame, &short).monitor(&mut stop).run(&mut *make(), &mut Uniform::new(Sobol::new(3)));
-        assert!(stopped.unwrap_or_else(|e| panic!("{e}")).record().samples < 8 * frame.pixels() as u64);
-        let snapshot = Snapshot::from_bytes(&snapshot.expect("a snapshot")).unwrap_or_else(|e| panic!("{e}"));
-        let sampler = &mut Uniform::new(Sobol::new(3));
-        let resumed = Render::new(frame, &limits).resume(snapshot, &mut *make(), sampler);
-        assert!(expected == pixels(&resumed.unwrap_or_else(|e| panic!("{e}"))), "{request}: resumed");
+        with_the_same_bits_on_any_threads_and_resumed(&scene, request);
     }
 }
 
@@ -338,13 +221,11 @@ fn bits_do_not_depend_on_threads_or_interruptions() {
 /// with the path tracer agree on the focus, of which it finds nothing.
 #[test]
 fn splats_and_chains_find_the_light_of_a_tiny_lamp_through_glass() {
-    let scene = bundled::files("caustic").expect("bundled").read().expect("it reads");
     let size = [32, 24];
-    let world = World::with_resolution(&scene, size).unwrap_or_else(|e| panic!("{e}"));
+    let world = bundle("caustic", size);
     let focus = |request: &str| -> Mean {
         let mean = |seed| {
-            let mut integrator = make_integrator(request, &world).unwrap_or_else(|e| panic!("{e}"));
-            let image = pixels(&film(&mut *integrator, size, 16, seed));
+            let image = pixels(&film(&world, request, size, 16, seed));
             (14..17).flat_map(|y| (17..21).map(move |x| y * 32 + x)).map(|i: usize| image[i][1]).sum::<f64>() / 12.0
         };
         (0..16).map(mean).collect()
@@ -360,12 +241,10 @@ fn splats_and_chains_find_the_light_of_a_tiny_lamp_through_glass() {
 #[test]
 #[ignore = "minutes: cargo test --release -p dapple-transport --lib errors_of_the_caustic -- --ignored --nocapture"]
 fn errors_of_the_caustic() {
-    let scene = bundled::files("caustic").expect("bundled").read().expect("it reads");
     let size = [48, 36];
-    let world = World::with_resolution(&scene, size).unwrap_or_else(|e| panic!("{e}"));
+    let world = bundle("caustic", size);
     let image = |request: &str, spp, seed| {
-        let mut integrator = make_integrator(request, &world).unwrap_or_else(|e| panic!("{e}"));
-        let film = film(&mut *integrator, size, spp, seed);
+        let film = film(&world, request, size, spp, seed);
         (pixels(&film), film.record().rays as f64 / film.record().samples as f64)
     };
     let [(chains, _), (bdpt, _)] = ["metropolis", "bdpt"].map(|request| image(request, 4096, 99));
@@ -385,17 +264,15 @@ fn errors_of_the_caustic() {
 #[test]
 fn depth_limits_paths_and_a_dark_scene_is_black() {
     let [(_, camera), ..] = cameras();
-    let scene = room(camera, diffuse(0.7), Some(0.6));
-    let mut world = World::new(&scene).unwrap_or_else(|e| panic!("{e}"));
-    let limited = pixels(&film(&mut bdpt(&world, "depth=2"), [8; 2], 4, 1));
-    world.set_max_depth(2);
-    assert_eq!(limited, pixels(&film(&mut bdpt(&world, ""), [8; 2], 4, 1)));
-    world.set_max_depth(3);
-    assert_ne!(limited, pixels(&film(&mut bdpt(&world, ""), [8; 2], 4, 1)));
-    let mut dark = scene;
-    dark.shapes.pop();
-    let world = World::new(&dark).unwrap_or_else(|e| panic!("{e}"));
-    assert!(pixels(&film(&mut bdpt(&world, ""), [8; 2], 4, 1)).iter().all(|p| *p == [0.0; 3]));
+    let mut lit = world(&hall(camera.clone(), diffuse(0.7), true));
+    let image = |world: &World, options: &str| pixels(&film_by(&mut bdpt(world, options), [8; 2], 4, 1));
+    let limited = image(&lit, "depth=2");
+    lit.set_max_depth(2);
+    assert_eq!(limited, image(&lit, ""));
+    lit.set_max_depth(3);
+    assert_ne!(limited, image(&lit, ""));
+    let dark = world(&hall(camera, diffuse(0.7), false));
+    assert!(image(&dark, "").iter().all(|p| *p == [0.0; 3]));
 }
 
 /// The same random numbers give the same first hit, features and emission with and without light. Paths end before roulette, which
@@ -405,11 +282,10 @@ fn features_without_light_are_those_of_whole_samples() {
     const SIZE: [u32; 2] = [40, 30];
     let points = Sobol::new(3);
     for (name, fewest) in [("cornell", 0), ("caustic", 400)] {
-        let scene = bundled::files(name).expect("bundled").read().expect("it reads");
-        let mut world = World::with_resolution(&scene, SIZE).unwrap_or_else(|e| panic!("{name}: {e}"));
+        let mut world = bundle(name, SIZE);
         world.set_max_depth(4);
         for request in ["bdpt", "bdpt:depth=1", "metropolis"] {
-            let integrator = make_integrator(request, &world).unwrap_or_else(|e| panic!("{name}: {e}"));
+            let integrator = made(request, &world);
             let (mut behind, mut lit, mut worker) = (0, 0, Worker::default());
             for i in 0..4 * SIZE[0] * SIZE[1] {
                 let id = SampleId::new([i % 40, i / 40 % 30], streams::WHOLE, u64::from(i / 1200));
@@ -427,4 +303,161 @@ fn features_without_light_are_those_of_whole_samples() {
             assert!(behind >= fewest, "{name}, {request}: {behind} samples see something behind glass or in a mirror");
         }
     }
+}
+
+/// The unit direction from one vertex to another.
+fn towards(from: &Vertex<'_>, to: &Vertex<'_>) -> Vec3 {
+    (to.point.position - from.point.position).normalize()
+}
+
+/// Computes the densities of a path from the camera to a lamp anew, vertex by vertex, as both ends would sample them.
+/// Returns `None` if a vertex scatters nothing, or if two vertices are so close that rounding turns their direction.
+fn complete(path: &mut [Vertex<'_>]) -> Option<()> {
+    let n = path.len();
+    if path.windows(2).any(|pair| pair[0].point.position.distance(pair[1].point.position) < 0.05) {
+        return None;
+    }
+    for i in 1..n {
+        path[i].wo = towards(&path[i], &path[i - 1]);
+        if i >= 2 {
+            let density = path[i - 1].connect(From::Camera, -path[i].wo)?.forward;
+            path[i].forward = path[i].density_from(path[i - 1].point.position, density);
+        }
+    }
+    for i in 0..n - 2 {
+        let density = path[i + 1].connect(From::Camera, towards(&path[i + 1], &path[i + 2]))?.backward;
+        path[i].backward = path[i].density_from(path[i + 1].point.position, density);
+    }
+    Some(())
+}
+
+/// The vertices of a complete path from the lamp on, as a light path samples them.
+fn from_light<'w>(world: &World, path: &[Vertex<'w>]) -> Option<Vec<Vertex<'w>>> {
+    let (n, lights) = (path.len(), world.lights());
+    let mut light: Vec<Vertex<'w>> = path.iter().rev().take(n - 1).copied().collect();
+    let index = light[0].lamp()?;
+    let direction = towards(&light[0], &light[1]);
+    let pdf = lights.emission_pdf(index, light[0].facing(direction), direction);
+    light[0] = Vertex { kind: Kind::Lamp { light: index }, wo: Vec3::ZERO, ..light[0] };
+    light[0].forward = pdf.position * lights.pmf(index);
+    for j in 1..light.len() {
+        light[j].wo = towards(&light[j], &light[j - 1]);
+        let density = if j == 1 { pdf.direction } else { light[j - 1].connect(From::Light, -light[j].wo)?.forward };
+        light[j].forward = light[j].density_from(light[j - 1].point.position, density);
+    }
+    for j in 0..light.len().saturating_sub(2) {
+        let density = light[j + 1].connect(From::Light, towards(&light[j + 1], &light[j + 2]))?.backward;
+        light[j].backward = light[j].density_from(light[j + 1].point.position, density);
+    }
+    light.iter_mut().for_each(|vertex| vertex.throughput = Vec3::ONE);
+    Some(light)
+}
+
+/// The weight of each strategy that can make a complete path, for s = 0, 1, …; `None` if rounding hides one vertex from
+/// another. `wrong` is a factor of the density of the vertex that the lamp lights.
+fn weights<'w>(bdpt: &Bdpt<'w>, draws: &Draws<'_>, path: &[Vertex<'w>], wrong: f32) -> Option<Vec<f32>> {
+    let (n, world) = (path.len(), bdpt.world);
+    let mut light = from_light(world, path)?;
+    light[1].forward *= wrong;
+    let mut found = Vec::new();
+    for s in 0..n {
+        let (lit, camera) = (&light[..s], &path[..n - s]);
+        let ends = match s {
+            0 => bdpt.found(camera)?.ends,
+            1 => sampled_ends(world, &light[0], camera)?,
+            _ if s < n - 1 => bdpt.connected(lit, camera, (0.0, &mut 0))?.ends,
+            _ if bdpt.splats => {
+                let mut seen = None;
+                bdpt.seen(draws, lit, (0.0, &mut 0), |_, vertices, found| {
+                    seen = seen.or((vertices == s).then_some(found.ends));
+                });
+                seen?
+            }
+            _ => continue,
+        };
+        found.push(bdpt.weight(lit, camera, &ends));
+    }
+    Some(found)
+}
+
+/// The densities at the ends of light sampling, by the vertices alone.
+fn sampled_ends(world: &World, lamp: &Vertex<'_>, camera: &[Vertex<'_>]) -> Option<Ends> {
+    let (last, before) = (&camera[camera.len() - 1], &camera[camera.len() - 2]);
+    let to = towards(last, lamp);
+    let connected = last.connect(From::Camera, to)?;
+    let pdf = world.lights().emission_pdf(lamp.lamp()?, lamp.facing(-to), -to);
+    let eye = [
+        last.density_from(lamp.point.position, pdf.direction),
+        before.density_from(last.point.position, connected.backward),
+    ];
+    Some(Ends { eye, light: [lamp.density_from(last.point.position, connected.forward), 0.0] })
+}
+
+/// Calls `check` with the camera path of each of some samples.
+fn camera_paths<'w>(bdpt: &Bdpt<'w>, mut check: impl FnMut(&Draws<'_>, &[Vertex<'w>])) {
+    let points = Random::new(5);
+    for i in 0..20_000 {
+        let draws = Draws::new(&points as &dyn PointSet, SampleId::new([i % 8, i / 8 % 8], 0, u64::from(i / 64)));
+        let mut camera = Vec::new();
+        bdpt.camera_path(&draws, &mut camera, &mut Estimate::new([0.0; 3]));
+        check(&draws, &camera);
+    }
+}
+
+#[test]
+fn weights_of_one_path_sum_to_one() {
+    let [(_, pinhole), _, (_, orthographic)] = cameras();
+    for (camera, middle) in [(pinhole.clone(), diffuse(0.7)), (pinhole, rough_glass()), (orthographic, diffuse(0.7))] {
+        let world = world(&hall(camera, middle, true));
+        for options in ["", "splat=0"] {
+            let bdpt = bdpt(&world, options);
+            let mut seen = [0_u32; 6];
+            let mut wrong = (0, 0);
+            camera_paths(&bdpt, |draws, camera| {
+                for n in 3..=camera.len() {
+                    let mut path = camera[..n].to_vec();
+                    if bdpt.found(&path).is_none() || complete(&mut path).is_none() {
+                        continue;
+                    }
+                    let Some(found) = weights(&bdpt, draws, &path, 1.0) else { continue };
+                    let sum: f32 = found.iter().sum();
+                    assert!((sum - 1.0).abs() < 2e-3, "{options}, {n} vertices: {found:?} sum to {sum}");
+                    seen[n] += 1;
+                    // Negative control: a density that is off by a half.
+                    let Some(found) = weights(&bdpt, draws, &path, 1.5) else { continue };
+                    wrong.0 += u32::from((found.iter().sum::<f32>() - 1.0).abs() > 0.02);
+                    wrong.1 += 1;
+                }
+            });
+            assert!(seen[3..=5].iter().all(|count| *count > 50), "{options}: {seen:?} paths");
+            assert!(4 * wrong.0 > wrong.1, "{options}: a wrong density shows in {wrong:?} paths");
+        }
+    }
+}
+
+/// The densities that light sampling itself states give the weight that the vertices alone give.
+#[test]
+fn light_sampling_has_the_weight_of_its_path() {
+    let [(_, pinhole), ..] = cameras();
+    let world = world(&hall(pinhole, diffuse(0.7), true));
+    let (bdpt, mut compared) = (bdpt(&world, ""), 0);
+    camera_paths(&bdpt, |draws, camera| {
+        for t in 2..=camera.len() {
+            if !camera[t - 1].connects() {
+                continue;
+            }
+            let Some((found, start)) = bdpt.sampled(&camera[..t], (0.0, &mut 0)) else { continue };
+            let mut path = [&camera[..t], &[start]].concat();
+            if complete(&mut path).is_none() {
+                continue;
+            }
+            let Some(expected) = weights(&bdpt, draws, &path, 1.0) else { continue };
+            let weight = bdpt.weight(&[start], &camera[..t], &found.ends);
+            let places: Vec<Vec3> = path.iter().map(|vertex| vertex.point.position).collect();
+            let told = || format!("{t} vertices: {weight}, not {expected:?}, at {places:?}");
+            assert!((weight - expected[1]).abs() < 2e-3, "{}", told());
+            compared += 1;
+        }
+    });
+    assert!(compared > 10_000, "{compared} paths");
 }

@@ -4,11 +4,11 @@
 use super::common::grid;
 use super::{CutLight, CutSum, LightcutOptions, Lit, Refinement, luminance};
 use crate::patches::Division;
+use crate::support::bundle;
 use dapple_core::samplers::Uniform;
 use dapple_core::{Draws, Estimate, Frame, Integrator, Limits, Options as _, Pass, Prepared, Prepares, Render, Worker};
 use dapple_low_discrepancy::Sobol;
 use dapple_renderer::{VertexLight, World};
-use dapple_scene::bundled;
 
 /// Calls a function with the first pass of a render.
 struct InPass<F>(F);
@@ -60,8 +60,7 @@ fn common_cuts_leave_the_light_and_visit_fewer_nodes() {
 
 /// Calls a function with the scene `many-lights` and the first pass of a render.
 fn in_pass(call: fn(&World, &Pass<'_>)) {
-    let scene = bundled::files("many-lights").expect("bundled").read().expect("it reads");
-    let world = World::with_resolution(&scene, [96, 72]).expect("a world");
+    let world = bundle("many-lights", [96, 72]);
     let frame = Frame::new(96, 72).expect("a frame");
     let limits = Limits::samples(frame.pixels() as u64);
     let mut integrator = InPass(|pass: &Pass<'_>| call(&world, pass));

@@ -3,12 +3,9 @@
 
 use super::chain::{Deposit, Target};
 use super::*;
-use dapple_conformance::statistics::{FAMILY, Mean, images, sidak};
-use dapple_core::samplers::Uniform;
-use dapple_core::{Limits, Render, SampleId, streams};
-use dapple_low_discrepancy::Sobol;
+use crate::support::{FAMILY, Mean, Sobol, bundle, film_by, images, pixels, sidak, thorough};
+use dapple_core::{SampleId, streams};
 use dapple_renderer::{blocks, integrator};
-use dapple_scene::bundled;
 
 const BINS: u32 = 16;
 
@@ -80,20 +77,10 @@ fn chains_start_in_proportion_to_brightness() {
 
 const SIZE: [u32; 2] = [24, 16];
 
-fn film(integrator: &mut dyn Integrator, spp: u64, seed: u64) -> Vec<[f64; 3]> {
-    let frame = frame(SIZE[0], SIZE[1]);
-    let limits = Limits::samples(spp * frame.pixels() as u64);
-    let film = Render::new(frame, &limits).run(integrator, &mut Uniform::new(Sobol::new(seed)));
-    let film = film.unwrap_or_else(|e| panic!("{e}"));
-    assert_eq!(film.record().rejected, 0);
-    (0..frame.pixels()).map(|i| film.mean(i)).collect()
-}
-
 /// Discarded samples too, so that the halves of the film stay independent.
 #[test]
 fn samples_of_a_half_take_the_image_of_that_half() {
-    let scene = bundled::files("cornell").expect("bundled").read().expect("it reads");
-    let world = World::with_resolution(&scene, SIZE).expect("a world");
+    let world = bundle("cornell", SIZE);
     let mut metropolis = Metropolis::new(&world, &MetropolisOptions::default()).expect("no media");
     let frame = frame(SIZE[0], SIZE[1]);
     metropolis.images = [1.0, 3.0].map(|light| vec![[light; 3]; frame.pixels()]);
@@ -109,41 +96,25 @@ fn samples_of_a_half_take_the_image_of_that_half() {
     }
 }
 
+/// Negative control: without the chains, light is missing.
 #[test]
-fn the_mean_is_the_path_tracers_in_a_box() {
-    check_mean(&["cornell"]);
-}
-
-#[test]
-#[ignore = "5 s: two scenes; one is tested always"]
 fn the_mean_is_the_path_tracers() {
-    check_mean(&["cornell", "lens"]);
-}
-
-fn check_mean(names: &[&str]) {
-    for &name in names {
-        let scene = bundled::files(name).expect("bundled").read().expect("it reads");
-        let mut world = World::with_resolution(&scene, SIZE).unwrap_or_else(|e| panic!("{name}: {e}"));
+    for name in &["cornell", "lens"][..thorough(1, 2)] {
+        let mut world = bundle(name, SIZE);
         world.set_max_depth(4);
         let make = || Metropolis::new(&world, &MetropolisOptions::default()).unwrap_or_else(|e| panic!("{e}"));
+        let film = |integrator: &mut dyn Integrator, spp, seed| pixels(&film_by(integrator, SIZE, spp, seed));
         let found: Vec<_> = (0..24).map(|seed| film(&mut make(), 8, seed)).collect();
+        let missing = |seed| film(&mut Metropolis { depth: 1, ..make() }, 8, seed);
+        let missing: Vec<_> = (0..24).map(missing).collect();
         let expected: Vec<_> = (100..124).map(|seed| film(&mut *integrator(&world), 16, seed)).collect();
-        let p = images(SIZE[0] as usize, &found, &expected).p();
+        let [p, wrong] = [&found, &missing].map(|set| images(SIZE[0] as usize, set, &expected).p());
         let mean = |set: &[Vec<[f64; 3]>]| -> Mean {
             set.iter().map(|image| image.iter().map(|p| p[1]).sum::<f64>() / image.len() as f64).collect()
         };
         let z = mean(&found).against_estimate(&mean(&expected)).z();
         eprintln!("{name}: p {p:.2e}, {z:+.2} standard errors");
         assert!(p > sidak(FAMILY, 2) && z.abs() < 3.0, "{name}: p {p:e}, {z} standard errors");
-        // Negative control: without the chains, light is missing.
-        let missing: Vec<_> = (0..24)
-            .map(|seed| {
-                let mut direct = make();
-                direct.depth = 1;
-                film(&mut direct, 8, seed)
-            })
-            .collect();
-        let p = images(SIZE[0] as usize, &missing, &expected).p();
-        assert!(p < FAMILY, "{name}: the test sees nothing, p {p:e}");
+        assert!(wrong < FAMILY, "{name}: the test sees nothing, p {wrong:e}");
     }
 }

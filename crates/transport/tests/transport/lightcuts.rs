@@ -1,11 +1,7 @@
-//! Lightcuts: exact with a bound of 0, within the bound otherwise, the same bits everywhere.
+//! Lightcuts: exact with a bound of 0, within the bound otherwise. Virtual lights: the path tracer's mean in diffuse scenes.
+//! The same bits everywhere.
 
 use crate::support::*;
-use dapple_conformance::bits;
-use dapple_core::Film;
-use dapple_renderer::World;
-use dapple_scene::{Light, LightKind, Scene};
-use glam::{DAffine3, DVec3};
 
 const SIZE: [u32; 2] = [24, 18];
 
@@ -17,13 +13,10 @@ fn many(shadows: bool) -> Scene {
     let grey = add_material(&mut scene, diffuse(0.5));
     let black = add_material(&mut scene, diffuse(0.0));
     add(&mut scene, rectangle(DVec3::ZERO, 4.0 * DVec3::X, 4.0 * DVec3::Y), DAffine3::IDENTITY, grey, None);
-    if shadows {
-        let column = |x: f64| {
-            DAffine3::from_translation(DVec3::new(x, 0.5, 0.5)) * DAffine3::from_scale(DVec3::new(0.1, 0.1, 0.5))
-        };
-        let cube = || dapple_scene::Geometry::Mesh(std::sync::Arc::new(cube()));
-        add(&mut scene, cube(), column(-0.7), grey, None);
-        add(&mut scene, cube(), column(0.8), grey, None);
+    for x in if shadows { &[-0.7, 0.8][..] } else { &[] } {
+        let cube = Geometry::Mesh(std::sync::Arc::new(cube()));
+        let column = DAffine3::from_translation(DVec3::new(*x, 0.5, 0.5));
+        add(&mut scene, cube, column * DAffine3::from_scale(DVec3::new(0.1, 0.1, 0.5)), grey, None);
     }
     let place = |i: u32| {
         let unit = |a: f64| (f64::from(i) * a).fract();
@@ -39,8 +32,8 @@ fn many(shadows: bool) -> Scene {
     scene
 }
 
-fn image(scene: &Scene, integrator: &str, spp: u64) -> Film {
-    film(&World::new(scene).expect("a world"), integrator, SIZE, spp, 5)
+fn image(scene: &Scene, request: &str, spp: u64) -> Film {
+    film(&world(scene), request, SIZE, spp, 5)
 }
 
 /// The largest relative difference of two films' pixels, and the mean one.
@@ -71,36 +64,35 @@ fn the_error_is_within_its_bound_and_rays_fall_with_it() {
 #[test]
 fn all_lights_one_by_one_make_the_path_tracers_mean() {
     let scene = many(true);
-    let exact = image(&scene, "lightcuts:error=0,cut=100000", 16);
-    let expected = means(&scene, "path", 256, 0..8);
-    let z = (mean_of(&exact) - expected.mean) / expected.standard_error();
+    let [exact, cut] = ["lightcuts:error=0,cut=100000", "lightcuts"].map(|request| image(&scene, request, 16));
     // The camera's own noise at 16 spp is small beside that of light sampling, and counts as 1e-3 here.
-    let bias = mean_of(&exact) / expected.mean - 1.0;
-    assert!(bias.abs() < 1e-3 + 5.0 * expected.standard_error() / expected.mean, "{bias:+.5}, {z} standard errors");
-    assert!(expected.standard_error() / expected.mean < 2e-3, "the test sees no 1 %");
-    let cut = image(&scene, "lightcuts", 16);
+    assert_near("exact", &exactly(mean_of(&exact)), &means(&scene, "path", 256, 0..8), 1e-3, 2e-3);
     assert!((mean_of(&cut) / mean_of(&exact) - 1.0).abs() < 0.01);
     assert!(cut.record().rays < exact.record().rays / 2, "{} of {}", cut.record().rays, exact.record().rays);
 }
 
 #[test]
 fn environments_and_flat_lamps_have_the_path_tracers_mean() {
-    let mut scene = room([12, 12]);
-    scene.max_depth = Some(3);
+    let scene = Scene { max_depth: Some(3), ..room([12, 12]) };
     let expected = means(&scene, "path", 256, 0..8);
-    let found = means(&scene, "lightcuts:sky=1024,points=512", 16, 0..4);
-    let bias = found.mean / expected.mean - 1.0;
-    let error = found.standard_error().hypot(expected.standard_error()) / expected.mean;
-    assert!(bias.abs() < 0.02 + 5.0 * error, "{bias:+.4} +- {error:.4}");
-    assert!(error < 0.01, "{error}");
+    assert_near("room", &means(&scene, "lightcuts:sky=1024,points=512", 16, 0..4), &expected, 0.02, 0.01);
+}
+
+/// Negative control: direct light alone is darker.
+#[test]
+fn virtual_lights_make_the_path_tracers_mean() {
+    for wall in [diffuse(0.6), metal(0.0)] {
+        let scene = chamber(wall.clone());
+        let expected = means(&scene, "path", 512, 0..8);
+        let found = means(&scene, "instant:paths=16,clamp=inf", 32, 0..16);
+        assert_near(&format!("{wall:?}"), &found, &expected, 0.0, 0.02);
+        let direct = Scene { max_depth: Some(1), ..scene };
+        assert!(means(&direct, "path", 64, 0..4).mean < 0.8 * expected.mean);
+    }
 }
 
 #[test]
-fn cuts_have_the_same_bits_on_any_threads() {
-    let scene = many(true);
-    let on = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
-        bits(&pool.install(|| image(&scene, "lightcuts", 3)))
-    };
-    assert!(on(1) == on(3));
+fn cuts_and_virtual_lights_have_the_same_bits_on_any_threads() {
+    assert_same_bits_on_threads(&world(&many(true)), "lightcuts", SIZE);
+    assert_same_bits_on_threads(&world(&chamber(metal(0.0))), "instant:paths=8", [12, 12]);
 }

@@ -1,21 +1,70 @@
-//! Samples of a BSDF against its density, cell by cell, and its albedo.
-//!
-//! Each test program uses a part of it.
-#![allow(dead_code, unreachable_pub)]
+//! Chi-square of samples against their density: directions on a grid around an axis, and those of a BSDF in cells that
+//! follow its lobe.
 
-pub mod walk;
-
-use crate::statistics::{FAMILY, Mean, Verdict, chi_square, integrate, sidak};
+use crate::support::*;
 use dapple_renderer::shading::{Bsdf, BsdfSample};
-use glam::{DVec3, Vec3};
-use rand::{RngExt, SeedableRng};
-use rand_pcg::Pcg32;
 use rayon::prelude::*;
-use std::f64::consts::TAU;
+
+/// Directions within `angle` of `axis`. All others, and refused samples, form one separate cell.
+pub(crate) struct Cone {
+    pub(crate) axis: DVec3,
+    pub(crate) angle: f64,
+}
+
+impl Cone {
+    const ROWS: usize = 16;
+    const COLUMNS: usize = 24;
+    /// Points of the rule in a cell, since a density may end anywhere in it. They are Roberts' R2 sequence [after Roberts
+    /// 2018].
+    const POINTS: usize = 4096;
+
+    /// p-value of `samples` draws against `pdf`, and the integral of `pdf` over the cone.
+    pub(crate) fn test(
+        &self,
+        samples: u64,
+        mut draw: impl FnMut() -> Option<Vec3>,
+        pdf: impl Fn(Vec3) -> f32,
+    ) -> (f64, f64) {
+        let (rows, columns) = (Self::ROWS, Self::COLUMNS);
+        let (x, y) = self.axis.any_orthonormal_pair();
+        let cell = |w: DVec3| {
+            // Computed from the chord, which keeps the digits of narrow cones.
+            let angle = 2.0 * (0.5 * (w - self.axis).length()).min(1.0).asin();
+            let turn = (w.dot(y).atan2(w.dot(x)) / TAU).rem_euclid(1.0);
+            let row = (angle / self.angle * rows as f64) as usize;
+            let column = ((turn * columns as f64) as usize).min(columns - 1);
+            (row < rows || angle <= self.angle).then(|| row.min(rows - 1) * columns + column)
+        };
+        let mut observed = vec![0u64; rows * columns + 1];
+        for _ in 0..samples {
+            let at = draw().and_then(|w| cell(w.as_dvec3().normalize()));
+            observed[at.unwrap_or(rows * columns)] += 1;
+        }
+        let [dt, dp] = [self.angle / rows as f64, TAU / columns as f64];
+        let mass = |i: usize| {
+            let point = |j: usize| {
+                // A rank-1 lattice that continues from cell to cell, so that it never aligns with a density's border.
+                let n = (i * Self::POINTS + j) as f64;
+                let [a, b] = [n * 0.754_877_666_246_692_8, n * 0.569_840_290_998_053_3].map(|x| x.fract());
+                let (sin, cos) = (((i / columns) as f64 + a) * dt).sin_cos();
+                let phi = ((i % columns) as f64 + b) * dp;
+                let w = self.axis * cos + (x * phi.cos() + y * phi.sin()) * sin;
+                f64::from(pdf(w.as_vec3())) * sin
+            };
+            (0..Self::POINTS).map(point).sum::<f64>() / Self::POINTS as f64 * dt * dp
+        };
+        let mut expected: Vec<f64> = (0..rows * columns).map(mass).collect();
+        let integral: f64 = expected.iter().sum();
+        expected.push((1.0 - integral).max(0.0));
+        // Above the rule's own error, so that no cell is impossible.
+        let expected: Vec<f64> = expected.iter().map(|e| (samples as f64 * e).max(1e-6)).collect();
+        (chi_square(&observed, &expected), integral)
+    }
+}
 
 /// The scattering below a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Below {
+pub(crate) enum Below {
     /// No light gets there.
     Nothing,
     /// Refraction by microfacets, with the index of the inside over the outside's.
@@ -25,19 +74,19 @@ pub enum Below {
 }
 
 /// A BSDF under test.
-pub struct Case<'m> {
+pub(crate) struct Case<'m> {
     /// The name in messages.
-    pub name: String,
+    pub(crate) name: String,
     /// The BSDF under test.
-    pub bsdf: Bsdf<'m>,
+    pub(crate) bsdf: Bsdf<'m>,
     /// Widths of the narrowest lobe.
-    pub alpha: [f32; 2],
+    pub(crate) alpha: [f32; 2],
     /// The layout of cells below the surface.
-    pub below: Below,
+    pub(crate) below: Below,
 }
 
 /// Twenty outgoing directions: along the normal, 89.99 degrees, a cosine of 1e-6, below the surface.
-pub fn outgoing() -> Vec<Vec3> {
+pub(crate) fn outgoing() -> Vec<Vec3> {
     let at = |cos: f64, turn: f64| {
         let sin = (1.0 - cos * cos).sqrt();
         DVec3::new(sin * (TAU * turn).cos(), sin * (TAU * turn).sin(), cos).as_vec3()
@@ -171,7 +220,7 @@ impl Rings {
 }
 
 /// p-value of `samples` samples against `gain * pdf`; checks each sample's pdf and weight on the way.
-pub fn chi_square_of(case: &Case<'_>, wo: Vec3, samples: u32, gain: impl Fn(Vec3) -> f32, seed: u64) -> f64 {
+pub(crate) fn chi_square_of(case: &Case<'_>, wo: Vec3, samples: u32, gain: impl Fn(Vec3) -> f32, seed: u64) -> f64 {
     let Case { name, bsdf, .. } = case;
     let rings = Rings::new(wo, case);
     let mut random = Pcg32::seed_from_u64(seed);
@@ -206,13 +255,8 @@ fn check_sample(case: &Case<'_>, wo: Vec3, sample: &BsdfSample) {
     let crossed = match below {
         _ if wi.z * wo.z > 0.0 => 1.0,
         Below::Nothing => panic!("{name} at {wo}: light through the surface, {wi}"),
-        Below::Refracted(index) => {
-            if wo.z > 0.0 {
-                *index
-            } else {
-                1.0 / index
-            }
-        }
+        Below::Refracted(index) if wo.z > 0.0 => *index,
+        Below::Refracted(index) => 1.0 / index,
         Below::Mirrored => 1.0,
     };
     assert!((f64::from(eta) - crossed).abs() < 1e-6, "{name} {wo} {wi}: {eta}");
@@ -225,13 +269,13 @@ fn check_sample(case: &Case<'_>, wo: Vec3, sample: &BsdfSample) {
 /// True if f32 directions resolve the lobe. Reflected within about `alpha` of the surface, half vectors have length
 /// `alpha`. Their slopes of order `alpha` have a relative error of 6e-8 / alpha^2, and directions form a lattice of
 /// that spacing. With 10^6 samples an alpha of 0.01 also shows it in the tails.
-pub fn resolved(case: &Case<'_>, wo: Vec3, samples: u32) -> bool {
+pub(crate) fn resolved(case: &Case<'_>, wo: Vec3, samples: u32) -> bool {
     let narrowest = if samples > 200_000 { 0.02 } else { 2e-3 };
     wo.z.abs() > 1e-3 || case.alpha[0].max(case.alpha[1]) > narrowest
 }
 
 /// Fails if samples and density disagree, for the directions that f32 resolves, or for those it does not.
-pub fn check_agreement(cases: &[Case<'_>], outgoing: &[Vec3], samples: u32, resolvable: bool) {
+pub(crate) fn check_agreement(cases: &[Case<'_>], outgoing: &[Vec3], samples: u32, resolvable: bool) {
     let level = sidak(FAMILY, cases.len() * outgoing.len());
     let failure = |(i, j): (usize, usize)| {
         let (case, wo) = (&cases[i], outgoing[j]);
@@ -248,20 +292,24 @@ pub fn check_agreement(cases: &[Case<'_>], outgoing: &[Vec3], samples: u32, reso
 
 /// The verdict by `judge` on the mean weight, of flux: the factor of refraction on radiance is undone. Samples are
 /// doubled while it is undecided.
-pub fn albedo(bsdf: &Bsdf<'_>, wo: Vec3, gain: f64, seed: u64, judge: impl Fn(&Mean) -> Verdict) -> (Verdict, Mean) {
+pub(crate) fn albedo(
+    bsdf: &Bsdf<'_>,
+    wo: Vec3,
+    gain: f64,
+    seed: u64,
+    judge: impl Fn(&Mean) -> Verdict,
+) -> (Verdict, Mean) {
     let mut random = Pcg32::seed_from_u64(seed);
     let mut mean = Mean::default();
-    for doubling in 12..=22 {
-        while mean.n < 1 << doubling {
-            let u = [random.random(), random.random()];
-            let weight =
-                bsdf.sample(wo, u, random.random()).map_or(0.0, |s| f64::from(s.weight.max_element() * s.eta * s.eta));
-            mean.add(gain * weight);
-        }
-        match judge(&mean) {
-            Verdict::Undecided => (),
-            verdict => return (verdict, mean),
+    loop {
+        let u = [random.random(), random.random()];
+        let weight = |s: BsdfSample| f64::from(s.weight.max_element() * s.eta * s.eta);
+        mean.add(gain * bsdf.sample(wo, u, random.random()).map_or(0.0, weight));
+        if mean.n >= 1 << 12 && mean.n.is_power_of_two() {
+            let verdict = judge(&mean);
+            if verdict != Verdict::Undecided || mean.n == 1 << 22 {
+                return (verdict, mean);
+            }
         }
     }
-    (Verdict::Undecided, mean)
 }
