@@ -1,15 +1,13 @@
 //! The default filter: first-order regression on features and clusters, in passes with a choice by estimated error and blends.
 
+use crate::averaging::prefilter;
 use crate::error_map::{ERROR, EVIDENCE, LAST, filtered, relative_weight, select, shrink};
-use crate::guide::{guide, residual_guide};
-use crate::inputs::Inputs;
-use crate::light::{self, Layers, Light};
-use crate::one_window::{Bilateral, OneWindow};
+use crate::inputs::{ClusterLookup, Inputs, Reads, guide, residual_guide};
+use crate::light::{self, Layers};
+use crate::one_window::Bilateral;
 use crate::outliers;
-use crate::parameters::{ClusterLookup, Reads};
 use crate::planes::Pair;
-use crate::prefilter::prefilter;
-use crate::regression::{bytes, regress};
+use crate::regression::{self, regress};
 use crate::scales::{self, Scales};
 use crate::tile::{FeatureScales, Likeness};
 use crate::wide::{self, wide};
@@ -96,8 +94,8 @@ dapple_core::options! {
 ///
 /// # Reach
 ///
-/// The filter reads the whole film ([`Filter::reach`] is `None`). The windows, choices and blends of all passes reach more than a
-/// hundred rows, each coarse scale twice as far as the one before, and the least error is a part of the mean error.
+/// Every pixel of the image may depend on every pixel of the film. The coarsest scale of `auto` is about a hundred pixels high, its
+/// windows, choices and blends reach as far, and the least error is a part of the mean error.
 #[derive(Clone, Default)]
 pub struct ClusterRegression {
     options: ClusterRegressionOptions,
@@ -174,75 +172,59 @@ impl ClusterRegression {
     /// less time (docs/results/default-image.md).
     pub(crate) fn before_second(&self, inputs: &Inputs) -> Vec<Pair> {
         let averaged = Bilateral::candidate().pair(inputs);
-        if !inputs.has_first_pass {
+        if !inputs.has_first_pass && !self.is_one_pass {
             return vec![averaged];
         }
         vec![self.first(inputs, &averaged), averaged]
     }
 
-    /// The image of all passes before its blend with the unfiltered image. The unfiltered image guides the second pass
-    /// where its error is less by `certain` standard errors. Detail that the wide pass lacks needs `evidence` of this many.
-    fn smooth(&self, inputs: &Inputs, [certain, evidence]: [f32; 2]) -> Pair {
+    /// The image of the light that `inputs` were read from.
+    fn image(&self, inputs: &mut Inputs) -> Filtered {
+        if self.is_one_pass {
+            return filtered(inputs, &self.before_second(inputs)[0], ERROR);
+        }
+        let scales = self.options.scales.of(inputs.size);
+        let coarse = (scales > 0).then(|| scales::coarser(inputs));
+        let (bright, bright_halves) = match scales {
+            0 => (outliers::take(inputs), None),
+            _ => (None, outliers::take_halves(inputs, scales::ratio(scales))),
+        };
+
+        // Two passes of narrow windows, each with a choice by estimated error.
         let mut images = self.before_second(inputs);
         let weight = relative_weight(inputs, &images[0]);
+        let certain = if scales == 0 { 0.0 } else { CERTAIN };
         let chosen = select(inputs, &images, &weight, CHOICE, Some(certain));
         images.push(self.second(inputs, &chosen));
         let base = select(inputs, &images, &weight, CHOICE, None);
         drop((images, chosen));
-        let smooth = wide(inputs, &residual_guide(inputs, &base), &base);
-        shrink(inputs, base.channels(), &smooth, scales::BLEND, evidence)
-    }
 
-    /// The image without coarse scales.
-    fn unscaled(&self, inputs: &mut Inputs) -> Filtered {
-        let light = outliers::take(inputs);
-        let smooth = self.smooth(inputs, [0.0, scales::evidence(0)]);
-        let mut image = filtered(inputs, &blended(inputs, &smooth, EVIDENCE), ERROR);
-        if let Some(light) = light {
+        // A pass of wide windows.
+        let smooth = wide(inputs, &residual_guide(inputs, &base), &base);
+        let mut image = shrink(inputs, base.channels(), &smooth, scales::BLEND, scales::evidence(scales));
+        drop((smooth, base));
+
+        // Coarse scales, which see the light of outliers.
+        if let Some(light) = bright_halves {
+            image.add(&light);
+            inputs.add(&light);
+        }
+        let (mut evidence, mut radius) = (EVIDENCE, ERROR);
+        if let Some(coarse) = coarse {
+            scales::correct(inputs, coarse, &mut image, scales);
+            // In larger images and in light without edges, more of what looks like detail is noise.
+            evidence *= 0.5 * (1 + scales) as f32 * inputs.smoothness * inputs.smoothness;
+            radius = 3 * scales;
+        }
+
+        // The unfiltered image, moved towards the result as far as their difference is noise.
+        let blended = shrink(inputs, inputs.unfiltered(), &image, LAST, evidence);
+        let mut image = filtered(inputs, &blended, radius);
+        if let Some(light) = bright {
             let add = |(i, colour): (usize, &mut [f32; 3])| {
                 (0..3).for_each(|c| colour[c] = (colour[c] + light[c][i] * inputs.level()).min(f32::MAX));
             };
             image.radiance.iter_mut().enumerate().for_each(add);
-        }
-        image
-    }
-
-    /// The image with `scales` coarse scales.
-    fn scaled(&self, inputs: &mut Inputs, scales: usize) -> Filtered {
-        let coarse = scales::coarser(inputs);
-        let light = outliers::take_halves(inputs, scales::ratio(scales));
-        let mut image = self.smooth(inputs, [CERTAIN, scales::evidence(scales)]);
-        if let Some(light) = light {
-            image.add(&light);
-            inputs.add(&light);
-        }
-        scales::correct(inputs, coarse, &mut image, scales);
-        // In larger images and in light without edges, more of what looks like detail is noise.
-        let evidence = 0.5 * EVIDENCE * (1 + scales) as f32 * inputs.smoothness * inputs.smoothness;
-        filtered(inputs, &blended(inputs, &image, evidence), 3 * scales)
-    }
-
-    /// The image of the light that `inputs` were read from.
-    fn image(&self, inputs: &mut Inputs, light: Light<'_>) -> Filtered {
-        let image = match self.options.scales.of(inputs.size) {
-            _ if self.is_one_pass => {
-                let image = self.first(inputs, &Bilateral::candidate().pair(inputs));
-                filtered(inputs, &image, ERROR)
-            }
-            0 => self.unscaled(inputs),
-            scales => self.scaled(inputs, scales),
-        };
-        inputs.restored(light, image)
-    }
-
-    fn run(&self, film: &Film) -> Filtered {
-        let parts = light::parts(film, self.options.layers);
-        let mut inputs = Inputs::new(parts[0], &self.reads);
-        prefilter(&mut inputs);
-        let mut image = self.image(&mut inputs, parts[0]);
-        for &part in &parts[1..] {
-            inputs.read(part);
-            add(&mut image, self.image(&mut inputs, part));
         }
         image
     }
@@ -262,11 +244,6 @@ const CHOICE: usize = 2;
 /// The number of standard errors by which the unfiltered image must be better than a filtered one to guide the second pass.
 /// With 1.25, blurred discs of a thin lens have 2 % more error at 8 spp.
 const CERTAIN: f32 = 1.01;
-
-/// The unfiltered image, moved towards `smooth` as far as their difference is noise.
-fn blended(inputs: &Inputs, smooth: &Pair, evidence: f32) -> Pair {
-    shrink(inputs, inputs.unfiltered(), smooth, LAST, evidence)
-}
 
 impl fmt::Debug for ClusterRegression {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -293,29 +270,22 @@ impl Filter for ClusterRegression {
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
         let [kept, making] = Inputs::bytes_per_pixel(self.reads.label.is_some() && needs.first_hits > 0);
         let pair = 4 * 6;
-        // While the first pass runs, the bilateral pair is in memory. While the second runs, the bilateral, first and chosen
-        // pairs are, and a plane of weights. A choice takes the memory of one more pair: errors and shares.
-        // The image of the first part of the light is kept meanwhile.
-        let parts = if self.options.layers == Layers::One || !needs.indirect { 0 } else { frame.bytes(16) };
         let at_most = if self.is_one_pass {
-            frame.bytes(kept + pair).saturating_add(bytes(frame, 2))
+            kept + pair + regression::bytes_per_pixel(2)
         } else {
-            // The wide pass runs beside the image of two passes and the unfiltered one.
-            let two = frame.bytes(kept + 4 * pair + 4).saturating_add(bytes(frame, 1));
-            let wide = frame.bytes(kept + 2 * pair).saturating_add(wide::bytes(frame));
-            // The light of the outliers is kept meanwhile.
-            let once = two.max(wide).saturating_add(frame.bytes(12));
-            let once = once.max(frame.bytes(kept + outliers::BYTES_PER_PIXEL));
-            if self.options.scales == Scales::Fixed(0) {
-                once
-            } else {
-                // The planes of the first coarse scale, and the light of the second half.
-                let [width, height] = scales::halved(frame.size());
-                let halves = frame.bytes(outliers::BYTES_OF_HALVES);
-                once.saturating_add(halves).saturating_add(width * height * kept as u64)
-            }
+            // While the first pass runs, the bilateral pair is in memory. While the second runs, the bilateral, first and chosen
+            // pairs are, and a plane of weights. A choice takes the memory of one more pair: errors and shares.
+            let two = kept + 4 * pair + 4 + regression::bytes_per_pixel(1);
+            // The wide pass runs beside the image of two passes and the unfiltered one, and the light of the outliers.
+            let wide = kept + 2 * pair + wide::BYTES_PER_PIXEL;
+            let once = (two.max(wide) + 12).max(kept + outliers::BYTES_PER_PIXEL);
+            // The planes of the first coarse scale, and the light of the second half.
+            let is_scaled = self.options.scales != Scales::Fixed(0);
+            once + if is_scaled { outliers::BYTES_OF_HALVES + kept / 4 } else { 0 }
         };
-        FilterMemory::new(frame, making, ImagePlanes::RadianceAndError).at_least(at_most.saturating_add(parts))
+        // The image of the first part of the light is kept meanwhile.
+        let parts = if self.options.layers == Layers::One || !needs.indirect { 0 } else { 16 };
+        FilterMemory::new(frame, making.max(at_most + parts), ImagePlanes::RadianceAndError)
     }
 
     fn runs(&self, needs: &Needs, spp: f64) -> u32 {
@@ -324,6 +294,16 @@ impl Filter for ClusterRegression {
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
         film.require(self.name(), &self.needs())?;
-        Ok(self.run(film))
+        let parts = light::parts(film, self.options.layers);
+        let mut inputs = Inputs::new(parts[0], &self.reads);
+        prefilter(&mut inputs);
+        let mut image = self.image(&mut inputs);
+        image = inputs.restored(parts[0], image);
+        for &part in &parts[1..] {
+            inputs.read(part);
+            let other = self.image(&mut inputs);
+            add(&mut image, inputs.restored(part, other));
+        }
+        Ok(image)
     }
 }

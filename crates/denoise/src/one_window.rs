@@ -2,14 +2,12 @@
 //! colours and clusters.
 
 use crate::averaging::{VANISHING, Window, average, memory};
-use crate::error_map::{ERROR, Errors, filtered};
-use crate::guide::guide;
-use crate::inputs::{self, Globals, Inputs};
+use crate::error_map::{ERROR, filtered};
+use crate::inputs::{ClusterLookup, Inputs, Reads, describe, guide};
 use crate::light::Light;
-use crate::parameters::{ClusterLookup, Reads, describe};
-use crate::planes::{Pair, sum};
+use crate::planes::Pair;
 use crate::tile::{FeatureScales, Likeness, REACH};
-use dapple_core::{Error, Film, FilmRows, Filter, FilterMemory, Filtered, Frame, Needs, Options as _};
+use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, Needs, Options as _};
 use std::fmt;
 
 dapple_core::options! {
@@ -94,27 +92,15 @@ impl NlMeans {
         let NlMeansOptions { patch, k, features, .. } = self.options;
         Likeness { patch, colour: k as f32, features: features.map(scales), outside: 1.0 }
     }
-}
 
-impl OneWindow for NlMeans {
+    /// The statistics that the filter reads besides halves and variance.
     fn reads(&self) -> Reads {
         Reads { without_features: self.options.features.is_none(), ..Reads::default() }
     }
 
-    fn radius(&self) -> usize {
-        self.options.window + self.options.patch
-    }
-
     fn pair(&self, inputs: &Inputs) -> Pair {
-        let demodulated = self.options.features.is_some();
-        let guides = [0, 1].map(|half| guide(inputs, half, demodulated, demodulated));
         let window = Window { radius: self.options.window, disc: None, cut: 0.05, falloff: 0.0 };
-        let values = [0, 1].map(|h: usize| &guides[h].colour);
-        let mut pair = Pair(average(inputs, values, &guides, &self.likeness(), &window));
-        if demodulated {
-            pair.modulate(inputs.features.albedo());
-        }
-        pair
+        means(inputs, &self.likeness(), &window, self.options.features.is_some())
     }
 }
 
@@ -136,20 +122,7 @@ impl Filter for NlMeans {
     }
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
-        film.require(self.name(), &self.needs())?;
-        Ok(self.image(film))
-    }
-
-    fn reach(&self, _: &Frame) -> Option<u32> {
-        Some(self.rows_read())
-    }
-
-    fn survey(&self, film: &Film) -> Result<Vec<f64>, Error> {
-        self.globals(film)
-    }
-
-    fn apply_rows(&self, rows: &FilmRows<'_>, survey: &[f64]) -> Result<Filtered, Error> {
-        self.image_of_rows(rows, survey)
+        apply(self, film, &self.reads(), |inputs| self.pair(inputs))
     }
 }
 
@@ -257,25 +230,12 @@ impl Bilateral {
         let features = FeatureScales { bandwidth: features as f32, floors: [1e-2, 2e-2], slope: 3.0 };
         Likeness { patch: PATCH, colour: colour as f32, features: Some(features), outside: outside as f32 }
     }
-}
 
-impl OneWindow for Bilateral {
-    fn reads(&self) -> Reads {
-        self.reads.clone()
-    }
-
-    fn radius(&self) -> usize {
-        self.options.window + PATCH
-    }
-
-    fn pair(&self, inputs: &Inputs) -> Pair {
-        let guides = [0, 1].map(|half| guide(inputs, half, true, true));
+    /// The images of both halves of a film's samples.
+    pub(crate) fn pair(&self, inputs: &Inputs) -> Pair {
         let BilateralOptions { window: radius, falloff, .. } = self.options;
         let window = Window { radius, disc: self.disc, cut: VANISHING, falloff: falloff as f32 };
-        let values = [0, 1].map(|h: usize| &guides[h].colour);
-        let mut pair = Pair(average(inputs, values, &guides, &self.likeness(), &window));
-        pair.modulate(inputs.features.albedo());
-        pair
+        means(inputs, &self.likeness(), &window, true)
     }
 }
 
@@ -304,74 +264,25 @@ impl Filter for Bilateral {
     }
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
-        film.require(self.name(), &self.needs())?;
-        Ok(self.image(film))
-    }
-
-    fn reach(&self, _: &Frame) -> Option<u32> {
-        Some(self.rows_read())
-    }
-
-    fn survey(&self, film: &Film) -> Result<Vec<f64>, Error> {
-        self.globals(film)
-    }
-
-    fn apply_rows(&self, rows: &FilmRows<'_>, survey: &[f64]) -> Result<Filtered, Error> {
-        self.image_of_rows(rows, survey)
+        apply(self, film, &self.reads, |inputs| self.pair(inputs))
     }
 }
 
-/// The rows that are surveyed at once.
-const AT_ONCE: u32 = 128;
+/// Filters a film by the images that `pair` makes of its halves.
+fn apply(filter: &impl Filter, film: &Film, reads: &Reads, pair: impl Fn(&Inputs) -> Pair) -> Result<Filtered, Error> {
+    film.require(filter.name(), &filter.needs())?;
+    let light = Light::all(film);
+    let inputs = Inputs::new(light, reads);
+    Ok(inputs.restored(light, filtered(&inputs, &pair(&inputs), ERROR)))
+}
 
-/// The steps that both filters have in common. Each makes an image of each half by means over one window.
-pub(crate) trait OneWindow: Filter {
-    /// The statistics that the filter reads besides halves and variance.
-    fn reads(&self) -> Reads;
-
-    /// The rows of planes that [`OneWindow::pair`] reads above and below its own.
-    fn radius(&self) -> usize;
-
-    /// Filters both halves of a film's samples, and returns an image from each.
-    fn pair(&self, inputs: &Inputs) -> Pair;
-
-    /// The rows of a film that the image reads.
-    fn rows_read(&self) -> u32 {
-        // The error is smoothed, and weighted by means over 3x3 pixels.
-        (inputs::REACH + self.radius() + ERROR + 1) as u32
+/// The images of both halves by means over a window around each pixel. `demodulated` compares and averages colours without their
+/// albedo.
+fn means(inputs: &Inputs, like: &Likeness, window: &Window, demodulated: bool) -> Pair {
+    let guides = [0, 1].map(|half| guide(inputs, half, demodulated, demodulated));
+    let mut pair = average(inputs, guides.each_ref().map(|guide| &guide.colour), &guides, like, window, |_| true);
+    if demodulated {
+        pair.modulate(inputs.features.albedo());
     }
-
-    /// Filters a film.
-    fn image(&self, film: &Film) -> Filtered {
-        let inputs = Inputs::new(Light::all(film), &self.reads());
-        inputs.restored(Light::all(film), filtered(&inputs, &self.pair(&inputs), ERROR))
-    }
-
-    /// The globals of a film, then the least error of a pixel. The latter is a part of the mean error, so the film is filtered
-    /// for it once.
-    fn globals(&self, film: &Film) -> Result<Vec<f64>, Error> {
-        film.require(self.name(), &self.needs())?;
-        let globals = Globals::survey(film, &self.reads(), AT_ONCE)?;
-        let rows = FilmRows::each(film, self.rows_read(), AT_ONCE, |rows| {
-            let inputs = Inputs::of_rows(rows, &self.reads(), &globals);
-            let errors = Errors::new(&inputs, &self.pair(&inputs), ERROR);
-            let width = inputs.size[0];
-            let row = |y: usize| sum((y * width..(y + 1) * width).map(|i| errors.counted(i)));
-            Ok(rows.within().map(row).collect::<Vec<_>>())
-        })?;
-        let least = Errors::least(sum(rows.into_iter().flatten()));
-        Ok(globals.numbers().into_iter().chain([f64::from(least)]).collect())
-    }
-
-    /// Filters rows of a film with these globals.
-    fn image_of_rows(&self, rows: &FilmRows<'_>, globals: &[f64]) -> Result<Filtered, Error> {
-        let Some((numbers, [least])) = globals.split_first_chunk() else {
-            let what = "these are not the numbers of its survey; take them from `Filter::survey`";
-            return Err(Error::Mismatch { who: self.name().to_owned(), what: what.into() });
-        };
-        let inputs = Inputs::of_rows(rows, &self.reads(), &Globals::from_numbers(*numbers));
-        let pair = self.pair(&inputs);
-        let image = Errors::new(&inputs, &pair, ERROR).image(&inputs, &pair, *least as f32);
-        Ok(rows.of(inputs.restored(Light::all(rows.film), image)))
-    }
+    pair
 }

@@ -5,7 +5,7 @@
 //! the same surface. The sum over the image stays.
 
 use crate::inputs::Inputs;
-use crate::planes::{Colours, Plane, box_mean, dispatch, map_to_one, parts, raised};
+use crate::planes::{Colours, Pair, Plane, box_mean, dispatch, map_to_one, parts, raised};
 use crate::tile::exp_minus;
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
@@ -55,10 +55,13 @@ pub(crate) fn take(inputs: &mut Inputs) -> Option<Colours> {
 
 /// Takes outliers out of both halves as [`take`] does, with another ratio. Returns the light of each half by itself, in the
 /// units of that half.
-pub(crate) fn take_halves(inputs: &mut Inputs, ratio: f32) -> Option<[Colours; 2]> {
+pub(crate) fn take_halves(inputs: &mut Inputs, ratio: f32) -> Option<Pair> {
     let (first, second): (Vec<_>, Vec<_>) =
         take_out(inputs, ratio, true).into_iter().partition(|found| found.half == 0);
-    (!first.is_empty() || !second.is_empty()).then(|| [first, second].map(|found| spread(inputs, &found)))
+    (!first.is_empty() || !second.is_empty()).then(|| {
+        let [[ra, ga, ba], [rb, gb, bb]] = [first, second].map(|found| spread(inputs, &found));
+        Pair([ra, ga, ba, rb, gb, bb])
+    })
 }
 
 /// Takes outliers out of both halves. Their light is per weight, such that the weights' sum over the window gives the outlier: in

@@ -17,7 +17,7 @@ pub(crate) const LANES: usize = WIDTH / 2;
 /// Copies of P planes of a tile and its margin. Each row holds the even columns of all planes, one plane after the
 /// other, then the odd columns. One index leads to all planes of a pixel. Empty before the first copy.
 #[derive(Default)]
-pub(crate) struct Stack<const P: usize>(Vec<f32>);
+pub(crate) struct Stack<const P: usize>(pub(crate) Vec<f32>);
 
 impl<const P: usize> Stack<P> {
     /// Copies the tile at `origin` and its margin from each plane, in place of the tile before. Pixels beyond the frame repeat
@@ -104,7 +104,3 @@ pub(super) fn moved(parity: usize, dx: isize) -> (usize, isize) {
     let column = parity as isize + dx;
     ((column & 1) as usize, column >> 1)
 }
-
-#[cfg(test)]
-#[path = "../../tests/denoise/internals/stack.rs"]
-mod tests;

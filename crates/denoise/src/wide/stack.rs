@@ -1,7 +1,6 @@
 //! The planes that the wide pass reads, copied such that a vector holds pixels around neighbouring window centres.
 
-use crate::guide::Guide;
-use crate::inputs::Inputs;
+use crate::inputs::{Guide, Inputs};
 use crate::planes::{Colours, map_to_one, raised};
 use crate::tile::{FeatureScales, sharpness, vectors};
 use pulp::Simd;
