@@ -42,7 +42,7 @@ pub(crate) fn planned(spp: u64, sampler: &mut dyn Sampler, film: &Film) -> Resul
     let budget = BudgetLeft::new(spp * pixels as u64).with_spent(film.counts().iter().sum()).with_max_spp(100_000);
     let mut plan = Plan::empty(pixels);
     sampler.next_round(&Feedback::new(1, film, budget), &mut plan)?;
-    assert_eq!(plan.total(), budget.left());
+    assert!((1..=budget.left()).contains(&plan.total()));
     Ok(plan.counts.iter().zip(film.counts()).map(|(more, now)| more + now as u32).collect())
 }
 
