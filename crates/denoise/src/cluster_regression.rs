@@ -185,10 +185,7 @@ impl ClusterRegression {
         }
         let scales = self.options.scales.of(inputs.size);
         let coarse = (scales > 0).then(|| scales::coarser(inputs));
-        let (bright, bright_halves) = match scales {
-            0 => (outliers::take(inputs), None),
-            _ => (None, outliers::take_halves(inputs, scales::ratio(scales))),
-        };
+        let mut outliers = outliers::take(inputs, scales::ratio(scales), scales > 0);
 
         // Two passes of narrow windows, each with a choice by estimated error.
         let mut images = self.before_second(inputs);
@@ -205,12 +202,13 @@ impl ClusterRegression {
         drop((smooth, base));
 
         // Coarse scales, which see the light of outliers.
-        if let Some(light) = bright_halves {
-            image.add(&light);
-            inputs.add(&light);
-        }
         let (mut evidence, mut radius) = (EVIDENCE, ERROR);
         if let Some(coarse) = coarse {
+            if !outliers.is_empty() {
+                let light = outliers::spread_halves(inputs, std::mem::take(&mut outliers));
+                image.add(&light);
+                inputs.add(&light);
+            }
             scales::correct(inputs, coarse, &mut image, scales);
             // In larger images and in light without edges, more of what looks like detail is noise.
             evidence *= 0.5 * (1 + scales) as f32 * inputs.smoothness * inputs.smoothness;
@@ -220,11 +218,11 @@ impl ClusterRegression {
         // The unfiltered image, moved towards the result as far as their difference is noise.
         let blended = shrink(inputs, inputs.unfiltered(), &image, LAST, evidence);
         let mut image = filtered(inputs, &blended, radius);
-        if let Some(light) = bright {
-            let add = |(i, colour): (usize, &mut [f32; 3])| {
+        if !outliers.is_empty() {
+            let light = outliers::spread(inputs, &outliers);
+            for (i, colour) in image.radiance.iter_mut().enumerate() {
                 (0..3).for_each(|c| colour[c] = (colour[c] + light[c][i] * inputs.level()).min(f32::MAX));
-            };
-            image.radiance.iter_mut().enumerate().for_each(add);
+            }
         }
         image
     }
@@ -273,15 +271,11 @@ impl Filter for ClusterRegression {
         let at_most = if self.is_one_pass {
             kept + pair + regression::bytes_per_pixel(2)
         } else {
-            // While the first pass runs, the bilateral pair is in memory. While the second runs, the bilateral, first and chosen
-            // pairs are, and a plane of weights. A choice takes the memory of one more pair: errors and shares.
-            let two = kept + 4 * pair + 4 + regression::bytes_per_pixel(1);
-            // The wide pass runs beside the image of two passes and the unfiltered one, and the light of the outliers.
-            let wide = kept + 2 * pair + wide::BYTES_PER_PIXEL;
-            let once = (two.max(wide) + 12).max(kept + outliers::BYTES_PER_PIXEL);
-            // The planes of the first coarse scale, and the light of the second half.
+            // The wide pass takes the most. It runs beside the image of two passes and the unfiltered one, the outliers, and the planes
+            // of the first coarse scale.
             let is_scaled = self.options.scales != Scales::Fixed(0);
-            once + if is_scaled { outliers::BYTES_OF_HALVES + kept / 4 } else { 0 }
+            let coarse = if is_scaled { outliers::BYTES_OF_HALVES + kept / 4 } else { 0 };
+            kept + (2 * pair + wide::BYTES_PER_PIXEL + 12).max(outliers::BYTES_PER_PIXEL) + coarse
         };
         // The image of the first part of the light is kept meanwhile.
         let parts = if self.options.layers == Layers::One || !needs.indirect { 0 } else { 16 };

@@ -80,9 +80,10 @@ impl OptionValue for Scales {
 /// at 160x120.
 const RATIO: f32 = 7.0;
 
-/// The ratio of an outlier to its surroundings if this many coarse scales follow, at least 1.
+/// The ratio of an outlier to its surroundings if this many coarse scales follow. Without them, with 3 in place of 6, a room lit
+/// through a slit has 10 % more error and 0.3 % more of its light at 8 spp; with 12, 4 % less error and 0.3 % less light.
 pub(crate) fn ratio(scales: usize) -> f32 {
-    RATIO * scales as f32
+    if scales == 0 { 6.0 } else { RATIO * scales as f32 }
 }
 
 /// The factor on that ratio at a coarse scale, whose pixels have less noise. With 1, the light of a single outlier grows
@@ -196,11 +197,11 @@ fn down_pair(fine: &Inputs, coarse: &Inputs, image: &Pair) -> Pair {
 /// out.
 pub(crate) fn correct(fine: &Inputs, mut coarse: Inputs, image: &mut Pair, scales: usize) {
     let next = (scales > 1 && coarse.pixels() > 1).then(|| coarser(&coarse));
-    let light = outliers::take_halves(&mut coarse, COARSER * ratio(scales));
+    let found = outliers::take(&mut coarse, COARSER * ratio(scales), true);
     let before = down_pair(fine, &coarse, image);
     let mut smooth = wide(&coarse, &residual_guide(&coarse, &before), &before);
-    if let Some(light) = light {
-        smooth.add(&light);
+    if !found.is_empty() {
+        smooth.add(&outliers::spread_halves(&coarse, found));
     }
     let mut after = shrink(&coarse, before.channels(), &smooth, BLEND, COARSE_EVIDENCE);
     drop(smooth);
