@@ -73,13 +73,6 @@ impl<'a> SampleBuffers<'a> {
     }
 }
 
-/// The samples of an image: two independent halves, or all together.
-#[derive(Clone, Copy, Debug)]
-enum Samples<'a> {
-    Halves([SampleBuffers<'a>; 2]),
-    Whole(SampleBuffers<'a>),
-}
-
 impl Counts<'_> {
     /// The number of samples of pixel `i`.
     fn of(&self, i: usize) -> u64 {
@@ -161,7 +154,7 @@ const DEPTH: usize = 3;
 /// # Ok::<(), dapple_core::Error>(())
 /// ```
 pub fn denoise<'a>(size: [u32; 2], half_a: &SampleBuffers<'a>, half_b: &SampleBuffers<'a>) -> Denoise<'a> {
-    Denoise::new(size, Samples::Halves([*half_a, *half_b]))
+    Denoise::new(size, *half_a, Some(*half_b))
 }
 
 /// Denoises an image given as buffers, for renderers that keep no halves: all samples together, with their variance.
@@ -182,7 +175,7 @@ pub fn denoise<'a>(size: [u32; 2], half_a: &SampleBuffers<'a>, half_b: &SampleBu
 /// # Ok::<(), dapple_core::Error>(())
 /// ```
 pub fn denoise_whole<'a>(size: [u32; 2], all: &SampleBuffers<'a>) -> Denoise<'a> {
-    Denoise::new(size, Samples::Whole(*all))
+    Denoise::new(size, *all, None)
 }
 
 /// An image to be denoised, given as buffers. [`denoise`] and [`denoise_whole`] make one.
@@ -193,7 +186,9 @@ pub fn denoise_whole<'a>(size: [u32; 2], all: &SampleBuffers<'a>) -> Denoise<'a>
 #[must_use = "`run` denoises the image"]
 pub struct Denoise<'a> {
     size: [u32; 2],
-    samples: Samples<'a>,
+    /// The samples of the first half; all samples if there is no other.
+    first: SampleBuffers<'a>,
+    second: Option<SampleBuffers<'a>>,
     features: [Option<Feature<'a>>; 4],
     coverage: Option<&'a [f32]>,
     emission: Option<&'a [[f32; 3]]>,
@@ -202,8 +197,9 @@ pub struct Denoise<'a> {
 }
 
 impl<'a> Denoise<'a> {
-    fn new(size: [u32; 2], samples: Samples<'a>) -> Self {
-        Self { size, samples, features: [None; 4], coverage: None, emission: None, ids: None, filter: None }
+    fn new(size: [u32; 2], first: SampleBuffers<'a>, second: Option<SampleBuffers<'a>>) -> Self {
+        let features = [None; 4];
+        Self { size, first, second, features, coverage: None, emission: None, ids: None, filter: None }
     }
 
     fn feature(mut self, place: usize, mean: &'a [f32], variance: Option<Variance<'a, f32>>) -> Self {
@@ -346,15 +342,13 @@ fn bad(buffer: &'static str, what: impl Into<String>) -> Error {
 /// Checks all buffers of an image. Each error names the buffer, and what to do.
 fn check(image: &Denoise<'_>) -> Result<(), Error> {
     let size = image.size;
-    match &image.samples {
-        Samples::Whole(all) => {
-            check_samples(size, all, WHOLE)?;
-            all.variance.ok_or_else(|| bad("variance", ALONE))?;
-        }
-        Samples::Halves(halves) => {
-            halves.iter().zip(HALVES).try_for_each(|(half, names)| check_samples(size, half, names))?;
-            check_independent(halves)?;
-        }
+    if let Some(second) = &image.second {
+        check_samples(size, &image.first, HALVES[0])?;
+        check_samples(size, second, HALVES[1])?;
+        check_independent(&image.first, second)?;
+    } else {
+        check_samples(size, &image.first, WHOLE)?;
+        image.first.variance.ok_or_else(|| bad("variance", ALONE))?;
     }
     let mut buffers: Vec<Named<'_>> = Vec::new();
     for (feature, ([name, of_variance], channels, rules)) in image.features.iter().zip(FEATURES) {
@@ -381,7 +375,7 @@ fn check_samples(size: [u32; 2], set: &SampleBuffers<'_>, names: [&'static str; 
 }
 
 /// Refuses halves that are one buffer. A black image and one of a single colour may come twice without noise.
-fn check_independent([a, b]: &[SampleBuffers<'_>; 2]) -> Result<(), Error> {
+fn check_independent(a: &SampleBuffers<'_>, b: &SampleBuffers<'_>) -> Result<(), Error> {
     let first = a.mean.first();
     let plain = a.mean.len() == 1 || a.mean.iter().all(|colour| Some(colour) == first);
     let same = std::ptr::eq(a.mean, b.mean) || (!plain && a.mean == b.mean);

@@ -3,7 +3,7 @@
 use crate::averaging::prefilter;
 use crate::error_map::{ERROR, EVIDENCE, LAST, filtered, relative_weight, select, shrink};
 use crate::inputs::{ClusterLookup, Inputs, Reads, guide, residual_guide};
-use crate::light::{self, Layers};
+use crate::light::{self, Layers, Part};
 use crate::one_window::Bilateral;
 use crate::outliers;
 use crate::planes::Pair;
@@ -158,21 +158,21 @@ impl ClusterRegression {
     /// Runs the second pass on both halves of the samples. `guide` is an image with less noise, by which pixels are
     /// compared.
     fn second(&self, inputs: &Inputs, guide: &Pair) -> Pair {
-        let features = FeatureScales { bandwidth: 5.0 * inputs.smoothness, floors: [1e-2, 2e-2], slope: 3.0 };
+        let features = FeatureScales { bandwidth: 5.0 * inputs.part.smoothness(), floors: [1e-2, 2e-2], slope: 3.0 };
         // The first pass has used most of the information in the clusters.
         let outside = self.outside().max(0.7) as f32;
-        let colour = 1.5 * inputs.smoothness;
+        let colour = 1.5 * inputs.part.smoothness();
         let like = Likeness { patch: 1, colour, features: Some(features), outside };
         regress(inputs, &[residual_guide(inputs, guide)], &like, guide, BESIDE[1])
     }
 
     /// The images that the guide of the second pass is chosen from: that of the first pass, if it runs, and the bilateral one.
     ///
-    /// Only direct light by itself gets a first pass. Without it, all light at once has 1.5 % more error at 8 spp for a fifth
+    /// In the first pass, no half's noise shapes its own windows. Only direct light by itself gains enough by it. Without it, all light at once has 1.5 % more error at 8 spp for a fifth
     /// less time (docs/results/default-image.md).
     pub(crate) fn before_second(&self, inputs: &Inputs) -> Vec<Pair> {
         let averaged = Bilateral::candidate().pair(inputs);
-        if !inputs.has_first_pass && !self.is_one_pass {
+        if inputs.part != Part::Direct && !self.is_one_pass {
             return vec![averaged];
         }
         vec![self.first(inputs, &averaged), averaged]
@@ -211,7 +211,7 @@ impl ClusterRegression {
             }
             scales::correct(inputs, coarse, &mut image, scales);
             // In larger images and in light without edges, more of what looks like detail is noise.
-            evidence *= 0.5 * (1 + scales) as f32 * inputs.smoothness * inputs.smoothness;
+            evidence *= 0.5 * (1 + scales) as f32 * inputs.part.smoothness() * inputs.part.smoothness();
             radius = 3 * scales;
         }
 

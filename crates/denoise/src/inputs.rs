@@ -1,7 +1,7 @@
 //! A film's halves, features and clusters as planes, in the form that the filters read, and the guides made of them.
 
 use crate::features::{FEATURES, Features, UNKNOWN};
-use crate::light::{BRIGHTEST, Bounds, Light};
+use crate::light::{BRIGHTEST, Bounds, Light, Part};
 use crate::one_sample::{self, Halves, Surroundings};
 use crate::planes::{
     Channels, Colours, Pair, Plane, box_mean, combined, first_share, map_to_one, per_pixel, planes_of, quantile,
@@ -70,10 +70,7 @@ pub(crate) struct Inputs {
     pub(crate) size: [usize; 2],
     /// The radiance that is 1 in these planes, and the largest light in them; the rest is withheld ([`Inputs::restored`]).
     levels: Levels,
-    /// The factor on bandwidths ([`Light::smoothness`]).
-    pub(crate) smoothness: f32,
-    /// True if a first regression precedes two wider ones ([`Light::has_first_pass`]).
-    pub(crate) has_first_pass: bool,
+    pub(crate) part: Part,
     pub(crate) halves: [Half; 2],
     pub(crate) features: Features,
     /// The cluster of each pixel's first sample, modulo 2^24 - 3 so that an `f32` holds it; `None` without clusters.
@@ -91,23 +88,20 @@ impl Inputs {
             let of = |i: usize| film.first_hits(i).first()?.as_ref().and_then(|hit| label(hit));
             per_pixel(film.frame().pixels(), |i| (of(i).unwrap_or(BACKGROUND) % 0xff_fffd) as f32)
         });
-        let (smoothness, has_first_pass) = (light.smoothness(), light.has_first_pass());
         let size = film.frame().size().map(|n| n as usize);
-        Self { size, levels, smoothness, has_first_pass, halves, features, labels }
+        Self { size, levels, part: light.part, halves, features, labels }
     }
 
     /// Reads the colours of another part of the film's light. Features and clusters stay.
     pub(crate) fn read(&mut self, light: Light<'_>) {
-        self.levels = Levels::of(light);
+        (self.levels, self.part) = (Levels::of(light), light.part);
         self.halves = colours(light, &self.features, self.levels);
-        (self.smoothness, self.has_first_pass) = (light.smoothness(), light.has_first_pass());
     }
 
     /// Planes of half the width and height for the same image, without clusters.
     pub(crate) fn with_planes(&self, halves: [Half; 2], features: Features) -> Self {
         let size = self.size.map(|n| n.div_ceil(2));
-        let Self { levels, smoothness, has_first_pass, .. } = *self;
-        Self { size, levels, smoothness, has_first_pass, halves, features, labels: None }
+        Self { size, levels: self.levels, part: self.part, halves, features, labels: None }
     }
 
     /// The number of bytes per pixel that these planes occupy, and the largest number while they are computed.

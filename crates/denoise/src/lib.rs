@@ -86,13 +86,6 @@ mod scales;
 mod tile;
 mod wide;
 
-#[cfg(test)]
-#[path = "../tests/denoise/internals"]
-mod internals {
-    mod images;
-    mod parts;
-}
-
 pub use buffers::{Counts, Denoise, SampleBuffers, Variance, denoise, denoise_whole};
 pub use cluster_gaussian::{ClusterGaussian, ClusterGaussianOptions};
 pub use cluster_regression::{ClusterRegression, ClusterRegressionOptions};
@@ -107,3 +100,10 @@ pub use scales::Scales;
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 struct ReadmeExample;
+
+#[cfg(test)]
+#[path = "../tests/denoise/internals"]
+mod internals {
+    mod images;
+    mod parts;
+}

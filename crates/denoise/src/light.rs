@@ -50,15 +50,24 @@ pub(crate) fn parts(film: &Film, layers: Layers) -> Vec<Light<'_>> {
 #[derive(Clone, Copy)]
 pub(crate) struct Light<'a> {
     pub(crate) film: &'a Film,
-    part: Part,
+    pub(crate) part: Part,
 }
 
-#[derive(Clone, Copy)]
-enum Part {
+/// A part of a film's light.
+#[derive(Clone, Copy, PartialEq)]
+pub(crate) enum Part {
     All,
     /// All light but the indirect one.
     Direct,
     Indirect,
+}
+
+impl Part {
+    /// The factor on the bandwidths within which pixels count as alike. Indirect light has few edges, and much of its noise is
+    /// taken for edges by the bandwidths of all light.
+    pub(crate) fn smoothness(self) -> f32 {
+        if self == Self::Indirect { 1.4 } else { 1.0 }
+    }
 }
 
 impl<'a> Light<'a> {
@@ -110,7 +119,7 @@ impl<'a> Light<'a> {
     /// The ratio of the variance of the mean to that of the plain mean, if samples of features alone refine the emission of pixel
     /// `i`. The emission's part of the variance counts as its part of the mean: at the edge of a lamp, both are near 1.
     pub(crate) fn variance_left(&self, i: usize) -> Option<[f32; 3]> {
-        if matches!(self.part, Part::Indirect) {
+        if self.part == Part::Indirect {
             return None;
         }
         let alone = |half: usize| self.film.emission_alone(half, i).map(|(samples, _)| f64::from(samples));
@@ -122,21 +131,6 @@ impl<'a> Light<'a> {
             let share = 0.5 * f64::from(a[c] + b[c]) / mean[c].max(f64::MIN_POSITIVE);
             (1.0 - share.min(1.0) * less) as f32
         }))
-    }
-
-    /// The factor on the bandwidths within which pixels count as alike. Indirect light has few edges, and much of its noise is
-    /// taken for edges by the bandwidths of all light.
-    pub(crate) fn smoothness(&self) -> f32 {
-        match self.part {
-            Part::All | Part::Direct => 1.0,
-            Part::Indirect => 1.4,
-        }
-    }
-
-    /// Returns true if a regression with a guide for each half comes before the wider ones, so that no half's noise shapes its
-    /// own windows. Only direct light that is filtered apart gains enough by it.
-    pub(crate) fn has_first_pass(&self) -> bool {
-        matches!(self.part, Part::Direct)
     }
 
     /// The mean emission of light sources that half 0 or 1 of pixel `i`'s samples saw directly.

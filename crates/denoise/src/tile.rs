@@ -35,18 +35,14 @@ pub(crate) const fn stride<S: Simd>() -> usize {
     COLUMNS / S::F32_LANES
 }
 
-/// A tile's copy of a guide.
-pub(crate) enum LocalGuide {
+/// A tile's copy of a guide. Only one of both copies is read.
+#[derive(Default)]
+struct LocalGuide {
     /// Red, green, blue and the sum of their variances.
-    Pooled(Stack<4>),
+    pooled: Stack<4>,
     /// Red, green, blue and the variance of each.
-    Each(Stack<6>),
-}
-
-impl Default for LocalGuide {
-    fn default() -> Self {
-        Self::Pooled(Stack::default())
-    }
+    each: Stack<6>,
+    is_pooled: bool,
 }
 
 /// The scales by which squared feature differences are divided.
@@ -162,13 +158,10 @@ impl LocalGuide {
     /// Copies the tile of a guide at `origin`.
     fn copy(&mut self, guide: &Guide, size: [usize; 2], origin: [usize; 2]) {
         let [r, g, b] = &guide.colour;
-        match (&guide.variance[..], &mut *self) {
-            ([vr, vg, vb], Self::Each(stack)) => stack.copy([r, g, b, vr, vg, vb], size, origin),
-            ([v], Self::Pooled(stack)) => stack.copy([r, g, b, v], size, origin),
-            (variance, _) => {
-                *self = if variance.len() == 3 { Self::Each(Stack::default()) } else { Self::default() };
-                self.copy(guide, size, origin);
-            }
+        self.is_pooled = guide.variance.len() == 1;
+        match &guide.variance[..] {
+            [vr, vg, vb] => self.each.copy([r, g, b, vr, vg, vb], size, origin),
+            pooled => self.pooled.copy([r, g, b, &pooled[0]], size, origin),
         }
     }
 
@@ -178,31 +171,28 @@ impl LocalGuide {
     fn differences<S: Simd>(&self, simd: S, here: [usize; 3], there: [usize; 3], out: &mut [f32; SPAN]) {
         let out = S::as_mut_simd_f32s(out).0;
         let step = stride::<S>();
-        match self {
-            Self::Each(stack) => {
-                let third = simd.splat_f32s(1.0 / 3.0);
-                let (p, q) = (vectors::<S>(stack.from(here, SPAN)), vectors::<S>(stack.from(there, SPAN)));
-                for k in 0..SPAN / S::F32_LANES {
-                    let mut sum = simd.splat_f32s(0.0);
-                    for c in 0..3 {
-                        let d = simd.sub_f32s(p[c * step + k], q[c * step + k]);
-                        let [vp, vq] = [p[(c + 3) * step + k], q[(c + 3) * step + k]];
-                        sum = simd.add_f32s(sum, excess(simd, simd.mul_f32s(d, d), vp, vq));
-                    }
-                    out[k] = simd.mul_f32s(sum, third);
-                }
+        if self.is_pooled {
+            let (p, q) = (vectors::<S>(self.pooled.from(here, SPAN)), vectors::<S>(self.pooled.from(there, SPAN)));
+            for k in 0..SPAN / S::F32_LANES {
+                let r = simd.sub_f32s(p[k], q[k]);
+                let g = simd.sub_f32s(p[step + k], q[step + k]);
+                let b = simd.sub_f32s(p[2 * step + k], q[2 * step + k]);
+                let square = simd.add_f32s(simd.mul_f32s(r, r), simd.mul_f32s(g, g));
+                let square = simd.add_f32s(square, simd.mul_f32s(b, b));
+                out[k] = excess(simd, square, p[3 * step + k], q[3 * step + k]);
             }
-            Self::Pooled(stack) => {
-                let (p, q) = (vectors::<S>(stack.from(here, SPAN)), vectors::<S>(stack.from(there, SPAN)));
-                for k in 0..SPAN / S::F32_LANES {
-                    let r = simd.sub_f32s(p[k], q[k]);
-                    let g = simd.sub_f32s(p[step + k], q[step + k]);
-                    let b = simd.sub_f32s(p[2 * step + k], q[2 * step + k]);
-                    let square = simd.add_f32s(simd.mul_f32s(r, r), simd.mul_f32s(g, g));
-                    let square = simd.add_f32s(square, simd.mul_f32s(b, b));
-                    out[k] = excess(simd, square, p[3 * step + k], q[3 * step + k]);
-                }
+            return;
+        }
+        let third = simd.splat_f32s(1.0 / 3.0);
+        let (p, q) = (vectors::<S>(self.each.from(here, SPAN)), vectors::<S>(self.each.from(there, SPAN)));
+        for k in 0..SPAN / S::F32_LANES {
+            let mut sum = simd.splat_f32s(0.0);
+            for c in 0..3 {
+                let d = simd.sub_f32s(p[c * step + k], q[c * step + k]);
+                let [vp, vq] = [p[(c + 3) * step + k], q[(c + 3) * step + k]];
+                sum = simd.add_f32s(sum, excess(simd, simd.mul_f32s(d, d), vp, vq));
             }
+            out[k] = simd.mul_f32s(sum, third);
         }
     }
 }

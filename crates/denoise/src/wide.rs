@@ -46,7 +46,7 @@ const BESIDE: f32 = 0.5;
 pub(crate) fn wide(inputs: &Inputs, guide: &Guide, beside: &Pair) -> Pair {
     let [width, height] = inputs.size;
     let stacks = stacks(inputs, guide);
-    let colour = COLOUR * inputs.smoothness;
+    let colour = COLOUR * inputs.part.smoothness();
     let share = 1.0 / (9.0 * colour * colour);
     let tiles = stacks.len();
     let sums: Vec<Vec<f32>> = (0..height.div_ceil(BAND) * tiles)
@@ -112,10 +112,8 @@ impl WithSimd for BandTask<'_> {
         let [columns, height] = self.size;
         let mut sums = vec![0.0; ROWS * STEP * 8 * COLUMNS];
         let blocks = GROUP / S::F32_LANES;
-        let mut seen = Vec::with_capacity(blocks);
-        for _ in 0..blocks {
-            seen.push(Seen::<S>::new(simd));
-        }
+        let none = Pixel::<S> { index: 0, sums: 0, offset: 0, weight: simd.splat_f32s(0.0) };
+        let mut seen = vec![Seen { count: 0, all: vec![none; SIDE * SIDE] }; blocks];
         let mut windows = Vec::with_capacity(blocks);
         for y in (self.first..(self.first + BAND).min(height)).step_by(STEP) {
             for group in (0..columns).step_by(GROUP) {
@@ -175,6 +173,7 @@ const fn plane(regressor: usize) -> usize {
 }
 
 /// The pixels of the windows whose weights are not all 0.
+#[derive(Clone)]
 struct Seen<S: Simd> {
     /// The number of pixels.
     count: usize,
@@ -191,13 +190,6 @@ struct Pixel<S: Simd> {
     /// The number of the offset, counted by rows.
     offset: usize,
     weight: S::f32s,
-}
-
-impl<S: Simd> Seen<S> {
-    fn new(simd: S) -> Self {
-        let none = Pixel { index: 0, sums: 0, offset: 0, weight: simd.splat_f32s(0.0) };
-        Self { count: 0, all: vec![none; SIDE * SIDE] }
-    }
 }
 
 /// Lists the pixels of the windows with their weights. The sums of the band begin [`REACH`] rows above row `first`. `share` is

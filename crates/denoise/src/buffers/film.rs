@@ -1,6 +1,6 @@
 //! The film of an image that is given as buffers.
 
-use super::{ALBEDO, DEPTH, Denoise, Feature, NORMAL, POSITION, SampleBuffers, Samples, check};
+use super::{ALBEDO, DEPTH, Denoise, Feature, NORMAL, POSITION, SampleBuffers, check};
 use crate::planes::{beside, box_mean};
 use dapple_core::{Error, Film, FirstHit, Frame, PixelStatistics, RgbMoments, SurfaceFeatures, mix};
 
@@ -14,17 +14,14 @@ pub(super) fn film(image: &Denoise<'_>) -> Result<Film, Error> {
     check(image)?;
     let size = image.size.map(|n| n as usize);
     // The variance of a sample from the difference of the halves, if neither has one.
-    let found = match &image.samples {
-        Samples::Halves(halves) if halves.iter().all(|half| half.variance.is_none()) => {
-            Some(variance_of_halves(size, halves))
-        }
-        _ => None,
-    };
+    let halves = image.second.map(|second| [image.first, second]);
+    let unknown = halves.as_ref().filter(|halves| halves.iter().all(|half| half.variance.is_none()));
+    let found = unknown.map(|halves| variance_of_halves(size, halves));
     let surfaces = Surfaces::new(image);
     Film::from_pixels(frame, |i| {
-        let halves = match &image.samples {
-            Samples::Whole(all) => split(all, i),
-            Samples::Halves(halves) => with_variances(halves, found.as_ref().map(|found| found[i]), i),
+        let halves = match &halves {
+            None => split(&image.first, i),
+            Some(halves) => with_variances(halves, found.as_ref().map(|found| found[i]), i),
         };
         let mut pixel = PixelStatistics::new(halves);
         if let Some(emission) = image.emission {

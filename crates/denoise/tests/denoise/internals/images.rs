@@ -84,10 +84,9 @@ fn fits_predictions_and_averages_of_a_half_take_all_weights_from_the_other_half(
     let window = Window { radius: 4, disc: None, cut: VANISHING, falloff: 0.05 };
     let values = [0, 1].map(|half: usize| &inputs.halves[half].colour);
     let averaged = |guides: &[Guide; 2]| average(&inputs, values, guides, &LIKE, &window, |_| true);
-    let images: [&dyn Fn(&[Guide; 2]) -> Pair; 2] = [&fitted, &averaged];
-    for image in images {
-        assert_eq!(changed(image, &inputs, 0), [false, true]);
-        assert_eq!(changed(image, &inputs, 1), [true, false]);
+    for (half, expected) in [[false, true], [true, false]].into_iter().enumerate() {
+        assert_eq!(changed(fitted, &inputs, half), expected);
+        assert_eq!(changed(averaged, &inputs, half), expected);
     }
 }
 
