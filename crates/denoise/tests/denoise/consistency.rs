@@ -270,42 +270,6 @@ fn clusters_preserve_an_edge_too_faint_for_its_noise() {
     assert!(blind < 0.12 && seeing > 0.16, "without clusters {blind}, with them {seeing}, in truth 0.2");
 }
 
-#[test]
-fn parameters_out_of_range_are_refused() {
-    let refused = |result: Result<(), Error>, parameter: &str| match result {
-        Err(Error::OutOfRange { name, .. }) => assert_eq!(name, parameter),
-        other => panic!("{parameter} is not refused: {other:?}"),
-    };
-    let (nlm, bilateral) = (NlMeansOptions::default(), BilateralOptions::default());
-    let of_nlm = |options, parameter| refused(NlMeans::with_options(options).map(drop), parameter);
-    let of_bilateral = |options, parameter| refused(Bilateral::with_options(options).map(drop), parameter);
-    of_nlm(nlm.window(8), "window");
-    of_nlm(nlm.patch(4), "patch");
-    of_bilateral(bilateral.window(8), "window");
-    for k in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-        of_nlm(nlm.k(k), "k");
-        of_nlm(nlm.features(Some(k)), "features");
-        of_bilateral(bilateral.colour(k), "colour");
-        of_bilateral(bilateral.features(k), "features");
-    }
-    of_bilateral(bilateral.falloff(f64::NAN), "falloff");
-    for outside in [-0.1, 1.1, f64::NAN] {
-        of_bilateral(bilateral.outside(outside), "outside");
-        let options = ClusterRegressionOptions::default().outside(outside);
-        refused(ClusterRegression::with_options(options).map(drop), "outside");
-    }
-}
-
-#[test]
-fn descriptions_give_every_parameter() {
-    assert_eq!(NlMeans::default().describe(), "nlm:window=7,patch=3,k=0.45,features=none");
-    assert_eq!(ClusterRegression::new().describe(), "cluster-regression:outside=1,layers=auto,scales=auto");
-    let clusters = ClusterRegression::new().with_clusters(label(), "k=9");
-    assert_eq!(clusters.describe(), "cluster-regression:outside=0.2,layers=auto,scales=auto,k=9");
-    // First hits are recorded only where clusters matter.
-    assert_eq!((clusters.needs().first_hits, ClusterRegression::new().needs().first_hits), (1, 0));
-}
-
 /// Features that are NaN, infinite or huge, and fireflies, on any frame and at any count: the result is finite and not
 /// negative, and no error is NaN. The control: films do contain hits and fireflies.
 #[test]

@@ -1,8 +1,11 @@
-//! Properties of the two Gaussians beyond conformance.
+//! Parameters and descriptions of all filters, and properties of the two Gaussians beyond conformance.
 
 use crate::support::{self, grey, label, rendered};
 use dapple_core::{Block, Draws, Error, Estimate, Film, Filter, Frame, Needs, Unfiltered};
-use dapple_denoise::{ClusterGaussian, ClusterGaussianOptions, Gaussian};
+use dapple_denoise::{
+    Bilateral, BilateralOptions, ClusterGaussian, ClusterGaussianOptions, ClusterRegression, ClusterRegressionOptions,
+    Gaussian, NlMeans, NlMeansOptions,
+};
 use proptest::prelude::*;
 use std::sync::Arc;
 
@@ -39,12 +42,26 @@ fn parameters_out_of_range_are_refused() {
     }
     for outside in [-0.1, 1.1, f64::NAN] {
         refused(ClusterGaussian::from_map([1, 1], vec![0]).unwrap().with_options(options.outside(outside)), "outside");
+        refused(Bilateral::with_options(BilateralOptions::default().outside(outside)), "outside");
+        let options = ClusterRegressionOptions::default().outside(outside);
+        refused(ClusterRegression::with_options(options), "outside");
     }
     for k in [0, 9] {
         refused(ClusterGaussian::from_hits(Arc::new(|_| None)).with_options(options.hits(k)), "hits");
     }
     refused(ClusterGaussian::from_map([3, 2], vec![0; 5]), "clusters");
     refused(ClusterGaussian::from_map([u32::MAX, u32::MAX], vec![]), "clusters");
+    let (nlm, bilateral) = (NlMeansOptions::default(), BilateralOptions::default());
+    refused(NlMeans::with_options(nlm.window(8)), "window");
+    refused(NlMeans::with_options(nlm.patch(4)), "patch");
+    refused(Bilateral::with_options(bilateral.window(8)), "window");
+    refused(Bilateral::with_options(bilateral.falloff(f64::NAN)), "falloff");
+    for k in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        refused(NlMeans::with_options(nlm.k(k)), "k");
+        refused(NlMeans::with_options(nlm.features(Some(k))), "features");
+        refused(Bilateral::with_options(bilateral.colour(k)), "colour");
+        refused(Bilateral::with_options(bilateral.features(k)), "features");
+    }
 }
 
 #[test]
@@ -66,6 +83,12 @@ fn descriptions_give_every_parameter() {
     let hits = hits.with_kernel(Gaussian::new(2.0, 1.5).unwrap());
     let hits = hits.with_options(ClusterGaussianOptions::default().hits(4).outside(0.25)).unwrap();
     assert_eq!(hits.describe(), "cluster-gaussian:alpha=2,radius=1.5,outside=0.25,hits=4");
+    assert_eq!(NlMeans::default().describe(), "nlm:window=7,patch=3,k=0.45,features=none");
+    assert_eq!(ClusterRegression::new().describe(), "cluster-regression:outside=1,layers=auto,scales=auto");
+    let clusters = ClusterRegression::new().with_clusters(label(), "k=9");
+    assert_eq!(clusters.describe(), "cluster-regression:outside=0.2,layers=auto,scales=auto,k=9");
+    // First hits are recorded only where clusters matter.
+    assert_eq!((clusters.needs().first_hits, ClusterRegression::new().needs().first_hits), (1, 0));
 }
 
 /// The image of one bright pixel is the kernel and has its energy.
