@@ -27,7 +27,8 @@ dapple_core::options! {
         /// Parts of the light that are filtered one by one: 2 (direct and indirect), 1, or auto (2 from 16 spp on).
         pub layers: Layers = Layers::Auto => "auto";
         /// Coarse scales that correct the image: auto (by the image's size), or 0 (none) to 8.
-        pub scales: Scales = Scales::Auto => "auto", |scales| scales.is_valid(), "auto, or 0 (none) to 8 scales";
+        pub scales: Scales = Scales::Auto => "auto",
+            |scales| matches!(scales, Scales::Auto | Scales::Fixed(0..=Scales::MOST)), "auto, or 0 (none) to 8 scales";
     }
 }
 

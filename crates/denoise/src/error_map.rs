@@ -73,7 +73,14 @@ pub(crate) fn select(inputs: &Inputs, filtered: &[Pair], weight: &[f32], radius:
         }
     }
     drop(raw);
-    mixed(&candidates, &shares(inputs, &errors))
+    let shares = shares(inputs, &errors);
+    Pair(std::array::from_fn(|k| {
+        let mut sum = vec![0.0; shares[0].len()];
+        for (image, share) in candidates.iter().zip(&shares) {
+            update(&mut sum, [image[k], share], |sum, [value, share]| sum + share * value);
+        }
+        sum
+    }))
 }
 
 /// The share of each candidate: 1 where its error is the least, the first of equals, blurred over 5x5 pixels.
@@ -90,18 +97,6 @@ fn shares(inputs: &Inputs, errors: &[Plane]) -> Vec<Plane> {
         box_mean(&is_best, inputs.size, 2)
     };
     (0..errors.len()).map(share).collect()
-}
-
-/// The sum of several pairs of images, each multiplied by a weight per pixel.
-fn mixed(images: &[Channels<'_>], weights: &[Plane]) -> Pair {
-    let mix = |k: usize| -> Plane {
-        let mut sum = vec![0.0; weights[0].len()];
-        for (image, weight) in images.iter().zip(weights) {
-            update(&mut sum, [image[k], weight], |sum, [value, weight]| sum + weight * value);
-        }
-        sum
-    };
-    Pair(std::array::from_fn(mix))
 }
 
 /// Sets the error of a candidate to infinity where the mean of `other - own` over `(2 radius + 1)^2` pixels is at most `evidence`

@@ -27,30 +27,18 @@ pub(crate) struct Features {
     pub(crate) scale: Plane,
 }
 
-/// The values that features take from the whole film.
-#[derive(Clone, Copy)]
-struct Extent {
-    /// The depth of a miss: twice the largest of all.
-    far: f32,
-    /// The mean of all positions.
-    middle: [f64; 3],
-}
-
-impl Extent {
-    /// The extent of the scene that a film shows.
-    fn of(film: &Film) -> Self {
-        let size = film.frame().size().map(|n| n as usize);
-        let hit = |i: usize| film.features(i).filter(|f| f.hits > 0);
-        let depth = |i: usize| hit(i).map_or(0.5, |f| f.depth.clamp(1e-18, 1e18));
-        let deepest = (0..film.frame().pixels()).into_par_iter().with_min_len(1024).map(depth).reduce(|| 0.5, f32::max);
-        // In f64, because positions may lie far from the origin.
-        let [x, y, z, count] = sum_pixels(size, |i| match hit(i).map(|f| f.position.map(f64::from)) {
-            Some([x, y, z]) => [x, y, z, 1.0],
-            None => [0.0; 4],
-        });
-        let middle = [x, y, z].map(|sum| sum / f64::max(count, 1.0));
-        Self { far: 2.0 * deepest, middle }
-    }
+/// The depth of a miss, twice the largest of all, and the mean of all positions.
+fn extent(film: &Film) -> (f32, [f64; 3]) {
+    let size = film.frame().size().map(|n| n as usize);
+    let hit = |i: usize| film.features(i).filter(|f| f.hits > 0);
+    let depth = |i: usize| hit(i).map_or(0.5, |f| f.depth.clamp(1e-18, 1e18));
+    let deepest = (0..film.frame().pixels()).into_par_iter().with_min_len(1024).map(depth).reduce(|| 0.5, f32::max);
+    // In f64, because positions may lie far from the origin.
+    let [x, y, z, count] = sum_pixels(size, |i| match hit(i).map(|f| f.position.map(f64::from)) {
+        Some([x, y, z]) => [x, y, z, 1.0],
+        None => [0.0; 4],
+    });
+    (2.0 * deepest, [x, y, z].map(|sum| sum / f64::max(count, 1.0)))
 }
 
 impl Features {
@@ -83,13 +71,13 @@ type Each<T> = [T; 15];
 
 /// The planes of the features of a film.
 fn planes(film: &Film, read: bool) -> Each<Plane> {
-    let extent = Extent::of(film);
+    let (far, middle) = extent(film);
     let size = film.frame().size().map(|n| n as usize);
     let miss = (!read || !film.needs().features).then(|| {
-        let [nx, ny, nz, r, g, b, depth, x, y, z] = miss(extent.far);
-        [nx, ny, nz, r, g, b, depth, x, y, z, 0.0, 0.0, 0.0, 0.0, extent.far]
+        let [nx, ny, nz, r, g, b, depth, x, y, z] = miss(far);
+        [nx, ny, nz, r, g, b, depth, x, y, z, 0.0, 0.0, 0.0, 0.0, far]
     });
-    let of = |i: usize| miss.or_else(|| feature(film, i, &extent));
+    let of = |i: usize| miss.or_else(|| feature(film, i, (far, middle)));
     planes_of(film.frame().pixels(), |i| of(i).or_else(|| from_neighbours(of, size, i)).unwrap_or_default())
 }
 
@@ -99,8 +87,7 @@ fn miss(far: f32) -> [f32; 10] {
 }
 
 /// The features of pixel `i` with its misses blended in and positions relative to the middle; `None` without samples.
-fn feature(film: &Film, i: usize, extent: &Extent) -> Option<Each<f32>> {
-    let Extent { far, middle } = *extent;
+fn feature(film: &Film, i: usize, (far, middle): (f32, [f64; 3])) -> Option<Each<f32>> {
     let f = film.features(i).filter(|f| f.samples > 0)?;
     let share = f.hits as f32 / f.samples as f32;
     let depth = if f.hits > 0 { f.depth.clamp(1e-18, far) } else { far };

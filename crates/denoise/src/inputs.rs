@@ -4,8 +4,8 @@ use crate::features::{FEATURES, Features, UNKNOWN};
 use crate::light::{BRIGHTEST, Bounds, Light, Part};
 use crate::one_sample::{self, Halves, Surroundings};
 use crate::planes::{
-    Channels, Colours, Pair, Plane, box_mean, combined, first_share, map_to_one, per_pixel, planes_of, quantile,
-    raised, sum_pixels, update,
+    Channels, Colours, Pair, Plane, box_mean, combined, map_to_one, per_pixel, planes_of, quantile, raised, sum_pixels,
+    update,
 };
 pub(crate) use dapple_core::BACKGROUND;
 use dapple_core::{Film, Filtered, FirstHit, Needs, Options, RgbMoments};
@@ -133,11 +133,6 @@ impl Inputs {
     /// The number of pixels.
     pub(crate) fn pixels(&self) -> usize {
         self.size[0] * self.size[1]
-    }
-
-    /// The share of the first half in the samples of pixel `i`; 0.5 if the pixel has no samples.
-    pub(crate) fn first_share(&self, i: usize) -> f32 {
-        first_share(self.counts().map(|count| count[i]))
     }
 
     /// The number of samples in each pixel of both halves.

@@ -141,11 +141,6 @@ impl<'a> Light<'a> {
         }
     }
 
-    /// Returns `true` if samples of features alone have met the edge of a lamp in pixel `i`.
-    pub(crate) fn is_edge_of_lamp(&self, i: usize) -> bool {
-        self.film.emission_alone(0, i).is_some()
-    }
-
     /// The mean emission that all samples of pixel `i` saw directly; 0 if it is not recorded.
     pub(crate) fn mean_emission(&self, i: usize) -> [f32; 3] {
         let [a, b] = [0, 1].map(|half| self.emission(half, i).unwrap_or_default());
@@ -193,7 +188,7 @@ const LEAST: f64 = 30.0;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Bounds {
     /// The bound of the emission seen directly.
-    emission: f64,
+    pub(crate) emission: f64,
     /// That bound for filters that read no halves; 0 below two samples per pixel.
     blurred: f64,
     /// The bound of all other light.
@@ -215,11 +210,6 @@ impl Bounds {
         let bound = (EMISSION / (samples * brightest).max(1e-3)).clamp(LEAST, f64::from(BRIGHTEST)) * level;
         let blurred = if samples < 2.0 { 0.0 } else { bound };
         Self { emission: bound, blurred, other: f64::from(BRIGHTEST) * level }
-    }
-
-    /// The largest emission that filters get from a pixel, in radiance.
-    pub(crate) fn emission(self) -> f32 {
-        self.emission as f32
     }
 
     /// The light that is withheld from the mean of pixel `i`, for filters that read no halves: emission alone. Below two samples

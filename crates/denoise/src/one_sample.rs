@@ -42,24 +42,14 @@ pub(crate) struct Surroundings<'a> {
 impl Surroundings<'_> {
     fn in_levels(&self, emission: [f32; 3]) -> [f32; 3] {
         let is_lamp = emission.iter().any(|e| *e > LAMP * self.level);
-        emission.map(|e| if is_lamp { e.min(self.bounds.emission()) / self.level } else { 0.0 })
-    }
-
-    /// The emission in the half that pixel `i` has.
-    fn seen(&self, i: usize) -> [f32; 3] {
-        self.in_levels(self.light.mean_emission(i))
+        emission.map(|e| if is_lamp { e.min(self.bounds.emission as f32) / self.level } else { 0.0 })
     }
 
     /// The emission of pixel `j` that its neighbour `i`, whose emission is known, does not share. Samples of features alone may have
     /// missed the edge of a lamp between both, unless they met it in one of them.
     fn not_shared(&self, i: usize, j: usize) -> [f32; 3] {
-        let is_met = self.light.is_edge_of_lamp(i) || self.light.is_edge_of_lamp(j);
-        if is_met { self.seen(j) } else { [0.0; 3] }
-    }
-
-    /// The emission in the half that pixel `i` lacks; `None` if it is not known.
-    fn unseen(&self, i: usize) -> Option<[f32; 3]> {
-        self.light.emission_of_lacking(i).map(|emission| self.in_levels(emission))
+        let is_met = [i, j].iter().any(|i| self.light.film.emission_alone(0, *i).is_some());
+        if is_met { self.in_levels(self.light.mean_emission(j)) } else { [0.0; 3] }
     }
 }
 
@@ -118,7 +108,7 @@ impl Halves {
     /// too. Where the pixel's own emission is known, it takes the place of theirs. `samples` are the counts by place.
     fn between(&self, i: usize, half: usize, samples: &[Plane; 2], around: &Surroundings<'_>) -> Option<Between> {
         let Surroundings { features: f, size, .. } = *around;
-        let emission = around.unseen(i);
+        let emission = around.light.emission_of_lacking(i).map(|emission| around.in_levels(emission));
         let (mut sum, mut weights, mut variance) = ([0.0; 3], 0.0, 0.0);
         for j in beside(i, size).filter(|j| samples[half][*j] > 0.0) {
             let weight = likeness(f, i, j);

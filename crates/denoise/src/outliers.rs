@@ -5,7 +5,7 @@
 //! the same surface. The sum over the image stays.
 
 use crate::inputs::Inputs;
-use crate::planes::{Colours, Pair, Plane, box_mean, dispatch, map_to_one, parts, raised};
+use crate::planes::{Colours, Pair, Plane, box_mean, dispatch, first_share, map_to_one, parts, raised};
 use crate::tile::exp_minus;
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
@@ -72,7 +72,8 @@ pub(crate) const BYTES_PER_PIXEL: usize = (size_of::<Outlier>() + size_of::<[f32
 
 /// The share of a half in the samples of pixel `i`.
 fn share(inputs: &Inputs, half: usize, i: usize) -> f32 {
-    if half == 0 { inputs.first_share(i) } else { 1.0 - inputs.first_share(i) }
+    let first = first_share(inputs.counts().map(|count| count[i]));
+    if half == 0 { first } else { 1.0 - first }
 }
 
 fn find(inputs: &Inputs, ratio: f32) -> Vec<Outlier> {

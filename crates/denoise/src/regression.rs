@@ -67,10 +67,17 @@ pub(crate) fn regress<const G: usize>(
         box_mean(&mean, inputs.size, 1)
     });
     let by = &Comparison::new(inputs, guides, like);
+    let scratch = || Scratch {
+        tile: Tile::default(),
+        weights: std::array::from_fn(|_| vec![[[0.0; LANES]; CENTRES]; SIDE * SIDE]),
+        data: Data::default(),
+        centres: Centres::default(),
+        sums: vec![[0.0; 8 * COLUMNS]; 2 * ROWS],
+    };
     let task = |scratch: &mut Scratch<G>, &origin: &[usize; 2]| {
         dispatch(TileTask { by, reference: &reference, origin, scratch })
     };
-    let tiles: Vec<Vec<f32>> = origins(inputs.size).par_iter().map_init(Scratch::default, task).collect();
+    let tiles: Vec<Vec<f32>> = origins(inputs.size).par_iter().map_init(scratch, task).collect();
     merged(inputs.size, (beside, share), |_, _| 1.0, |sums, y| add_tiles(sums, inputs.size, y, &tiles))
 }
 
@@ -96,18 +103,6 @@ struct Scratch<const G: usize> {
     data: Data,
     centres: Centres,
     sums: Vec<[f32; 8 * COLUMNS]>,
-}
-
-impl<const G: usize> Default for Scratch<G> {
-    fn default() -> Self {
-        Self {
-            tile: Tile::default(),
-            weights: std::array::from_fn(|_| vec![[[0.0; LANES]; CENTRES]; SIDE * SIDE]),
-            data: Data::default(),
-            centres: Centres::default(),
-            sums: vec![[0.0; 8 * COLUMNS]; 2 * ROWS],
-        }
-    }
 }
 
 /// A tile's copies of the regressors and of the colours and counts of both halves.

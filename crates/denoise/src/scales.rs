@@ -50,11 +50,6 @@ impl Scales {
             }
         }
     }
-
-    /// Returns `true` unless the number is too large.
-    pub(crate) fn is_valid(self) -> bool {
-        matches!(self, Self::Auto | Self::Fixed(0..=Self::MOST))
-    }
 }
 
 /// Parses `auto` and numbers.

@@ -295,8 +295,7 @@ struct Steps<'a> {
     now: Vec<u32>,
     max_spp: u32,
     left: u64,
-    /// `true` if a pixel's first refinement removes the pilot's samples from the image.
-    withdraws: bool,
+    /// `true` for pixels whose first refinement has removed the pilot's samples from the image. Empty if refinement does not.
     withdrawn: Vec<bool>,
 }
 
@@ -304,12 +303,12 @@ impl<'a> Steps<'a> {
     fn new(seen: &Feedback<'a>, plan: &'a mut Plan, now: Vec<u32>, withdraws: bool) -> Self {
         let withdrawn = vec![false; if withdraws { now.len() } else { 0 }];
         let BudgetLeft { max_spp, .. } = seen.budget;
-        Self { film: seen.film, plan: &mut plan.counts, now, max_spp, left: seen.budget.left(), withdraws, withdrawn }
+        Self { film: seen.film, plan: &mut plan.counts, now, max_spp, left: seen.budget.left(), withdrawn }
     }
 
     /// The number of samples that pixel `i` will have in the image after the round.
     fn count(&self, i: usize) -> u32 {
-        let before = if self.withdraws && self.withdrawn[i] { 0 } else { self.now[i] };
+        let before = if self.withdrawn.get(i) == Some(&true) { 0 } else { self.now[i] };
         before.saturating_add(self.plan[i])
     }
 
@@ -328,8 +327,8 @@ impl<'a> Steps<'a> {
         if count >= target {
             return;
         }
-        let fresh =
-            refines && self.withdraws && self.now[i] > 0 && !self.withdrawn[i] && self.film.discarded(i).count == 0;
+        let withdraws = refines && self.withdrawn.get(i) == Some(&false);
+        let fresh = withdraws && self.now[i] > 0 && self.film.discarded(i).count == 0;
         let step = u64::from(if fresh { target - self.plan[i] } else { target - count });
         if step <= self.left {
             self.left -= step;
