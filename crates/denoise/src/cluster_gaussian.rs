@@ -1,10 +1,10 @@
 //! The Gaussian filter that favours pixels of the same cluster.
 
 use crate::Gaussian;
-use crate::gaussian::{emission, mean_and_presence, normalised, squared_error, variances};
+use crate::gaussian::{emission, mean_and_presence, memory, normalised, squared_error, variances};
 use crate::inputs::{BACKGROUND, ClusterLookup, describe};
 use crate::planes::per_pixel;
-use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _};
+use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, Needs, Options as _};
 use rayon::prelude::*;
 use std::fmt;
 
@@ -244,11 +244,8 @@ impl Filter for ClusterGaussian {
             Clusters::Map { .. } => 0,
             Clusters::Hits(_) => size_of::<Votes>(),
         };
-        let known = needs.variance || needs.halves;
-        // Means and presence, the image with its error, variances, and emission.
-        let planes = size_of::<[f64; 4]>() + 16 + if known { 8 } else { 0 } + if needs.emission { 24 } else { 0 };
-        let image = if known { ImagePlanes::RadianceAndError } else { ImagePlanes::Radiance };
-        FilterMemory::new(frame, votes + planes, image)
+        // Means and presence, the image with its error, and variances.
+        memory(frame, needs, votes + size_of::<[f64; 4]>() + 16 + 8)
     }
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {

@@ -12,7 +12,6 @@ use crate::scales::{self, Scales};
 use crate::tile::{FeatureScales, Likeness};
 use crate::wide::{self, wide};
 use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _};
-use std::fmt;
 
 /// The weight of the image that is averaged with the predictions of the first and of the second regression; a window's
 /// centre has the weight 1.
@@ -97,7 +96,7 @@ dapple_core::options! {
 ///
 /// Every pixel of the image may depend on every pixel of the film. The coarsest scale of `auto` is about a hundred pixels high, its
 /// windows, choices and blends reach as far, and the least error is a part of the mean error.
-#[derive(Clone, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct ClusterRegression {
     options: ClusterRegressionOptions,
     reads: Reads,
@@ -243,12 +242,6 @@ const CHOICE: usize = 2;
 /// The number of standard errors by which the unfiltered image must be better than a filtered one to guide the second pass.
 /// With 1.25, blurred discs of a thin lens have 2 % more error at 8 spp.
 const CERTAIN: f32 = 1.01;
-
-impl fmt::Debug for ClusterRegression {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "ClusterRegression({})", self.describe())
-    }
-}
 
 impl Filter for ClusterRegression {
     fn name(&self) -> &str {

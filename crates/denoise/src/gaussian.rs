@@ -138,10 +138,8 @@ impl Filter for Gaussian {
     }
 
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
-        // Four sums along rows, and four along columns; emission.
-        let known = needs.variance || needs.halves;
-        let image = if known { ImagePlanes::RadianceAndError } else { ImagePlanes::Radiance };
-        FilterMemory::new(frame, 2 * size_of::<[f64; 4]>() + if needs.emission { 24 } else { 0 }, image)
+        // Four sums along rows, and four along columns.
+        memory(frame, needs, 2 * size_of::<[f64; 4]>())
     }
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
@@ -157,6 +155,13 @@ impl Filter for Gaussian {
         let radiance = per_pixel(film.frame().pixels(), |i| normalised(sums[i], emission, i));
         Ok(Filtered::new(size, radiance).with_error(error))
     }
+}
+
+/// The memory of a blur that takes `bytes` per pixel besides emission.
+pub(crate) fn memory(frame: &Frame, needs: &Needs, bytes: usize) -> FilterMemory {
+    let known = needs.variance || needs.halves;
+    let image = if known { ImagePlanes::RadianceAndError } else { ImagePlanes::Radiance };
+    FilterMemory::new(frame, bytes + if needs.emission { 24 } else { 0 }, image)
 }
 
 /// The emission that blurs leave in each pixel; `None` if the film recorded none.

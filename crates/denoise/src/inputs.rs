@@ -10,6 +10,7 @@ use crate::planes::{
 pub(crate) use dapple_core::BACKGROUND;
 use dapple_core::{Film, Filtered, FirstHit, Needs, Options, RgbMoments};
 use rayon::prelude::*;
+use std::fmt;
 use std::sync::Arc;
 
 /// A function from a first hit to its cluster; `None` for the background.
@@ -30,6 +31,12 @@ pub(crate) struct Reads {
     pub(crate) label: Option<ClusterLookup>,
     /// The description of the clusters.
     pub(crate) described: String,
+}
+
+impl fmt::Debug for Reads {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Reads(features={},clusters={:?})", !self.without_features, self.described)
+    }
 }
 
 impl Reads {

@@ -8,7 +8,6 @@ use crate::light::Light;
 use crate::planes::Pair;
 use crate::tile::{FeatureScales, Likeness, REACH};
 use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, Needs, Options as _};
-use std::fmt;
 
 dapple_core::options! {
     /// The parameters of [`NlMeans`]: `k` and patches as published, and smaller windows.
@@ -183,7 +182,7 @@ const PATCH: usize = 1;
 /// assert!(image.radiance.iter().all(|[red, ..]| (red - 1.0).abs() < 0.1));
 /// # Ok::<(), dapple_core::Error>(())
 /// ```
-#[derive(Clone, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Bilateral {
     options: BilateralOptions,
     reads: Reads,
@@ -236,12 +235,6 @@ impl Bilateral {
         let BilateralOptions { window: radius, falloff, .. } = self.options;
         let window = Window { radius, disc: self.disc, cut: VANISHING, falloff: falloff as f32 };
         means(inputs, &self.likeness(), &window, true)
-    }
-}
-
-impl fmt::Debug for Bilateral {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "Bilateral({})", self.describe())
     }
 }
 

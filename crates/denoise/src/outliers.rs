@@ -151,11 +151,7 @@ impl WithSimd for WindowTask<'_> {
         }
         let mut light = outlier.excess;
         for (light, sums) in light.iter_mut().zip(&sums) {
-            let mut sum = 0.0;
-            for lane in sums {
-                sum += lane;
-            }
-            *light /= sum;
+            *light /= sums.iter().fold(0.0, |sum, lane| sum + lane);
         }
         light
     }
