@@ -2,7 +2,7 @@
 
 use crate::pilot::Pilot;
 use crate::similar_pool::Surfaces;
-use crate::{AdaptiveOptions, ErrorMap, PoolShape, VarianceOptions, pool};
+use crate::{AdaptiveOptions, ErrorMap, VarianceOptions, pool};
 use dapple_core::{
     Error, Feedback, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress, RgbMoments, Sampler,
     SamplerMemory,
@@ -14,7 +14,7 @@ use dapple_core::{
 /// The score of a pixel is the relative variance of its samples, pooled with that of its neighbours
 /// ([`relative_variance`](crate::relative_variance)). By default, neighbours with like surfaces weigh more, and the score
 /// is divided by the root of the share of like pixels around: a filter takes more samples from there
-/// ([`PoolShape::Alike`]). With an [`ErrorMap`], the score is the geometric mean of that variance and the map. A pixel's
+/// ([`PoolShape::Similar`]). With an [`ErrorMap`], the score is the geometric mean of that variance and the map. A pixel's
 /// error is assumed to fall as `n^-exponent` with its count `n`. Counts minimise the sum of errors and lie on the ladder
 /// of well-stratified counts ([`Ladder`](dapple_core::Ladder)).
 ///
@@ -114,26 +114,21 @@ impl<P: PointSet> Sampler for Adaptive<P> {
 
     fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
         let crosses = self.options.policy == PilotPolicy::Cross;
-        // Bytes per pixel of scores and surfaces.
-        let pooling = 8 + match self.options.pool {
-            PoolShape::Alike if needs.features && self.reads_surfaces() => Surfaces::BYTES,
-            PoolShape::Window | PoolShape::Alike => 0,
-        };
-        // Scores are held beside the error map.
-        let map = self.errors.as_ref().map_or(0, |map| 8 + map.bytes_per_pixel);
-        // Counts and floors of both halves are held beside all of these.
-        let across = if crosses { 12 } else { 0 };
-        let plans = !self.pilot().is_all(frame, limits);
-        // Pooled costs, and scores divided by them.
-        let costs = if self.options.cost == 1 { 16 } else { 0 };
-        let always = size_of::<RgbMoments>() + across + costs;
-        let memory = SamplerMemory::planning(frame, if plans { always } else { 0 });
-        let mut memory = if crosses { memory.with_second_half(frame) } else { memory };
-        if plans {
+        let mut memory = SamplerMemory::planning(frame, 0);
+        if crosses {
+            memory = memory.with_second_half(frame);
+        }
+        if !self.pilot().is_all(frame, limits) {
+            // Moments; counts and floors of both halves; pooled costs, and scores divided by them.
+            let costs = if self.options.cost == 1 { 16 } else { 0 };
+            let always = size_of::<RgbMoments>() + if crosses { 12 } else { 0 } + costs;
+            // Scores, surfaces and the windows of each thread; scores beside the error map.
+            let surfaces = if needs.features && self.reads_surfaces() { Surfaces::BYTES } else { 0 };
             let size = frame.size().map(|n| n as usize);
             let windows = pool::bytes_of_windows(size, self.options.radius as usize, rayon::current_num_threads());
-            let scoring = frame.bytes(pooling).saturating_add(windows as u64);
-            memory.planning = memory.planning.saturating_add(scoring.max(frame.bytes(map)));
+            let map = self.errors.as_ref().map_or(0, |map| 8 + map.bytes_per_pixel);
+            let scoring = frame.bytes(8 + surfaces).saturating_add(windows as u64).max(frame.bytes(map));
+            memory.planning = memory.planning.saturating_add(frame.bytes(always)).saturating_add(scoring);
         }
         if self.options.policy == PilotPolicy::Discard { memory.with_discarded(frame, needs, limits) } else { memory }
     }

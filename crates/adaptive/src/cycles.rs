@@ -92,22 +92,20 @@ impl<P: PointSet> Cycles<P> {
         if self.options.mode == Stopping::Budget {
             limit = limit.min(0.5 * errors.iter().copied().fold(0.0, f64::max));
         }
-        let room: Vec<u32> = (0..seen.pixels())
-            .map(|i| seen.budget.max_spp - seen.film.count(i).min(seen.budget.max_spp.into()) as u32)
-            .collect();
+        let most = seen.budget.max_spp;
+        let now: Vec<u32> = seen.film.counts().into_iter().map(saturating_u32).collect();
         let open = with_neighbours(&errors.iter().map(|&e| e > limit).collect::<Vec<_>>(), seen.frame().size());
-        let mut order: Vec<usize> = (0..seen.pixels()).filter(|&i| open[i] && room[i] > 0).collect();
+        let mut order: Vec<usize> = (0..seen.pixels()).filter(|&i| open[i] && now[i] < most).collect();
         order.sort_by(|&a, &b| errors[b].total_cmp(&errors[a]).then(a.cmp(&b)));
         let mut left = seen.budget.left();
         for i in order {
-            plan.counts[i] = self.options.step.min(room[i]).min(saturating_u32(left));
+            plan.counts[i] = self.options.step.min(most - now[i]).min(saturating_u32(left));
             left -= u64::from(plan.counts[i]);
         }
         if plan.total() == 0 && self.options.mode == Stopping::Budget {
             // No pixel is open, or all open ones are at their ceiling: the rest is spread evenly.
-            let now: Vec<u32> = (0..seen.pixels()).map(|i| seen.film.count(i) as u32).collect();
             let total = seen.film.counts().iter().sum::<u64>() + seen.budget.left();
-            let shared = allocate(&vec![1.0; now.len()], &now, seen.budget.max_spp, total)?;
+            let shared = allocate(&vec![1.0; now.len()], &now, most, total)?;
             plan.counts = shared.counts.iter().zip(&now).map(|(n, now)| n - now).collect();
         }
         Ok(())

@@ -1,6 +1,6 @@
 //! Planning of sample counts from a film's statistics, without side effects.
 
-use crate::pool::{ratios_over_windows, relative_variance_of_rows};
+use crate::pool::{pooled_variance, ratios_over_windows};
 use crate::similar_pool::Surfaces;
 use crate::{Adaptive, PoolShape, Pooling, Sources};
 use dapple_core::{BudgetLeft, Error, Feedback, Film, Ladder, PilotPolicy, Plan, PointSet, RgbMoments, saturating_u32};
@@ -40,8 +40,8 @@ impl<P: PointSet> Adaptive<P> {
         let pooling = Pooling { pool, radius, prior, power, epsilon, sources };
         let [width, height] = film.frame().size().map(|n| n as usize);
         let known: Vec<RgbMoments> = (0..width * height).into_par_iter().with_min_len(4096).map(&moments).collect();
-        let surfaces = if self.reads_surfaces() { Surfaces::of_rows(film, 0..height) } else { None };
-        let mut scores = relative_variance_of_rows(&known, [width, height], 0..height, &pooling, surfaces.as_ref());
+        let surfaces = if self.reads_surfaces() { Surfaces::of_film(film) } else { None };
+        let mut scores = pooled_variance(&known, [width, height], &pooling, surfaces.as_ref());
         raise_to_floor(&mut scores, width);
         if let Some(map) = &self.errors {
             let errors = (map.of)(film)?;
@@ -57,7 +57,7 @@ impl<P: PointSet> Adaptive<P> {
 
     /// True if the features of pixels decide on weights. The film has no features of one half alone.
     pub(crate) fn reads_surfaces(&self) -> bool {
-        self.options.pool == PoolShape::Alike && self.options.policy != PilotPolicy::Cross
+        self.options.pool == PoolShape::Similar && self.options.policy != PilotPolicy::Cross
     }
 
     /// Returns the pixels whose samples count in a score, in the round that follows the samples of `film`.
@@ -93,12 +93,12 @@ impl<P: PointSet> Adaptive<P> {
         }
     }
 
-    /// Returns counts that minimise the error given by the scores, sum to `total` and are at least `floors`. With costs,
-    /// they minimise the error of as many rays.
-    fn counts(
+    /// Returns counts that minimise the error given by the scores, sum to `total` and are at least `floors`, less the counts `now`.
+    /// With costs, they minimise the error of as many rays.
+    fn more(
         &self,
         scores: &Scores,
-        floors: &[u32],
+        [now, floors]: [&[u32]; 2],
         (total, ceiling): (u64, u32),
         ladder: Ladder,
     ) -> Result<Vec<u32>, Error> {
@@ -128,7 +128,7 @@ impl<P: PointSet> Adaptive<P> {
             let alike = vec![1.0; errors.len()];
             shared = ladder.allocate(&alike, floors, ceiling, total, exponent)?;
         }
-        Ok(shared.counts)
+        Ok(shared.counts.iter().zip(now).map(|(n, now)| n - now).collect())
     }
 
     /// Plans the next round of a render that keeps all samples. The budget beyond the pilot is divided into equal
@@ -136,15 +136,14 @@ impl<P: PointSet> Adaptive<P> {
     pub(crate) fn plan_kept(&self, (seen, pilot): (&Feedback<'_>, u32), plan: &mut Plan) -> Result<(), Error> {
         let BudgetLeft { spent, total, min_spp, max_spp, .. } = seen.budget;
         let scores = self.scores(seen.film, |i| seen.film.moments(i))?;
-        let now: Vec<u32> = (0..seen.pixels()).map(|i| saturating_u32(seen.film.count(i))).collect();
+        let now: Vec<u32> = seen.film.counts().into_iter().map(saturating_u32).collect();
         let floors: Vec<u32> = now.iter().map(|&n| n.max(min_spp)).collect();
         let needed = sum(&floors);
         let first = (u64::from(pilot) * seen.pixels() as u64).min(total);
         let rounds = u64::from(self.options.rounds_after_pilot());
         let step = |k: u64| first + ((total - first) as u128 * u128::from(k) / u128::from(rounds)) as u64;
         let target = (1..=rounds).map(step).find(|&t| t > spent && t >= needed).unwrap_or(total);
-        let counts = self.counts(&scores, &floors, (target, max_spp), Ladder::of(seen.film.needs()))?;
-        put_more(&mut plan.counts, &counts, &now);
+        plan.counts = self.more(&scores, [&now, &floors], (target, max_spp), Ladder::of(seen.film.needs()))?;
         Ok(())
     }
 
@@ -153,7 +152,7 @@ impl<P: PointSet> Adaptive<P> {
         let BudgetLeft { min_spp, max_spp, .. } = seen.budget;
         let ladder = Ladder::of(seen.film.needs());
         let scores = self.scores(seen.film, |i| seen.film.discarded(i))?;
-        let now: Vec<u32> = (0..seen.pixels()).map(|i| saturating_u32(seen.film.count(i))).collect();
+        let now: Vec<u32> = seen.film.counts().into_iter().map(saturating_u32).collect();
         let total = sum(&now) + seen.budget.left();
         let mean = total / seen.pixels() as u64;
         let share = if self.preset.is_some() { 0 } else { ladder.floor(saturating_u32(mean / FLOOR)) };
@@ -161,8 +160,7 @@ impl<P: PointSet> Adaptive<P> {
         let least = saturating_u32(mean).min(wanted);
         let floors: Vec<u32> = now.iter().map(|&n| n.max(least)).collect();
         let floors = if sum(&floors) <= total { floors } else { now.clone() };
-        let counts = self.counts(&scores, &floors, (total, max_spp), ladder)?;
-        put_more(&mut plan.counts, &counts, &now);
+        plan.counts = self.more(&scores, [&now, &floors], (total, max_spp), ladder)?;
         Ok(())
     }
 
@@ -179,14 +177,12 @@ impl<P: PointSet> Adaptive<P> {
         let needed = [0, 1].map(|half| sum(&floors[half]));
         let room = seen.pixels() as u64 * u64::from(most[1]);
         let second = (total / 2).min(room).min(total.saturating_sub(needed[0])).max(needed[1]);
-        let mut planned = vec![0; seen.pixels()];
-        for (half, total) in [total.saturating_sub(second), second].into_iter().enumerate() {
+        let planned = |half: usize, total: u64| {
             let scores = self.scores(seen.film, |i| moments(1 - half, i))?;
-            let counts = self.counts(&scores, &floors[half], (total, most[half]), Ladder::Whole)?;
-            let to = if half == 0 { &mut plan.counts } else { &mut planned };
-            put_more(to, &counts, &now[half]);
-        }
-        plan.second_half = Some(planned);
+            self.more(&scores, [&now[half], &floors[half]], (total, most[half]), Ladder::Whole)
+        };
+        plan.counts = planned(0, total.saturating_sub(second))?;
+        plan.second_half = Some(planned(1, second)?);
         Ok(())
     }
 }
@@ -206,11 +202,6 @@ fn relative_costs(film: &Film, radius: u32, sources: Sources) -> Vec<f64> {
     let least = costs.iter().copied().fold(f64::INFINITY, f64::min);
     costs.iter_mut().for_each(|cost| *cost /= least);
     costs
-}
-
-/// Puts the samples that pixels get beside those of `now` into a plan.
-fn put_more(plan: &mut [u32], counts: &[u32], now: &[u32]) {
-    plan.iter_mut().zip(counts.iter().zip(now)).for_each(|(more, (n, now))| *more = n - now);
 }
 
 /// Raises every score to at least 1 % of the mean, because zero variance in few samples does not prove convergence.

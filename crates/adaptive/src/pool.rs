@@ -1,8 +1,7 @@
 //! Estimates of pixel variance from few samples, pooled over neighbours.
 
-use crate::out_of_range;
-use crate::similar_pool::{Surfaces, over_like_windows};
-use dapple_core::{Error, RgbMoments};
+use crate::similar_pool::{Surfaces, over_similar};
+use dapple_core::{Error, OutOfRange, RgbMoments};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -21,10 +20,10 @@ pub enum PoolShape {
     ///
     /// Where the film has no features, as without a filter, weights follow the distance alone. So they do with
     /// [`PilotPolicy::Cross`](dapple_core::PilotPolicy::Cross), because features belong to both halves.
-    Alike,
+    Similar,
 }
 
-dapple_core::choices!(PoolShape { Window = "window", Alike = "alike" });
+dapple_core::choices!(PoolShape { Window = "window", Similar = "similar" });
 
 /// The pixels of a window whose samples count in a pixel's score.
 ///
@@ -68,7 +67,7 @@ pub struct Pooling {
 /// `moments` are row by row, for an image of `size` pixels. The pool is a mean weighted by degrees of freedom, so
 /// pixels with fewer than two samples do not contribute.
 ///
-/// With [`PoolShape::Alike`], neighbours weigh by their distance alone, since no surfaces are known here.
+/// With [`PoolShape::Similar`], neighbours weigh by their distance alone, since no surfaces are known here.
 ///
 /// With [`Sources::Odd`] and [`Sources::Even`], `v~^q = pool(v^q)`, and both the pool and `m` omit the pixel itself.
 ///
@@ -78,40 +77,36 @@ pub struct Pooling {
 pub fn relative_variance(moments: &[RgbMoments], size: [u32; 2], pooling: &Pooling) -> Result<Vec<f64>, Error> {
     let [w, h] = size.map(|n| n as usize);
     if moments.len() != w * h {
-        return Err(out_of_range("moments", moments.len(), "one for each pixel of the image"));
+        let (value, allowed) = (moments.len().to_string(), "one for each pixel of the image");
+        return Err(OutOfRange { name: "moments", value, allowed }.into());
     }
-    Ok(relative_variance_of_rows(moments, [w, h], 0..h, pooling, None))
+    Ok(pooled_variance(moments, [w, h], pooling, None))
 }
 
-/// The relative variance of the pixels of some rows of an image of `w` x `h` pixels. `moments` are those of the rows and
-/// of [`near`] rows.
-pub(crate) fn relative_variance_of_rows(
+/// The relative variance of the pixels of an image of `w` x `h` pixels, which show these `surfaces`, if they are known.
+pub(crate) fn pooled_variance(
     moments: &[RgbMoments],
-    [w, h]: [usize; 2],
-    rows: Range<usize>,
+    size: [usize; 2],
     pooling: &Pooling,
     surfaces: Option<&Surfaces>,
 ) -> Vec<f64> {
-    let before = w * rows.start.saturating_sub(pooling.radius as usize);
-    let score = |own: &Terms, sums: &Terms| {
-        let pools = sums.pooled();
-        let each = pools.iter().zip(own.deviations()).zip(sums.means());
-        let relative = each.map(|((pool, deviation), mean)| {
-            let mean = ratio(*mean, sums.seen());
-            let variance = match (pooling.sources, pooling.prior) {
-                (Sources::Odd | Sources::Even, _) | (_, f64::INFINITY) => *pool,
-                (Sources::All, prior) => (deviation + prior * pool) / (own.freedom() + prior),
-            };
-            root(variance, pooling.power) / (mean * mean + pooling.epsilon)
-        });
+    let score = |Terms([freedom, _, own @ ..]): &Terms, sums: &Terms| {
+        let Terms([freedoms, seen, ..]) = *sums;
         // Starts from 0: the empty sum of floats is -0.
-        relative.fold(0.0, |sum, x| sum + x)
+        (0..3).fold(0.0, |sum, c| {
+            let (pool, mean) = (ratio(sums.deviation(c), freedoms), ratio(sums.mean(c), seen));
+            let variance = match (pooling.sources, pooling.prior) {
+                (Sources::Odd | Sources::Even, _) | (_, f64::INFINITY) => pool,
+                (Sources::All, prior) => (own[c] + prior * pool) / (freedom + prior),
+            };
+            sum + root(variance, pooling.power) / (mean * mean + pooling.epsilon)
+        })
     };
     let window = (pooling.radius as usize, pooling.sources);
-    let of = |i: usize| Terms::of(&moments[i - before], pooling.power);
+    let of = |i: usize| Terms::of(&moments[i], pooling.power);
     match pooling.pool {
-        PoolShape::Alike => over_like_windows([w, h], rows, window, surfaces, of, score),
-        PoolShape::Window => over_windows([w, h], rows, window, of, score),
+        PoolShape::Similar => over_similar(size, window, surfaces, of, score),
+        PoolShape::Window => over_windows(size, window, of, score),
     }
 }
 
@@ -142,25 +137,12 @@ impl Terms {
         self.0.iter_mut().zip(&other.0).for_each(|(sum, x)| *sum += weight * x);
     }
 
-    fn freedom(&self) -> f64 {
-        self.0[0]
+    fn deviation(&self, channel: usize) -> f64 {
+        self.0[2 + channel]
     }
 
-    fn seen(&self) -> f64 {
-        self.0[1]
-    }
-
-    fn deviations(&self) -> &[f64] {
-        &self.0[2..5]
-    }
-
-    pub(crate) fn means(&self) -> &[f64] {
-        &self.0[5..8]
-    }
-
-    /// The pooled mean, per channel, of variances raised to [`Pooling::power`].
-    fn pooled(&self) -> [f64; 3] {
-        std::array::from_fn(|c| ratio(self.deviations()[c], self.freedom()))
+    pub(crate) fn mean(&self, channel: usize) -> f64 {
+        self.0[5 + channel]
     }
 }
 
@@ -194,7 +176,7 @@ pub(crate) fn near(at: usize, radius: usize, end: usize) -> Range<usize> {
 }
 
 /// The number of pixel rows that one task computes.
-pub(crate) fn rows_of_task(width: usize, radius: usize) -> usize {
+fn rows_of_task(width: usize, radius: usize) -> usize {
     (SERIAL / width.max(1)).max(2 * radius).max(1)
 }
 
@@ -207,51 +189,60 @@ pub(crate) fn bytes_of_windows([w, h]: [usize; 2], radius: usize, threads: usize
     task.saturating_mul(threads.min(h.div_ceil(own)))
 }
 
-/// The score of each pixel of the rows `own`, from its own terms and the sums of `sources` in a window. The window is `2 radius + 1`
-/// pixels wide and high, cut off at the borders.
+/// The scores of an image's pixels, row by row. `score_row` gets a row's scores and number, and the terms of `radius` rows around it
+/// with the number of the first of them.
+pub(crate) fn scores_by_rows(
+    [w, h]: [usize; 2],
+    radius: usize,
+    terms: impl Fn(usize) -> Terms + Sync,
+    score_row: impl Fn(&mut [f64], usize, (&[Terms], usize)) + Sync,
+) -> Vec<f64> {
+    let mut scores = vec![0.0; w * h];
+    let rows = rows_of_task(w, radius);
+    scores.par_chunks_mut(rows * w.max(1)).enumerate().for_each(|(task, scores)| {
+        let first = task * rows;
+        let last = first + scores.len() / w - 1;
+        let around = near(first, radius, h).start..near(last, radius, h).end;
+        let all: Vec<Terms> = (around.start * w..around.end * w).map(&terms).collect();
+        (first..).zip(scores.chunks_mut(w)).for_each(|(y, scores)| score_row(scores, y, (&all, around.start)));
+    });
+    scores
+}
+
+/// The score of each pixel, from its own terms and the sums of `sources` in a window. The window is `2 radius + 1` pixels wide and
+/// high, cut off at the borders.
 ///
 /// Terms are added in the order of rows and columns. A running sum would keep the rounding error of a firefly, and so
 /// would a difference.
 fn over_windows(
     [w, h]: [usize; 2],
-    own: Range<usize>,
     (radius, sources): (usize, Sources),
     terms: impl Fn(usize) -> Terms + Sync,
     score: impl Fn(&Terms, &Terms) -> f64 + Sync,
 ) -> Vec<f64> {
-    let mut scores = vec![0.0; w * own.len()];
-    let rows = rows_of_task(w, radius);
-    scores.par_chunks_mut(rows * w.max(1)).enumerate().for_each(|(task, scores)| {
-        let first = own.start + task * rows;
-        let last = first + scores.len() / w - 1;
-        let around = near(first, radius, h).start..near(last, radius, h).end;
-        let all: Vec<Terms> = (around.start * w..around.end * w).map(&terms).collect();
-        let row = |y: usize| &all[(y - around.start) * w..][..w];
+    scores_by_rows([w, h], radius, terms, |scores, y, (all, first)| {
+        let row = |y: usize| &all[(y - first) * w..][..w];
         // Sums over rows an even number of steps away, and over the others if they are not added together.
         let mut columns = [0, 1].map(|_| vec![Terms::default(); w]);
-        for (y, scores) in (first..).zip(scores.chunks_mut(w)) {
-            columns.iter_mut().for_each(|sums| sums.fill(Terms::default()));
-            for k in near(y, radius, h) {
-                let odd = usize::from(sources != Sources::All && k.abs_diff(y) % 2 == 1);
-                columns[odd].iter_mut().zip(row(k)).for_each(|(sum, terms)| sum.add(terms));
-            }
-            for (x, place) in scores.iter_mut().enumerate() {
-                let mut sums = Terms::default();
-                let odd = |k: usize| k.abs_diff(x) % 2;
-                match sources {
-                    Sources::All => columns[0][near(x, radius, w)].iter().for_each(|column| sums.add(column)),
-                    Sources::Odd => near(x, radius, w).for_each(|k| sums.add(&columns[1 - odd(k)][k])),
-                    Sources::Even => {
-                        near(x, radius, w).filter(|&k| k != x).for_each(|k| sums.add(&columns[odd(k)][k]));
-                        let above_and_below = near(y, radius, h).filter(|&k| k != y && k.abs_diff(y) % 2 == 0);
-                        above_and_below.for_each(|k| sums.add(&row(k)[x]));
-                    }
-                }
-                *place = score(&row(y)[x], &sums);
-            }
+        for k in near(y, radius, h) {
+            let odd = usize::from(sources != Sources::All && k.abs_diff(y) % 2 == 1);
+            columns[odd].iter_mut().zip(row(k)).for_each(|(sum, terms)| sum.add(terms));
         }
-    });
-    scores
+        for (x, place) in scores.iter_mut().enumerate() {
+            let mut sums = Terms::default();
+            let odd = |k: usize| k.abs_diff(x) % 2;
+            match sources {
+                Sources::All => columns[0][near(x, radius, w)].iter().for_each(|column| sums.add(column)),
+                Sources::Odd => near(x, radius, w).for_each(|k| sums.add(&columns[1 - odd(k)][k])),
+                Sources::Even => {
+                    near(x, radius, w).filter(|&k| k != x).for_each(|k| sums.add(&columns[odd(k)][k]));
+                    let above_and_below = near(y, radius, h).filter(|&k| k != y && k.abs_diff(y) % 2 == 0);
+                    above_and_below.for_each(|k| sums.add(&row(k)[x]));
+                }
+            }
+            *place = score(&row(y)[x], &sums);
+        }
+    })
 }
 
 /// The ratio of two sums over the window around each pixel, of `parts(i)[0]` and of `parts(i)[1]`; 0 if the latter is 0.
@@ -264,5 +255,5 @@ pub(crate) fn ratios_over_windows(
         let [a, b] = parts(i);
         Terms([0.0, 0.0, 0.0, 0.0, 0.0, a, b, 0.0])
     };
-    over_windows(size, 0..size[1], window, terms, |_, sums| ratio(sums.means()[0], sums.means()[1]))
+    over_windows(size, window, terms, |_, sums| ratio(sums.mean(0), sums.mean(1)))
 }

@@ -1,12 +1,12 @@
 //! Neighbours that count by the likeness of the surfaces they show.
 
 use crate::Sources;
-use crate::pool::{Terms, near, rows_of_task};
+use crate::pool::{Terms, scores_by_rows};
 use dapple_core::{Features, Film};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// The rows of a band, within which surfaces are compared.
+/// The rows of a band, within which surfaces are compared: bits of images depend on it.
 const BAND: usize = 16;
 
 /// The differences at which likeness falls to a quarter: of normals, of albedos, and of depths relative to their geometric
@@ -16,7 +16,7 @@ const ALBEDO: f32 = 0.1;
 const DEPTH: f32 = 0.1;
 /// The weight of a neighbour that is not alike. Without it, a pixel that is like no other would have no pool.
 const LEAST: f64 = 0.02;
-/// The weight of a neighbour in another band of rows, whose surface another process may have.
+/// The weight of a neighbour in another band of rows.
 const UNKNOWN: f64 = 0.5;
 /// The window in which like pixels are counted: its radius, and the distance between the pixels that are compared.
 const REACH: usize = 12;
@@ -25,22 +25,16 @@ const STEP: usize = 6;
 /// The mean surface of a pixel's samples, in units of the differences above.
 #[derive(Clone, Copy, Debug)]
 struct Surface {
-    /// Normal and albedo, and two zeros: eight numbers side by side are compared in SIMD lanes.
-    normal_and_albedo: [f32; 8],
-    depth: f32,
-    inverse_depth: f32,
+    /// Normal, albedo and two zeros: eight numbers side by side are compared in SIMD lanes. Then depth and inverse depth.
+    values: [f32; 10],
     /// The variance of the means, which is part of each squared difference.
     variance: f32,
 }
 
 impl Surface {
     /// A surface at infinity, which is like no other.
-    const MISS: Self = Self {
-        normal_and_albedo: [1e4, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-        depth: 1.0 / DEPTH,
-        inverse_depth: 1.0 / DEPTH,
-        variance: 0.0,
-    };
+    const MISS: Self =
+        Self { values: [1e4, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0 / DEPTH, 1.0 / DEPTH], variance: 0.0 };
 
     fn of(f: &Features) -> Self {
         if f.hits == 0 {
@@ -53,67 +47,56 @@ impl Surface {
             sum(&v[..3]) / (NORMAL * NORMAL) + sum(&v[3..6]) / (ALBEDO * ALBEDO) + of_depth
         });
         let ([nx, ny, nz], [r, g, b]) = (f.normal.map(|n| n / NORMAL), f.albedo.map(|a| a / ALBEDO));
-        Self {
-            normal_and_albedo: [nx, ny, nz, r, g, b, 0.0, 0.0],
-            depth: depth / DEPTH,
-            inverse_depth: 1.0 / (depth * DEPTH),
-            variance: variance / f.hits as f32,
-        }
+        let values = [nx, ny, nz, r, g, b, 0.0, 0.0, depth / DEPTH, 1.0 / (depth * DEPTH)];
+        Self { values, variance: variance / f.hits as f32 }
     }
 
     /// The mean of surfaces, or one at infinity without any.
     fn mean<'a>(of: impl Iterator<Item = &'a Self>) -> Self {
-        let mut mean = Self { normal_and_albedo: [0.0; 8], depth: 0.0, inverse_depth: 0.0, variance: 0.0 };
-        let mut count = 0.0;
+        let (mut sum, mut count) = (Self { values: [0.0; 10], variance: 0.0 }, 0.0);
         for surface in of {
-            let values = mean.normal_and_albedo.iter_mut().zip(&surface.normal_and_albedo);
-            values.for_each(|(sum, value)| *sum += value);
-            mean.depth += surface.depth;
-            mean.inverse_depth += surface.inverse_depth;
-            mean.variance += surface.variance;
+            sum.values.iter_mut().zip(&surface.values).for_each(|(sum, value)| *sum += value);
+            sum.variance += surface.variance;
             count += 1.0;
         }
         if count == 0.0 {
             return Self::MISS;
         }
-        mean.normal_and_albedo.iter_mut().for_each(|value| *value /= count);
-        let (depth, inverse_depth) = (mean.depth / count, mean.inverse_depth / count);
-        Self { depth, inverse_depth, variance: mean.variance / (count * count), ..mean }
+        Self { values: sum.values.map(|value| value / count), variance: sum.variance / (count * count) }
     }
 
     /// The likeness of two surfaces: 1 if they differ by no more than their noise, towards 0 for unlike ones.
     #[inline]
     fn likeness(&self, other: &Self) -> f64 {
-        let mut d = self.normal_and_albedo;
-        d.iter_mut().zip(&other.normal_and_albedo).for_each(|(a, b)| *a = (*a - b) * (*a - b));
+        let [mut d @ .., _, _] = self.values;
+        d.iter_mut().zip(&other.values).for_each(|(a, b)| *a = (*a - b) * (*a - b));
         let square = ((d[0] + d[4]) + (d[2] + d[6])) + ((d[1] + d[5]) + (d[3] + d[7]));
         // (a - b)^2 / (a b), with a and b the depths.
-        let ratio = self.depth * other.inverse_depth + other.depth * self.inverse_depth - 2.0 / (DEPTH * DEPTH);
+        let ([.., depth, inverse], [.., others, other_inverse]) = (self.values, other.values);
+        let ratio = depth * other_inverse + others * inverse - 2.0 / (DEPTH * DEPTH);
         let excess = f64::from((square + ratio - self.variance - other.variance).max(0.0));
         1.0 / ((1.0 + excess) * (1.0 + excess))
     }
 }
 
-/// The surfaces that some rows of an image show.
+/// The surfaces that the pixels of an image show.
 pub(crate) struct Surfaces {
-    rows: Range<usize>,
-    width: usize,
+    size: [usize; 2],
     of: Vec<Surface>,
 }
 
 impl Surfaces {
     pub(crate) const BYTES: usize = size_of::<Surface>();
 
-    /// The surfaces of some rows of a film; `None` if it records no features.
-    pub(crate) fn of_rows(film: &Film, rows: Range<usize>) -> Option<Self> {
-        let width = film.frame().size()[0] as usize;
-        let pixels = (rows.start * width..rows.end * width).into_par_iter().with_min_len(4096);
+    /// The surfaces of a film; `None` if it records no features.
+    pub(crate) fn of_film(film: &Film) -> Option<Self> {
+        let pixels = (0..film.frame().pixels()).into_par_iter().with_min_len(4096);
         let of: Option<Vec<_>> = pixels.map(|i| film.features(i).as_ref().map(Surface::of)).collect();
-        of.map(|of| Self { rows, width, of })
+        of.map(|of| Self { size: film.frame().size().map(|n| n as usize), of })
     }
 
     fn at(&self, [x, y]: [usize; 2]) -> &Surface {
-        &self.of[(y - self.rows.start) * self.width + x]
+        &self.of[y * self.size[0] + x]
     }
 
     /// The surface that stands for a pixel: the mean of its nearest `sources`, so that its own samples decide nothing.
@@ -125,7 +108,7 @@ impl Surfaces {
             Sources::Even => [[left, above], [right, above], [left, below], [right, below]],
         };
         let rows = self.band(y);
-        let known = |[x, y]: &[usize; 2]| *x < self.width && rows.contains(y);
+        let known = |[x, y]: &[usize; 2]| *x < self.size[0] && rows.contains(y);
         Surface::mean(nearest.iter().filter(|at| known(at)).map(|at| self.at(*at)))
     }
 
@@ -135,8 +118,8 @@ impl Surfaces {
         // Steps are even, so the column beside has the other colour.
         let beside = usize::from(sources == Sources::Odd);
         for row in steps(y, self.band(y)) {
-            for column in steps(x, 0..self.width).map(|column| column + beside) {
-                if column < self.width && [column, row] != [x, y] {
+            for column in steps(x, 0..self.size[0]).map(|column| column + beside) {
+                if column < self.size[0] && [column, row] != [x, y] {
                     sum += own.likeness(self.at([column, row]));
                     count += 1.0;
                 }
@@ -145,10 +128,10 @@ impl Surfaces {
         sum / count
     }
 
-    /// The known rows of a row's band.
+    /// The rows of a row's band.
     fn band(&self, row: usize) -> Range<usize> {
         let first = row / BAND * BAND;
-        first..(first + BAND).min(self.rows.end)
+        first..(first + BAND).min(self.size[1])
     }
 }
 
@@ -158,47 +141,38 @@ fn steps(at: usize, within: Range<usize>) -> impl Iterator<Item = usize> {
     (at - before..within.end.min(at + REACH + 1)).step_by(STEP)
 }
 
-/// The score of each pixel of the rows `own`, from its own terms and the weighted sums of `sources` in a window. The
-/// window is `2 radius + 1` pixels wide and high, cut off at the borders.
+/// The score of each pixel, from its own terms and the weighted sums of `sources` in a window. The window is `2 radius + 1` pixels
+/// wide and high, cut off at the borders.
 ///
 /// A neighbour's weight falls with its distance and with the difference of the surfaces. The score is divided by the root
 /// of the mean likeness of the pixels around, of which a filter gathers the like ones.
-pub(crate) fn over_like_windows(
-    [w, h]: [usize; 2],
-    own: Range<usize>,
+pub(crate) fn over_similar(
+    size: [usize; 2],
     (radius, sources): (usize, Sources),
     surfaces: Option<&Surfaces>,
     terms: impl Fn(usize) -> Terms + Sync,
     score: impl Fn(&Terms, &Terms) -> f64 + Sync,
 ) -> Vec<f64> {
-    let mut scores = vec![0.0; w * own.len()];
-    let rows = rows_of_task(w, radius);
     let window = Window::new(radius, sources);
-    scores.par_chunks_mut(rows * w.max(1)).enumerate().for_each(|(task, scores)| {
-        let first = own.start + task * rows;
-        let last = first + scores.len() / w - 1;
-        let around = near(first, radius, h).start..near(last, radius, h).end;
-        let all: Vec<Terms> = (around.start * w..around.end * w).map(&terms).collect();
-        for (y, scores) in (first..).zip(scores.chunks_mut(w)) {
-            for (x, place) in scores.iter_mut().enumerate() {
-                let known = surfaces.map(|surfaces| (surfaces, surfaces.standing([x, y], sources)));
-                let mut sums = Terms::default();
-                for (row, column, near) in window.around([x, y], [w, h]) {
-                    let like = match &known {
-                        // Surfaces are compared within a band only, and all pixels of others count alike.
-                        Some(_) if row / BAND != y / BAND => UNKNOWN,
-                        Some((surfaces, own)) => LEAST + own.likeness(surfaces.at([column, row])),
-                        None => 1.0,
-                    };
-                    sums.add_weighted(&all[(row - around.start) * w + column], near * like);
-                }
-                let score = score(&all[(y - around.start) * w + x], &sums);
-                let company = known.map_or(1.0, |(surfaces, own)| surfaces.company(&own, [x, y], sources));
-                *place = score / company.sqrt();
+    scores_by_rows(size, radius, terms, |scores, y, (all, first)| {
+        let at = |row: usize, column: usize| &all[(row - first) * size[0] + column];
+        for (x, place) in scores.iter_mut().enumerate() {
+            let known = surfaces.map(|surfaces| (surfaces, surfaces.standing([x, y], sources)));
+            let mut sums = Terms::default();
+            for (row, column, near) in window.around([x, y], size) {
+                let like = match &known {
+                    // Surfaces are compared within a band only, and all pixels of others count alike.
+                    Some(_) if row / BAND != y / BAND => UNKNOWN,
+                    Some((surfaces, own)) => LEAST + own.likeness(surfaces.at([column, row])),
+                    None => 1.0,
+                };
+                sums.add_weighted(at(row, column), near * like);
             }
+            let score = score(at(y, x), &sums);
+            let company = known.map_or(1.0, |(surfaces, own)| surfaces.company(&own, [x, y], sources));
+            *place = score / company.sqrt();
         }
-    });
-    scores
+    })
 }
 
 /// The pixels of a window by their offsets in rows and columns, with the weights of their distances.
@@ -241,15 +215,15 @@ mod tests {
 
     fn wall(normal: [f32; 3], depth: f32) -> Surface {
         let [x, y, z] = normal.map(|n| n / NORMAL);
-        let normal_and_albedo = [x, y, z, 5.0, 5.0, 5.0, 0.0, 0.0];
-        Surface { normal_and_albedo, depth: depth / DEPTH, inverse_depth: 1.0 / (depth * DEPTH), variance: 0.0 }
+        let values = [x, y, z, 5.0, 5.0, 5.0, 0.0, 0.0, depth / DEPTH, 1.0 / (depth * DEPTH)];
+        Surface { values, variance: 0.0 }
     }
 
     /// Three kinds of surfaces in stripes across the bands.
-    fn stripes(rows: Range<usize>) -> Surfaces {
+    fn stripes() -> Surfaces {
         let kinds = [wall([0.0, 0.0, 1.0], 2.0), wall([0.0, 1.0, 0.0], 3.0), Surface::MISS];
-        let of = rows.clone().flat_map(|y| (0..W).map(move |x| (x + 2 * y) / 7 % 3)).map(|kind| kinds[kind]).collect();
-        Surfaces { rows, width: W, of }
+        let of = (0..H).flat_map(|y| (0..W).map(move |x| (x + 2 * y) / 7 % 3)).map(|kind| kinds[kind]).collect();
+        Surfaces { size: [W, H], of }
     }
 
     fn scores(surfaces: &Surfaces, sources: Sources) -> Vec<f64> {
@@ -258,8 +232,8 @@ mod tests {
             (moments.count, moments.mean) = (2, [i as f64; 3]);
             Terms::of(&moments, 1.0)
         };
-        let score = |_: &Terms, sums: &Terms| sums.means()[0];
-        over_like_windows([W, H], surfaces.rows.clone(), (2, sources), Some(surfaces), terms, score)
+        let score = |_: &Terms, sums: &Terms| sums.mean(0);
+        over_similar([W, H], (2, sources), Some(surfaces), terms, score)
     }
 
     #[test]
@@ -274,19 +248,22 @@ mod tests {
     }
 
     #[test]
-    fn rows_of_a_band_have_the_scores_of_the_whole_image() {
+    fn scores_depend_on_surfaces_of_their_band_alone() {
         for sources in [Sources::All, Sources::Odd, Sources::Even] {
-            let (whole, band) = (scores(&stripes(0..H), sources), scores(&stripes(16..32), sources));
-            assert_eq!(whole[16 * W..32 * W], band);
+            let mut changed = stripes();
+            changed.of[16 * W..32 * W].fill(wall([1.0, 0.0, 0.0], 9.0));
+            let [before, after] = [stripes(), changed].map(|surfaces| scores(&surfaces, sources));
+            let differs = |row: usize| before[row * W..][..W] != after[row * W..][..W];
+            assert!((0..H).all(|row| differs(row) == (16..32).contains(&row)), "{sources:?}");
         }
     }
 
     #[test]
     fn an_own_surface_decides_nothing_beside_other_sources() {
         let (x, y) = (9, 20);
-        let mut changed = stripes(0..H);
+        let mut changed = stripes();
         changed.of[y * W + x] = wall([1.0, 0.0, 0.0], 9.0);
-        let differs = |sources| scores(&stripes(0..H), sources)[y * W + x] != scores(&changed, sources)[y * W + x];
+        let differs = |sources| scores(&stripes(), sources)[y * W + x] != scores(&changed, sources)[y * W + x];
         assert!(differs(Sources::All));
         assert!(!differs(Sources::Odd) && !differs(Sources::Even));
     }
@@ -294,8 +271,8 @@ mod tests {
     #[test]
     fn a_film_without_features_has_no_surfaces() {
         let frame = Frame::new(4, 4).unwrap();
-        assert!(Surfaces::of_rows(&Film::new(frame, Needs::none()), 0..4).is_none());
+        assert!(Surfaces::of_film(&Film::new(frame, Needs::none())).is_none());
         let film = Film::new(frame, Needs::none().with_features());
-        assert_eq!(Surfaces::of_rows(&film, 0..4).unwrap().of.len(), 16);
+        assert_eq!(Surfaces::of_film(&film).unwrap().of.len(), 16);
     }
 }

@@ -26,63 +26,48 @@ impl Integrator for Stripes {
     }
 }
 
-fn film(needs: Needs) -> Film {
-    let frame = Frame::new(SIDE, SIDE).expect("a frame");
-    let limits = Limits::samples(4 * u64::from(SIDE * SIDE));
+/// A film of `side` x `side` pixels with `spp` samples each.
+fn film(side: u32, spp: u64, needs: Needs) -> Film {
+    let frame = Frame::new(side, side).expect("a frame");
+    let limits = Limits::samples(spp * frame.pixels() as u64);
     Render::new(frame, &limits).needs(needs).run(&mut Stripes, &mut Uniform::new(Random::new(1))).expect("a film")
 }
 
+/// The blurs on 2^20 pixels, then filters over halves and first hits on a quarter of them.
 fn filters(c: &mut Criterion) {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a pool");
-    let mut group = c.benchmark_group("filter");
-    group.throughput(Throughput::Elements(u64::from(SIDE * SIDE)));
-    let hits = Needs::none().with_first_hits(4);
-    let (plain, noisy, hits) = (film(Needs::none()), film(Needs::none().with_variance()), film(hits));
+    let plain = film(SIDE, 4, Needs::none());
+    let noisy = film(SIDE, 4, Needs::none().with_variance());
+    let hits = film(SIDE, 4, Needs::none().with_first_hits(4));
+    let halves = Needs::none().with_variance().with_halves().with_features().with_first_hits(1);
+    let halves = film(SIDE / 2, 8, halves);
     let map = (0..SIDE * SIDE).map(|i| (i % SIDE + i / SIDE / 3) / 16).collect();
     let from_map = ClusterGaussian::from_map([SIDE, SIDE], map).expect("a map");
     let label = |hits| {
         let filter = ClusterGaussian::from_hits(Arc::new(|hit| Some(hit.material)));
         filter.with_options(ClusterGaussianOptions::default().hits(hits)).expect("first hits")
     };
-    let cases: [(&str, &Film, Box<dyn Filter>); 6] = [
+    let clusters = |plain: ClusterRegression| plain.with_clusters(Arc::new(|hit| Some(hit.material)), "");
+    let cases: [(&str, &Film, Box<dyn Filter>); 10] = [
         ("gaussian", &plain, Box::new(Gaussian::default())),
         ("gaussian with error", &noisy, Box::new(Gaussian::default())),
         ("cluster-gaussian from a map", &plain, Box::new(from_map.clone())),
         ("cluster-gaussian from a map with error", &noisy, Box::new(from_map)),
         ("cluster-gaussian from 1 hit", &hits, Box::new(label(1))),
         ("cluster-gaussian from 4 hits", &hits, Box::new(label(4))),
+        ("bilateral", &halves, Box::new(Bilateral::default())),
+        ("nlm", &halves, Box::new(NlMeans::default())),
+        ("cluster-regression, one pass", &halves, Box::new(clusters(ClusterRegression::new().one_pass()))),
+        ("cluster-regression", &halves, Box::new(clusters(ClusterRegression::new()))),
     ];
+    let mut group = c.benchmark_group("filter");
     for (name, film, filter) in cases {
+        group.throughput(Throughput::Elements(film.frame().pixels() as u64)).sample_size(10);
         group.bench_function(name, |b| {
             pool.install(|| b.iter(|| filter.apply(black_box(film)).expect("an image")));
         });
     }
 }
 
-/// Filters over halves and first hits, on a quarter of the pixels.
-fn from_halves(c: &mut Criterion) {
-    const PART: u32 = SIDE / 2;
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a pool");
-    let mut group = c.benchmark_group("filter from halves");
-    group.throughput(Throughput::Elements(u64::from(PART * PART))).sample_size(10);
-    let frame = Frame::new(PART, PART).expect("a frame");
-    let needs = Needs::none().with_variance().with_halves().with_features().with_first_hits(1);
-    let limits = Limits::samples(8 * u64::from(PART * PART));
-    let film =
-        Render::new(frame, &limits).needs(needs).run(&mut Stripes, &mut Uniform::new(Random::new(1))).expect("a film");
-    let clusters = |plain: ClusterRegression| plain.with_clusters(Arc::new(|hit| Some(hit.material)), "");
-    let cases: [(&str, Box<dyn Filter>); 4] = [
-        ("bilateral", Box::new(Bilateral::default())),
-        ("nlm", Box::new(NlMeans::default())),
-        ("cluster-regression, one pass", Box::new(clusters(ClusterRegression::new().one_pass()))),
-        ("cluster-regression", Box::new(clusters(ClusterRegression::new()))),
-    ];
-    for (name, filter) in cases {
-        group.bench_function(name, |b| {
-            pool.install(|| b.iter(|| filter.apply(black_box(&film)).expect("an image")));
-        });
-    }
-}
-
-criterion_group!(benches, filters, from_halves);
+criterion_group!(benches, filters);
 criterion_main!(benches);

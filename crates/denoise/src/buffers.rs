@@ -1,7 +1,6 @@
 //! Denoising of image buffers from any renderer: slices in, an image and its error out.
 
-mod checks;
-mod film;
+pub(crate) mod film;
 
 use crate::ClusterRegression;
 use dapple_core::{Error, Film, Filter, Filtered};
@@ -74,13 +73,6 @@ impl<'a> SampleBuffers<'a> {
     }
 }
 
-/// The samples of an image: two independent halves, or all together.
-#[derive(Clone, Copy, Debug)]
-enum Samples<'a> {
-    Halves([SampleBuffers<'a>; 2]),
-    Whole(SampleBuffers<'a>),
-}
-
 impl Counts<'_> {
     /// The number of samples of pixel `i`.
     fn of(&self, i: usize) -> u64 {
@@ -106,7 +98,13 @@ impl<'a> Variance<'a> {
     }
 }
 
-impl Variance<'_, f32> {
+impl<'a> Variance<'a, f32> {
+    fn values(self) -> &'a [f32] {
+        match self {
+            Self::OfSamples(values) | Self::OfMean(values) => values,
+        }
+    }
+
     /// The variance of one sample from entry `i`, of a pixel with `count` samples.
     fn of_sample(self, i: usize, count: u64) -> f64 {
         match self {
@@ -156,7 +154,7 @@ const DEPTH: usize = 3;
 /// # Ok::<(), dapple_core::Error>(())
 /// ```
 pub fn denoise<'a>(size: [u32; 2], half_a: &SampleBuffers<'a>, half_b: &SampleBuffers<'a>) -> Denoise<'a> {
-    Denoise::new(size, Samples::Halves([*half_a, *half_b]))
+    Denoise::new(size, *half_a, Some(*half_b))
 }
 
 /// Denoises an image given as buffers, for renderers that keep no halves: all samples together, with their variance.
@@ -177,7 +175,7 @@ pub fn denoise<'a>(size: [u32; 2], half_a: &SampleBuffers<'a>, half_b: &SampleBu
 /// # Ok::<(), dapple_core::Error>(())
 /// ```
 pub fn denoise_whole<'a>(size: [u32; 2], all: &SampleBuffers<'a>) -> Denoise<'a> {
-    Denoise::new(size, Samples::Whole(*all))
+    Denoise::new(size, *all, None)
 }
 
 /// An image to be denoised, given as buffers. [`denoise`] and [`denoise_whole`] make one.
@@ -188,7 +186,9 @@ pub fn denoise_whole<'a>(size: [u32; 2], all: &SampleBuffers<'a>) -> Denoise<'a>
 #[must_use = "`run` denoises the image"]
 pub struct Denoise<'a> {
     size: [u32; 2],
-    samples: Samples<'a>,
+    /// The samples of the first half; all samples if there is no other.
+    first: SampleBuffers<'a>,
+    second: Option<SampleBuffers<'a>>,
     features: [Option<Feature<'a>>; 4],
     coverage: Option<&'a [f32]>,
     emission: Option<&'a [[f32; 3]]>,
@@ -197,8 +197,9 @@ pub struct Denoise<'a> {
 }
 
 impl<'a> Denoise<'a> {
-    fn new(size: [u32; 2], samples: Samples<'a>) -> Self {
-        Self { size, samples, features: [None; 4], coverage: None, emission: None, ids: None, filter: None }
+    fn new(size: [u32; 2], first: SampleBuffers<'a>, second: Option<SampleBuffers<'a>>) -> Self {
+        let features = [None; 4];
+        Self { size, first, second, features, coverage: None, emission: None, ids: None, filter: None }
     }
 
     fn feature(mut self, place: usize, mean: &'a [f32], variance: Option<Variance<'a, f32>>) -> Self {
@@ -300,4 +301,106 @@ impl<'a> Denoise<'a> {
             None => plain.apply(&film),
         }
     }
+}
+
+/// The names of the buffers of a set of samples: mean, count and variance.
+const WHOLE: [&str; 3] = ["mean", "count", "variance"];
+const HALVES: [[&str; 3]; 2] = [
+    ["mean of half a", "count of half a", "variance of half a"],
+    ["mean of half b", "count of half b", "variance of half b"],
+];
+
+/// The names of the features and of their variances, the number of channels, and what their numbers must be.
+const FEATURES: [([&str; 2], usize, &[Rule]); 4] = [
+    (["normal", "variance of the normal"], 3, FINITE),
+    (["albedo", "variance of the albedo"], 3, FINITE),
+    (["position", "variance of the position"], 3, FINITE),
+    (["depth", "variance of the depth"], 1, DEPTHS),
+];
+
+/// The condition that a number must meet, and the fault of another one.
+type Rule = (fn(f32) -> bool, &'static str);
+
+const IS_FINITE: Rule =
+    (f32::is_finite, "is NaN or infinite; give a finite number, or count 0 samples there to fill it");
+const FINITE: &[Rule] = &[IS_FINITE];
+const SQUARES: &[Rule] = &[IS_FINITE, (|v| v >= 0.0, "is negative; give squares of standard deviations")];
+const DEPTHS: &[Rule] = &[(|d| d >= 0.0, "is NaN or negative; give 0 or infinity for a miss")];
+const SHARES: &[Rule] =
+    &[(|share| (0.0..=1.0).contains(&share), "is not in 0 to 1; give the share of the samples that hit a surface")];
+
+const EQUAL: &str = "it equals that of half a, so the halves show no noise; give two renders with different seeds, or one with its variance to denoise_whole()";
+const ALONE: &str = "it is missing, and one image alone does not show its noise; give its variance, or two halves (renders with different seeds) to denoise()";
+
+/// A buffer: its name, its numbers, how many of them a pixel has, and the rules that they meet in pixels with samples.
+type Named<'a> = (&'static str, Option<&'a [f32]>, usize, &'static [Rule]);
+
+fn bad(buffer: &'static str, what: impl Into<String>) -> Error {
+    Error::BadBuffer { buffer, what: what.into() }
+}
+
+/// Checks all buffers of an image. Each error names the buffer, and what to do.
+fn check(image: &Denoise<'_>) -> Result<(), Error> {
+    let size = image.size;
+    if let Some(second) = &image.second {
+        check_samples(size, &image.first, HALVES[0])?;
+        check_samples(size, second, HALVES[1])?;
+        check_independent(&image.first, second)?;
+    } else {
+        check_samples(size, &image.first, WHOLE)?;
+        image.first.variance.ok_or_else(|| bad("variance", ALONE))?;
+    }
+    let mut buffers: Vec<Named<'_>> = Vec::new();
+    for (feature, ([name, of_variance], channels, rules)) in image.features.iter().zip(FEATURES) {
+        buffers.push((name, feature.map(|f| f.mean), channels, rules));
+        buffers.push((of_variance, feature.and_then(|f| f.variance).map(Variance::values), channels, SQUARES));
+    }
+    buffers.push(("coverage", image.coverage, 1, SHARES));
+    buffers.push(("emission", image.emission.map(<[_]>::as_flattened), 3, FINITE));
+    buffers.into_iter().try_for_each(|buffer| check_numbers(size, buffer, Counts::All(1)))?;
+    image.ids.map_or(Ok(()), |ids| check_length(size, ids.len(), "ids"))
+}
+
+fn check_samples(size: [u32; 2], set: &SampleBuffers<'_>, names: [&'static str; 3]) -> Result<(), Error> {
+    let [mean, count, variance] = names;
+    if let Counts::Each(counts) = set.count {
+        check_length(size, counts.len(), count)?;
+    }
+    check_length(size, set.mean.len(), mean)?;
+    if (0..set.mean.len()).all(|i| set.count.of(i) == 0) {
+        return Err(bad(count, "no pixel has a sample; give the number of samples of each pixel, or one for all"));
+    }
+    check_numbers(size, (mean, Some(set.mean.as_flattened()), 3, FINITE), set.count)?;
+    check_numbers(size, (variance, set.variance.map(|v| v.flat().values()), 3, SQUARES), set.count)
+}
+
+/// Refuses halves that are one buffer. A black image and one of a single colour may come twice without noise.
+fn check_independent(a: &SampleBuffers<'_>, b: &SampleBuffers<'_>) -> Result<(), Error> {
+    let first = a.mean.first();
+    let plain = a.mean.len() == 1 || a.mean.iter().all(|colour| Some(colour) == first);
+    let same = std::ptr::eq(a.mean, b.mean) || (!plain && a.mean == b.mean);
+    if same { Err(bad(HALVES[1][0], EQUAL)) } else { Ok(()) }
+}
+
+/// Checks the numbers of a buffer in the pixels with samples.
+fn check_numbers(size: [u32; 2], (name, values, channels, rules): Named<'_>, counts: Counts<'_>) -> Result<(), Error> {
+    let Some(values) = values else { return Ok(()) };
+    check_length(size, values.len() / channels, name)?;
+    for (holds, what) in rules {
+        let is_wrong = |(i, value): (usize, &[f32])| counts.of(i) > 0 && !value.iter().all(|v| holds(*v));
+        if let Some(pixel) = values.chunks_exact(channels).enumerate().position(is_wrong) {
+            let [x, y] = [pixel % size[0] as usize, pixel / size[0] as usize];
+            return Err(bad(name, format!("pixel ({x}, {y}) {what}")));
+        }
+    }
+    Ok(())
+}
+
+fn check_length([width, height]: [u32; 2], found: usize, name: &'static str) -> Result<(), Error> {
+    let expected = u64::from(width) * u64::from(height);
+    if found as u64 == expected {
+        return Ok(());
+    }
+    let what = format!("it has {found} values, and {width}x{height} pixels need {expected}; give one for each pixel");
+    Err(bad(name, what))
 }

@@ -1,10 +1,10 @@
 //! The Gaussian filter that favours pixels of the same cluster.
 
 use crate::Gaussian;
-use crate::gaussian::{emission, mean_and_presence, normalised, squared_error, variances};
-use crate::parameters::{BACKGROUND, ClusterLookup, describe};
+use crate::gaussian::{emission, mean_and_presence, memory, normalised, squared_error, variances};
+use crate::inputs::{BACKGROUND, ClusterLookup, describe};
 use crate::planes::per_pixel;
-use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _};
+use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, Needs, Options as _};
 use rayon::prelude::*;
 use std::fmt;
 
@@ -14,7 +14,7 @@ dapple_core::options! {
         /// Weight of a pixel of another cluster relative to one of the same.
         ///
         /// The table shows relMSE over that of the best `outside` of each image and budget, as geometric means
-        /// (`tests/denoise/outside.rs`: five synthetic images at 8 to 64 spp).
+        /// (`tests/denoise/filters.rs`: five synthetic images at 8 to 64 spp).
         /// In some images the clusters miss edges, in others they cut smooth gradients.
         ///
         /// | `outside` | 0 | 0.01 | 0.03 | 0.05 | 0.07 | 0.1 | 0.2 | 1 |
@@ -59,7 +59,7 @@ enum Clusters {
 /// Clusters come from a map ([`from_map`](Self::from_map)) or from the first hits of a pixel's first samples
 /// ([`from_hits`](Self::from_hits)).
 /// One first hit corresponds to the probe of the thesis. Four first hits reveal that a pixel lies on an edge.
-/// They leave 0.6 times the error on a slanted edge at 64 spp (`tests/denoise/outside.rs`).
+/// They leave 0.6 times the error on a slanted edge at 64 spp (`tests/denoise/filters.rs`).
 ///
 /// With first hits, labels and values come from the same samples. In mixed pixels weights and values are therefore not
 /// quite independent.
@@ -139,46 +139,35 @@ impl ClusterGaussian {
         Self { described: described.into(), ..self }
     }
 
-    fn blend<M: Membership>(&self, film: &Film, members: &[M]) -> Filtered {
-        let size = film.frame().size();
-        let width = size[0] as usize;
-        let pixels = film.frame().pixels();
+    /// The image of a film whose pixels belong to clusters as `members` tells. `overlap` is the share that two pixels have in common.
+    fn blend<M: Sync>(&self, film: &Film, members: &[M], overlap: impl Fn(&M, &M) -> f64 + Sync) -> Filtered {
+        let (size, pixels) = (film.frame().size(), film.frame().pixels());
         let emission = emission(film);
         let emission = emission.as_deref();
-        let mean = |i| mean_and_presence(film, emission, i);
+        let variances = variances(film);
         let plane = Plane {
             size: size.map(|n| n as usize),
-            means: per_pixel(pixels, mean),
-            variances: variances(film),
+            means: per_pixel(pixels, |i| mean_and_presence(film, emission, i)),
+            variances: variances.as_deref(),
             members,
         };
-        let mut radiance = vec![[0.0; 3]; pixels];
-        let mut error = plane.variances.as_ref().map(|_| vec![0.0; pixels]);
-        let row = |y: usize, radiance: &mut [[f32; 3]], error: &mut [f32]| {
-            for (x, radiance) in radiance.iter_mut().enumerate() {
-                let (sum, noise) = self.gather(&plane, x, y);
-                *radiance = normalised(sum, emission.map_or([0.0; 3], |emission| emission[y * width + x]));
-                if let Some(error) = error.get_mut(x) {
-                    *error = squared_error(noise, sum[3]);
-                }
-            }
-        };
-        let rows = radiance.par_chunks_mut(width).enumerate();
-        match &mut error {
-            Some(error) => rows.zip(error.par_chunks_mut(width)).for_each(|((y, r), e)| row(y, r, e)),
-            None => rows.for_each(|(y, r)| row(y, r, &mut [])),
-        }
-        Filtered::new(size, radiance).with_error(error)
-    }
-
-    /// The weighted sums over the kernel around pixel (x, y): of means and presence, and of variances. Clusters are
-    /// ignored if they leave no sample in reach.
-    #[inline]
-    fn gather<M: Membership>(&self, plane: &Plane<'_, M>, x: usize, y: usize) -> ([f64; 4], f64) {
         // The factor is 0 or at least 2^-53, however small `outside`: its square does not underflow.
         let cut = 1.0 - self.options.outside;
-        let sums = plane.gather(self.kernel.weights(), x, y, |overlap| 1.0 - cut * (1.0 - overlap));
-        if sums.0[3] > 0.0 { sums } else { plane.gather(self.kernel.weights(), x, y, |_| 1.0) }
+        let (width, weights) = (plane.size[0], self.kernel.weights());
+        let (mut radiance, mut error) = (vec![[0.0; 3]; pixels], vec![0.0; pixels]);
+        let rows = radiance.par_chunks_mut(width).zip(error.par_chunks_mut(width)).enumerate();
+        rows.for_each(|(y, (radiance, error))| {
+            for (x, (radiance, error)) in radiance.iter_mut().zip(error).enumerate() {
+                let (mut sum, mut noise) = plane.gather(weights, [x, y], |a, b| 1.0 - cut * (1.0 - overlap(a, b)));
+                if sum[3] <= 0.0 {
+                    // Clusters leave no sample in reach.
+                    (sum, noise) = plane.gather(weights, [x, y], |_, _| 1.0);
+                }
+                *radiance = normalised(sum, emission, y * width + x);
+                *error = squared_error(noise, sum[3]);
+            }
+        });
+        Filtered::new(size, radiance).with_error(variances.map(|_| error))
     }
 }
 
@@ -186,15 +175,15 @@ impl ClusterGaussian {
 struct Plane<'a, M> {
     size: [usize; 2],
     means: Vec<[f64; 4]>,
-    variances: Option<Vec<f64>>,
+    variances: Option<&'a [f64]>,
     members: &'a [M],
 }
 
-impl<M: Membership> Plane<'_, M> {
+impl<M> Plane<'_, M> {
     /// The sums over the kernel around pixel (x, y): of weight times mean and presence, and of squared weight times
-    /// variance. `factor` maps the overlap of two pixels' clusters to a factor on the weight.
+    /// variance. `factor` is that of a pixel beside another on the weight.
     #[inline]
-    fn gather(&self, weights: &[f64], x: usize, y: usize, factor: impl Fn(f64) -> f64) -> ([f64; 4], f64) {
+    fn gather(&self, weights: &[f64], [x, y]: [usize; 2], factor: impl Fn(&M, &M) -> f64) -> ([f64; 4], f64) {
         let [width, height] = self.size;
         let n = weights.len() / 2;
         let own = &self.members[y * width + x];
@@ -207,12 +196,12 @@ impl<M: Membership> Plane<'_, M> {
             for (((weight, mean), member), i) in
                 across.iter().zip(&self.means[row.clone()]).zip(&self.members[row.clone()]).zip(row)
             {
-                let weight = down * weight * factor(own.overlap(member));
+                let weight = down * weight * factor(own, member);
                 for (sum, mean) in sum.iter_mut().zip(mean) {
                     *sum += weight * mean;
                 }
                 // An unknown variance is infinite; times a weight of 0 it would be NaN.
-                if let Some(variances) = &self.variances
+                if let Some(variances) = self.variances
                     && weight > 0.0
                 {
                     noise += weight * weight * variances[i];
@@ -255,121 +244,84 @@ impl Filter for ClusterGaussian {
             Clusters::Map { .. } => 0,
             Clusters::Hits(_) => size_of::<Votes>(),
         };
-        let known = needs.variance || needs.halves;
-        // Means and presence, variances, the image with its error, and emission.
-        let planes = size_of::<[f64; 4]>() + if known { 8 + 16 } else { 12 } + if needs.emission { 24 } else { 0 };
-        let image = if known { ImagePlanes::RadianceAndError } else { ImagePlanes::Radiance };
-        FilterMemory::new(frame, votes + planes, image)
+        // Means and presence, the image with its error, and variances.
+        memory(frame, needs, votes + size_of::<[f64; 4]>() + 16 + 8)
     }
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
         film.require(self.name(), &self.needs())?;
-        let (pixels, [width, height]) = (film.frame().pixels(), film.frame().size());
-        let image = match &self.clusters {
+        let [width, height] = film.frame().size();
+        match &self.clusters {
             Clusters::Map { size: [w, h], .. } if [*w, *h] != [width, height] => {
                 let what = format!(
                     "its cluster map has {w}x{h} pixels, the film {width}x{height}; make the map for the rendered window"
                 );
-                return Err(Error::Mismatch { who: self.name().to_owned(), what });
+                Err(Error::Mismatch { who: self.name().to_owned(), what })
             }
-            Clusters::Map { clusters, .. } => self.blend(film, clusters),
+            Clusters::Map { clusters, .. } => {
+                Ok(self.blend(film, clusters, |one, other| if one == other { 1.0 } else { 0.0 }))
+            }
             Clusters::Hits(label) => {
                 let votes = |i| {
                     let traced = film.count(i).min(u64::from(self.options.hits)) as usize;
                     let hits = &film.first_hits(i)[..traced];
-                    Votes::count(hits.iter().map(|hit| hit.as_ref().and_then(|h| label(h)).unwrap_or(BACKGROUND)))
+                    Votes::of(hits.iter().map(|hit| hit.as_ref().and_then(|h| label(h)).unwrap_or(BACKGROUND)))
                 };
-                self.blend(film, &per_pixel(pixels, votes))
+                Ok(self.blend(film, &per_pixel(film.frame().pixels(), votes), Votes::overlap))
             }
-        };
-        Ok(image)
+        }
     }
 }
 
 /// The largest number of samples per pixel whose clusters count.
 const MOST_VOTES: usize = 8;
 
-/// The cluster or clusters that a pixel belongs to.
-trait Membership: Sync {
-    /// The overlap of two pixels' clusters: 1 if both lie in the same cluster, 0 if they have no cluster in common.
-    fn overlap(&self, other: &Self) -> f64;
-}
-
-/// The cluster of a pixel that belongs to only one.
-impl Membership for u32 {
-    #[inline]
-    fn overlap(&self, other: &Self) -> f64 {
-        if self == other { 1.0 } else { 0.0 }
-    }
-}
-
-/// The clusters of a pixel's first samples (up to eight), with the number of samples in each.
+/// The clusters of a pixel's first samples (up to eight).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Votes {
-    /// The clusters in ascending order. The first `len` entries are used.
+pub(crate) struct Votes {
+    /// The cluster of each sample in ascending order, of which the first `samples` are used.
     clusters: [u32; MOST_VOTES],
-    counts: [u8; MOST_VOTES],
-    len: u8,
     samples: u8,
+    /// True if all samples lie in one cluster.
+    agree: bool,
 }
 
 impl Votes {
-    /// Counts the samples in each cluster. `labels` are the clusters of a pixel's samples, of which the first eight
-    /// count.
-    fn count(labels: impl Iterator<Item = u32>) -> Self {
-        let mut votes = [0; MOST_VOTES];
-        let mut samples = 0;
-        for (vote, label) in votes.iter_mut().zip(labels) {
+    /// The votes of a pixel whose samples lie in these clusters. The first eight count.
+    pub(crate) fn of(labels: impl Iterator<Item = u32>) -> Self {
+        let mut votes = Self::default();
+        for (vote, label) in votes.clusters.iter_mut().zip(labels) {
             *vote = label;
-            samples += 1;
+            votes.samples += 1;
         }
-        let votes = &mut votes[..samples];
-        votes.sort_unstable();
-        let mut counted = Self { samples: samples as u8, ..Self::default() };
-        for run in votes.chunk_by(|a, b| a == b) {
-            let slot = usize::from(counted.len);
-            (counted.clusters[slot], counted.counts[slot]) = (run[0], run.len() as u8);
-            counted.len += 1;
-        }
-        counted
+        let known = &mut votes.clusters[..usize::from(votes.samples)];
+        known.sort_unstable();
+        votes.agree = !known.is_empty() && known.first() == known.last();
+        votes
     }
 
-    /// The overlap of two pixels with several clusters each; 1 if either pixel has no samples.
+    /// The sum over all clusters of the smaller share: the share of one pixel's samples in the cluster or of the
+    /// other's. 1 if either pixel has no samples.
+    #[inline]
+    pub(crate) fn overlap(&self, other: &Self) -> f64 {
+        if self.agree && other.agree {
+            return if self.clusters[0] == other.clusters[0] { 1.0 } else { 0.0 };
+        }
+        self.common(other)
+    }
+
+    /// The overlap of two pixels of which one has several clusters or none.
     #[inline(never)]
-    fn merge(&self, other: &Self) -> f64 {
-        // A pixel without samples matches every pixel.
-        if self.samples == 0 || other.samples == 0 {
+    fn common(&self, other: &Self) -> f64 {
+        let [own, others] = [self, other].map(|votes| &votes.clusters[..usize::from(votes.samples)]);
+        if own.is_empty() || others.is_empty() {
             return 1.0;
         }
-        let (n, m) = (u32::from(self.samples), u32::from(other.samples));
-        let (mut i, mut j, mut common) = (0, 0, 0);
-        while i < usize::from(self.len) && j < usize::from(other.len) {
-            match self.clusters[i].cmp(&other.clusters[j]) {
-                std::cmp::Ordering::Less => i += 1,
-                std::cmp::Ordering::Greater => j += 1,
-                std::cmp::Ordering::Equal => {
-                    common += (u32::from(self.counts[i]) * m).min(u32::from(other.counts[j]) * n);
-                    i += 1;
-                    j += 1;
-                }
-            }
-        }
-        f64::from(common) / f64::from(n * m)
+        let shared = |votes: &[u32]| {
+            let there = others.iter().filter(|other| **other == votes[0]).count();
+            (votes.len() * others.len()).min(there * own.len())
+        };
+        let sum: usize = own.chunk_by(|a, b| a == b).map(shared).sum();
+        sum as f64 / (own.len() * others.len()) as f64
     }
 }
-
-impl Membership for Votes {
-    /// The sum over all clusters of the smaller share: the share of one pixel's samples in the cluster or of the
-    /// other's.
-    #[inline]
-    fn overlap(&self, other: &Self) -> f64 {
-        if self.len == 1 && other.len == 1 {
-            return self.clusters[0].overlap(&other.clusters[0]);
-        }
-        self.merge(other)
-    }
-}
-
-#[cfg(test)]
-#[path = "../tests/denoise/internals/votes.rs"]
-mod tests;

@@ -1,20 +1,17 @@
 //! The default filter: first-order regression on features and clusters, in passes with a choice by estimated error and blends.
 
+use crate::averaging::prefilter;
 use crate::error_map::{ERROR, EVIDENCE, LAST, filtered, relative_weight, select, shrink};
-use crate::guide::{guide, residual_guide};
-use crate::inputs::Inputs;
-use crate::light::{self, Layers, Light};
-use crate::one_window::{Bilateral, OneWindow};
+use crate::inputs::{ClusterLookup, Inputs, Reads, guide, residual_guide};
+use crate::light::{self, Layers, Part};
+use crate::one_window::Bilateral;
 use crate::outliers;
-use crate::parameters::{ClusterLookup, Reads};
 use crate::planes::Pair;
-use crate::prefilter::prefilter;
-use crate::regression::{bytes, regress};
+use crate::regression::{self, regress};
 use crate::scales::{self, Scales};
 use crate::tile::{FeatureScales, Likeness};
 use crate::wide::{self, wide};
 use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _};
-use std::fmt;
 
 /// The weight of the image that is averaged with the predictions of the first and of the second regression; a window's
 /// centre has the weight 1.
@@ -29,7 +26,8 @@ dapple_core::options! {
         /// Parts of the light that are filtered one by one: 2 (direct and indirect), 1, or auto (2 from 16 spp on).
         pub layers: Layers = Layers::Auto => "auto";
         /// Coarse scales that correct the image: auto (by the image's size), or 0 (none) to 8.
-        pub scales: Scales = Scales::Auto => "auto", |scales| scales.is_valid(), "auto, or 0 (none) to 8 scales";
+        pub scales: Scales = Scales::Auto => "auto",
+            |scales| matches!(scales, Scales::Auto | Scales::Fixed(0..=Scales::MOST)), "auto, or 0 (none) to 8 scales";
     }
 }
 
@@ -96,9 +94,9 @@ dapple_core::options! {
 ///
 /// # Reach
 ///
-/// The filter reads the whole film. The windows, choices and blends of all passes reach more than a
-/// hundred rows, each coarse scale twice as far as the one before, and the least error is a part of the mean error.
-#[derive(Clone, Default)]
+/// Every pixel of the image may depend on every pixel of the film. The coarsest scale of `auto` is about a hundred pixels high, its
+/// windows, choices and blends reach as far, and the least error is a part of the mean error.
+#[derive(Clone, Debug, Default)]
 pub struct ClusterRegression {
     options: ClusterRegressionOptions,
     reads: Reads,
@@ -160,89 +158,71 @@ impl ClusterRegression {
     /// Runs the second pass on both halves of the samples. `guide` is an image with less noise, by which pixels are
     /// compared.
     fn second(&self, inputs: &Inputs, guide: &Pair) -> Pair {
-        let features = FeatureScales { bandwidth: 5.0 * inputs.smoothness, floors: [1e-2, 2e-2], slope: 3.0 };
+        let features = FeatureScales { bandwidth: 5.0 * inputs.part.smoothness(), floors: [1e-2, 2e-2], slope: 3.0 };
         // The first pass has used most of the information in the clusters.
         let outside = self.outside().max(0.7) as f32;
-        let colour = 1.5 * inputs.smoothness;
+        let colour = 1.5 * inputs.part.smoothness();
         let like = Likeness { patch: 1, colour, features: Some(features), outside };
         regress(inputs, &[residual_guide(inputs, guide)], &like, guide, BESIDE[1])
     }
 
     /// The images that the guide of the second pass is chosen from: that of the first pass, if it runs, and the bilateral one.
     ///
-    /// Only direct light by itself gets a first pass. Without it, all light at once has 1.5 % more error at 8 spp for a fifth
+    /// In the first pass, no half's noise shapes its own windows. Only direct light by itself gains enough by it. Without it, all light at once has 1.5 % more error at 8 spp for a fifth
     /// less time (docs/results/default-image.md).
     pub(crate) fn before_second(&self, inputs: &Inputs) -> Vec<Pair> {
         let averaged = Bilateral::candidate().pair(inputs);
-        if !inputs.has_first_pass {
+        if inputs.part != Part::Direct && !self.is_one_pass {
             return vec![averaged];
         }
         vec![self.first(inputs, &averaged), averaged]
     }
 
-    /// The image of all passes before its blend with the unfiltered image. The unfiltered image guides the second pass
-    /// where its error is less by `certain` standard errors. Detail that the wide pass lacks needs `evidence` of this many.
-    fn smooth(&self, inputs: &Inputs, [certain, evidence]: [f32; 2]) -> Pair {
+    /// The image of the light that `inputs` were read from.
+    fn image(&self, inputs: &mut Inputs) -> Filtered {
+        if self.is_one_pass {
+            return filtered(inputs, &self.before_second(inputs)[0], ERROR);
+        }
+        let scales = self.options.scales.of(inputs.size);
+        let coarse = (scales > 0).then(|| scales::coarser(inputs));
+        let mut outliers = outliers::take(inputs, scales::ratio(scales), scales > 0);
+
+        // Two passes of narrow windows, each with a choice by estimated error.
         let mut images = self.before_second(inputs);
         let weight = relative_weight(inputs, &images[0]);
+        let certain = if scales == 0 { 0.0 } else { CERTAIN };
         let chosen = select(inputs, &images, &weight, CHOICE, Some(certain));
         images.push(self.second(inputs, &chosen));
         let base = select(inputs, &images, &weight, CHOICE, None);
         drop((images, chosen));
+
+        // A pass of wide windows.
         let smooth = wide(inputs, &residual_guide(inputs, &base), &base);
-        shrink(inputs, base.channels(), &smooth, scales::BLEND, evidence)
-    }
+        let mut image = shrink(inputs, base.channels(), &smooth, scales::BLEND, scales::evidence(scales));
+        drop((smooth, base));
 
-    /// The image without coarse scales.
-    fn unscaled(&self, inputs: &mut Inputs) -> Filtered {
-        let light = outliers::take(inputs);
-        let smooth = self.smooth(inputs, [0.0, scales::evidence(0)]);
-        let mut image = filtered(inputs, &blended(inputs, &smooth, EVIDENCE), ERROR);
-        if let Some(light) = light {
-            let add = |(i, colour): (usize, &mut [f32; 3])| {
-                (0..3).for_each(|c| colour[c] = (colour[c] + light[c][i] * inputs.level()).min(f32::MAX));
-            };
-            image.radiance.iter_mut().enumerate().for_each(add);
-        }
-        image
-    }
-
-    /// The image with `scales` coarse scales.
-    fn scaled(&self, inputs: &mut Inputs, scales: usize) -> Filtered {
-        let coarse = scales::coarser(inputs);
-        let light = outliers::take_halves(inputs, scales::ratio(scales));
-        let mut image = self.smooth(inputs, [CERTAIN, scales::evidence(scales)]);
-        if let Some(light) = light {
-            image.add(&light);
-            inputs.add(&light);
-        }
-        scales::correct(inputs, coarse, &mut image, scales);
-        // In larger images and in light without edges, more of what looks like detail is noise.
-        let evidence = 0.5 * EVIDENCE * (1 + scales) as f32 * inputs.smoothness * inputs.smoothness;
-        filtered(inputs, &blended(inputs, &image, evidence), 3 * scales)
-    }
-
-    /// The image of the light that `inputs` were read from.
-    fn image(&self, inputs: &mut Inputs, light: Light<'_>) -> Filtered {
-        let image = match self.options.scales.of(inputs.size) {
-            _ if self.is_one_pass => {
-                let image = self.first(inputs, &Bilateral::candidate().pair(inputs));
-                filtered(inputs, &image, ERROR)
+        // Coarse scales, which see the light of outliers.
+        let (mut evidence, mut radius) = (EVIDENCE, ERROR);
+        if let Some(coarse) = coarse {
+            if !outliers.is_empty() {
+                let light = outliers::spread_halves(inputs, std::mem::take(&mut outliers));
+                image.add(&light);
+                inputs.add(&light);
             }
-            0 => self.unscaled(inputs),
-            scales => self.scaled(inputs, scales),
-        };
-        inputs.restored(light, image)
-    }
+            scales::correct(inputs, coarse, &mut image, scales);
+            // In larger images and in light without edges, more of what looks like detail is noise.
+            evidence *= 0.5 * (1 + scales) as f32 * inputs.part.smoothness() * inputs.part.smoothness();
+            radius = 3 * scales;
+        }
 
-    fn run(&self, film: &Film) -> Filtered {
-        let parts = light::parts(film, self.options.layers);
-        let mut inputs = Inputs::new(parts[0], &self.reads);
-        prefilter(&mut inputs);
-        let mut image = self.image(&mut inputs, parts[0]);
-        for &part in &parts[1..] {
-            inputs.read(part);
-            add(&mut image, self.image(&mut inputs, part));
+        // The unfiltered image, moved towards the result as far as their difference is noise.
+        let blended = shrink(inputs, inputs.unfiltered(), &image, LAST, evidence);
+        let mut image = filtered(inputs, &blended, radius);
+        if !outliers.is_empty() {
+            let light = outliers::spread(inputs, &outliers);
+            for (i, colour) in image.radiance.iter_mut().enumerate() {
+                (0..3).for_each(|c| colour[c] = (colour[c] + light[c][i] * inputs.level()).min(f32::MAX));
+            }
         }
         image
     }
@@ -263,17 +243,6 @@ const CHOICE: usize = 2;
 /// With 1.25, blurred discs of a thin lens have 2 % more error at 8 spp.
 const CERTAIN: f32 = 1.01;
 
-/// The unfiltered image, moved towards `smooth` as far as their difference is noise.
-fn blended(inputs: &Inputs, smooth: &Pair, evidence: f32) -> Pair {
-    shrink(inputs, inputs.unfiltered(), smooth, LAST, evidence)
-}
-
-impl fmt::Debug for ClusterRegression {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "ClusterRegression({})", self.describe())
-    }
-}
-
 impl Filter for ClusterRegression {
     fn name(&self) -> &str {
         "cluster-regression"
@@ -293,29 +262,18 @@ impl Filter for ClusterRegression {
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
         let [kept, making] = Inputs::bytes_per_pixel(self.reads.label.is_some() && needs.first_hits > 0);
         let pair = 4 * 6;
-        // While the first pass runs, the bilateral pair is in memory. While the second runs, the bilateral, first and chosen
-        // pairs are, and a plane of weights. A choice takes the memory of one more pair: errors and shares.
-        // The image of the first part of the light is kept meanwhile.
-        let parts = if self.options.layers == Layers::One || !needs.indirect { 0 } else { frame.bytes(16) };
         let at_most = if self.is_one_pass {
-            frame.bytes(kept + pair).saturating_add(bytes(frame, 2))
+            kept + pair + regression::bytes_per_pixel(2)
         } else {
-            // The wide pass runs beside the image of two passes and the unfiltered one.
-            let two = frame.bytes(kept + 4 * pair + 4).saturating_add(bytes(frame, 1));
-            let wide = frame.bytes(kept + 2 * pair).saturating_add(wide::bytes(frame));
-            // The light of the outliers is kept meanwhile.
-            let once = two.max(wide).saturating_add(frame.bytes(12));
-            let once = once.max(frame.bytes(kept + outliers::BYTES_PER_PIXEL));
-            if self.options.scales == Scales::Fixed(0) {
-                once
-            } else {
-                // The planes of the first coarse scale, and the light of the second half.
-                let [width, height] = scales::halved(frame.size());
-                let halves = frame.bytes(outliers::BYTES_OF_HALVES);
-                once.saturating_add(halves).saturating_add(width * height * kept as u64)
-            }
+            // The wide pass takes the most. It runs beside the image of two passes and the unfiltered one, the outliers, and the planes
+            // of the first coarse scale.
+            let is_scaled = self.options.scales != Scales::Fixed(0);
+            let coarse = if is_scaled { outliers::BYTES_OF_HALVES + kept / 4 } else { 0 };
+            kept + (2 * pair + wide::BYTES_PER_PIXEL + 12).max(outliers::BYTES_PER_PIXEL) + coarse
         };
-        FilterMemory::new(frame, making, ImagePlanes::RadianceAndError).at_least(at_most.saturating_add(parts))
+        // The image of the first part of the light is kept meanwhile.
+        let parts = if self.options.layers == Layers::One || !needs.indirect { 0 } else { 16 };
+        FilterMemory::new(frame, making.max(at_most + parts), ImagePlanes::RadianceAndError)
     }
 
     fn runs(&self, needs: &Needs, spp: f64) -> u32 {
@@ -324,6 +282,16 @@ impl Filter for ClusterRegression {
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
         film.require(self.name(), &self.needs())?;
-        Ok(self.run(film))
+        let parts = light::parts(film, self.options.layers);
+        let mut inputs = Inputs::new(parts[0], &self.reads);
+        prefilter(&mut inputs);
+        let mut image = self.image(&mut inputs);
+        image = inputs.restored(parts[0], image);
+        for &part in &parts[1..] {
+            inputs.read(part);
+            let other = self.image(&mut inputs);
+            add(&mut image, inputs.restored(part, other));
+        }
+        Ok(image)
     }
 }

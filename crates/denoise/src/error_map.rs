@@ -73,7 +73,14 @@ pub(crate) fn select(inputs: &Inputs, filtered: &[Pair], weight: &[f32], radius:
         }
     }
     drop(raw);
-    mixed(&candidates, &shares(inputs, &errors))
+    let shares = shares(inputs, &errors);
+    Pair(std::array::from_fn(|k| {
+        let mut sum = vec![0.0; shares[0].len()];
+        for (image, share) in candidates.iter().zip(&shares) {
+            update(&mut sum, [image[k], share], |sum, [value, share]| sum + share * value);
+        }
+        sum
+    }))
 }
 
 /// The share of each candidate: 1 where its error is the least, the first of equals, blurred over 5x5 pixels.
@@ -90,18 +97,6 @@ fn shares(inputs: &Inputs, errors: &[Plane]) -> Vec<Plane> {
         box_mean(&is_best, inputs.size, 2)
     };
     (0..errors.len()).map(share).collect()
-}
-
-/// The sum of several pairs of images, each multiplied by a weight per pixel.
-fn mixed(images: &[Channels<'_>], weights: &[Plane]) -> Pair {
-    let mix = |k: usize| -> Plane {
-        let mut sum = vec![0.0; weights[0].len()];
-        for (image, weight) in images.iter().zip(weights) {
-            update(&mut sum, [image[k], weight], |sum, [value, weight]| sum + weight * value);
-        }
-        sum
-    };
-    Pair::new(std::array::from_fn(mix))
 }
 
 /// Sets the error of a candidate to infinity where the mean of `other - own` over `(2 radius + 1)^2` pixels is at most `evidence`
@@ -167,7 +162,7 @@ pub(crate) fn shrink(inputs: &Inputs, narrow: Channels<'_>, smooth: &Pair, radii
     let blend = |k: usize| {
         map_to_one([narrow[k], smooth[k], &share], |[narrow, smooth, share]| (1.0 - share) * narrow + share * smooth)
     };
-    Pair::new(std::array::from_fn(blend))
+    Pair(std::array::from_fn(blend))
 }
 
 /// The planes of the noise and of the product of the halves' differences, per pixel; 0 where a half has no samples.
@@ -198,55 +193,27 @@ pub(crate) const ERROR: usize = 3;
 /// Taking the larger estimate keeps the positive part of noise. On images with strong noise the sum is up to three times
 /// the true error, and less with a larger radius.
 pub(crate) fn filtered(inputs: &Inputs, image: &Pair, radius: usize) -> Filtered {
-    let errors = Errors::new(inputs, image, radius);
-    let least = Errors::least(sum_pixels(inputs.size, |i| errors.counted(i)));
-    errors.image(inputs, image, least)
-}
-
-/// The smoothed errors of a filtered image.
-pub(crate) struct Errors {
-    smooth: Plane,
-    weight: Plane,
-}
-
-impl Errors {
-    /// The errors of an image relative to its squared brightness, before they are raised to the least one.
-    pub(crate) fn new(inputs: &Inputs, image: &Pair, radius: usize) -> Self {
-        let weight = relative_weight(inputs, image);
-        let [whole, variance] = raw_error(inputs, image.channels(), &weight);
-        let known = map_to_one(inputs.counts(), |[a, b]| if a > 0.0 && b > 0.0 { 1.0 } else { 0.0 });
-        let near = |plane: &[f32], radius| -> Plane {
-            let (mut mean, count) = (box_mean(plane, inputs.size, radius), box_mean(&known, inputs.size, radius));
-            update(&mut mean, [&count], |sum, [n]| if n > 0.0 { sum / n } else { f32::INFINITY });
-            mean
-        };
-        let mut smooth = near(&whole, radius);
-        update(&mut smooth, [&near(&variance, 2)], |whole, [variance]| whole.max(variance).max(0.0));
-        Self { smooth, weight }
-    }
-
-    /// The error of pixel `i` and 1, or zeros if it is unknown.
-    pub(crate) fn counted(&self, i: usize) -> [f64; 2] {
-        if self.smooth[i].is_finite() { [f64::from(self.smooth[i]), 1.0] } else { [0.0; 2] }
-    }
-
-    /// The least error, from the sums of [`Errors::counted`] over the whole image.
-    pub(crate) fn least([sum, count]: [f64; 2]) -> f32 {
-        (0.05 * sum / count.max(1.0)) as f32
-    }
-
-    /// The image in radiance, with the errors.
-    pub(crate) fn image(self, inputs: &Inputs, image: &Pair, least: f32) -> Filtered {
-        let (Self { smooth: mut error, weight }, level) = (self, inputs.level());
-        update(&mut error, [&weight], |error, [weight]| error.max(least) / weight * (level * level));
-        let ([ra, ga, ba, rb, gb, bb], counts) = (image.channels(), inputs.counts());
-        let colour = |i: usize| {
-            let counts = counts.map(|count| count[i]);
-            [[ra, rb], [ga, gb], [ba, bb]].map(|[a, b]| (combined([a[i], b[i]], counts) * level).min(f32::MAX))
-        };
-        let radiance = per_pixel(inputs.pixels(), colour);
-        Filtered::new(inputs.size.map(|n| n as u32), radiance).with_error(error)
-    }
+    let weight = relative_weight(inputs, image);
+    let [whole, variance] = raw_error(inputs, image.channels(), &weight);
+    let known = map_to_one(inputs.counts(), |[a, b]| if a > 0.0 && b > 0.0 { 1.0 } else { 0.0 });
+    let near = |plane: &[f32], radius| -> Plane {
+        let (mut mean, count) = (box_mean(plane, inputs.size, radius), box_mean(&known, inputs.size, radius));
+        update(&mut mean, [&count], |sum, [n]| if n > 0.0 { sum / n } else { f32::INFINITY });
+        mean
+    };
+    let mut error = near(&whole, radius);
+    update(&mut error, [&near(&variance, 2)], |whole, [variance]| whole.max(variance).max(0.0));
+    let counted = |i: usize| if error[i].is_finite() { [f64::from(error[i]), 1.0] } else { [0.0; 2] };
+    let [sum, count] = sum_pixels(inputs.size, counted);
+    let (least, level) = ((0.05 * sum / count.max(1.0)) as f32, inputs.level());
+    update(&mut error, [&weight], |error, [weight]| error.max(least) / weight * (level * level));
+    let ([ra, ga, ba, rb, gb, bb], counts) = (image.channels(), inputs.counts());
+    let colour = |i: usize| {
+        let counts = counts.map(|count| count[i]);
+        [[ra, rb], [ga, gb], [ba, bb]].map(|[a, b]| (combined([a[i], b[i]], counts) * level).min(f32::MAX))
+    };
+    let radiance = per_pixel(inputs.pixels(), colour);
+    Filtered::new(inputs.size.map(|n| n as u32), radiance).with_error(error)
 }
 
 /// The estimated squared error of each filtered pixel relative to `mean^2 + epsilon`, row by row.

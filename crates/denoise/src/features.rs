@@ -1,9 +1,8 @@
 //! The features of each pixel as planes: normal, albedo, depth and position.
 
-use crate::planes::{Colours, Plane, planes_of, quantile, raised, sum_pixels, update};
+use crate::planes::{Colours, Plane, parts, planes_of, quantile, raised, sum_pixels, update};
 use dapple_core::Film;
 use rayon::prelude::*;
-use std::ops::Range;
 
 /// The number of feature channels: shading normal (3), albedo (3), logarithm of depth (1).
 pub(crate) const FEATURES: usize = 7;
@@ -28,39 +27,27 @@ pub(crate) struct Features {
     pub(crate) scale: Plane,
 }
 
-/// The values that features take from the whole film.
-#[derive(Clone, Copy)]
-pub(crate) struct Extent {
-    /// The depth of a miss: twice the largest of all.
-    pub(crate) far: f32,
-    /// The mean of all positions.
-    pub(crate) middle: [f64; 3],
-}
-
-impl Extent {
-    /// The extent of the scene that a film shows.
-    pub(crate) fn of(film: &Film) -> Self {
-        let size = film.frame().size().map(|n| n as usize);
-        let hit = |i: usize| film.features(i).filter(|f| f.hits > 0);
-        let depth = |i: usize| hit(i).map_or(0.5, |f| f.depth.clamp(1e-18, 1e18));
-        let deepest = (0..film.frame().pixels()).into_par_iter().with_min_len(1024).map(depth).reduce(|| 0.5, f32::max);
-        // In f64, because positions may lie far from the origin.
-        let [x, y, z, count] = sum_pixels(size, |i| match hit(i).map(|f| f.position.map(f64::from)) {
-            Some([x, y, z]) => [x, y, z, 1.0],
-            None => [0.0; 4],
-        });
-        let middle = [x, y, z].map(|sum| sum / f64::max(count, 1.0));
-        Self { far: 2.0 * deepest, middle }
-    }
+/// The depth of a miss, twice the largest of all, and the mean of all positions.
+fn extent(film: &Film) -> (f32, [f64; 3]) {
+    let size = film.frame().size().map(|n| n as usize);
+    let hit = |i: usize| film.features(i).filter(|f| f.hits > 0);
+    let depth = |i: usize| hit(i).map_or(0.5, |f| f.depth.clamp(1e-18, 1e18));
+    let deepest = (0..film.frame().pixels()).into_par_iter().with_min_len(1024).map(depth).reduce(|| 0.5, f32::max);
+    // In f64, because positions may lie far from the origin.
+    let [x, y, z, count] = sum_pixels(size, |i| match hit(i).map(|f| f.position.map(f64::from)) {
+        Some([x, y, z]) => [x, y, z, 1.0],
+        None => [0.0; 4],
+    });
+    (2.0 * deepest, [x, y, z].map(|sum| sum / f64::max(count, 1.0)))
 }
 
 impl Features {
     /// Reads the features of a film, or makes every pixel a miss if they are not to be `read`.
-    pub(crate) fn new(film: &Film, read: bool, extent: &Extent) -> Self {
+    pub(crate) fn new(film: &Film, read: bool) -> Self {
         let size = film.frame().size().map(|n| n as usize);
-        let [nx, ny, nz, r, g, b, depth, x, y, z, vn, va, vd, scatter, mut scale] = planes(film, read, extent);
+        let [nx, ny, nz, r, g, b, depth, x, y, z, vn, va, vd, scatter, mut scale] = planes(film, read);
         let position = [x, y, z];
-        let unit = 24.0 * pixel_angle(steps(&position, &scale, size[0], 0..size[1]));
+        let unit = 24.0 * pixel_angle(&position, &scale, size[0]);
         update(&mut scale, [], |depth, []| 1.0 / (unit * depth.max(1e-18)));
         let slope = slopes(&depth, size);
         let (mean, variance) = ([nx, ny, nz, r, g, b, depth], [vn, va, vd]);
@@ -83,13 +70,14 @@ impl Features {
 type Each<T> = [T; 15];
 
 /// The planes of the features of a film.
-fn planes(film: &Film, read: bool, extent: &Extent) -> Each<Plane> {
+fn planes(film: &Film, read: bool) -> Each<Plane> {
+    let (far, middle) = extent(film);
     let size = film.frame().size().map(|n| n as usize);
     let miss = (!read || !film.needs().features).then(|| {
-        let [nx, ny, nz, r, g, b, depth, x, y, z] = miss(extent.far);
-        [nx, ny, nz, r, g, b, depth, x, y, z, 0.0, 0.0, 0.0, 0.0, extent.far]
+        let [nx, ny, nz, r, g, b, depth, x, y, z] = miss(far);
+        [nx, ny, nz, r, g, b, depth, x, y, z, 0.0, 0.0, 0.0, 0.0, far]
     });
-    let of = |i: usize| miss.or_else(|| feature(film, i, extent));
+    let of = |i: usize| miss.or_else(|| feature(film, i, (far, middle)));
     planes_of(film.frame().pixels(), |i| of(i).or_else(|| from_neighbours(of, size, i)).unwrap_or_default())
 }
 
@@ -99,8 +87,7 @@ fn miss(far: f32) -> [f32; 10] {
 }
 
 /// The features of pixel `i` with its misses blended in and positions relative to the middle; `None` without samples.
-fn feature(film: &Film, i: usize, extent: &Extent) -> Option<Each<f32>> {
-    let Extent { far, middle, .. } = *extent;
+fn feature(film: &Film, i: usize, (far, middle): (f32, [f64; 3])) -> Option<Each<f32>> {
     let f = film.features(i).filter(|f| f.samples > 0)?;
     let share = f.hits as f32 / f.samples as f32;
     let depth = if f.hits > 0 { f.depth.clamp(1e-18, far) } else { far };
@@ -132,7 +119,7 @@ fn feature(film: &Film, i: usize, extent: &Extent) -> Option<Each<f32>> {
 ///
 /// `x = 2^e m` with `m` in about 0.7 .. 1.4, and `ln m = 2 artanh((m - 1) / (m + 1))`. The series ends after the ninth
 /// power; the remainder is below 1e-9.
-fn ln(x: f32) -> f32 {
+pub(crate) fn ln(x: f32) -> f32 {
     /// The bits of the square root of 1/2, the least mantissa.
     const LEAST: u32 = 0x3f35_04f3;
     let exponent = (x.to_bits().wrapping_sub(LEAST) as i32) >> 23;
@@ -144,7 +131,7 @@ fn ln(x: f32) -> f32 {
 }
 
 /// The radius in pixels from which unknown features are filled.
-const FILLED: u32 = 2;
+const FILLED: usize = 2;
 
 /// The mean of the known features among 5x5 pixels around pixel `i`; `None` if none are known.
 fn from_neighbours(
@@ -152,7 +139,7 @@ fn from_neighbours(
     [width, height]: [usize; 2],
     i: usize,
 ) -> Option<Each<f32>> {
-    let (x, y, reach) = (i % width, i / width, FILLED as usize);
+    let (x, y, reach) = (i % width, i / width, FILLED);
     let (mut sum, mut count) = ([0.0; 15], 0.0f32);
     for row in y.saturating_sub(reach)..(y + reach + 1).min(height) {
         for f in (x.saturating_sub(reach)..(x + reach + 1).min(width)).filter_map(|x| known(row * width + x)) {
@@ -165,48 +152,39 @@ fn from_neighbours(
     (count > 0.0).then(|| std::array::from_fn(mean))
 }
 
-/// The steps between neighbouring positions in these rows, at distance 1.
-fn steps(position: &Colours, depth: &[f32], width: usize, rows: Range<usize>) -> Vec<f32> {
+/// The approximate width of a pixel at distance 1: the lower quartile of the steps between neighbouring positions.
+fn pixel_angle(position: &Colours, depth: &[f32], width: usize) -> f32 {
     let step = |i: usize| {
         let apart = position.iter().map(|p| (p[i + 1] - p[i]).powi(2)).sum::<f32>().sqrt();
         (apart > 0.0).then(|| apart / depth[i])
     };
-    let pixels = rows.start * width..rows.end * width;
-    pixels.filter(|i| !(i + 1).is_multiple_of(width)).filter_map(step).collect()
-}
-
-/// The approximate width of a pixel at distance 1: the lower quartile of the steps between neighbouring positions.
-fn pixel_angle(steps: Vec<f32>) -> f32 {
+    let steps = (0..depth.len()).filter(|i| !(i + 1).is_multiple_of(width)).filter_map(step).collect();
     quantile(steps, 4).map_or(1e-3, |quarter| quarter.clamp(1e-9, 1e9))
 }
 
 /// The smallest change of the log `depth` per pixel among 3x3 pixels.
 pub(crate) fn slopes(depth: &[f32], size: [usize; 2]) -> Plane {
-    let [width, height] = size;
-    let near = |k: usize, end: usize| [k.saturating_sub(1), (k + 1).min(end - 1)];
-    let gradient = |y: usize, row: &mut [f32]| {
-        let [above, below] = near(y, height).map(|row| &depth[row * width..][..width]);
-        let own = &depth[y * width..][..width];
-        for (x, value) in row.iter_mut().enumerate() {
-            let [left, right] = near(x, width);
-            *value = 0.5 * (own[right] - own[left]).abs().max((below[x] - above[x]).abs());
-        }
-    };
-    let mut all = vec![0.0; depth.len()];
-    all.par_chunks_mut(width).enumerate().for_each(|(y, row)| gradient(y, row));
-    let mut smallest = vec![0.0; depth.len()];
-    smallest.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
-        let [above, below] = near(y, height).map(|row| &all[row * width..][..width]);
-        let own = &all[y * width..][..width];
-        let least: Plane = above.iter().zip(own).zip(below).map(|((a, o), b)| a.min(*o).min(*b)).collect();
-        for (x, value) in row.iter_mut().enumerate() {
-            let [left, right] = near(x, width);
-            *value = least[left].min(least[x]).min(least[right]);
-        }
+    let change = around(depth, size, |[above, own, below], [left, x, right]| {
+        0.5 * (own[right] - own[left]).abs().max((below[x] - above[x]).abs())
     });
-    smallest
+    around(&change, size, |rows, columns| {
+        let least = columns.map(|x| rows[0][x].min(rows[1][x]).min(rows[2][x]));
+        least[0].min(least[1]).min(least[2])
+    })
 }
 
-#[cfg(test)]
-#[path = "../tests/denoise/internals/features.rs"]
-mod tests;
+/// A plane made by `of` from the rows above, of and below each pixel, and the columns to its left, its own and to its right. Beyond
+/// the frame, the border repeats.
+fn around(
+    plane: &[f32],
+    [width, height]: [usize; 2],
+    of: impl Fn([&[f32]; 3], [usize; 3]) -> f32 + Sync + Send,
+) -> Plane {
+    let near = |k: usize, end: usize| [k.saturating_sub(1), k, (k + 1).min(end - 1)];
+    let row = |(): &mut (), y: usize, [to]: [&mut [f32]; 1]| {
+        let rows = near(y, height).map(|row| &plane[row * width..][..width]);
+        to.iter_mut().enumerate().for_each(|(x, value)| *value = of(rows, near(x, width)));
+    };
+    let [all] = parts(plane.len(), width, || (), row);
+    all
+}

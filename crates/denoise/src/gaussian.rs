@@ -1,8 +1,7 @@
 //! The Gaussian filter.
 
-use crate::inputs::Levels;
+use crate::inputs::{Levels, describe};
 use crate::light::Light;
-use crate::parameters::describe;
 use crate::planes::per_pixel;
 use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _};
 use rayon::prelude::*;
@@ -139,10 +138,8 @@ impl Filter for Gaussian {
     }
 
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
-        // Four sums along rows, and four along columns; emission.
-        let known = needs.variance || needs.halves;
-        let image = if known { ImagePlanes::RadianceAndError } else { ImagePlanes::Radiance };
-        FilterMemory::new(frame, 2 * size_of::<[f64; 4]>() + if needs.emission { 24 } else { 0 }, image)
+        // Four sums along rows, and four along columns.
+        memory(frame, needs, 2 * size_of::<[f64; 4]>())
     }
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
@@ -155,20 +152,29 @@ impl Filter for Gaussian {
             let squares: Vec<f64> = self.weights.iter().map(|w| w * w).collect();
             separable(plane, &squares, |i| [variances[i]], |i, [sum]| squared_error(sum, sums[i][3]))
         });
-        let own = |i| emission.map_or([0.0; 3], |emission| emission[i]);
-        let radiance = per_pixel(film.frame().pixels(), |i| normalised(sums[i], own(i)));
+        let radiance = per_pixel(film.frame().pixels(), |i| normalised(sums[i], emission, i));
         Ok(Filtered::new(size, radiance).with_error(error))
     }
 }
 
-/// The emission that blurs leave in each pixel; `None` if the film recorded none.
-pub(crate) fn emission(film: &Film) -> Option<Vec<[f64; 3]>> {
-    let bounds = film.needs().emission.then(|| Levels::of(Light::all(film)).bounds)?;
-    Some(per_pixel(film.frame().pixels(), |i| bounds.withheld_emission(Light::all(film), i)))
+/// The memory of a blur that takes `bytes` per pixel besides emission.
+pub(crate) fn memory(frame: &Frame, needs: &Needs, bytes: usize) -> FilterMemory {
+    let known = needs.variance || needs.halves;
+    let image = if known { ImagePlanes::RadianceAndError } else { ImagePlanes::Radiance };
+    FilterMemory::new(frame, bytes + if needs.emission { 24 } else { 0 }, image)
 }
 
-/// The mean of pixel `i` without the `emission` that stays there, followed by 1, or zeros if the pixel has no samples. Weighted sums of these are the numerator
-/// and denominator of a mean over the pixels with samples.
+/// The emission that blurs leave in each pixel; `None` if the film recorded none.
+pub(crate) fn emission(film: &Film) -> Option<Vec<[f64; 3]>> {
+    film.needs().emission.then(|| {
+        let light = Light::all(film);
+        let bounds = Levels::of(light).bounds;
+        per_pixel(film.frame().pixels(), |i| bounds.withheld_emission(light, i))
+    })
+}
+
+/// The mean of pixel `i` without the `emission` that stays there, followed by 1, or zeros if the pixel has no samples. Weighted
+/// sums of these are the numerator and denominator of a mean over the pixels with samples.
 #[inline]
 pub(crate) fn mean_and_presence(film: &Film, emission: Option<&[[f64; 3]]>, i: usize) -> [f64; 4] {
     if film.count(i) == 0 {
@@ -204,10 +210,11 @@ pub(crate) fn variances(film: &Film) -> Option<Vec<f64>> {
     Some(per_pixel(film.frame().pixels(), variance))
 }
 
-/// The weighted mean from a weighted sum of [`mean_and_presence`] plus the pixel's own `emission`; black if no sample is in
+/// The weighted mean from a weighted sum of [`mean_and_presence`] plus the `emission` of pixel `i`; black if no sample is in
 /// reach.
 #[inline]
-pub(crate) fn normalised(sum: [f64; 4], emission: [f64; 3]) -> [f32; 3] {
+pub(crate) fn normalised(sum: [f64; 4], emission: Option<&[[f64; 3]]>, i: usize) -> [f32; 3] {
+    let emission = emission.map_or([0.0; 3], |emission| emission[i]);
     if sum[3] > 0.0 { std::array::from_fn(|c| (sum[c] / sum[3] + emission[c]) as f32) } else { [0.0; 3] }
 }
 
@@ -218,8 +225,8 @@ pub(crate) fn squared_error(sum: f64, weight: f64) -> f32 {
     if weight > 0.0 { (sum / (weight * weight)) as f32 } else { f32::INFINITY }
 }
 
-/// Convolves the values `read(i)` of a `width` x `height` plane with a separable kernel, in two passes. A pixel at the offset (dx, dy) has the weight
-/// `weights[dx + n] weights[dy + n]`.
+/// Convolves the values `read(i)` of a `width` x `height` plane with a separable kernel, in two passes. A pixel at the offset
+/// (dx, dy) has the weight `weights[dx + n] weights[dy + n]`.
 ///
 /// `weights` has `2 n + 1` entries. Pixels outside the plane count as zeros. `finish` maps a pixel's index and its
 /// weighted sums to the result.
@@ -274,14 +281,14 @@ fn add<const N: usize>(sum: &mut [f64; N], weight: f64, value: &[f64; N]) {
 
 /// The share of the total weight below which a weight is dropped. It would change no `f64` sum, and its square could
 /// underflow to zero and meet an infinite variance.
-const NEGLIGIBLE: f64 = 1e-18;
+pub(crate) const NEGLIGIBLE: f64 = 1e-18;
 
 /// The weights of the pixels `k = -n ..= n` along one axis: the integrals of `max(0, exp(-alpha x^2) - exp(-alpha
 /// radius^2))` over `k - 1/2 .. k + 1/2`, divided by their sum.
 ///
 /// The result is symmetric bit for bit. It has at least one entry, none of them zero.
 /// `alpha` and `radius` must be finite and positive.
-fn gaussian_weights(alpha: f64, radius: f64) -> Vec<f64> {
+pub(crate) fn gaussian_weights(alpha: f64, radius: f64) -> Vec<f64> {
     let reach = (radius + 0.5).ceil() as usize - 1;
     let mut half: Vec<f64> = (0..=reach)
         .map(|k| {
@@ -330,7 +337,7 @@ fn gauss_legendre(start: f64, end: f64, f: impl Fn(f64) -> f64) -> f64 {
 
 /// The complementary error function of `x >= 0`. Its error is about 1e-15 absolute and, where the value is small, 1e-13
 /// relative.
-fn erfc(x: f64) -> f64 {
+pub(crate) fn erfc(x: f64) -> f64 {
     let gaussian = (-x * x).exp();
     if x < 3.0 {
         // After [Abramowitz and Stegun 1964, eq. 7.1.6]: all terms are positive, so nothing cancels.
@@ -348,7 +355,3 @@ fn erfc(x: f64) -> f64 {
         gaussian / (PI.sqrt() * tail)
     }
 }
-
-#[cfg(test)]
-#[path = "../tests/denoise/internals/gaussian.rs"]
-mod tests;

@@ -1,15 +1,56 @@
-//! A film's halves, features and clusters as planes, in the form that the filters read.
+//! A film's halves, features and clusters as planes, in the form that the filters read, and the guides made of them.
 
-use crate::bright_lamps::{BRIGHTEST, Bounds};
-use crate::features::{Extent, FEATURES, Features, UNKNOWN};
-use crate::light::Light;
+use crate::features::{FEATURES, Features, UNKNOWN};
+use crate::light::{BRIGHTEST, Bounds, Light, Part};
 use crate::one_sample::{self, Halves, Surroundings};
-use crate::parameters::{BACKGROUND, Reads};
 use crate::planes::{
-    Channels, Colours, Plane, box_mean, first_share, map_to_one, per_pixel, planes_of, quantile, sum_pixels, update,
+    Channels, Colours, Pair, Plane, box_mean, combined, map_to_one, per_pixel, planes_of, quantile, raised, sum_pixels,
+    update,
 };
-use dapple_core::{Film, Filtered, RgbMoments};
+pub(crate) use dapple_core::BACKGROUND;
+use dapple_core::{Film, Filtered, FirstHit, Needs, Options, RgbMoments};
 use rayon::prelude::*;
+use std::fmt;
+use std::sync::Arc;
+
+/// A function from a first hit to its cluster; `None` for the background.
+pub type ClusterLookup = Arc<dyn Fn(&FirstHit) -> Option<u32> + Send + Sync>;
+
+/// A filter's description: its name, its parameters and those of its clusters, if any.
+pub(crate) fn describe(name: &str, options: &impl Options, clusters: &str) -> String {
+    let comma = if clusters.is_empty() { "" } else { "," };
+    format!("{name}:{}{comma}{clusters}", options.describe())
+}
+
+/// The statistics that a filter reads besides halves and variance.
+#[derive(Clone, Default)]
+pub(crate) struct Reads {
+    /// Without features, every pixel counts as a miss.
+    pub(crate) without_features: bool,
+    /// The cluster of each first hit, by this function.
+    pub(crate) label: Option<ClusterLookup>,
+    /// The description of the clusters.
+    pub(crate) described: String,
+}
+
+impl fmt::Debug for Reads {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Reads(features={},clusters={:?})", !self.without_features, self.described)
+    }
+}
+
+impl Reads {
+    /// The statistics that the film records, but for first hits. Films without emission are filtered too.
+    pub(crate) fn recorded(&self) -> Needs {
+        let recorded = Needs::none().with_variance().with_halves().with_emission();
+        if self.without_features { recorded } else { recorded.with_features() }
+    }
+
+    /// The description of a filter that reads these statistics.
+    pub(crate) fn describe(&self, name: &str, options: &impl Options) -> String {
+        describe(name, options, &self.described) + if self.without_features { ",features=none" } else { "" }
+    }
+}
 
 /// The variance added to the variance of a sample, in units of the squared level. At one sample, differences of 2 % of
 /// the level then count as noise. With more samples, that limit falls, so filters stay consistent.
@@ -36,10 +77,7 @@ pub(crate) struct Inputs {
     pub(crate) size: [usize; 2],
     /// The radiance that is 1 in these planes, and the largest light in them; the rest is withheld ([`Inputs::restored`]).
     levels: Levels,
-    /// The factor on bandwidths ([`Light::smoothness`]).
-    pub(crate) smoothness: f32,
-    /// True if a first regression precedes two wider ones ([`Light::has_first_pass`]).
-    pub(crate) has_first_pass: bool,
+    pub(crate) part: Part,
     pub(crate) halves: [Half; 2],
     pub(crate) features: Features,
     /// The cluster of each pixel's first sample, modulo 2^24 - 3 so that an `f32` holds it; `None` without clusters.
@@ -49,36 +87,28 @@ pub(crate) struct Inputs {
 impl Inputs {
     /// Reads the halves and the sample variance of a film's light, and what else `reads` lists.
     pub(crate) fn new(light: Light<'_>, reads: &Reads) -> Self {
-        Self::with_globals(light, reads, &Globals::of(light), 0)
-    }
-
-    /// Reads a film that begins with row `top` of the whole image.
-    fn with_globals(light: Light<'_>, reads: &Reads, globals: &Globals, top: usize) -> Self {
         let film = light.film;
-        let features = Features::new(film, !reads.without_features, &globals.extent);
-        let levels = globals.levels;
-        let halves = colours(light, &features, levels, top);
+        let features = Features::new(film, !reads.without_features);
+        let levels = Levels::of(light);
+        let halves = colours(light, &features, levels);
         let labels = reads.label.as_ref().filter(|_| film.needs().first_hits > 0).map(|label| {
             let of = |i: usize| film.first_hits(i).first()?.as_ref().and_then(|hit| label(hit));
             per_pixel(film.frame().pixels(), |i| (of(i).unwrap_or(BACKGROUND) % 0xff_fffd) as f32)
         });
-        let (smoothness, has_first_pass) = (light.smoothness(), light.has_first_pass());
         let size = film.frame().size().map(|n| n as usize);
-        Self { size, levels, smoothness, has_first_pass, halves, features, labels }
+        Self { size, levels, part: light.part, halves, features, labels }
     }
 
     /// Reads the colours of another part of the film's light. Features and clusters stay.
     pub(crate) fn read(&mut self, light: Light<'_>) {
-        self.levels = Levels::of(light);
-        self.halves = colours(light, &self.features, self.levels, 0);
-        (self.smoothness, self.has_first_pass) = (light.smoothness(), light.has_first_pass());
+        (self.levels, self.part) = (Levels::of(light), light.part);
+        self.halves = colours(light, &self.features, self.levels);
     }
 
     /// Planes of half the width and height for the same image, without clusters.
     pub(crate) fn with_planes(&self, halves: [Half; 2], features: Features) -> Self {
         let size = self.size.map(|n| n.div_ceil(2));
-        let Self { levels, smoothness, has_first_pass, .. } = *self;
-        Self { size, levels, smoothness, has_first_pass, halves, features, labels: None }
+        Self { size, levels: self.levels, part: self.part, halves, features, labels: None }
     }
 
     /// The number of bytes per pixel that these planes occupy, and the largest number while they are computed.
@@ -101,8 +131,8 @@ impl Inputs {
     }
 
     /// Adds `light` to the colours of both halves.
-    pub(crate) fn add(&mut self, light: &[Colours; 2]) {
-        for (plane, light) in self.halves.iter_mut().flat_map(|half| &mut half.colour).zip(light.iter().flatten()) {
+    pub(crate) fn add(&mut self, light: &Pair) {
+        for (plane, light) in self.halves.iter_mut().flat_map(|half| &mut half.colour).zip(&light.0) {
             update(plane, [light], |value, [light]| value + light);
         }
     }
@@ -110,11 +140,6 @@ impl Inputs {
     /// The number of pixels.
     pub(crate) fn pixels(&self) -> usize {
         self.size[0] * self.size[1]
-    }
-
-    /// The share of the first half in the samples of pixel `i`; 0.5 if the pixel has no samples.
-    pub(crate) fn first_share(&self, i: usize) -> f32 {
-        first_share(self.counts().map(|count| count[i]))
     }
 
     /// The number of samples in each pixel of both halves.
@@ -126,19 +151,6 @@ impl Inputs {
     pub(crate) fn unfiltered(&self) -> Channels<'_> {
         let [[ra, ga, ba], [rb, gb, bb]] = self.halves.each_ref().map(|half| &half.colour);
         [ra, ga, ba, rb, gb, bb]
-    }
-}
-
-/// The values that planes take from the whole film.
-#[derive(Clone, Copy)]
-pub(crate) struct Globals {
-    extent: Extent,
-    levels: Levels,
-}
-
-impl Globals {
-    fn of(light: Light<'_>) -> Self {
-        Self { extent: Extent::of(light.film), levels: Levels::of(light) }
     }
 }
 
@@ -167,11 +179,11 @@ impl Levels {
     }
 }
 
-/// The halves of the light of a film that begins with row `top` of the whole image.
-fn colours(light: Light<'_>, features: &Features, Levels { level, bounds }: Levels, top: usize) -> [Half; 2] {
+/// The halves of a film's light.
+fn colours(light: Light<'_>, features: &Features, Levels { level, bounds }: Levels) -> [Half; 2] {
     let mut halves = halves(light, level, bounds);
-    let width = light.film.frame().size()[0] as usize;
-    let samples = halves.complete(&Surroundings { features, light, bounds, level, width, top });
+    let size = light.film.frame().size().map(|n| n as usize);
+    let samples = halves.complete(&Surroundings { features, light, bounds, level, size });
     let mut halves = with_variances(light.film, halves, samples);
     refine(light, &mut halves);
     halves
@@ -255,4 +267,57 @@ fn without_withheld([a, b]: &[RgbMoments; 2], withheld: &[[f64; 3]; 2], variance
         let rest = a.mean[c] - withheld[0][c] - b.mean[c] + withheld[1][c];
         variance[c].min(rest * rest * share)
     })
+}
+
+/// An image by which a filter compares pixels: a colour per pixel and its variance.
+pub(crate) struct Guide {
+    /// The colour of each pixel.
+    pub(crate) colour: Colours,
+    /// The variance of each pixel's colour: one plane with the sum over the channels, or three planes to compare each
+    /// channel by itself [after Rousselle 2012].
+    pub(crate) variance: Vec<Plane>,
+}
+
+/// Makes a guide from the mean colours of one half of the samples. `pooled` adds the variances of the three channels;
+/// `demodulated` divides colours by albedo.
+pub(crate) fn guide(inputs: &Inputs, half: usize, pooled: bool, demodulated: bool) -> Guide {
+    let (own, albedo) = (&inputs.halves[half], inputs.features.albedo());
+    let colour: Colours = std::array::from_fn(|c| match demodulated {
+        true => map_to_one([&own.colour[c], &albedo[c]], |[v, albedo]| v / raised(albedo)),
+        false => own.colour[c].clone(),
+    });
+    let variance: Colours = std::array::from_fn(|c| match demodulated {
+        true => map_to_one([&own.variance[c], &albedo[c]], |[v, albedo]| v / (raised(albedo) * raised(albedo))),
+        false => own.variance[c].clone(),
+    });
+    if !pooled {
+        return Guide { colour, variance: variance.into() };
+    }
+    let sum = map_to_one(variance.each_ref().map(|plane| &plane[..]), |[r, g, b]| r + g + b);
+    Guide { colour, variance: vec![sum] }
+}
+
+/// The radius over which the noise of a residual guide is averaged.
+const RESIDUAL: usize = 3;
+
+/// The guide of wider passes: a filtered image without its albedo, and its remaining noise from the difference of
+/// the halves over 7x7 pixels.
+///
+/// The variance is that of one half, `(a - b)^2 / 2`. The variance of the whole image, `(a - b)^2 / 4`, left more
+/// error. One guide serves both halves. It keeps little of their noise and costs half as much as two guides.
+pub(crate) fn residual_guide(inputs: &Inputs, image: &Pair) -> Guide {
+    let ([ra, ga, ba, rb, gb, bb], [na, nb]) = (image.channels(), inputs.counts());
+    let [_, _, _, ar, ag, ab, _] = &inputs.features.mean;
+    let difference = map_to_one([ra, ga, ba, rb, gb, bb, ar, ag, ab], |[ra, ga, ba, rb, gb, bb, ar, ag, ab]| {
+        let apart = |a: f32, b: f32, albedo: f32| a / raised(albedo) - b / raised(albedo);
+        let [r, g, b] = [apart(ra, rb, ar), apart(ga, gb, ag), apart(ba, bb, ab)];
+        0.5 * (r * r + g * g + b * b)
+    });
+    let mut variance = box_mean(&difference, inputs.size, RESIDUAL);
+    // The floor under the variance, as in the first pass: it is not 0 and keeps the filter consistent.
+    update(&mut variance, [na, nb], |noise, [na, nb]| noise + 3.0 * 4e-4 / (na + nb).max(1.0));
+    let colour = [[ra, rb, ar], [ga, gb, ag], [ba, bb, ab]].map(|[a, b, albedo]| {
+        map_to_one([a, b, albedo, na, nb], |[a, b, albedo, na, nb]| combined([a, b], [na, nb]) / raised(albedo))
+    });
+    Guide { colour, variance: vec![variance] }
 }

@@ -68,43 +68,42 @@
 //! The difference between the halves shows the whole error, bias included. That estimate is smoothed over 7x7 pixels.
 
 mod averaging;
-mod bright_lamps;
 mod buffers;
 mod cluster_gaussian;
 mod cluster_regression;
 mod error_map;
 mod features;
 mod gaussian;
-mod guide;
 mod inputs;
 mod light;
 mod normal_equations;
 mod one_sample;
 mod one_window;
 mod outliers;
-mod parameters;
 mod planes;
-mod prefilter;
 mod regression;
 mod scales;
 mod tile;
 mod wide;
-
-#[cfg(test)]
-#[path = "../tests/denoise/internals/fits_and_errors.rs"]
-mod fits_and_errors;
 
 pub use buffers::{Counts, Denoise, SampleBuffers, Variance, denoise, denoise_whole};
 pub use cluster_gaussian::{ClusterGaussian, ClusterGaussianOptions};
 pub use cluster_regression::{ClusterRegression, ClusterRegressionOptions};
 pub use error_map::relative_errors;
 pub use gaussian::{Gaussian, GaussianOptions};
+pub use inputs::ClusterLookup;
 pub use light::Layers;
 pub use one_window::{Bilateral, BilateralOptions, NlMeans, NlMeansOptions};
-pub use parameters::ClusterLookup;
 pub use scales::Scales;
 
 /// Runs the README's example as a documentation test.
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 struct ReadmeExample;
+
+#[cfg(test)]
+#[path = "../tests/denoise/internals"]
+mod internals {
+    mod images;
+    mod parts;
+}

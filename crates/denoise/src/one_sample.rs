@@ -5,10 +5,9 @@
 //! neighbours there. Both halves are then whole images, and a sample counts in one of them only. Lamps end at their
 //! edges: where samples of features alone have met one, only the other light comes from neighbours.
 
-use crate::bright_lamps::Bounds;
 use crate::features::Features;
-use crate::light::Light;
-use crate::planes::{Colours, Plane};
+use crate::light::{Bounds, Light};
+use crate::planes::{Colours, Plane, beside};
 use rayon::prelude::*;
 
 /// The factor on the squared difference of normals between neighbours.
@@ -18,7 +17,7 @@ const SLOPE: [f32; 2] = [4.0, 1e-2];
 
 /// The emission of a lamp, in units of the image's level. Less is light like any other: at an edge of a dim sky, what is before it
 /// and the sky replace each other.
-const LAMP: f32 = 4.0;
+pub(crate) const LAMP: f32 = 4.0;
 
 /// The halves of a film's light, before their variances are known.
 pub(crate) struct Halves {
@@ -36,32 +35,21 @@ pub(crate) struct Surroundings<'a> {
     pub(crate) bounds: Bounds,
     /// The radiance that planes count as 1.
     pub(crate) level: f32,
-    /// The width of the film, and its first row in the whole image.
-    pub(crate) width: usize,
-    pub(crate) top: usize,
+    /// The size of the film.
+    pub(crate) size: [usize; 2],
 }
 
 impl Surroundings<'_> {
     fn in_levels(&self, emission: [f32; 3]) -> [f32; 3] {
         let is_lamp = emission.iter().any(|e| *e > LAMP * self.level);
-        emission.map(|e| if is_lamp { e.min(self.bounds.emission()) / self.level } else { 0.0 })
-    }
-
-    /// The emission in the half that pixel `i` has.
-    fn seen(&self, i: usize) -> [f32; 3] {
-        self.in_levels(self.light.mean_emission(i))
+        emission.map(|e| if is_lamp { e.min(self.bounds.emission as f32) / self.level } else { 0.0 })
     }
 
     /// The emission of pixel `j` that its neighbour `i`, whose emission is known, does not share. Samples of features alone may have
     /// missed the edge of a lamp between both, unless they met it in one of them.
     fn not_shared(&self, i: usize, j: usize) -> [f32; 3] {
-        let is_met = self.light.is_edge_of_lamp(i) || self.light.is_edge_of_lamp(j);
-        if is_met { self.seen(j) } else { [0.0; 3] }
-    }
-
-    /// The emission in the half that pixel `i` lacks; `None` if it is not known.
-    fn unseen(&self, i: usize) -> Option<[f32; 3]> {
-        self.light.emission_of_lacking(i).map(|emission| self.in_levels(emission))
+        let is_met = [i, j].iter().any(|i| self.light.film.emission_alone(0, *i).is_some());
+        if is_met { self.in_levels(self.light.mean_emission(j)) } else { [0.0; 3] }
     }
 }
 
@@ -83,9 +71,9 @@ impl Halves {
     /// Such a pixel then counts half of its samples in each half. The squared difference between the halves estimates the
     /// variance of one sample where that is not known.
     pub(crate) fn complete(&mut self, around: &Surroundings<'_>) -> Option<[Plane; 2]> {
-        let Surroundings { width, top, .. } = *around;
+        let width = around.size[0];
         let is_single = |&i: &usize| (self.counts[0][i] > 0.0) != (self.counts[1][i] > 0.0);
-        let half = |i: usize| (i % width + i / width + top) % 2;
+        let half = |i: usize| (i % width + i / width) % 2;
         let pixels = 0..self.known.len();
         if !pixels.clone().any(|i| is_single(&i)) {
             return None;
@@ -119,17 +107,10 @@ impl Halves {
     /// The mean of half `half` over the four neighbours of pixel `i`, times the ratio of the albedos; `None` if they lack it
     /// too. Where the pixel's own emission is known, it takes the place of theirs. `samples` are the counts by place.
     fn between(&self, i: usize, half: usize, samples: &[Plane; 2], around: &Surroundings<'_>) -> Option<Between> {
-        let Surroundings { features: f, width, .. } = *around;
-        let emission = around.unseen(i);
-        let x = i % width;
-        let near = [
-            (x > 0).then(|| i - 1),
-            (x + 1 < width).then_some(i + 1),
-            i.checked_sub(width),
-            Some(i + width).filter(|below| *below < f.slope.len()),
-        ];
+        let Surroundings { features: f, size, .. } = *around;
+        let emission = around.light.emission_of_lacking(i).map(|emission| around.in_levels(emission));
         let (mut sum, mut weights, mut variance) = ([0.0; 3], 0.0, 0.0);
-        for j in near.into_iter().flatten().filter(|j| samples[half][*j] > 0.0) {
+        for j in beside(i, size).filter(|j| samples[half][*j] > 0.0) {
             let weight = likeness(f, i, j);
             let lamp = if emission.is_some() { around.not_shared(i, j) } else { [0.0; 3] };
             (0..3).for_each(|c| sum[c] += weight * (self.colours[half][c][j] - lamp[c]).max(0.0) / f.divisor(c, j));
@@ -148,7 +129,3 @@ fn likeness(f: &Features, i: usize, j: usize) -> f32 {
     let deep = (f.mean[6][i] - f.mean[6][j]) / (SLOPE[0] * f.slope[i] + SLOPE[1]);
     1.0 / (1.0 + TURNED * turned + deep * deep)
 }
-
-#[cfg(test)]
-#[path = "../tests/denoise/internals/one_sample.rs"]
-mod tests;

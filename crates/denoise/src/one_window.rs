@@ -3,14 +3,11 @@
 
 use crate::averaging::{VANISHING, Window, average, memory};
 use crate::error_map::{ERROR, filtered};
-use crate::guide::guide;
-use crate::inputs::Inputs;
+use crate::inputs::{ClusterLookup, Inputs, Reads, describe, guide};
 use crate::light::Light;
-use crate::parameters::{ClusterLookup, Reads, describe};
 use crate::planes::Pair;
 use crate::tile::{FeatureScales, Likeness, REACH};
 use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, Needs, Options as _};
-use std::fmt;
 
 dapple_core::options! {
     /// The parameters of [`NlMeans`]: `k` and patches as published, and smaller windows.
@@ -94,23 +91,15 @@ impl NlMeans {
         let NlMeansOptions { patch, k, features, .. } = self.options;
         Likeness { patch, colour: k as f32, features: features.map(scales), outside: 1.0 }
     }
-}
 
-impl OneWindow for NlMeans {
+    /// The statistics that the filter reads besides halves and variance.
     fn reads(&self) -> Reads {
         Reads { without_features: self.options.features.is_none(), ..Reads::default() }
     }
 
     fn pair(&self, inputs: &Inputs) -> Pair {
-        let demodulated = self.options.features.is_some();
-        let guides = [0, 1].map(|half| guide(inputs, half, demodulated, demodulated));
         let window = Window { radius: self.options.window, disc: None, cut: 0.05, falloff: 0.0 };
-        let values = [0, 1].map(|h: usize| &guides[h].colour);
-        let mut pair = Pair(average(inputs, values, &guides, &self.likeness(), &window));
-        if demodulated {
-            pair.modulate(inputs.features.albedo());
-        }
-        pair
+        means(inputs, &self.likeness(), &window, self.options.features.is_some())
     }
 }
 
@@ -132,8 +121,7 @@ impl Filter for NlMeans {
     }
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
-        film.require(self.name(), &self.needs())?;
-        Ok(self.image(film))
+        apply(self, film, &self.reads(), |inputs| self.pair(inputs))
     }
 }
 
@@ -194,7 +182,7 @@ const PATCH: usize = 1;
 /// assert!(image.radiance.iter().all(|[red, ..]| (red - 1.0).abs() < 0.1));
 /// # Ok::<(), dapple_core::Error>(())
 /// ```
-#[derive(Clone, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Bilateral {
     options: BilateralOptions,
     reads: Reads,
@@ -241,27 +229,12 @@ impl Bilateral {
         let features = FeatureScales { bandwidth: features as f32, floors: [1e-2, 2e-2], slope: 3.0 };
         Likeness { patch: PATCH, colour: colour as f32, features: Some(features), outside: outside as f32 }
     }
-}
 
-impl OneWindow for Bilateral {
-    fn reads(&self) -> Reads {
-        self.reads.clone()
-    }
-
-    fn pair(&self, inputs: &Inputs) -> Pair {
-        let guides = [0, 1].map(|half| guide(inputs, half, true, true));
+    /// The images of both halves of a film's samples.
+    pub(crate) fn pair(&self, inputs: &Inputs) -> Pair {
         let BilateralOptions { window: radius, falloff, .. } = self.options;
         let window = Window { radius, disc: self.disc, cut: VANISHING, falloff: falloff as f32 };
-        let values = [0, 1].map(|h: usize| &guides[h].colour);
-        let mut pair = Pair(average(inputs, values, &guides, &self.likeness(), &window));
-        pair.modulate(inputs.features.albedo());
-        pair
-    }
-}
-
-impl fmt::Debug for Bilateral {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "Bilateral({})", self.describe())
+        means(inputs, &self.likeness(), &window, true)
     }
 }
 
@@ -284,22 +257,25 @@ impl Filter for Bilateral {
     }
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
-        film.require(self.name(), &self.needs())?;
-        Ok(self.image(film))
+        apply(self, film, &self.reads, |inputs| self.pair(inputs))
     }
 }
 
-/// The steps that both filters have in common. Each makes an image of each half by means over one window.
-pub(crate) trait OneWindow: Filter {
-    /// The statistics that the filter reads besides halves and variance.
-    fn reads(&self) -> Reads;
+/// Filters a film by the images that `pair` makes of its halves.
+fn apply(filter: &impl Filter, film: &Film, reads: &Reads, pair: impl Fn(&Inputs) -> Pair) -> Result<Filtered, Error> {
+    film.require(filter.name(), &filter.needs())?;
+    let light = Light::all(film);
+    let inputs = Inputs::new(light, reads);
+    Ok(inputs.restored(light, filtered(&inputs, &pair(&inputs), ERROR)))
+}
 
-    /// Filters both halves of a film's samples, and returns an image from each.
-    fn pair(&self, inputs: &Inputs) -> Pair;
-
-    /// Filters a film.
-    fn image(&self, film: &Film) -> Filtered {
-        let inputs = Inputs::new(Light::all(film), &self.reads());
-        inputs.restored(Light::all(film), filtered(&inputs, &self.pair(&inputs), ERROR))
+/// The images of both halves by means over a window around each pixel. `demodulated` compares and averages colours without their
+/// albedo.
+fn means(inputs: &Inputs, like: &Likeness, window: &Window, demodulated: bool) -> Pair {
+    let guides = [0, 1].map(|half| guide(inputs, half, demodulated, demodulated));
+    let mut pair = average(inputs, guides.each_ref().map(|guide| &guide.colour), &guides, like, window, |_| true);
+    if demodulated {
+        pair.modulate(inputs.features.albedo());
     }
+    pair
 }

@@ -5,14 +5,11 @@
 //! the same surface. The sum over the image stays.
 
 use crate::inputs::Inputs;
-use crate::planes::{Colours, Plane, box_mean, dispatch, map_to_one, parts, raised};
+use crate::planes::{Colours, Pair, Plane, box_mean, dispatch, first_share, map_to_one, parts, raised};
 use crate::tile::exp_minus;
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
-/// The ratio of an outlier to its surroundings, at least. With 3, a room lit through a slit has 10 % more error and 0.3 %
-/// more of its light at 8 spp; with 12, 4 % less error and 0.3 % less light.
-const RATIO: f32 = 6.0;
 /// The radius over which surroundings are averaged, in pixels.
 const NEAR: usize = 3;
 /// The largest radius of the window over which an outlier is spread, in pixels.
@@ -28,7 +25,7 @@ const DARK: f32 = 1e-3;
 
 /// The part of a pixel's colour in one half that exceeds its surroundings, times the half's share in the pixel's
 /// samples.
-struct Outlier {
+pub(crate) struct Outlier {
     pixel: usize,
     half: usize,
     /// The light in excess; once it is shared out, its light per weight.
@@ -44,26 +41,12 @@ impl Outlier {
     }
 }
 
-/// Takes outliers out of both halves. Returns their light, to be added to the filtered image; `None` if there are none.
-///
-/// A pixel of one half is an outlier if it exceeds [`RATIO`] times each of these: the other half in 3x3 pixels, and
-/// both halves' means over 7x7 pixels, without the pixel itself.
-pub(crate) fn take(inputs: &mut Inputs) -> Option<Colours> {
-    let found = take_out(inputs, RATIO, false);
-    (!found.is_empty()).then(|| spread(inputs, &found))
-}
-
-/// Takes outliers out of both halves as [`take`] does, with another ratio. Returns the light of each half by itself, in the
-/// units of that half.
-pub(crate) fn take_halves(inputs: &mut Inputs, ratio: f32) -> Option<[Colours; 2]> {
-    let (first, second): (Vec<_>, Vec<_>) =
-        take_out(inputs, ratio, true).into_iter().partition(|found| found.half == 0);
-    (!first.is_empty() || !second.is_empty()).then(|| [first, second].map(|found| spread(inputs, &found)))
-}
-
 /// Takes outliers out of both halves. Their light is per weight, such that the weights' sum over the window gives the outlier: in
-/// the units of its half, or of both halves together.
-fn take_out(inputs: &mut Inputs, ratio: f32, is_of_half: bool) -> Vec<Outlier> {
+/// the units of its half, or of both halves together. [`spread`] or [`spread_halves`] returns it to the filtered image.
+///
+/// A pixel of one half is an outlier if it exceeds `ratio` times each of these: the other half in 3x3 pixels, and
+/// both halves' means over 7x7 pixels, without the pixel itself.
+pub(crate) fn take(inputs: &mut Inputs, ratio: f32, is_of_half: bool) -> Vec<Outlier> {
     let mut found = find(inputs, ratio);
     for outlier in &mut found {
         let share = share(inputs, outlier.half, outlier.pixel);
@@ -80,16 +63,17 @@ fn take_out(inputs: &mut Inputs, ratio: f32, is_of_half: bool) -> Vec<Outlier> {
     found
 }
 
-/// The memory of [`take_halves`] per pixel beyond that of [`take`]: a second list and the light of the other half.
+/// The memory of [`spread_halves`] per pixel beyond [`BYTES_PER_PIXEL`]: a second list and the light of the other half.
 pub(crate) const BYTES_OF_HALVES: usize = size_of::<Outlier>().div_ceil(3) + 12;
 
-/// The memory of [`take`] per pixel in bytes at most. At most a third of all pixels exceed [`RATIO`] times the mean around
+/// The memory of [`take`] and [`spread`] per pixel in bytes at most. At most a third of all pixels exceed 6 times the mean around
 /// them.
 pub(crate) const BYTES_PER_PIXEL: usize = (size_of::<Outlier>() + size_of::<[f32; 3]>()).div_ceil(3) + 2 * 12;
 
 /// The share of a half in the samples of pixel `i`.
 fn share(inputs: &Inputs, half: usize, i: usize) -> f32 {
-    if half == 0 { inputs.first_share(i) } else { 1.0 - inputs.first_share(i) }
+    let first = first_share(inputs.counts().map(|count| count[i]));
+    if half == 0 { first } else { 1.0 - first }
 }
 
 fn find(inputs: &Inputs, ratio: f32) -> Vec<Outlier> {
@@ -124,8 +108,15 @@ fn find(inputs: &Inputs, ratio: f32) -> Vec<Outlier> {
     (0..inputs.pixels()).into_par_iter().with_min_len(1024).filter_map(of).collect()
 }
 
+/// The light of outliers of each half by itself, spread.
+pub(crate) fn spread_halves(inputs: &Inputs, found: Vec<Outlier>) -> Pair {
+    let (first, second): (Vec<_>, Vec<_>) = found.into_iter().partition(|found| found.half == 0);
+    let [[ra, ga, ba], [rb, gb, bb]] = [first, second].map(|found| spread(inputs, &found));
+    Pair([ra, ga, ba, rb, gb, bb])
+}
+
 /// Spreads each outlier over the pixels around it, in proportion to their likeness and albedo.
-fn spread(inputs: &Inputs, found: &[Outlier]) -> Colours {
+pub(crate) fn spread(inputs: &Inputs, found: &[Outlier]) -> Colours {
     let width = inputs.size[0];
     let row = |(): &mut (), y: usize, sums: [&mut [f32]; 3]| {
         let from = found.partition_point(|outlier| outlier.pixel / width + REACH < y);
@@ -160,11 +151,7 @@ impl WithSimd for WindowTask<'_> {
         }
         let mut light = outlier.excess;
         for (light, sums) in light.iter_mut().zip(&sums) {
-            let mut sum = 0.0;
-            for lane in sums {
-                sum += lane;
-            }
-            *light /= sum;
+            *light /= sums.iter().fold(0.0, |sum, lane| sum + lane);
         }
         light
     }

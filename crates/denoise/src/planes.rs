@@ -14,40 +14,29 @@ pub(crate) type Plane = Vec<f32>;
 /// The red, green and blue of each pixel, a plane each.
 pub(crate) type Colours = [Plane; 3];
 
-/// Two images, one from each half of the samples.
+/// Two images, one from each half of the samples: red, green and blue of the first half, then of the second.
 #[derive(Clone)]
-pub(crate) struct Pair(pub(crate) [Colours; 2]);
+pub(crate) struct Pair(pub(crate) [Plane; 6]);
 
 /// Red, green and blue of the first half, then of the second.
 pub(crate) type Channels<'a> = [&'a [f32]; 6];
 
-/// The places of channel `k` of [`Channels`] and of its weights, among planes of which every fourth holds weights.
-pub(crate) const fn beside_weights(k: usize) -> [usize; 2] {
-    [k + k / 3, k / 3 * 4 + 3]
-}
-
 impl Pair {
-    /// Two images from their channels.
-    pub(crate) fn new([ra, ga, ba, rb, gb, bb]: [Plane; 6]) -> Self {
-        Self([[ra, ga, ba], [rb, gb, bb]])
-    }
-
     /// The channels of both images.
     pub(crate) fn channels(&self) -> Channels<'_> {
-        let [[ra, ga, ba], [rb, gb, bb]] = &self.0;
-        [ra, ga, ba, rb, gb, bb]
+        self.0.each_ref().map(|plane| &plane[..])
     }
 
     /// Multiplies both halves by each pixel's `albedo`, [raised].
     pub(crate) fn modulate(&mut self, albedo: &[Plane]) {
-        for (plane, albedo) in self.0.iter_mut().flat_map(|half| half.iter_mut().zip(albedo)) {
-            update(plane, [albedo], |value, [albedo]| value * raised(albedo));
+        for (k, plane) in self.0.iter_mut().enumerate() {
+            update(plane, [&albedo[k % 3]], |value, [albedo]| value * raised(albedo));
         }
     }
 
     /// Adds `light` to both halves.
-    pub(crate) fn add(&mut self, light: &[Colours; 2]) {
-        for (plane, light) in self.0.iter_mut().flatten().zip(light.iter().flatten()) {
+    pub(crate) fn add(&mut self, light: &Self) {
+        for (plane, light) in self.0.iter_mut().zip(&light.0) {
             update(plane, [light], |value, [light]| value + light);
         }
     }
@@ -214,18 +203,53 @@ pub(crate) fn per_pixel<T: Send>(pixels: usize, of: impl Fn(usize) -> T + Sync +
 
 /// The sums of values over the pixels of each row, added up from row to row.
 pub(crate) fn sum_pixels<const N: usize>([width, height]: [usize; 2], of: impl Fn(usize) -> [f64; N]) -> [f64; N] {
-    sum((0..height).map(|y| sum((y * width..(y + 1) * width).map(&of))))
+    let add = |sum: [f64; N], value: [f64; N]| std::array::from_fn(|k| sum[k] + value[k]);
+    (0..height).map(|y| (y * width..(y + 1) * width).map(&of).fold([0.0; N], add)).fold([0.0; N], add)
 }
 
-/// The sums of values, in order.
-pub(crate) fn sum<const N: usize>(values: impl Iterator<Item = [f64; N]>) -> [f64; N] {
-    values.fold([0.0; N], |sum, value| std::array::from_fn(|k| sum[k] + value[k]))
+/// Images of weighted means. `add` adds the sums of a row of pixels to eight rows: red, green, blue and weight of the first half,
+/// then of the second. The image `beside` counts with the weight `share`. Sums are those of colours over `albedo`, of a channel of a
+/// pixel.
+pub(crate) fn merged(
+    [width, height]: [usize; 2],
+    (beside, share): (&Pair, f32),
+    albedo: impl Fn(usize, usize) -> f32 + Sync + Send,
+    add: impl Fn(&mut [f32], usize) + Sync + Send,
+) -> Pair {
+    let row = |sums: &mut Vec<f32>, y: usize, image: [&mut [f32]; 6]| {
+        // The rows of channel `k` and of its weights.
+        let places = |k: usize| [k + k / 3, k / 3 * 4 + 3].map(|row| row * width);
+        for (k, own) in beside.0.iter().enumerate() {
+            let [values, weights] = places(k);
+            let to = sums[values..][..width].iter_mut().zip(&own[y * width..]).enumerate();
+            to.for_each(|(x, (to, own))| *to = share * own / albedo(k % 3, y * width + x));
+            sums[weights..][..width].fill(share);
+        }
+        add(sums, y);
+        for (k, to) in image.into_iter().enumerate() {
+            let [values, weights] = places(k).map(|row| &sums[row..][..width]);
+            for (x, (to, (value, weight))) in to.iter_mut().zip(values.iter().zip(weights)).enumerate() {
+                // Without a weight no sample is in reach.
+                let mean = if *weight > 0.0 { (value / weight).max(0.0) } else { 0.0 };
+                *to = mean * albedo(k % 3, y * width + x);
+            }
+        }
+    };
+    Pair(parts(width * height, width, || vec![0.0; 8 * width], row))
 }
 
 /// Of `n` positive values in order, the one with `n / share` before it; `None` of no values.
 pub(crate) fn quantile(mut values: Vec<f32>, share: usize) -> Option<f32> {
     let place = values.len() / share;
     (!values.is_empty()).then(|| *values.select_nth_unstable_by(place, f32::total_cmp).1)
+}
+
+/// The pixels to the left of pixel `i`, to its right, above and below it, as far as they exist.
+pub(crate) fn beside(i: usize, [width, height]: [usize; 2]) -> impl Iterator<Item = usize> {
+    let (x, y) = (i % width, i / width);
+    let [left, right] = [(x > 0).then(|| i - 1), (x + 1 < width).then_some(i + 1)];
+    let [above, below] = [(y > 0).then(|| i - width), (y + 1 < height).then_some(i + width)];
+    [left, right, above, below].into_iter().flatten()
 }
 
 /// The mean of a plane over the `(2 radius + 1)^2` pixels around each pixel. Beyond the frame, the border repeats.
@@ -304,7 +328,3 @@ fn sum_shifted(sums: &mut [f32], share: f32, all: &[f32], offsets: &[usize]) {
         }
     }
 }
-
-#[cfg(test)]
-#[path = "../tests/denoise/internals/planes.rs"]
-mod tests;

@@ -4,15 +4,13 @@
 
 #![expect(clippy::needless_range_loop, reason = "several arrays run along, as in the formulas")]
 
-use crate::guide::Guide;
-use crate::inputs::Inputs;
+use crate::inputs::{Guide, Inputs};
 use crate::normal_equations::{Fit, Sums, add_products, solve};
-use crate::planes::{Colours, Pair, Plane, beside_weights, box_mean, combined, dispatch, map_to_one, parts};
+use crate::planes::{Colours, Pair, box_mean, combined, dispatch, map_to_one, merged};
 use crate::tile::{
-    COLUMNS, Differences, GROUP, HEIGHT, LANES, Likeness, LocalGuide, MARGIN, ROWS, Row, Stack, Tile, WIDTH,
-    count_weights, number, origins, sharpness, stride, tiles, vectors,
+    COLUMNS, Comparison, GROUP, HEIGHT, LANES, Likeness, MARGIN, ROWS, Row, Stack, Tile, WIDTH, count_weights, number,
+    origins, stride, vectors,
 };
-use dapple_core::Frame;
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
@@ -35,11 +33,7 @@ const DISC: [[usize; 2]; SIDE] = {
     let mut rows = [[0; 2]; SIDE];
     let mut down = 0;
     while down < SIDE {
-        let dy = down.abs_diff(REACH);
-        let mut dx = REACH;
-        while dx * dx + dy * dy > SQUARE {
-            dx -= 1;
-        }
+        let dx = (SQUARE - down.abs_diff(REACH).pow(2)).isqrt();
         rows[down] = [REACH - dx, REACH + dx + 1];
         down += 1;
     }
@@ -72,30 +66,31 @@ pub(crate) fn regress<const G: usize>(
         });
         box_mean(&mean, inputs.size, 1)
     });
-    let sharp = like.features.map(|scales| sharpness(&inputs.features, &scales));
-    let sharp = sharp.as_ref();
-    let task = |scratch: &mut Scratch<G>, &origin: &[usize; 2]| {
-        dispatch(TileTask { inputs, guides, like, sharp, reference: &reference, origin, scratch })
+    let by = &Comparison::new(inputs, guides, like);
+    let scratch = || Scratch {
+        tile: Tile::default(),
+        weights: std::array::from_fn(|_| vec![[[0.0; LANES]; CENTRES]; SIDE * SIDE]),
+        data: Data::default(),
+        centres: Centres::default(),
+        sums: vec![[0.0; 8 * COLUMNS]; 2 * ROWS],
     };
-    let tiles: Vec<Vec<f32>> = origins(inputs.size).par_iter().map_init(Scratch::default, task).collect();
-    merge(inputs.size, &tiles, beside, share)
+    let task = |scratch: &mut Scratch<G>, &origin: &[usize; 2]| {
+        dispatch(TileTask { by, reference: &reference, origin, scratch })
+    };
+    let tiles: Vec<Vec<f32>> = origins(inputs.size).par_iter().map_init(scratch, task).collect();
+    merged(inputs.size, (beside, share), |_, _| 1.0, |sums, y| add_tiles(sums, inputs.size, y, &tiles))
 }
 
-/// The largest memory of [`regress`] in bytes, for a number of guides. It includes the guides and the result.
-pub(crate) fn bytes(frame: &Frame, guides: usize) -> u64 {
+/// The largest memory of [`regress`] in bytes per pixel, for a number of guides. It includes the guides and the result.
+pub(crate) const fn bytes_per_pixel(guides: usize) -> usize {
     // Guides, references, sharpness; sums by rows and the result, beside the tiles that they are assembled from.
-    let planes = 4 * guides + 3 + 3 + 8 + 6;
-    let tiles = tiles(frame.size()) * (4 * 8 * HALO[0] * HALO[1]) as u64;
-    frame.bytes(4 * planes).saturating_add(tiles)
+    4 * (4 * guides + 3 + 3 + 8 + 6) + 4 * 8 * HALO[0] * HALO[1] / (WIDTH * HEIGHT)
 }
 
 /// The task of fitting all windows of one tile. It returns the sums of weighted predictions and of weights for the
 /// pixels of the tile and its halo.
 struct TileTask<'a, const G: usize> {
-    inputs: &'a Inputs,
-    guides: &'a [Guide; G],
-    like: &'a Likeness,
-    sharp: Option<&'a [Plane; 3]>,
+    by: &'a Comparison<'a, G>,
     reference: &'a Colours,
     origin: [usize; 2],
     scratch: &'a mut Scratch<G>,
@@ -103,27 +98,11 @@ struct TileTask<'a, const G: usize> {
 
 /// The memory of a task, which the next one uses again.
 struct Scratch<const G: usize> {
-    tile: Tile,
-    guides: [LocalGuide; G],
-    differences: [Differences; G],
+    tile: Tile<G>,
     weights: [Weights; G],
     data: Data,
     centres: Centres,
     sums: Vec<[f32; 8 * COLUMNS]>,
-}
-
-impl<const G: usize> Default for Scratch<G> {
-    fn default() -> Self {
-        Self {
-            tile: Tile::default(),
-            guides: std::array::from_fn(|_| LocalGuide::default()),
-            differences: std::array::from_fn(|_| Differences::default()),
-            weights: std::array::from_fn(|_| vec![[[0.0; LANES]; CENTRES]; SIDE * SIDE]),
-            data: Data::default(),
-            centres: Centres::default(),
-            sums: vec![[0.0; 8 * COLUMNS]; 2 * ROWS],
-        }
-    }
 }
 
 /// A tile's copies of the regressors and of the colours and counts of both halves.
@@ -145,12 +124,14 @@ impl<const G: usize> WithSimd for TileTask<'_, G> {
     #[inline(always)]
     fn with_simd<S: Simd>(mut self, simd: S) -> Vec<f32> {
         self.copy();
-        let Scratch { tile, guides, differences, weights, data, centres, sums } = self.scratch;
-        weigh(simd, tile, guides, self.like, differences, weights);
+        let Scratch { tile, weights, data, centres, sums } = self.scratch;
+        weigh(simd, tile, self.by.like, weights);
         sums.fill([0.0; 8 * COLUMNS]);
         let [rows, columns] = tile.extent();
         let blocks = GROUP / S::F32_LANES;
-        let (mut fits, mut row_of_window) = (Vec::with_capacity(blocks), RowOfWindow::new(simd));
+        let (mut fits, none) = (Vec::with_capacity(blocks), [simd.splat_f32s(0.0); SIDE]);
+        let mut row_of_window =
+            RowOfWindow { apart: [none; REGRESSORS], colours: [[none; 3]; 2], weighted: [[none; REGRESSORS + 1]; G] };
         for row in 0..rows.div_ceil(2) {
             for group in 0..columns.div_ceil(GROUP) {
                 let at = [2 * row, group * blocks];
@@ -169,13 +150,13 @@ impl<const G: usize> WithSimd for TileTask<'_, G> {
 impl<const G: usize> TileTask<'_, G> {
     /// Copies the tile's planes.
     fn copy(&mut self) {
-        let (size, origin) = (self.inputs.size, self.origin);
-        let Scratch { tile, guides, data, centres, .. } = &mut *self.scratch;
-        tile.copy(self.inputs, origin, self.like, self.sharp);
-        self.guides.iter().zip(guides).for_each(|(guide, to)| tile.copy_guide(guide, to));
-        let [nx, ny, nz, r, g, b, _] = &self.inputs.features.mean;
-        let [x, y, z] = &self.inputs.features.position;
-        let [first, second] = &self.inputs.halves;
+        let (inputs, origin) = (self.by.inputs, self.origin);
+        let size = inputs.size;
+        let Scratch { tile, data, centres, .. } = &mut *self.scratch;
+        tile.copy(self.by, origin);
+        let [nx, ny, nz, r, g, b, _] = &inputs.features.mean;
+        let [x, y, z] = &inputs.features.position;
+        let [first, second] = &inputs.halves;
         let [ra, ga, ba] = &first.colour;
         let [rb, gb, bb] = &second.colour;
         let counts = [&first.count, &second.count];
@@ -184,7 +165,7 @@ impl<const G: usize> TileTask<'_, G> {
         data.clear_outside(COUNTS, size, origin);
         data.clear_outside(COUNTS + 1, size, origin);
         let [r, g, b] = self.reference;
-        centres.copy([&self.inputs.features.scale, r, g, b], size, origin);
+        centres.copy([&inputs.features.scale, r, g, b], size, origin);
     }
 }
 
@@ -196,27 +177,16 @@ fn in_disc(offset: &usize) -> bool {
 
 /// Computes the weights of the pixels in all windows of a tile, for each guide.
 #[inline(always)]
-fn weigh<S: Simd, const G: usize>(
-    simd: S,
-    tile: &Tile,
-    guides: &[LocalGuide; G],
-    like: &Likeness,
-    differences: &mut [Differences; G],
-    weights: &mut [Weights; G],
-) {
+fn weigh<S: Simd, const G: usize>(simd: S, tile: &mut Tile<G>, like: &Likeness, weights: &mut [Weights; G]) {
     let [rows, columns] = tile.extent();
     let mut both = [[0.0; LANES]; G];
     let (zero, negligible) = (simd.splat_f32s(0.0), simd.splat_f32s(NEGLIGIBLE));
     for o in (0..SIDE * SIDE).filter(in_disc) {
         let offset = [o % SIDE, o / SIDE].map(|d| d as isize - REACH as isize);
-        for g in 0..G {
-            differences[g].compare::<S, PATCH>(simd, &guides[g], rows, offset);
-        }
+        tile.compare::<S, PATCH>(simd, offset);
         for row in 0..rows.div_ceil(2) {
-            for differences in &mut *differences {
-                differences.sum_columns::<S, PATCH>(simd, 2 * row);
-            }
-            tile.weights::<S, PATCH, G>(simd, differences, like, [2 * row, 0], offset, &mut both);
+            tile.sum_columns::<S, PATCH>(simd, 2 * row);
+            tile.weights::<S, PATCH>(simd, like, [2 * row, 0], offset, &mut both);
             for g in 0..G {
                 let to = S::as_mut_simd_f32s(&mut weights[g][o][row]).0;
                 let from = vectors::<S>(&both[g]);
@@ -275,18 +245,6 @@ struct RowOfWindow<S: Simd, const G: usize> {
     apart: [[S::f32s; SIDE]; REGRESSORS],
     colours: [[[S::f32s; SIDE]; 3]; 2],
     weighted: [[[S::f32s; SIDE]; REGRESSORS + 1]; G],
-}
-
-impl<S: Simd, const G: usize> RowOfWindow<S, G> {
-    #[inline(always)]
-    fn new(simd: S) -> Self {
-        let zero = simd.splat_f32s(0.0);
-        Self {
-            apart: [[zero; SIDE]; REGRESSORS],
-            colours: [[[zero; SIDE]; 3]; 2],
-            weighted: [[[zero; SIDE]; REGRESSORS + 1]; G],
-        }
-    }
 }
 
 /// Fits the colours of both halves in a vector of windows.
@@ -441,25 +399,6 @@ fn cropped(sums: &[[f32; 8 * COLUMNS]]) -> Vec<f32> {
         }
     }
     all
-}
-
-/// Adds the sums of all tiles in a fixed order to the image `beside` times `share`, and divides by the weights.
-fn merge([width, height]: [usize; 2], tiles: &[Vec<f32>], beside: &Pair, share: f32) -> Pair {
-    let row = |sums: &mut Vec<f32>, y: usize, image: [&mut [f32]; 6]| {
-        for (k, own) in beside.channels().into_iter().enumerate() {
-            let to = &mut sums[beside_weights(k)[0] * width..][..width];
-            to.iter_mut().zip(&own[y * width..]).for_each(|(to, own)| *to = share * own);
-        }
-        (0..2).for_each(|half| sums[beside_weights(3 * half)[1] * width..][..width].fill(share));
-        add_tiles(sums, [width, height], y, tiles);
-        for (k, to) in image.into_iter().enumerate() {
-            let [values, weights] = beside_weights(k).map(|plane| &sums[plane * width..][..width]);
-            // Without a weight no sample is in reach.
-            let mean = |(v, w): (&f32, &f32)| if *w > 0.0 { (v / w).max(0.0) } else { 0.0 };
-            to.iter_mut().zip(values.iter().zip(weights).map(mean)).for_each(|(to, mean)| *to = mean);
-        }
-    };
-    Pair::new(parts(width * height, width, || vec![0.0; 8 * width], row))
 }
 
 /// Adds the sums of all tiles in row `y` to the planes of a row.

@@ -9,10 +9,9 @@
 
 use crate::error_map::{Radii, shrink};
 use crate::features::{Features, slopes};
-use crate::guide::residual_guide;
-use crate::inputs::{Half, Inputs};
+use crate::inputs::{Half, Inputs, residual_guide};
 use crate::outliers;
-use crate::planes::{Colours, Pair, Plane, parts, per_pixel, raised, sum_pixels, update};
+use crate::planes::{Colours, Pair, Plane, map_to_one, parts, planes_of, raised, sum_pixels, update};
 use crate::tile::exp_minus;
 use crate::wide::wide;
 use dapple_core::OptionValue;
@@ -51,11 +50,6 @@ impl Scales {
             }
         }
     }
-
-    /// Returns `true` unless the number is too large.
-    pub(crate) fn is_valid(self) -> bool {
-        matches!(self, Self::Auto | Self::Fixed(0..=Self::MOST))
-    }
 }
 
 /// Parses `auto` and numbers.
@@ -81,9 +75,10 @@ impl OptionValue for Scales {
 /// at 160x120.
 const RATIO: f32 = 7.0;
 
-/// The ratio of an outlier to its surroundings if this many coarse scales follow, at least 1.
+/// The ratio of an outlier to its surroundings if this many coarse scales follow. Without them, with 3 in place of 6, a room lit
+/// through a slit has 10 % more error and 0.3 % more of its light at 8 spp; with 12, 4 % less error and 0.3 % less light.
 pub(crate) fn ratio(scales: usize) -> f32 {
-    RATIO * scales as f32
+    if scales == 0 { 6.0 } else { RATIO * scales as f32 }
 }
 
 /// The factor on that ratio at a coarse scale, whose pixels have less noise. With 1, the light of a single outlier grows
@@ -96,11 +91,6 @@ const SLOPE: f32 = 4.0;
 /// The weight of no correction in the step up, relative to 1 for a pixel of the same surface. With 0.001, a room lit
 /// through a slit has 2 % more error: halos.
 const NONE: f32 = 0.1;
-
-/// The size of the next coarser scale.
-pub(crate) fn halved(size: [u32; 2]) -> [u64; 2] {
-    size.map(|n| u64::from(n.div_ceil(2)))
-}
 
 /// A value for every 2x2 pixels. `of` gets the four values of each plane; beyond the frame the border repeats.
 fn down<const N: usize>(
@@ -192,8 +182,8 @@ pub(crate) fn coarser(fine: &Inputs) -> Inputs {
 
 /// An image at the next coarser scale.
 fn down_pair(fine: &Inputs, coarse: &Inputs, image: &Pair) -> Pair {
-    let (albedo, channels) = (fine.features.albedo(), image.channels());
-    let mut image = Pair::new(std::array::from_fn(|k| down(fine.size, [channels[k], &albedo[k % 3]], demodulated)));
+    let albedo = fine.features.albedo();
+    let mut image = Pair(std::array::from_fn(|k| down(fine.size, [&image.0[k], &albedo[k % 3]], demodulated)));
     image.modulate(coarse.features.albedo());
     image
 }
@@ -202,11 +192,11 @@ fn down_pair(fine: &Inputs, coarse: &Inputs, image: &Pair) -> Pair {
 /// out.
 pub(crate) fn correct(fine: &Inputs, mut coarse: Inputs, image: &mut Pair, scales: usize) {
     let next = (scales > 1 && coarse.pixels() > 1).then(|| coarser(&coarse));
-    let light = outliers::take_halves(&mut coarse, COARSER * ratio(scales));
+    let found = outliers::take(&mut coarse, COARSER * ratio(scales), true);
     let before = down_pair(fine, &coarse, image);
     let mut smooth = wide(&coarse, &residual_guide(&coarse, &before), &before);
-    if let Some(light) = light {
-        smooth.add(&light);
+    if !found.is_empty() {
+        smooth.add(&outliers::spread_halves(&coarse, found));
     }
     let mut after = shrink(&coarse, before.channels(), &smooth, BLEND, COARSE_EVIDENCE);
     drop(smooth);
@@ -223,9 +213,8 @@ pub(crate) fn correct(fine: &Inputs, mut coarse: Inputs, image: &mut Pair, scale
 fn add_up(fine: &Inputs, coarse: &Inputs, image: &mut Pair, [before, after]: [&Pair; 2]) {
     let ([width, _], [columns, rows]) = (fine.size, coarse.size);
     let change: [Plane; 6] = std::array::from_fn(|k| {
-        let (half, c) = (k / 3, k % 3);
-        let [before, after] = [&before.0[half][c], &after.0[half][c]];
-        before.iter().zip(after).enumerate().map(|(i, (b, a))| (a - b) / coarse.features.divisor(c, i)).collect()
+        let planes = [&after.0[k][..], &before.0[k], &coarse.features.albedo()[k % 3]];
+        map_to_one(planes, |[after, before, albedo]| (after - before) / raised(albedo))
     });
     // The coarse pixel that holds a pixel, then the next one on the pixel's side.
     let near = |x: usize, end: usize| {
@@ -248,14 +237,10 @@ fn add_up(fine: &Inputs, coarse: &Inputs, image: &mut Pair, [before, after]: [&P
         }
         sums.map(|sum| sum / total)
     };
-    let all = per_pixel(fine.pixels(), of);
-    for (k, plane) in image.0.iter_mut().flatten().enumerate() {
-        for (i, (value, change)) in plane.iter_mut().zip(&all).enumerate() {
-            *value = (*value + change[k] * fine.features.divisor(k % 3, i)).max(0.0);
-        }
+    let all = planes_of(fine.pixels(), of);
+    for (k, plane) in image.0.iter_mut().enumerate() {
+        update(plane, [&all[k], &fine.features.albedo()[k % 3]], |value, [change, albedo]| {
+            (value + change * raised(albedo)).max(0.0)
+        });
     }
 }
-
-#[cfg(test)]
-#[path = "../tests/denoise/internals/scales.rs"]
-mod tests;

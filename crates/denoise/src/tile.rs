@@ -11,8 +11,7 @@
 mod stack;
 
 use crate::features::Features;
-use crate::guide::Guide;
-use crate::inputs::Inputs;
+use crate::inputs::{Guide, Inputs};
 use crate::planes::{Plane, map_to_one};
 use pulp::Simd;
 use stack::moved;
@@ -36,18 +35,14 @@ pub(crate) const fn stride<S: Simd>() -> usize {
     COLUMNS / S::F32_LANES
 }
 
-/// A tile's copy of a guide.
-pub(crate) enum LocalGuide {
+/// A tile's copy of a guide. Only one of both copies is read.
+#[derive(Default)]
+struct LocalGuide {
     /// Red, green, blue and the sum of their variances.
-    Pooled(Stack<4>),
+    pooled: Stack<4>,
     /// Red, green, blue and the variance of each.
-    Each(Stack<6>),
-}
-
-impl Default for LocalGuide {
-    fn default() -> Self {
-        Self::Pooled(Stack::default())
-    }
+    each: Stack<6>,
+    is_pooled: bool,
 }
 
 /// The scales by which squared feature differences are divided.
@@ -74,43 +69,68 @@ pub(crate) struct Likeness {
     pub(crate) outside: f32,
 }
 
-/// A tile: its place and its copies of the planes that weights are computed from. A task copies one tile after the other to it,
-/// in the same memory.
-#[derive(Default)]
-pub(crate) struct Tile {
+/// The images, features and parameters by which the pixels of windows are compared.
+pub(crate) struct Comparison<'a, const G: usize> {
+    pub(crate) inputs: &'a Inputs,
+    /// One guide for both halves, or one from each half.
+    pub(crate) guides: &'a [Guide; G],
+    pub(crate) like: &'a Likeness,
+    /// The planes from the function [`sharpness`]; `None` to ignore features.
+    sharp: Option<[Plane; 3]>,
+}
+
+impl<'a, const G: usize> Comparison<'a, G> {
+    pub(crate) fn new(inputs: &'a Inputs, guides: &'a [Guide; G], like: &'a Likeness) -> Self {
+        let sharp = like.features.map(|scales| sharpness(&inputs.features, &scales));
+        Self { inputs, guides, like, sharp }
+    }
+}
+
+/// A tile: its place, its copies of the planes that weights are computed from, and what is compared with one offset. A task copies
+/// one tile after the other to it, in the same memory.
+pub(crate) struct Tile<const G: usize> {
     origin: [usize; 2],
     size: [usize; 2],
+    guides: [LocalGuide; G],
+    differences: [Differences; G],
     /// Feature means (7 planes), variances of normal, albedo and log depth, and the reciprocal scales of their squared
     /// differences; `None` if features are not compared.
     features: Option<Stack<13>>,
     labels: Option<Stack<1>>,
 }
 
-impl Tile {
-    /// Copies the planes of the tile at `origin`. `sharpness` holds the planes from the function [`sharpness`]; with
-    /// `None`, features are not compared.
-    pub(crate) fn copy(
-        &mut self,
-        inputs: &Inputs,
-        origin: [usize; 2],
-        like: &Likeness,
-        sharpness: Option<&[Plane; 3]>,
-    ) {
-        let size = inputs.size;
+impl<const G: usize> Default for Tile<G> {
+    fn default() -> Self {
+        Self {
+            origin: [0; 2],
+            size: [0; 2],
+            guides: std::array::from_fn(|_| LocalGuide::default()),
+            differences: std::array::from_fn(|_| Differences::default()),
+            features: None,
+            labels: None,
+        }
+    }
+}
+
+impl<const G: usize> Tile<G> {
+    /// Copies the planes of the tile at `origin`.
+    pub(crate) fn copy(&mut self, of: &Comparison<'_, G>, origin: [usize; 2]) {
+        let size = of.inputs.size;
         (self.origin, self.size) = (origin, size);
-        match sharpness {
+        match &of.sharp {
             Some([sn, sa, sd]) => {
-                let [nx, ny, nz, r, g, b, depth] = &inputs.features.mean;
-                let [vn, va, vd] = &inputs.features.variance;
+                let [nx, ny, nz, r, g, b, depth] = &of.inputs.features.mean;
+                let [vn, va, vd] = &of.inputs.features.variance;
                 let planes = [nx, ny, nz, r, g, b, depth, vn, va, vd, sn, sa, sd].map(|plane| &plane[..]);
                 self.features.get_or_insert_default().copy(planes, size, origin);
             }
             None => self.features = None,
         }
-        match inputs.labels.as_ref().filter(|_| like.outside < 1.0) {
+        match of.inputs.labels.as_ref().filter(|_| of.like.outside < 1.0) {
             Some(labels) => self.labels.get_or_insert_default().copy([labels], size, origin),
             None => self.labels = None,
         }
+        of.guides.iter().zip(&mut self.guides).for_each(|(guide, to)| to.copy(guide, size, origin));
     }
 
     /// The number of the tile's rows inside the frame, and half the number of its columns there, rounded up.
@@ -118,23 +138,6 @@ impl Tile {
     pub(crate) fn extent(&self) -> [usize; 2] {
         let [width, height] = [0, 1].map(|k| self.size[k] - self.origin[k]);
         [height.min(HEIGHT), width.div_ceil(2).min(LANES)]
-    }
-
-    /// Copies the tile of a guide.
-    pub(crate) fn copy_guide(&self, guide: &Guide, to: &mut LocalGuide) {
-        let [r, g, b] = &guide.colour;
-        match (&guide.variance[..], to) {
-            ([vr, vg, vb], LocalGuide::Each(stack)) => stack.copy([r, g, b, vr, vg, vb], self.size, self.origin),
-            ([_, _, _], to) => {
-                *to = LocalGuide::Each(Stack::default());
-                self.copy_guide(guide, to);
-            }
-            (pooled, LocalGuide::Pooled(stack)) => stack.copy([r, g, b, &pooled[0]], self.size, self.origin),
-            (_, to) => {
-                *to = LocalGuide::default();
-                self.copy_guide(guide, to);
-            }
-        }
     }
 }
 
@@ -152,37 +155,44 @@ pub(crate) fn sharpness(features: &Features, scales: &FeatureScales) -> [Plane; 
 }
 
 impl LocalGuide {
+    /// Copies the tile of a guide at `origin`.
+    fn copy(&mut self, guide: &Guide, size: [usize; 2], origin: [usize; 2]) {
+        let [r, g, b] = &guide.colour;
+        self.is_pooled = guide.variance.len() == 1;
+        match &guide.variance[..] {
+            [vr, vg, vb] => self.each.copy([r, g, b, vr, vg, vb], size, origin),
+            pooled => self.pooled.copy([r, g, b, &pooled[0]], size, origin),
+        }
+    }
+
     /// Writes the differences between two runs of `SPAN` pixels to `out`. Each run starts at a given row, parity and
     /// column. A difference is squared, less its expectation due to noise, in units of the variance.
     #[inline(always)]
     fn differences<S: Simd>(&self, simd: S, here: [usize; 3], there: [usize; 3], out: &mut [f32; SPAN]) {
         let out = S::as_mut_simd_f32s(out).0;
         let step = stride::<S>();
-        match self {
-            Self::Each(stack) => {
-                let third = simd.splat_f32s(1.0 / 3.0);
-                let (p, q) = (vectors::<S>(stack.from(here, SPAN)), vectors::<S>(stack.from(there, SPAN)));
-                for k in 0..SPAN / S::F32_LANES {
-                    let mut sum = simd.splat_f32s(0.0);
-                    for c in 0..3 {
-                        let d = simd.sub_f32s(p[c * step + k], q[c * step + k]);
-                        let [vp, vq] = [p[(c + 3) * step + k], q[(c + 3) * step + k]];
-                        sum = simd.add_f32s(sum, excess(simd, simd.mul_f32s(d, d), vp, vq));
-                    }
-                    out[k] = simd.mul_f32s(sum, third);
-                }
+        if self.is_pooled {
+            let (p, q) = (vectors::<S>(self.pooled.from(here, SPAN)), vectors::<S>(self.pooled.from(there, SPAN)));
+            for k in 0..SPAN / S::F32_LANES {
+                let r = simd.sub_f32s(p[k], q[k]);
+                let g = simd.sub_f32s(p[step + k], q[step + k]);
+                let b = simd.sub_f32s(p[2 * step + k], q[2 * step + k]);
+                let square = simd.add_f32s(simd.mul_f32s(r, r), simd.mul_f32s(g, g));
+                let square = simd.add_f32s(square, simd.mul_f32s(b, b));
+                out[k] = excess(simd, square, p[3 * step + k], q[3 * step + k]);
             }
-            Self::Pooled(stack) => {
-                let (p, q) = (vectors::<S>(stack.from(here, SPAN)), vectors::<S>(stack.from(there, SPAN)));
-                for k in 0..SPAN / S::F32_LANES {
-                    let r = simd.sub_f32s(p[k], q[k]);
-                    let g = simd.sub_f32s(p[step + k], q[step + k]);
-                    let b = simd.sub_f32s(p[2 * step + k], q[2 * step + k]);
-                    let square = simd.add_f32s(simd.mul_f32s(r, r), simd.mul_f32s(g, g));
-                    let square = simd.add_f32s(square, simd.mul_f32s(b, b));
-                    out[k] = excess(simd, square, p[3 * step + k], q[3 * step + k]);
-                }
+            return;
+        }
+        let third = simd.splat_f32s(1.0 / 3.0);
+        let (p, q) = (vectors::<S>(self.each.from(here, SPAN)), vectors::<S>(self.each.from(there, SPAN)));
+        for k in 0..SPAN / S::F32_LANES {
+            let mut sum = simd.splat_f32s(0.0);
+            for c in 0..3 {
+                let d = simd.sub_f32s(p[c * step + k], q[c * step + k]);
+                let [vp, vq] = [p[(c + 3) * step + k], q[(c + 3) * step + k]];
+                sum = simd.add_f32s(sum, excess(simd, simd.mul_f32s(d, d), vp, vq));
             }
+            out[k] = simd.mul_f32s(sum, third);
         }
     }
 }
@@ -202,7 +212,7 @@ pub(crate) fn excess<S: Simd>(simd: S, square: S::f32s, vp: S::f32s, vq: S::f32s
 }
 
 /// Buffers for the differences of one guide at one offset, and for their sums over patches.
-pub(crate) struct Differences {
+struct Differences {
     pointwise: Vec<[f32; COLUMNS]>,
     column_sums: [[f32; COLUMNS]; 2],
 }
@@ -217,13 +227,7 @@ impl Differences {
     /// Compares the pixels of the tile's first `rows` rows, and of the rows that patches of radius `R` reach, with the
     /// pixels at `offset` from them.
     #[inline(always)]
-    pub(crate) fn compare<S: Simd, const R: usize>(
-        &mut self,
-        simd: S,
-        guide: &LocalGuide,
-        rows: usize,
-        offset: [isize; 2],
-    ) {
+    fn compare<S: Simd, const R: usize>(&mut self, simd: S, guide: &LocalGuide, rows: usize, offset: [isize; 2]) {
         for y in MARGIN - R..MARGIN + rows + R {
             for parity in 0..2 {
                 let (other, shift) = moved(parity, offset[0]);
@@ -238,7 +242,7 @@ impl Differences {
 
     /// Sums the differences of each column over the `2 R + 1` rows around row `y` of the tile.
     #[inline(always)]
-    pub(crate) fn sum_columns<S: Simd, const R: usize>(&mut self, simd: S, y: usize) {
+    fn sum_columns<S: Simd, const R: usize>(&mut self, simd: S, y: usize) {
         for parity in 0..2 {
             let first = 2 * (y + MARGIN - R) + parity;
             let sums = S::as_mut_simd_f32s(&mut self.column_sums[parity]).0;
@@ -266,14 +270,30 @@ impl Differences {
     }
 }
 
-impl Tile {
+impl<const G: usize> Tile<G> {
+    /// Compares the pixels of the tile's rows with the pixels at `offset` from them, by each guide.
+    #[inline(always)]
+    pub(crate) fn compare<S: Simd, const R: usize>(&mut self, simd: S, offset: [isize; 2]) {
+        let [rows, _] = self.extent();
+        for g in 0..G {
+            self.differences[g].compare::<S, R>(simd, &self.guides[g], rows, offset);
+        }
+    }
+
+    /// Sums the differences of each column over the `2 R + 1` rows around row `y` of the tile.
+    #[inline(always)]
+    pub(crate) fn sum_columns<S: Simd, const R: usize>(&mut self, simd: S, y: usize) {
+        for differences in &mut self.differences {
+            differences.sum_columns::<S, R>(simd, y);
+        }
+    }
+
     /// Computes the weight of the pixel at `offset` from each even (or odd) pixel in row `y`, for each guide. Weights
     /// follow from the differences of patches and features, and from the clusters.
     #[inline(always)]
-    pub(crate) fn weights<S: Simd, const R: usize, const G: usize>(
+    pub(crate) fn weights<S: Simd, const R: usize>(
         &self,
         simd: S,
-        differences: &[Differences; G],
         like: &Likeness,
         [y, parity]: [usize; 2],
         offset: [isize; 2],
@@ -295,7 +315,7 @@ impl Tile {
         }
         let mut columns: [[&[S::f32s]; 7]; G] = [[&[]; 7]; G];
         for guide in 0..G {
-            columns[guide] = differences[guide].columns::<S, R>(parity);
+            columns[guide] = self.differences[guide].columns::<S, R>(parity);
         }
         for i in 0..LANES / S::F32_LANES {
             let mut distance = zero;
@@ -343,7 +363,11 @@ fn feature_distance<S: Simd>(simd: S, p: &[S::f32s], q: &[S::f32s], i: usize) ->
     most
 }
 
-/// [`exp_minus`] of a vector.
+/// `exp(-x)` for each `x >= 0` of a vector, with a relative error of 3e-6 and the same bits on every machine. Beyond 80 it stays at
+/// about `exp(-80)`.
+///
+/// The power is `2^n 2^f` with an integer `n` and `f` in -1/2 .. 1/2. `2^f` is a Taylor polynomial of degree 5, with a
+/// remainder below 2.5e-6. `n` is added to the exponent.
 #[inline(always)]
 pub(crate) fn exp_minus_all<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
     let (round, one) = (simd.splat_f32s(ROUND), simd.splat_f32s(1.0));
@@ -366,19 +390,10 @@ const ROUND: f32 = 12_582_912.0;
 /// Taylor coefficients of the exponential function, from the fifth down to the second.
 const EXPONENTIAL: [f32; 4] = [1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5];
 
-/// `exp(-x)` for `x >= 0` with a relative error of 3e-6 and the same bits on every machine. Beyond 80 it stays at about
-/// `exp(-80)`.
-///
-/// The power is `2^n 2^f` with an integer `n` and `f` in -1/2 .. 1/2. `2^f` is a Taylor polynomial of degree 5, with a
-/// remainder below 2.5e-6. `n` is added to the exponent.
+/// [`exp_minus_all`] of one number.
 #[inline(always)]
 pub(crate) fn exp_minus(x: f32) -> f32 {
-    let [fifth, fourth, third, second] = EXPONENTIAL;
-    let t = x.min(80.0) * -std::f32::consts::LOG2_E;
-    let rounded = t + ROUND;
-    let f = (t - (rounded - ROUND)) * std::f32::consts::LN_2;
-    let power = 1.0 + f * (1.0 + f * (second + f * (third + f * (fourth + f * fifth))));
-    f32::from_bits(power.to_bits().wrapping_add(rounded.to_bits() << 23))
+    exp_minus_all(pulp::Scalar::new(), x)
 }
 
 /// The factor `there / (here + there)` on the weight of a pixel with `there` samples for a pixel with `here` samples.
@@ -387,11 +402,6 @@ pub(crate) fn exp_minus(x: f32) -> f32 {
 #[inline(always)]
 pub(crate) fn count_weights<S: Simd>(simd: S, here: S::f32s, there: S::f32s) -> S::f32s {
     simd.div_f32s(there, simd.max_f32s(simd.add_f32s(here, there), simd.splat_f32s(1.0)))
-}
-
-/// The number of tiles of a frame.
-pub(crate) fn tiles([width, height]: [u32; 2]) -> u64 {
-    u64::from(width.div_ceil(WIDTH as u32)) * u64::from(height.div_ceil(HEIGHT as u32))
 }
 
 /// The upper left pixels of all tiles of a frame, column by column: a tile's copies have most rows in common with those of the
@@ -406,7 +416,3 @@ pub(crate) fn origins([width, height]: [usize; 2]) -> Vec<[usize; 2]> {
 pub(crate) fn number([column, row]: [usize; 2], height: usize) -> usize {
     column * height.div_ceil(HEIGHT) + row
 }
-
-#[cfg(test)]
-#[path = "../tests/denoise/internals/tile.rs"]
-mod tests;

@@ -10,13 +10,11 @@
 
 mod stack;
 
-use crate::guide::Guide;
-use crate::inputs::Inputs;
+use crate::inputs::{Guide, Inputs};
 use crate::normal_equations::{Fit, Sums, add_products, solve};
-use crate::planes::{Pair, beside_weights, dispatch, parts, raised};
+use crate::planes::{Pair, dispatch, merged};
 use crate::regression::NEGLIGIBLE;
 use crate::tile::{GROUP, count_weights, excess, exp_minus_all, vectors};
-use dapple_core::Frame;
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 use stack::{
@@ -48,7 +46,7 @@ const BESIDE: f32 = 0.5;
 pub(crate) fn wide(inputs: &Inputs, guide: &Guide, beside: &Pair) -> Pair {
     let [width, height] = inputs.size;
     let stacks = stacks(inputs, guide);
-    let colour = COLOUR * inputs.smoothness;
+    let colour = COLOUR * inputs.part.smoothness();
     let share = 1.0 / (9.0 * colour * colour);
     let tiles = stacks.len();
     let sums: Vec<Vec<f32>> = (0..height.div_ceil(BAND) * tiles)
@@ -60,22 +58,8 @@ pub(crate) fn wide(inputs: &Inputs, guide: &Guide, beside: &Pair) -> Pair {
             dispatch(BandTask { stack, size, first: band * BAND, share })
         })
         .collect();
-    let albedo = inputs.features.albedo();
-    let row = |row: &mut Vec<f32>, y: usize, image: [&mut [f32]; 6]| {
-        let albedo = |k: usize| albedo[k % 3][y * width..][..width].iter().map(|albedo| raised(*albedo));
-        for (k, own) in beside.channels().into_iter().enumerate() {
-            let to = row[beside_weights(k)[0] * width..][..width].iter_mut();
-            to.zip(&own[y * width..]).zip(albedo(k)).for_each(|((to, own), albedo)| *to = BESIDE * own / albedo);
-        }
-        (0..2).for_each(|half| row[beside_weights(3 * half)[1] * width..][..width].fill(BESIDE));
-        add_bands(row, width, y, tiles, &sums);
-        for (k, to) in image.into_iter().enumerate() {
-            let [values, weights] = beside_weights(k).map(|plane| &row[plane * width..][..width]);
-            let mean = values.iter().zip(weights).map(|(value, weight)| (value / weight).max(0.0));
-            to.iter_mut().zip(mean.zip(albedo(k))).for_each(|(to, (mean, albedo))| *to = mean * albedo);
-        }
-    };
-    Pair::new(parts(inputs.pixels(), width, || vec![0.0; 8 * width], row))
+    let albedo = |c: usize, i: usize| inputs.features.divisor(c, i);
+    merged(inputs.size, (beside, BESIDE), albedo, |row, y| add_bands(row, width, y, tiles, &sums))
 }
 
 /// Adds the sums of all tasks in row `y` to that row. There are `tiles` tasks for each band of rows.
@@ -105,15 +89,10 @@ fn add_tile(row: &mut [f32], width: usize, tile: usize, sums: &[f32]) {
     }
 }
 
-/// The memory of [`wide`] in bytes at most, the guide and the result included.
-pub(crate) fn bytes(frame: &Frame) -> u64 {
-    let [width, height] = frame.size().map(u64::from);
-    let columns = width.div_ceil((STEP * CENTRES) as u64) * (STEP * COLUMNS) as u64;
-    let stack = 4 * PLANES as u64 * columns * height;
-    let bands = height.div_ceil(BAND as u64) * 4 * 8 * ROWS as u64 * columns;
-    // The guide, feature scales, and the sums by rows beside the result.
-    frame.bytes(4 * (4 + 3 + 8 + 6)).saturating_add(stack).saturating_add(bands)
-}
+/// The memory of [`wide`] per pixel in bytes at most: the guide, feature scales, sums by rows and the result; copies of planes
+/// with their margins, and sums of bands, of which those at borders are whole.
+pub(crate) const BYTES_PER_PIXEL: usize =
+    4 * (4 + 3 + 8 + 6) + 4 * (PLANES + 8 * ROWS.div_ceil(BAND)) * COLUMNS / CENTRES;
 
 /// The windows whose centres lie in [`BAND`] rows from row `first`. Its result is the sums of weighted predictions and
 /// of weights, from [`REACH`] rows above. `size` is the number of columns of centres and of rows of pixels.
@@ -133,10 +112,8 @@ impl WithSimd for BandTask<'_> {
         let [columns, height] = self.size;
         let mut sums = vec![0.0; ROWS * STEP * 8 * COLUMNS];
         let blocks = GROUP / S::F32_LANES;
-        let mut seen = Vec::with_capacity(blocks);
-        for _ in 0..blocks {
-            seen.push(Seen::<S>::new(simd));
-        }
+        let none = Pixel::<S> { index: 0, sums: 0, offset: 0, weight: simd.splat_f32s(0.0) };
+        let mut seen = vec![Seen { count: 0, all: vec![none; SIDE * SIDE] }; blocks];
         let mut windows = Vec::with_capacity(blocks);
         for y in (self.first..(self.first + BAND).min(height)).step_by(STEP) {
             for group in (0..columns).step_by(GROUP) {
@@ -196,6 +173,7 @@ const fn plane(regressor: usize) -> usize {
 }
 
 /// The pixels of the windows whose weights are not all 0.
+#[derive(Clone)]
 struct Seen<S: Simd> {
     /// The number of pixels.
     count: usize,
@@ -212,13 +190,6 @@ struct Pixel<S: Simd> {
     /// The number of the offset, counted by rows.
     offset: usize,
     weight: S::f32s,
-}
-
-impl<S: Simd> Seen<S> {
-    fn new(simd: S) -> Self {
-        let none = Pixel { index: 0, sums: 0, offset: 0, weight: simd.splat_f32s(0.0) };
-        Self { count: 0, all: vec![none; SIDE * SIDE] }
-    }
 }
 
 /// Lists the pixels of the windows with their weights. The sums of the band begin [`REACH`] rows above row `first`. `share` is

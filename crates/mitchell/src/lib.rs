@@ -51,20 +51,17 @@
 //!   and in 96.5 % of windows of 3x3.
 //! * The staged filters of Mitchell's paper are not here.
 
-mod contrast;
 mod extrema;
 mod mitchell;
 mod pbrt;
-mod rates;
 mod two_rates;
 
 pub use dapple_core::{PilotPolicy, Stopping};
 
-pub use contrast::{contrast, deviation};
-pub use extrema::{Extrema, Extremes, FilmExtrema};
+pub use extrema::{Extrema, Extremes, FilmExtrema, contrast, deviation};
 pub use mitchell::{Mitchell, MitchellOptions};
 pub use pbrt::{MitchellPbrt, MitchellPbrtOptions, PbrtTest};
-pub use rates::Rates;
+pub use two_rates::{Rates, Rule, TwoRates};
 
 /// The README's example, run as a doctest.
 #[cfg(doctest)]

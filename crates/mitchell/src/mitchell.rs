@@ -1,10 +1,8 @@
 //! Mitchell's adaptive sampler: contrast in a neighbourhood decides, after Mitchell 1987.
 
-use crate::Rates;
-use crate::contrast::{NOTHING, contrast, windowed};
-use crate::extrema::Extrema;
-use crate::two_rates::{TwoRates, sampler_of_two_rates};
-use dapple_core::{Error, Film, Needs, Options as _, PilotPolicy, PointSet, Retention, Stopping};
+use crate::extrema::{Extrema, NOTHING, contrast, windowed};
+use crate::two_rates::{Rates, Rule, TwoRates};
+use dapple_core::{Error, Film, Options as _, PilotPolicy, Retention, Stopping};
 
 dapple_core::options! {
     /// The parameters of [`Mitchell`], the contrast-adaptive sampler.
@@ -40,16 +38,33 @@ dapple_core::options! {
     }
 }
 
-impl MitchellOptions {
-    fn needs(&self) -> Needs {
-        Needs::none()
+impl Rule for MitchellOptions {
+    const NAME: &str = "mitchell";
+    // Ranges of pixels, of rows of a window, and of windows.
+    const SCORING: usize = 3 * size_of::<[[f32; 3]; 2]>();
+
+    fn checked(self) -> Result<Self, Error> {
+        let out = |name, value: u32, allowed| Err(Error::OutOfRange { name, value: value.to_string(), allowed });
+        self.check_ranges()?;
+        match (self.initial, self.additional) {
+            (0, 0) => {}
+            (0, _) => return out("initial", 0, "1 or more beside additional; 0 for both chooses by the budget"),
+            (_, 0) => return out("additional", 0, "1 or more beside initial; 0 for both chooses by the budget"),
+            (1, _) if self.radius == 0 => {
+                return out("initial", 1, "one sample alone has no contrast: 2 or more, or a radius above 0");
+            }
+            (initial, additional) if initial.checked_add(additional).is_none() => {
+                return out("additional", additional, "with initial at most 2^32 - 1");
+            }
+            _ => {}
+        }
+        Ok(self)
     }
 
-    fn reads_extrema(&self) -> bool {
-        true
+    fn modes(&self) -> (Stopping, PilotPolicy) {
+        (self.mode, self.policy)
     }
 
-    /// The least number of samples per pixel for which contrast is defined.
     fn least(&self) -> u32 {
         if self.radius == 0 { 2 } else { 1 }
     }
@@ -96,44 +111,7 @@ impl MitchellOptions {
 /// *Weaknesses*: dark noise has contrast 1, and contrast never falls as samples are added. Under Monte Carlo noise
 /// nearly every pixel is therefore refined, and the ranking ties. A light that the pilots of the whole neighbourhood
 /// miss has contrast 0 and is never found. There are two rates only.
-pub struct Mitchell<P> {
-    points: P,
-    options: MitchellOptions,
-    two_rates: TwoRates,
-}
-
-impl<P: PointSet> Mitchell<P> {
-    /// Makes a sampler that uses this point set, with the default parameters.
-    pub fn new(points: P) -> Self {
-        Self { points, options: MitchellOptions::default(), two_rates: TwoRates::default() }
-    }
-
-    /// Makes a sampler that uses this point set, with these parameters.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::OutOfRange`] if only one of the rates is 0, or if one sample alone decides (`initial` 1 with `radius`
-    /// 0). Also for rates that add up to more than 2^32 - 1, a threshold outside (0, 1], and a radius above 64.
-    pub fn with_options(points: P, options: MitchellOptions) -> Result<Self, Error> {
-        let out = |name, value: String, allowed| Err(Error::OutOfRange { name, value, allowed });
-        options.check_ranges()?;
-        let o = options;
-        if (o.initial == 0) != (o.additional == 0) {
-            let (name, allowed) = match o.initial {
-                0 => ("initial", "1 or more beside additional; 0 for both chooses by the budget"),
-                _ => ("additional", "1 or more beside initial; 0 for both chooses by the budget"),
-            };
-            return out(name, "0".into(), allowed);
-        }
-        if o.initial == 1 && o.radius == 0 {
-            return out("initial", "1".into(), "one sample alone has no contrast: 2 or more, or a radius above 0");
-        }
-        if o.initial.checked_add(o.additional).is_none() {
-            return out("additional", o.additional.to_string(), "with initial at most 2^32 - 1");
-        }
-        Ok(Self { points, options, two_rates: TwoRates::new(o.mode, o.policy) })
-    }
-}
-
-// Ranges of pixels, of rows of a window, and of windows.
-sampler_of_two_rates!(Mitchell, "mitchell", 3 * size_of::<[[f32; 3]; 2]>());
+///
+/// Refused options ([`Error::OutOfRange`]): only one of the rates is 0; one sample alone decides (`initial` 1 with `radius` 0); rates
+/// that add up to more than 2^32 - 1; a threshold outside (0, 1]; a radius above 64.
+pub type Mitchell<P> = TwoRates<P, MitchellOptions>;

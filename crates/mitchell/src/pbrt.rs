@@ -1,10 +1,8 @@
 //! The `adaptive` sampler of pbrt-v2.
 
-use crate::Rates;
-use crate::contrast::deviation;
-use crate::extrema::Extrema;
-use crate::two_rates::{TwoRates, sampler_of_two_rates};
-use dapple_core::{Error, Film, FirstHit, Needs, Options as _, PilotPolicy, PointSet, Retention, Stopping, luminance};
+use crate::extrema::{Extrema, deviation};
+use crate::two_rates::{Rates, Rule, TwoRates};
+use dapple_core::{Error, Film, FirstHit, Needs, Options as _, PilotPolicy, Retention, Stopping, luminance};
 
 /// The test by which [`MitchellPbrt`] refines a pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -67,49 +65,39 @@ dapple_core::options! {
 /// pixel's expected value is `3 p^2 - 2 p^3` (see [`PilotPolicy`]). A black pilot has no deviation and is never
 /// refined. Each pixel decides alone. The published form knows no budget. `shapeid` refines every pixel of a mesh whose
 /// triangles are smaller than pixels, and no pixel for its shadows or reflections.
-pub struct MitchellPbrt<P> {
-    points: P,
-    options: MitchellPbrtOptions,
-    two_rates: TwoRates,
-}
-
-impl<P: PointSet> MitchellPbrt<P> {
-    /// Makes a sampler that uses this point set, with the default parameters.
-    pub fn new(points: P) -> Self {
-        let options = MitchellPbrtOptions::default();
-        Self { points, options, two_rates: TwoRates::new(options.mode, options.policy) }
-    }
-
-    /// Makes a sampler that uses this point set, with these parameters.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::OutOfRange`] for `min` below 2, `max` below `min` or above 2^31, and a threshold that is
-    /// not a number above 0.
-    pub fn with_options(points: P, options: MitchellPbrtOptions) -> Result<Self, Error> {
-        let out = |name, value: String, allowed| Err(Error::OutOfRange { name, value, allowed });
-        options.check_ranges()?;
-        let MitchellPbrtOptions { min, max, mode, policy, .. } = options;
-        if max < min {
-            return out("max", max.to_string(), "at least min");
-        }
-        if max > 1 << 31 || min > 1 << 30 {
-            return out("max", max.to_string(), "at most 2^31, and min at most 2^30");
-        }
-        if options.test != PbrtTest::Contrast && min > MOST_HITS {
-            return out("min", min.to_string(), "at most 128 with test=shapeid or shape, which keep every first hit");
-        }
-        let min = min.next_power_of_two();
-        let max = max.next_power_of_two().max(2 * min);
-        let options = MitchellPbrtOptions { min, max, ..options };
-        Ok(Self { points, options, two_rates: TwoRates::new(mode, policy) })
-    }
-}
+///
+/// Refused options ([`Error::OutOfRange`]): `min` below 2, `max` below `min` or above 2^31, and a threshold that is not a number
+/// above 0.
+pub type MitchellPbrt<P> = TwoRates<P, MitchellPbrtOptions>;
 
 /// The largest pilot whose first hits a film keeps, a power of two.
 const MOST_HITS: u32 = 128;
 
-impl MitchellPbrtOptions {
+impl Rule for MitchellPbrtOptions {
+    const NAME: &str = "mitchell-pbrt";
+    const SCORING: usize = size_of::<f64>();
+
+    fn checked(self) -> Result<Self, Error> {
+        let out = |name, value: u32, allowed| Err(Error::OutOfRange { name, value: value.to_string(), allowed });
+        self.check_ranges()?;
+        let Self { min, max, .. } = self;
+        if max < min {
+            return out("max", max, "at least min");
+        }
+        if max > 1 << 31 || min > 1 << 30 {
+            return out("max", max, "at most 2^31, and min at most 2^30");
+        }
+        if self.test != PbrtTest::Contrast && min > MOST_HITS {
+            return out("min", min, "at most 128 with test=shapeid or shape, which keep every first hit");
+        }
+        let min = min.next_power_of_two();
+        Ok(Self { min, max: max.next_power_of_two().max(2 * min), ..self })
+    }
+
+    fn modes(&self) -> (Stopping, PilotPolicy) {
+        (self.mode, self.policy)
+    }
+
     fn needs(&self) -> Needs {
         match self.test {
             PbrtTest::Contrast => Needs::none(),
@@ -121,7 +109,6 @@ impl MitchellPbrtOptions {
         self.test == PbrtTest::Contrast
     }
 
-    /// The least number of samples of one pixel that have a deviation.
     fn least(&self) -> u32 {
         2
     }
@@ -130,7 +117,6 @@ impl MitchellPbrtOptions {
         Rates { initial: self.min, additional: self.max - self.min }
     }
 
-    /// The score of each pixel. Those above 1 are refined.
     fn scores(&self, film: &Film) -> Result<Vec<f64>, Error> {
         match self.test {
             PbrtTest::Contrast => self.deviations(film),
@@ -138,7 +124,9 @@ impl MitchellPbrtOptions {
             PbrtTest::Shape => Ok(self.changes(film, |hit| [hit.shape, 0])),
         }
     }
+}
 
+impl MitchellPbrtOptions {
     /// One more than the number of consecutive pilot samples whose first hits differ in `name`, per pixel; 0 if none
     /// differ.
     fn changes(&self, film: &Film, name: impl Fn(&FirstHit) -> [u32; 2]) -> Vec<f64> {
@@ -173,6 +161,3 @@ impl MitchellPbrtOptions {
         Ok((0..film.frame().pixels()).map(score).collect())
     }
 }
-
-// Eight bytes per pixel for the scores.
-sampler_of_two_rates!(MitchellPbrt, "mitchell-pbrt", 8);

@@ -1,84 +1,92 @@
 //! The part that Mitchell's and pbrt-v2's samplers share: a pilot, its retention, a ranking of pixels, and two rates.
 
-use crate::Rates;
+use crate::extrema::Extrema;
 use dapple_core::{
-    BudgetLeft, Error, Feedback, Film, Frame, Limits, Needs, PilotPolicy, Plan, Progress, Retention, SamplerMemory,
-    Stopping, allocate, mix, saturating_u32,
+    BudgetLeft, Error, Feedback, Film, Frame, Limits, Needs, Options, PilotPolicy, Plan, PointSet, Progress, Recorder,
+    Retention, Sampler, SamplerMemory, Stopping, allocate, mix, saturating_u32,
 };
+use std::sync::Arc;
 
 const NOT_OURS: Error = Error::BadSnapshot { what: "they do not hold the state of a sampler of two rates" };
 
-/// Implements `Sampler` for a struct of points, options and [`TwoRates`]. The options return the statistics
-/// that scores read, the scores, the rates for a mean budget, and the least number of samples that has a
-/// score. Scoring takes `$scoring` bytes per pixel.
-macro_rules! sampler_of_two_rates {
-    ($Sampler:ident, $name:literal, $scoring:expr) => {
-        impl<P: PointSet> dapple_core::Sampler for $Sampler<P> {
-            fn name(&self) -> &str {
-                $name
-            }
-
-            fn describe(&self) -> String {
-                format!("{}:{}", $name, self.options.describe())
-            }
-
-            fn needs(&self) -> dapple_core::Needs {
-                self.options.needs()
-            }
-
-            fn recorders(&self) -> Vec<std::sync::Arc<dyn dapple_core::Recorder>> {
-                if self.options.reads_extrema() { Extrema::list() } else { Vec::new() }
-            }
-
-            fn points(&self) -> &dyn PointSet {
-                &self.points
-            }
-
-            fn next_round(
-                &mut self,
-                seen: &dapple_core::Feedback<'_>,
-                plan: &mut dapple_core::Plan,
-            ) -> Result<dapple_core::Progress, Error> {
-                seen.film.require($name, &self.needs())?;
-                let options = self.options;
-                if options.reads_extrema() {
-                    Extrema::of(seen.film, $name)?;
-                }
-                let rates = |mean| options.rates(mean);
-                self.two_rates.next_round(seen, plan, rates, options.least(), |film| options.scores(film))
-            }
-
-            fn memory(
-                &self,
-                frame: &dapple_core::Frame,
-                needs: &dapple_core::Needs,
-                limits: &dapple_core::Limits,
-            ) -> dapple_core::SamplerMemory {
-                let extremes = if self.options.reads_extrema() { Extrema::BYTES } else { 0 };
-                self.two_rates.memory(frame, needs, limits, [$scoring, extremes])
-            }
-
-            fn save(&self) -> Vec<u8> {
-                self.two_rates.save()
-            }
-
-            fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
-                self.two_rates.restore(saved)
-            }
-        }
-    };
+/// Sampling rates in samples per pixel: `initial` for every pixel, `initial + additional` for refined ones.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Rates {
+    /// The number of samples that every pixel gets.
+    pub initial: u32,
+    /// The number of additional samples that a refined pixel gets.
+    pub additional: u32,
 }
 
-pub(crate) use sampler_of_two_rates;
+/// Mean budget, initial and additional samples per pixel [Lan 2016, table 4-2].
+const PRESETS: [[u64; 3]; 4] = [[8, 4, 6], [16, 4, 16], [32, 12, 24], [64, 16, 54]];
 
-/// The state of a sampler with two rates (samples per pixel before and after refinement): ranking and rates in use.
-#[derive(Default)]
-pub(crate) struct TwoRates {
-    pub(crate) mode: Stopping,
-    pub(crate) policy: PilotPolicy,
+impl Rates {
+    /// Returns the rates for a budget of `mean` samples per pixel: 4 + 6, 4 + 16, 12 + 24 and 16 + 54 at 8, 16, 32 and
+    /// 64 [Lan 2016, table 4-2]. Between these, both rates are interpolated linearly; below 8 and above 64 they are
+    /// proportional to `mean`. The initial rate is rounded down, the additional one up, and both are at least 1.
+    /// Refining all pixels thus costs at least `mean`.
+    pub fn for_mean(mean: u64) -> Self {
+        // Larger numbers would all be clamped to u32 anyway.
+        let mean = mean.min(1 << 32);
+        let [first, .., last] = PRESETS;
+        let between = PRESETS.windows(2).find(|w| (w[0][0]..=w[1][0]).contains(&mean)).map(|w| (w[0], w[1]));
+        let (low, high) = between.unwrap_or(([0; 3], if mean < first[0] { first } else { last }));
+        let width = high[0] - low[0];
+        // In `width` parts: exact integers.
+        let at = |c: usize| low[c] * width + (high[c] - low[c]) * (mean - low[0]);
+        let clamped = |n: u64| u32::try_from(n.max(1)).unwrap_or(u32::MAX);
+        Self { initial: clamped(at(1) / width), additional: clamped(at(2).div_ceil(width)) }
+    }
+
+    /// The number of samples of a refined pixel: `initial + additional`.
+    pub(crate) const fn refined(self) -> u32 {
+        self.initial.saturating_add(self.additional)
+    }
+}
+
+/// The rule of a sampler of two rates: the scores by which pixels are refined, and the rates.
+#[doc(hidden)]
+pub trait Rule: Options + Copy + Default + Send {
+    /// The sampler's name.
+    const NAME: &str;
+    /// The bytes per pixel that scoring takes.
+    const SCORING: usize;
+
+    /// The parameters in effect, after checks of their ranges and combination.
+    fn checked(self) -> Result<Self, Error>;
+
+    /// The stopping rule, and the use of the pilot's samples.
+    fn modes(&self) -> (Stopping, PilotPolicy);
+
+    /// The statistics that scores read, besides extrema.
+    fn needs(&self) -> Needs {
+        Needs::none()
+    }
+
+    /// True if scores read the extrema of pixels.
+    fn reads_extrema(&self) -> bool {
+        true
+    }
+
+    /// The least number of samples per pixel that has a score.
+    fn least(&self) -> u32;
+
+    /// The rates for a mean budget.
+    fn rates(&self, mean: u64) -> Rates;
+
+    /// The score of each pixel, from its pilot samples. Those above 1 are refined.
+    fn scores(&self, film: &Film) -> Result<Vec<f64>, Error>;
+}
+
+/// A sampler of two rates (samples per pixel before and after refinement), with the points `P` and the rule `O`.
+pub struct TwoRates<P, O> {
+    points: P,
+    options: O,
     /// The pixels ranked for refinement. The ranking is made once per pilot: later samples do not change it.
     ranking: Option<Ranking>,
-    /// The mean budget, in samples per pixel, for which rates were last chosen, and these rates.
+    /// The mean budget, in samples per pixel, for which rates were last chosen, and these rates. They stay in use until the mean
+    /// budget has doubled: otherwise the last tenth of a time limit would go to one more sample everywhere.
     rates: Option<(u64, Rates)>,
 }
 
@@ -93,23 +101,90 @@ struct Ranking {
     level: bool,
 }
 
-impl TwoRates {
-    pub(crate) fn new(mode: Stopping, policy: PilotPolicy) -> Self {
-        Self { mode, policy, ranking: None, rates: None }
+impl<P: PointSet, O: Rule> TwoRates<P, O> {
+    /// Makes a sampler that uses this point set, with the default parameters.
+    pub fn new(points: P) -> Self {
+        Self { points, options: O::default(), ranking: None, rates: None }
     }
 
-    /// Plans the next round. `rates` returns the rates for a mean budget. The rates stay in use until the mean budget
-    /// has doubled. Otherwise the last tenth of a time limit would go to one more sample everywhere. A pilot of fewer
-    /// than `least` samples per pixel has no contrast. `scores` returns each pixel's contrast relative to its
-    /// threshold, from the pilot samples traced so far.
-    pub(crate) fn next_round(
-        &mut self,
-        seen: &Feedback<'_>,
-        plan: &mut Plan,
-        rates: impl Fn(u64) -> Rates,
-        least: u32,
-        scores: impl Fn(&Film) -> Result<Vec<f64>, Error>,
-    ) -> Result<Progress, Error> {
+    /// Makes a sampler that uses this point set, with these parameters.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::OutOfRange`] for a parameter out of range, alone or beside the others.
+    pub fn with_options(points: P, options: O) -> Result<Self, Error> {
+        Ok(Self { points, options: options.checked()?, ranking: None, rates: None })
+    }
+
+    /// Returns `true` if the whole pilot is discarded.
+    fn discards(&self) -> bool {
+        self.options.modes().1 == PilotPolicy::Discard
+    }
+
+    /// Returns the number of pilot samples per pixel, for a budget of `mean` samples per pixel.
+    fn pilot(&self, budget: &BudgetLeft, mean: u64, rates: Rates) -> u32 {
+        let wanted = u64::from(rates.initial);
+        if !self.discards() {
+            return saturating_u32(wanted.min(mean)).max(budget.min_spp).min(budget.max_spp);
+        }
+        // A discarded pilot takes at most half of the budget, and leaves each pixel its floor.
+        let affordable = mean.saturating_sub(u64::from(budget.min_spp.max(1))).min(mean / 2);
+        let pilot = saturating_u32(wanted.min(affordable));
+        if pilot < self.options.least() { 0 } else { pilot }
+    }
+
+    fn plan_kept(&self, seen: &Feedback<'_>, plan: &mut Plan, rates: Rates, ranking: &Ranking) -> Result<(), Error> {
+        let BudgetLeft { min_spp, max_spp, .. } = seen.budget;
+        let now: Vec<u32> = (0..seen.pixels()).map(|i| saturating_u32(seen.film.count(i))).collect();
+        let total = now.iter().map(|&n| u64::from(n)).sum::<u64>() + seen.budget.left();
+        if ranking.level && self.options.modes().0 == Stopping::Budget {
+            let counts = allocate(&vec![1.0; now.len()], &now, max_spp, total)?.counts;
+            plan.counts = counts.iter().zip(&now).map(|(n, now)| n - now).collect();
+            return Ok(());
+        }
+        let floor = saturating_u32(u64::from(rates.initial).min(total / now.len() as u64)).max(min_spp).min(max_spp);
+        let mut steps = Steps::new(seen, plan, now, self.options.modes().1 == PilotPolicy::Refined);
+        steps.raise_all(&ranking.order, floor, false);
+        match self.options.modes().0 {
+            Stopping::Threshold => {
+                let target = rates.refined().max(floor).min(max_spp);
+                steps.raise_all(&ranking.order[..ranking.asking], target, true);
+            }
+            Stopping::Budget => steps.raise_in_passes(&ranking.order, rates),
+        }
+        if steps.withdrawn.contains(&true) {
+            plan.withdraw = Some(steps.withdrawn);
+        }
+        Ok(())
+    }
+}
+
+impl<P: PointSet, O: Rule> Sampler for TwoRates<P, O> {
+    fn name(&self) -> &str {
+        O::NAME
+    }
+
+    fn describe(&self) -> String {
+        format!("{}:{}", O::NAME, self.options.describe())
+    }
+
+    fn needs(&self) -> Needs {
+        self.options.needs()
+    }
+
+    fn recorders(&self) -> Vec<Arc<dyn Recorder>> {
+        if self.options.reads_extrema() { Extrema::list() } else { Vec::new() }
+    }
+
+    fn points(&self) -> &dyn PointSet {
+        &self.points
+    }
+
+    fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
+        seen.film.require(O::NAME, &self.needs())?;
+        if self.options.reads_extrema() {
+            Extrema::of(seen.film, O::NAME)?;
+        }
         if seen.round == 0 {
             (self.ranking, self.rates) = (None, None);
         }
@@ -123,8 +198,8 @@ impl TwoRates {
         }
         let mean = budget.total / pixels as u64;
         let known = self.rates.filter(|&(before, _)| mean / 2 < before);
-        let (_, rates) = *self.rates.insert(known.unwrap_or_else(|| (mean, rates(mean))));
-        let pilot = self.pilot(&budget, mean, rates, least);
+        let (_, rates) = *self.rates.insert(known.unwrap_or_else(|| (mean, self.options.rates(mean))));
+        let pilot = self.pilot(&budget, mean, rates);
         for (i, count) in plan.counts.iter_mut().enumerate() {
             let done = if self.discards() { seen.film.discarded(i).count } else { seen.film.count(i) };
             *count = pilot.saturating_sub(saturating_u32(done));
@@ -136,21 +211,34 @@ impl TwoRates {
         plan.counts.fill(0);
         let ranking = match self.ranking.take() {
             Some(known) if known.pilot == pilot && known.order.len() == pixels => known,
-            _ => Ranking::new(pilot, &scores(seen.film)?),
+            _ => Ranking::new(pilot, &self.options.scores(seen.film)?),
         };
         self.plan_kept(seen, plan, rates, &ranking)?;
         self.ranking = Some(ranking);
         Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })
     }
 
-    /// Encodes the rates and the ranking, which cannot be derived from later films, as bytes for [`TwoRates::restore`].
-    pub(crate) fn save(&self) -> Vec<u8> {
-        let mut words = Vec::new();
-        words.push(u32::from(self.rates.is_some()));
-        if let Some((mean, rates)) = self.rates {
-            words.extend([mean as u32, (mean >> 32) as u32, rates.initial, rates.additional]);
+    fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
+        // The ranking is made after scoring, and held beside the scores, or counts and marks.
+        const RANKING: usize = 4;
+        let planning = O::SCORING.saturating_sub(RANKING).max(8);
+        let mut memory = SamplerMemory::planning(frame, planning).with_state(frame, RANKING);
+        let withdraws = self.options.modes().1 == PilotPolicy::Refined;
+        if withdraws || self.discards() {
+            // Withdrawn samples have statistics of their own from the second round on, and their numbers are counted.
+            memory = memory.with_discarded(frame, needs, limits);
+            let extremes = if self.options.reads_extrema() { Extrema::BYTES } else { 0 };
+            let counts = if withdraws { size_of::<u64>() } else { 0 };
+            let halves = if needs.halves { 2 } else { 1 };
+            memory.discarded = memory.discarded.saturating_add(frame.bytes(halves * (extremes + counts)));
         }
-        words.push(u32::from(self.ranking.is_some()));
+        memory
+    }
+
+    /// The rates and the ranking, which cannot be derived from later films.
+    fn save(&self) -> Vec<u8> {
+        let (mean, rates) = self.rates.unwrap_or((0, Rates { initial: 0, additional: 0 }));
+        let mut words = vec![mean as u32, (mean >> 32) as u32, rates.initial, rates.additional];
         if let Some(Ranking { pilot, order, asking, level }) = &self.ranking {
             words.extend([*pilot, saturating_u32(*asking as u64), u32::from(*level)]);
             words.extend(order);
@@ -158,21 +246,13 @@ impl TwoRates {
         words.into_iter().flat_map(u32::to_le_bytes).collect()
     }
 
-    /// Restores the bytes of [`TwoRates::save`].
-    pub(crate) fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
+    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
         let (words, rest) = saved.as_chunks();
         let words: Vec<u32> = words.iter().map(|w| u32::from_le_bytes(*w)).collect();
-        let (rates, words) = match words[..] {
-            [0, ref rest @ ..] => (None, rest),
-            [1, low, high, initial, additional, ref rest @ ..] => {
-                let mean = u64::from(low) | u64::from(high) << 32;
-                (Some((mean, Rates { initial, additional })), rest)
-            }
-            _ => return Err(NOT_OURS),
-        };
-        let ranking = match *words {
-            [0] => None,
-            [1, pilot, asking, level, ref order @ ..] => {
+        let [low, high, initial, additional, ref ranking @ ..] = words[..] else { return Err(NOT_OURS) };
+        let ranking = match *ranking {
+            [] => None,
+            [pilot, asking, level, ref order @ ..] => {
                 let mut seen = vec![false; order.len()];
                 let fresh = |i: &u32| seen.get_mut(*i as usize).is_some_and(|seen| !std::mem::replace(seen, true));
                 if !order.iter().all(fresh) || asking as usize > order.len() {
@@ -185,74 +265,10 @@ impl TwoRates {
         if !rest.is_empty() {
             return Err(NOT_OURS);
         }
-        (self.rates, self.ranking) = (rates, ranking);
-        Ok(())
-    }
-
-    /// The memory of a sampler that needs `scoring` bytes per pixel for its scores, and whose film records `needs` and, for
-    /// each half, `extremes` bytes per pixel.
-    pub(crate) fn memory(
-        &self,
-        frame: &Frame,
-        needs: &Needs,
-        limits: &Limits,
-        [scoring, extremes]: [usize; 2],
-    ) -> SamplerMemory {
-        // The ranking is made after scoring, and held beside the scores, or counts and marks.
-        const RANKING: usize = 4;
-        let planning = scoring.saturating_sub(RANKING).max(8);
-        let memory = SamplerMemory::planning(frame, planning).with_state(frame, RANKING);
-        match self.policy {
-            PilotPolicy::Keep | PilotPolicy::Cross | PilotPolicy::Neighbours => memory,
-            // Withdrawn samples have statistics of their own from the second round on.
-            PilotPolicy::Discard | PilotPolicy::Refined => {
-                let mut memory = memory.with_discarded(frame, needs, limits);
-                let halves = if needs.halves { 2 } else { 1 };
-                memory.discarded = memory.discarded.saturating_add(frame.bytes(halves * extremes));
-                memory
-            }
-        }
-    }
-
-    /// Returns `true` if the whole pilot is discarded.
-    pub(crate) fn discards(&self) -> bool {
-        self.policy == PilotPolicy::Discard
-    }
-
-    /// Returns the number of pilot samples per pixel, for a budget of `mean` samples per pixel.
-    fn pilot(&self, budget: &BudgetLeft, mean: u64, rates: Rates, least: u32) -> u32 {
-        let wanted = u64::from(rates.initial);
-        if !self.discards() {
-            return saturating_u32(wanted.min(mean)).max(budget.min_spp).min(budget.max_spp);
-        }
-        // A discarded pilot takes at most half of the budget, and leaves each pixel its floor.
-        let affordable = mean.saturating_sub(u64::from(budget.min_spp.max(1))).min(mean / 2);
-        let pilot = saturating_u32(wanted.min(affordable));
-        if pilot < least { 0 } else { pilot }
-    }
-
-    fn plan_kept(&self, seen: &Feedback<'_>, plan: &mut Plan, rates: Rates, ranking: &Ranking) -> Result<(), Error> {
-        let BudgetLeft { min_spp, max_spp, .. } = seen.budget;
-        let now: Vec<u32> = (0..seen.pixels()).map(|i| saturating_u32(seen.film.count(i))).collect();
-        let total = now.iter().map(|&n| u64::from(n)).sum::<u64>() + seen.budget.left();
-        if ranking.level && self.mode == Stopping::Budget {
-            let counts = allocate(&vec![1.0; now.len()], &now, max_spp, total)?.counts;
-            plan.counts = counts.iter().zip(&now).map(|(n, now)| n - now).collect();
-            return Ok(());
-        }
-        let floor = saturating_u32(u64::from(rates.initial).min(total / now.len() as u64)).max(min_spp).min(max_spp);
-        let mut steps = Steps::new(seen, plan, now, self.policy == PilotPolicy::Refined);
-        steps.raise_all(&ranking.order, floor, false);
-        match self.mode {
-            Stopping::Threshold => {
-                let target = rates.refined().max(floor).min(max_spp);
-                steps.raise_all(&ranking.order[..ranking.asking], target, true);
-            }
-            Stopping::Budget => steps.raise_in_passes(&ranking.order, rates),
-        }
-        if steps.withdrawn.contains(&true) {
-            plan.withdraw = Some(steps.withdrawn);
-        }
+        let mean = u64::from(low) | u64::from(high) << 32;
+        // A sampler that has chosen no rates has an initial rate of 0.
+        self.rates = (initial > 0).then_some((mean, Rates { initial, additional }));
+        self.ranking = ranking;
         Ok(())
     }
 }
@@ -279,8 +295,7 @@ struct Steps<'a> {
     now: Vec<u32>,
     max_spp: u32,
     left: u64,
-    /// `true` if a pixel's first refinement removes the pilot's samples from the image.
-    withdraws: bool,
+    /// `true` for pixels whose first refinement has removed the pilot's samples from the image. Empty if refinement does not.
     withdrawn: Vec<bool>,
 }
 
@@ -288,12 +303,12 @@ impl<'a> Steps<'a> {
     fn new(seen: &Feedback<'a>, plan: &'a mut Plan, now: Vec<u32>, withdraws: bool) -> Self {
         let withdrawn = vec![false; if withdraws { now.len() } else { 0 }];
         let BudgetLeft { max_spp, .. } = seen.budget;
-        Self { film: seen.film, plan: &mut plan.counts, now, max_spp, left: seen.budget.left(), withdraws, withdrawn }
+        Self { film: seen.film, plan: &mut plan.counts, now, max_spp, left: seen.budget.left(), withdrawn }
     }
 
     /// The number of samples that pixel `i` will have in the image after the round.
     fn count(&self, i: usize) -> u32 {
-        let before = if self.withdraws && self.withdrawn[i] { 0 } else { self.now[i] };
+        let before = if self.withdrawn.get(i) == Some(&true) { 0 } else { self.now[i] };
         before.saturating_add(self.plan[i])
     }
 
@@ -312,8 +327,8 @@ impl<'a> Steps<'a> {
         if count >= target {
             return;
         }
-        let fresh =
-            refines && self.withdraws && self.now[i] > 0 && !self.withdrawn[i] && self.film.discarded(i).count == 0;
+        let withdraws = refines && self.withdrawn.get(i) == Some(&false);
+        let fresh = withdraws && self.now[i] > 0 && self.film.discarded(i).count == 0;
         let step = u64::from(if fresh { target - self.plan[i] } else { target - count });
         if step <= self.left {
             self.left -= step;
@@ -346,5 +361,27 @@ impl<'a> Steps<'a> {
             }
             target = target.saturating_add(step);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn presets_are_the_thesis_table_and_others_lie_between() {
+        let rates = |mean| {
+            let Rates { initial, additional } = Rates::for_mean(mean);
+            (initial, additional)
+        };
+        assert_eq!([8, 16, 32, 64].map(rates), [(4, 6), (4, 16), (12, 24), (16, 54)]);
+        assert_eq!([12, 24, 48, 128].map(rates), [(4, 11), (8, 20), (14, 39), (32, 108)]);
+        assert_eq!([0, 1, 2, 4].map(rates), [(1, 1), (1, 1), (1, 2), (2, 3)]);
+        for mean in 1..2000 {
+            let (initial, additional) = rates(mean);
+            assert!(u64::from(initial) <= mean && u64::from(initial + additional) >= mean, "{mean}");
+            assert!(initial <= rates(mean + 1).0 && additional <= rates(mean + 1).1, "{mean}");
+        }
+        assert!(rates(u64::MAX).1 > 1 << 31);
     }
 }

@@ -1,6 +1,6 @@
 //! The samplers conform with every policy.
 
-use crate::common::options;
+use crate::support::options;
 use dapple_adaptive::{
     Adaptive, AdaptiveOptions, Cycles, CyclesOptions, ErrorMap, PilotPolicy, Stopping, VarianceOptions,
 };
@@ -12,11 +12,18 @@ fn adaptive(options: AdaptiveOptions) -> Adaptive<Sobol> {
     Adaptive::with_options(Sobol::new(6), options).unwrap()
 }
 
+const POLICIES: [PilotPolicy; 4] =
+    [PilotPolicy::Keep, PilotPolicy::Neighbours, PilotPolicy::Discard, PilotPolicy::Cross];
+
 #[test]
-fn adaptive_conforms() {
-    let default = options();
-    for policy in [PilotPolicy::Keep, PilotPolicy::Neighbours, PilotPolicy::Discard, PilotPolicy::Cross] {
-        sampler(|| Box::new(adaptive(default.policy(policy))));
+fn adaptive_conforms_with_and_without_costs() {
+    for policy in POLICIES {
+        sampler(|| Box::new(adaptive(options().policy(policy))));
+        if policy != PilotPolicy::Cross {
+            sampler(|| Box::new(adaptive(AdaptiveOptions::default().policy(policy).cost(1))));
+            let options = VarianceOptions::default().policy(policy).cost(1);
+            sampler(|| Box::new(Adaptive::variance_with_options(Sobol::new(6), options).unwrap()));
+        }
     }
 }
 
@@ -41,7 +48,7 @@ fn adaptive_conforms_in_rounds_and_by_a_map() {
 
 #[test]
 fn variance_conforms_under_every_policy() {
-    for policy in [PilotPolicy::Keep, PilotPolicy::Neighbours, PilotPolicy::Discard, PilotPolicy::Cross] {
+    for policy in POLICIES {
         for (pilot, exponent) in [(0, 1.3), (5, 1.0)] {
             let options = VarianceOptions::default().policy(policy).pilot(pilot).exponent(exponent);
             sampler(|| Box::new(Adaptive::variance_with_options(Random::new(1), options).unwrap()));

@@ -1,6 +1,6 @@
 //! Two samplers in sequence: budgets, bits, states and descriptions.
 
-use crate::common::frame;
+use crate::support::frame;
 use dapple_adaptive::{Adaptive, AdaptiveOptions, Cycles, CyclesOptions, Then};
 use dapple_conformance::toys::{Field, Independent, Planned};
 use dapple_conformance::{bits, sampler, threshold_sampler};

@@ -1,7 +1,7 @@
 //! The film of an image that is given as buffers.
 
-use super::{ALBEDO, DEPTH, Denoise, Feature, NORMAL, POSITION, SampleBuffers, Samples, checks};
-use crate::planes::box_mean;
+use super::{ALBEDO, DEPTH, Denoise, Feature, NORMAL, POSITION, SampleBuffers, check};
+use crate::planes::{beside, box_mean};
 use dapple_core::{Error, Film, FirstHit, Frame, PixelStatistics, RgbMoments, SurfaceFeatures, mix};
 
 /// The depth from which on a pixel counts as a miss: renderers write numbers like this for the background.
@@ -11,20 +11,17 @@ const FAR: f32 = 1e10;
 pub(super) fn film(image: &Denoise<'_>) -> Result<Film, Error> {
     let [width, height] = image.size;
     let frame = Frame::new(width, height)?;
-    checks::check(image)?;
+    check(image)?;
     let size = image.size.map(|n| n as usize);
     // The variance of a sample from the difference of the halves, if neither has one.
-    let found = match &image.samples {
-        Samples::Halves(halves) if halves.iter().all(|half| half.variance.is_none()) => {
-            Some(variance_of_halves(size, halves))
-        }
-        _ => None,
-    };
+    let halves = image.second.map(|second| [image.first, second]);
+    let unknown = halves.as_ref().filter(|halves| halves.iter().all(|half| half.variance.is_none()));
+    let found = unknown.map(|halves| variance_of_halves(size, halves));
     let surfaces = Surfaces::new(image);
     Film::from_pixels(frame, |i| {
-        let halves = match &image.samples {
-            Samples::Whole(all) => split(all, i),
-            Samples::Halves(halves) => with_variances(halves, found.as_ref().map(|found| found[i]), i),
+        let halves = match &halves {
+            None => split(&image.first, i),
+            Some(halves) => with_variances(halves, found.as_ref().map(|found| found[i]), i),
         };
         let mut pixel = PixelStatistics::new(halves);
         if let Some(emission) = image.emission {
@@ -168,7 +165,7 @@ fn variance_of_halves(size: [usize; 2], [a, b]: &[SampleBuffers<'_>; 2]) -> Vec<
 }
 
 /// The pixels at distance 1 that are as wide as this distance. Only the ratios of depths matter.
-const STEPS: f32 = 1e3;
+pub(crate) const STEPS: f32 = 1e3;
 /// The radius in pixels over which steps are averaged.
 const NEAR: usize = 3;
 /// The distance, in steps, up to which a pixel beside belongs to the same surface.
@@ -179,17 +176,10 @@ const SAME: f32 = 3.0;
 ///
 /// Positions are means over places within their pixels, so single steps are noisy. A noisy depth would part pixels of one
 /// surface.
-fn depths([width, height]: [usize; 2], position: &[[f32; 3]], hit: impl Fn(usize) -> bool) -> Vec<f32> {
+pub(crate) fn depths([width, height]: [usize; 2], position: &[[f32; 3]], hit: impl Fn(usize) -> bool) -> Vec<f32> {
     let apart = |i: usize, k: usize| (0..3).map(|c| (position[i][c] - position[k][c]).powi(2)).sum::<f32>().sqrt();
     let step = |i: usize| {
-        let (x, y) = (i % width, i / width);
-        let beside = [
-            (x > 0).then(|| i - 1),
-            (x + 1 < width).then(|| i + 1),
-            (y > 0).then(|| i - width),
-            (y + 1 < height).then(|| i + width),
-        ];
-        let hits = beside.into_iter().flatten().filter(|&k| hit(k));
+        let hits = beside(i, [width, height]).filter(|&k| hit(k));
         hits.map(|k| apart(i, k)).filter(|&step| step > 0.0).reduce(f32::min).unwrap_or(1.0 / STEPS)
     };
     let steps: Vec<f32> = (0..position.len()).map(|i| if hit(i) { step(i) } else { 0.0 }).collect();
@@ -210,7 +200,3 @@ fn depths([width, height]: [usize; 2], position: &[[f32; 3]], hit: impl Fn(usize
     };
     (0..position.len()).map(|i| if steps[i] > 0.0 { average(i) } else { 0.0 }).collect()
 }
-
-#[cfg(test)]
-#[path = "../../tests/denoise/internals/camera.rs"]
-mod tests;

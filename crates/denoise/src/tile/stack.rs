@@ -17,35 +17,32 @@ pub(crate) const LANES: usize = WIDTH / 2;
 /// Copies of P planes of a tile and its margin. Each row holds the even columns of all planes, one plane after the
 /// other, then the odd columns. One index leads to all planes of a pixel. Empty before the first copy.
 #[derive(Default)]
-pub(crate) struct Stack<const P: usize>(Vec<f32>);
+pub(crate) struct Stack<const P: usize>(pub(crate) Vec<f32>);
 
 impl<const P: usize> Stack<P> {
     /// Copies the tile at `origin` and its margin from each plane, in place of the tile before. Pixels beyond the frame repeat
     /// the border.
     pub(crate) fn copy(&mut self, planes: [&[f32]; P], size: [usize; 2], origin: [usize; 2]) {
+        let [width, height] = size;
         self.0.resize(2 * ROWS * P * COLUMNS, 0.0);
-        for (k, plane) in planes.into_iter().enumerate() {
-            self.fill(k, plane, size, origin);
-        }
-    }
-
-    fn fill(&mut self, k: usize, plane: &[f32], [width, height]: [usize; 2], origin: [usize; 2]) {
         let mut padded = [0.0; WIDTH + 2 * MARGIN];
         // Columns beyond the frame on the left, the first one inside, and the number inside.
         let before = MARGIN.saturating_sub(origin[0]);
         let first = origin[0] + before - MARGIN;
         let within = (padded.len() - before).min(width - first);
-        for (r, row) in self.0.chunks_exact_mut(2 * P * COLUMNS).enumerate() {
-            let y = (origin[1] + r).saturating_sub(MARGIN).min(height - 1);
-            request(plane, (y + AHEAD) * width + first, within);
-            let source = &plane[y * width..][..width];
-            padded[..before].fill(source[0]);
-            padded[before..][..within].copy_from_slice(&source[first..][..within]);
-            padded[before + within..].fill(source[width - 1]);
-            let (even, odd) = row.split_at_mut(P * COLUMNS);
-            let (even, odd) = (&mut even[k * COLUMNS..][..COLUMNS], &mut odd[k * COLUMNS..][..COLUMNS]);
-            for (i, pair) in padded.as_chunks::<2>().0.iter().enumerate() {
-                [even[i], odd[i]] = *pair;
+        for (k, plane) in planes.into_iter().enumerate() {
+            for (r, row) in self.0.chunks_exact_mut(2 * P * COLUMNS).enumerate() {
+                let y = (origin[1] + r).saturating_sub(MARGIN).min(height - 1);
+                request(plane, (y + AHEAD) * width + first, within);
+                let source = &plane[y * width..][..width];
+                padded[..before].fill(source[0]);
+                padded[before..][..within].copy_from_slice(&source[first..][..within]);
+                padded[before + within..].fill(source[width - 1]);
+                let (even, odd) = row.split_at_mut(P * COLUMNS);
+                let (even, odd) = (&mut even[k * COLUMNS..][..COLUMNS], &mut odd[k * COLUMNS..][..COLUMNS]);
+                for (i, pair) in padded.as_chunks::<2>().0.iter().enumerate() {
+                    [even[i], odd[i]] = *pair;
+                }
             }
         }
     }
@@ -104,7 +101,3 @@ pub(super) fn moved(parity: usize, dx: isize) -> (usize, isize) {
     let column = parity as isize + dx;
     ((column & 1) as usize, column >> 1)
 }
-
-#[cfg(test)]
-#[path = "../../tests/denoise/internals/stack.rs"]
-mod tests;

@@ -1,7 +1,6 @@
 //! The planes that the wide pass reads, copied such that a vector holds pixels around neighbouring window centres.
 
-use crate::guide::Guide;
-use crate::inputs::Inputs;
+use crate::inputs::{Guide, Inputs};
 use crate::planes::{Colours, map_to_one, raised};
 use crate::tile::{FeatureScales, sharpness, vectors};
 use pulp::Simd;
@@ -51,12 +50,10 @@ pub(super) fn stacks(inputs: &Inputs, guide: &Guide) -> Vec<Stack> {
         })
     });
     let count = map_to_one(inputs.counts(), |[a, b]| a + b);
-    let mut planes: Vec<&[f32]> = Vec::with_capacity(PLANES);
-    planes.extend(guide.colour.iter().chain(&guide.variance).map(|p| &p[..]));
-    planes.extend(inputs.features.mean.iter().chain(&inputs.features.variance).chain(&sharp).map(|p| &p[..]));
-    planes.extend(inputs.features.position.iter().map(|p| &p[..]));
-    planes.extend([&inputs.features.scale[..], &count]);
-    planes.extend(colours.iter().flatten().map(|p| &p[..]));
+    let f = &inputs.features;
+    let features = f.mean.iter().chain(&f.variance).chain(&sharp).chain(&f.position).chain([&f.scale, &count]);
+    let planes = guide.colour.iter().chain(&guide.variance).chain(features).chain(colours.iter().flatten());
+    let planes: Vec<&[f32]> = planes.map(|plane| &plane[..]).collect();
     let tile = |tile: usize| {
         let mut data = vec![0.0; height * STEP * PLANES * COLUMNS];
         // Columns of the frame, less this, are columns of the tile; those from `first` to `end` lie in the frame.

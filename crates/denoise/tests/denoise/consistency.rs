@@ -1,34 +1,29 @@
 //! Filters over halves: bias vanishes, edges stay, error estimates are about right.
 
-use crate::support::Noise;
-use dapple_core::samplers::Uniform;
-use dapple_core::{
-    Block, Draws, Error, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, Render, Worker,
-};
+use crate::support::{self, HALVES, grey, label, mean, rendered, squared_error};
+use dapple_core::{Block, Draws, Error, Estimate, Film, Filter, FirstHit, Frame, Needs};
 use dapple_denoise::{
-    Bilateral, BilateralOptions, ClusterLookup, ClusterRegression, ClusterRegressionOptions, Gaussian, NlMeans,
-    NlMeansOptions, relative_errors,
+    Bilateral, BilateralOptions, ClusterRegression, ClusterRegressionOptions, Gaussian, NlMeans, NlMeansOptions,
+    relative_errors,
 };
-use dapple_low_discrepancy::Random;
-use std::sync::Arc;
 
 const SIDE: [u32; 2] = [40, 24];
 
-/// An image with an edge that features show, one that they miss, stripes of albedo, a ramp, and relative noise.
-struct Made {
-    noise: f32,
-    hits: bool,
-}
-
-fn truth(x: u32, y: u32) -> f32 {
+fn truth(i: usize) -> f32 {
+    let [x, y] = [i as u32 % SIDE[0], i as u32 / SIDE[0]];
     let surface = if x < 12 { 0.3 } else { 1.0 };
     let stripes = if x >= 24 && (x / 2).is_multiple_of(2) { 0.5 } else { 1.0 };
     let shadow = if y < 10 { 0.4 } else { 1.0 };
     surface * stripes * shadow * (1.0 + 0.02 * y as f32)
 }
 
-impl Integrator for Made {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
+/// The needs of all filters together.
+const NEEDS: Needs = HALVES.with_first_hits(1);
+
+/// An image with an edge that features show, one that they miss, stripes of albedo, a ramp, and noise relative to them. `hits` is
+/// false for an image without features.
+fn film(hits: bool, seed: u64, spp: u64) -> Film {
+    rendered(Frame::new(SIDE[0], SIDE[1]).unwrap(), NEEDS, (seed, spp), |draws| {
         let [u, v, a, b] = draws.block(Block::new(0));
         let [x, y] = draws.pixel();
         let albedo = if x >= 24 && (x / 2).is_multiple_of(2) { 0.4 } else { 0.8 };
@@ -37,43 +32,21 @@ impl Integrator for Made {
             .with_albedo([albedo; 3])
             .with_footprint(1.0)
             .with_material(u32::from(x < 12));
-        let value = truth(x, y) * (1.0 + self.noise * (a + b - 1.0));
-        let first_hit = (self.hits && draws.wants_first_hit()).then_some(hit);
-        Estimate::new([value, 0.8 * value, 0.5 * value]).with_first_hit(first_hit)
-    }
-}
-
-fn label() -> ClusterLookup {
-    Arc::new(|hit| Some(hit.material))
-}
-
-/// The needs of all filters together.
-const NEEDS: Needs = Needs::none().with_halves().with_variance().with_features().with_first_hits(1);
-
-fn film(made: &mut Made, seed: u64, spp: u64) -> Film {
-    let frame = Frame::new(SIDE[0], SIDE[1]).unwrap();
-    let limits = Limits::samples(spp * frame.pixels() as u64);
-    Render::new(frame, &limits).needs(NEEDS).run(made, &mut Uniform::new(Random::new(seed))).unwrap()
+        let value = truth((y * SIDE[0] + x) as usize) * (a + b);
+        Estimate::new([value, 0.8 * value, 0.5 * value]).with_first_hit(hits.then_some(hit))
+    })
 }
 
 fn filters() -> Vec<Box<dyn Filter>> {
     let nlm = NlMeansOptions::default().window(5).patch(2).k(0.6).features(Some(0.6));
     let bilateral = Bilateral::with_options(BilateralOptions::default().outside(0.5)).unwrap();
-    vec![
-        Box::new(NlMeans::default()),
+    let more: [Box<dyn Filter>; 4] = [
         Box::new(NlMeans::with_options(nlm).unwrap()),
-        Box::new(Bilateral::default()),
         Box::new(bilateral.with_clusters(label(), "")),
-        Box::new(ClusterRegression::new()),
         Box::new(ClusterRegression::new().one_pass().with_clusters(label(), "")),
         Box::new(ClusterRegression::new().with_clusters(label(), "")),
-    ]
-}
-
-/// Mean squared error of the first channel against the truth.
-fn squared_error(image: &[[f32; 3]]) -> f64 {
-    let at = |i: usize| f64::from(image[i][0] - truth(i as u32 % SIDE[0], i as u32 / SIDE[0])).powi(2);
-    (0..image.len()).map(at).sum::<f64>() / image.len() as f64
+    ];
+    support::over_halves().into_iter().chain(more).collect()
 }
 
 /// The ratio of the filtered error to the unfiltered error must not grow like n, as it would if bias stayed.
@@ -83,10 +56,9 @@ fn squared_error(image: &[[f32; 3]]) -> f64 {
 #[test]
 fn bias_vanishes_as_samples_grow() {
     for hits in [true, false] {
-        let mut made = Made { noise: 1.0, hits };
-        let [few, many] = [8, 4096].map(|spp| film(&mut made, 11, spp));
+        let [few, many] = [8, 4096].map(|spp| film(hits, 11, spp));
         let ratio = |filter: &dyn Filter, film: &Film| {
-            squared_error(&filter.apply(film).unwrap().radiance) / squared_error(&film.image())
+            squared_error(&filter.apply(film).unwrap().radiance, truth) / squared_error(&film.image(), truth)
         };
         for filter in filters() {
             let (noisy, clean) = (ratio(&*filter, &few), ratio(&*filter, &many));
@@ -102,14 +74,13 @@ fn bias_vanishes_as_samples_grow() {
 
 /// A film without first hits: `count(i)` samples of `value(i, noise)` per pixel, in turns to either half.
 fn pushed(size: [u32; 2], seed: u64, count: impl Fn(usize) -> usize, value: impl Fn(usize, f32) -> f32) -> Film {
-    let mut film = Film::new(Frame::new(size[0], size[1]).unwrap(), NEEDS);
-    let mut noise = Noise::new(seed);
-    for i in 0..film.frame().pixels() {
-        for k in 0..count(i) {
-            film.push_estimate(i, k & 1, &Estimate::new([value(i, noise.next()); 3]));
-        }
-    }
-    film
+    let i = |[x, y]: [u32; 2]| (y * size[0] + x) as usize;
+    support::film(size, NEEDS, seed, |x, y| count(i([x, y])), |place, _, noise| grey(value(i(place), noise.next())))
+}
+
+/// Few samples carry the light of a flat image: one in 20 is 20, the others are 0.
+fn rare(seed: u64) -> Film {
+    pushed([96, 80], seed, |_| 8, |_, noise| if noise < 0.05 { 20.0 } else { 0.0 })
 }
 
 /// The pixels beside a step of 1 under noise in -1/2 .. 1/2, over 40 images.
@@ -153,8 +124,7 @@ fn a_single_sample_per_pixel_makes_an_image() {
         for spp in [1, 2, 3] {
             let film = pushed([24, 20], 5, |_| spp, |_, noise| 0.5 + noise);
             let image = filter.apply(&film).unwrap().radiance;
-            let spread = |values: &[[f32; 3]]| values.iter().map(|v| f64::from(v[0] - 1.0).powi(2)).sum::<f64>();
-            let ratio = spread(&image) / spread(&film.image());
+            let ratio = squared_error(&image, |_| 1.0) / squared_error(&film.image(), |_| 1.0);
             assert!(ratio < 0.5, "{} at {spp} spp: {ratio}", filter.describe());
         }
         let alone = filter.apply(&pushed([1, 1], 5, |_| 1, |_, _| 2.0)).unwrap();
@@ -188,51 +158,37 @@ fn error_estimates_are_within_a_factor_of_three() {
     for filter in filters() {
         let (mut estimated, mut actual, mut unfiltered) = (0.0, 0.0, 0.0);
         for seed in 1..=10 {
-            let film = film(&mut Made { noise: 1.0, hits: true }, seed, 16);
+            let film = film(true, seed, 16);
             let image = filter.apply(&film).unwrap();
             let channels = (1.0 + 0.64 + 0.25) / 3.0;
             estimated += image.error.unwrap().iter().map(|e| f64::from(*e)).sum::<f64>() / 960.0;
-            actual += squared_error(&image.radiance) * channels;
-            unfiltered += squared_error(&film.image()) * channels;
+            actual += squared_error(&image.radiance, truth) * channels;
+            unfiltered += squared_error(&film.image(), truth) * channels;
         }
         assert!((1.0..3.0).contains(&(estimated / actual)), "{}: {estimated} for {actual}", filter.describe());
         assert!(unfiltered / actual > 3.0, "{}: the control is no control", filter.describe());
     }
 }
 
-/// Few samples carry the light of a flat image: one in 20 is 20, the others are 0. At 8 spp narrow windows leave blotches
-/// of their size, with more than 1 % of the error; the wide pass takes most of that away, and keeps the mean. Over 5 images.
+/// At 8 spp narrow windows leave blotches of their size, with more than 1 % of the error; the wide pass takes most of that away, and
+/// keeps the mean. Neighbouring pixels are served by the same windows, so they differ less than pixels two apart: windows of every
+/// second pixel leave a chessboard, which turns this round. The median ignores single bright pixels. Over 5 images.
 #[test]
-fn a_wide_pass_removes_blotches() {
-    let (mut unfiltered, mut all, mut mean, mut raw) = (0.0, 0.0, 0.0, 0.0);
-    for seed in 1..=5 {
-        let film = pushed([96, 80], seed, |_| 8, |_, noise| if noise < 0.05 { 20.0 } else { 0.0 });
-        let error = |image: &[[f32; 3]]| image.iter().map(|p| f64::from(p[0] - 1.0).powi(2)).sum::<f64>();
+fn a_wide_pass_removes_blotches_and_leaves_no_chessboard() {
+    let (mut errors, mut means, mut apart) = ([0.0; 2], [0.0; 2], [Vec::new(), Vec::new()]);
+    for film in (1..=5).map(rare) {
         let smooth = ClusterRegression::new().apply(&film).unwrap().radiance;
-        unfiltered += error(&film.image());
-        all += error(&smooth);
-        mean += smooth.iter().map(|p| f64::from(p[0])).sum::<f64>();
-        raw += film.image().iter().map(|p| f64::from(p[0])).sum::<f64>();
-    }
-    assert!(all < 0.008 * unfiltered, "{all} for {unfiltered}");
-    assert!((mean / raw - 1.0).abs() < 0.02, "{mean} for {raw}");
-}
-
-/// Neighbouring pixels are served by the same windows, so they differ less than pixels two apart. Windows of every second
-/// pixel leave a chessboard, which turns this round. The median ignores single bright pixels. Over 5 images of rare light.
-#[test]
-fn a_wide_pass_leaves_no_chessboard() {
-    let (mut one, mut two) = (Vec::new(), Vec::new());
-    for seed in 1..=5 {
-        let film = pushed([96, 80], seed, |_| 8, |_, noise| if noise < 0.05 { 20.0 } else { 0.0 });
-        let image = ClusterRegression::new().apply(&film).unwrap().radiance;
-        let apart = |i: usize, j: usize| (image[i][0] - image[j][0]).abs();
+        for (k, image) in [&smooth, &film.image()].into_iter().enumerate() {
+            errors[k] += squared_error(image, |_| 1.0);
+            means[k] += mean(image);
+        }
         for i in (0..96 * 80).filter(|i| i % 96 < 94) {
-            one.push(apart(i, i + 1));
-            two.push(apart(i, i + 2));
+            (0..2).for_each(|k| apart[k].push((smooth[i][0] - smooth[i + 1 + k][0]).abs()));
         }
     }
-    let [one, two] = [one, two].map(|mut all| {
+    assert!(errors[0] < 0.008 * errors[1], "{errors:?}");
+    assert!((means[0] / means[1] - 1.0).abs() < 0.02, "{means:?}");
+    let [one, two] = apart.map(|mut all| {
         let middle = all.len() / 2;
         *all.select_nth_unstable_by(middle, f32::total_cmp).1
     });
@@ -293,104 +249,46 @@ fn relative_errors_are_largest_where_the_noise_is() {
 /// An edge too faint for its noise, known only to the clusters.
 #[test]
 fn clusters_preserve_an_edge_too_faint_for_its_noise() {
-    let step = |filter: &dyn Filter| {
-        let mut sum = 0.0;
-        for seed in 1..=20 {
-            let film = film(&mut Faint, seed, 8);
-            let image = filter.apply(&film).unwrap().radiance;
-            let across = |y: usize| f64::from(image[40 * y + 12][0] - image[40 * y + 11][0]);
-            sum += (4..20).map(across).sum::<f64>() / (16.0 * 20.0);
-        }
-        sum
+    let faint = |draws: &Draws<'_>| {
+        let [a, ..] = draws.block(Block::new(0));
+        let left = draws.pixel()[0] < 12;
+        let hit = FirstHit::new([0.0; 3], [0.0, 0.0, 1.0], 1.0).with_albedo([0.5; 3]).with_footprint(1.0);
+        let value = if left { 1.0 } else { 1.2 } + 2.0 * (a - 0.5);
+        grey(value.max(0.0)).with_first_hit(hit.with_material(u32::from(left)))
     };
-    struct Faint;
-    impl Integrator for Faint {
-        fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
-            let [a, ..] = draws.block(Block::new(0));
-            let left = draws.pixel()[0] < 12;
-            let hit = FirstHit::new([0.0; 3], [0.0, 0.0, 1.0], 1.0)
-                .with_albedo([0.5; 3])
-                .with_footprint(1.0)
-                .with_material(u32::from(left));
-            let value = if left { 1.0 } else { 1.2 } + 2.0 * (a - 0.5);
-            let first_hit = draws.wants_first_hit().then_some(hit);
-            Estimate::new([value.max(0.0); 3]).with_first_hit(first_hit)
-        }
-    }
-    fn film(faint: &mut Faint, seed: u64, spp: u64) -> Film {
-        let frame = Frame::new(SIDE[0], SIDE[1]).unwrap();
-        let limits = Limits::samples(spp * frame.pixels() as u64);
-        Render::new(frame, &limits).needs(NEEDS).run(faint, &mut Uniform::new(Random::new(seed))).unwrap()
-    }
+    let step = |filter: &dyn Filter| {
+        let across = |seed: u64| {
+            let film = rendered(Frame::new(SIDE[0], SIDE[1]).unwrap(), NEEDS, (seed, 8), faint);
+            let image = filter.apply(&film).unwrap().radiance;
+            (4..20).map(|y| f64::from(image[40 * y + 12][0] - image[40 * y + 11][0])).sum::<f64>()
+        };
+        (1..=20).map(across).sum::<f64>() / (16.0 * 20.0)
+    };
     let options = ClusterRegressionOptions::default().outside(0.0);
     let regression = ClusterRegression::with_options(options).unwrap().one_pass();
     let (blind, seeing) = (step(&regression), step(&regression.clone().with_clusters(label(), "")));
     assert!(blind < 0.12 && seeing > 0.16, "without clusters {blind}, with them {seeing}, in truth 0.2");
 }
 
-#[test]
-fn parameters_out_of_range_are_refused() {
-    let refused = |result: Result<(), Error>, parameter: &str| match result {
-        Err(Error::OutOfRange { name, .. }) => assert_eq!(name, parameter),
-        other => panic!("{parameter} is not refused: {other:?}"),
-    };
-    let (nlm, bilateral) = (NlMeansOptions::default(), BilateralOptions::default());
-    let of_nlm = |options, parameter| refused(NlMeans::with_options(options).map(drop), parameter);
-    let of_bilateral = |options, parameter| refused(Bilateral::with_options(options).map(drop), parameter);
-    of_nlm(nlm.window(8), "window");
-    of_nlm(nlm.patch(4), "patch");
-    of_bilateral(bilateral.window(8), "window");
-    for k in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-        of_nlm(nlm.k(k), "k");
-        of_nlm(nlm.features(Some(k)), "features");
-        of_bilateral(bilateral.colour(k), "colour");
-        of_bilateral(bilateral.features(k), "features");
-    }
-    of_bilateral(bilateral.falloff(f64::NAN), "falloff");
-    for outside in [-0.1, 1.1, f64::NAN] {
-        of_bilateral(bilateral.outside(outside), "outside");
-        let options = ClusterRegressionOptions::default().outside(outside);
-        refused(ClusterRegression::with_options(options).map(drop), "outside");
-    }
-}
-
-#[test]
-fn descriptions_give_every_parameter() {
-    assert_eq!(NlMeans::default().describe(), "nlm:window=7,patch=3,k=0.45,features=none");
-    assert_eq!(ClusterRegression::new().describe(), "cluster-regression:outside=1,layers=auto,scales=auto");
-    let clusters = ClusterRegression::new().with_clusters(label(), "k=9");
-    assert_eq!(clusters.describe(), "cluster-regression:outside=0.2,layers=auto,scales=auto,k=9");
-    // First hits are recorded only where clusters matter.
-    assert_eq!((clusters.needs().first_hits, ClusterRegression::new().needs().first_hits), (1, 0));
-}
-
 /// Features that are NaN, infinite or huge, and fireflies, on any frame and at any count: the result is finite and not
 /// negative, and no error is NaN. The control: films do contain hits and fireflies.
 #[test]
 fn invalid_features_leave_images_finite() {
-    struct Wild;
-    impl Integrator for Wild {
-        fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
-            let [a, b, c, d] = draws.block(Block::new(0));
-            let odd = [0.0, 1.0, -1.0, f32::NAN, f32::INFINITY, 3e38, -3e38, 1e-38, 1e18];
-            let pick = |u: f32| if u < 0.5 { u } else { odd[((u - 0.5) * 18.0) as usize % 9] };
-            let hit = FirstHit::new([pick(a), pick(b), pick(c)], [0.0, 0.0, 1.0], pick(d).abs())
-                .with_shading_normal([pick(b), pick(d), 1.0])
-                .with_albedo([pick(c), pick(a), 0.5])
-                .with_footprint(1.0);
-            let value = if a > 0.95 { 1e30 } else { b };
-            let first_hit = draws.wants_first_hit().then_some(hit);
-            Estimate::new([value, c, pick(d)]).with_first_hit(first_hit)
-        }
-    }
+    let odd = [0.0, 1.0, -1.0, f32::NAN, f32::INFINITY, 3e38, -3e38, 1e-38, 1e18];
+    let pick = |u: f32| if u < 0.5 { u } else { odd[((u - 0.5) * 18.0) as usize % 9] };
+    let wild = |draws: &Draws<'_>| {
+        let [a, b, c, d] = draws.block(Block::new(0));
+        let hit = FirstHit::new([pick(a), pick(b), pick(c)], [0.0, 0.0, 1.0], pick(d).abs())
+            .with_shading_normal([pick(b), pick(d), 1.0])
+            .with_albedo([pick(c), pick(a), 0.5])
+            .with_footprint(1.0);
+        Estimate::new([if a > 0.95 { 1e30 } else { b }, c, pick(d)]).with_first_hit(hit)
+    };
     for size in [[1, 1], [1, 9], [5, 3], [40, 24]] {
         for spp in [1, 2, 3, 8] {
-            let frame = Frame::new(size[0], size[1]).unwrap();
-            let limits = Limits::samples(spp * frame.pixels() as u64);
-            let mut sampler = Uniform::new(Random::new(spp));
-            let film = Render::new(frame, &limits).needs(NEEDS).run(&mut Wild, &mut sampler).unwrap();
+            let film = rendered(Frame::new(size[0], size[1]).unwrap(), NEEDS, (spp, spp), wild);
             if size[0] == 40 {
-                assert!((0..frame.pixels()).any(|i| film.features(i).is_some_and(|f| f.hits > 0)));
+                assert!((0..film.frame().pixels()).any(|i| film.features(i).is_some_and(|f| f.hits > 0)));
                 assert!(film.image().iter().any(|p| p[0] > 1e20));
             }
             for filter in filters() {

@@ -1,8 +1,9 @@
 //! Hard cases of filters. Test names end with their catalogue ids.
 
-use crate::support::Noise;
-use dapple_core::{Film, Filter, Frame, Needs};
-use dapple_denoise::{ClusterGaussian, ClusterGaussianOptions, Gaussian};
+use crate::support::{self, HALVES, Noise, grey, label, over_halves, rendered};
+use dapple_conformance::statistics::Mean;
+use dapple_core::{Block, Draws, Estimate, Film, Filter, FirstHit, Frame, Needs};
+use dapple_denoise::{ClusterGaussian, ClusterGaussianOptions, ClusterRegression, Gaussian};
 
 /// A film of `size` pixels with `count(x, y)` samples per pixel of `signal(x, y)` plus noise in 0 .. 1.
 fn film(
@@ -11,17 +12,8 @@ fn film(
     count: impl Fn(u32, u32) -> u32,
     signal: impl Fn(u32, u32, &mut Noise) -> f32,
 ) -> Film {
-    let frame = Frame::new(size[0], size[1]).unwrap();
-    let mut film = Film::new(frame, Needs::none().with_variance());
-    let mut noise = Noise::new(seed);
-    for i in 0..frame.pixels() {
-        let [x, y] = frame.pixel(i);
-        for _ in 0..count(x, y) {
-            let value = signal(x, y, &mut noise);
-            film.push(i, 0, [value; 3]);
-        }
-    }
-    film
+    let count = |x, y| count(x, y) as usize;
+    support::film(size, Needs::none().with_variance(), seed, count, |[x, y], _, noise| grey(signal(x, y, noise)))
 }
 
 /// The wrong rule, as control: splatting every sample with the kernel's weight, `sum(w f) / sum(w)`, for samples spread
@@ -43,14 +35,6 @@ fn splatted(film: &Film, weights: &[f64]) -> Vec<f64> {
         sum / total
     };
     (0..width * height).map(pixel).collect()
-}
-
-/// Mean and standard error of the mean.
-fn mean_and_error(values: &[f64]) -> (f64, f64) {
-    let n = values.len() as f64;
-    let mean = values.iter().sum::<f64>() / n;
-    let variance = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0);
-    (mean, (variance / n).sqrt())
 }
 
 /// The last dark pixel beside the edge.
@@ -114,18 +98,15 @@ fn unequal_counts_do_not_move_an_edge_under_noise_a08() {
             })
             .collect();
         for (filter, wanted) in edge_filters() {
-            let values: Vec<f64> =
-                films.iter().map(|f| f64::from(filter.apply(f).unwrap().radiance[19][0]) - 0.5).collect();
-            let (mean, se) = mean_and_error(&values);
-            assert!(se < 0.02 && se > 1e-4);
-            let z = (mean - wanted) / se;
-            assert!(z.abs() < 4.0, "{}, {left}/{right}: {mean} is {z} standard errors off", filter.describe());
+            let value = |f: &Film| f64::from(filter.apply(f).unwrap().radiance[19][0]) - 0.5;
+            let found: Mean = films.iter().map(value).collect();
+            assert!((1e-4..0.02).contains(&found.standard_error()));
+            assert!(found.deviation(wanted).abs() < 4.0, "{}, {left}/{right}: {found:?}", filter.describe());
         }
         if left != right {
             let kernel = Gaussian::new(2.0, 1.5).unwrap();
-            let values: Vec<f64> = films.iter().map(|f| splatted(f, kernel.weights())[19] - 0.5).collect();
-            let (mean, se) = mean_and_error(&values);
-            assert!(((mean - EDGE) / se).abs() > 4.0, "the naive rule passes at {left}/{right}: {mean} +- {se}");
+            let found: Mean = films.iter().map(|f| splatted(f, kernel.weights())[19] - 0.5).collect();
+            assert!(found.deviation(EDGE).abs() > 4.0, "the naive rule passes at {left}/{right}: {found:?}");
         }
     }
 }
@@ -157,10 +138,10 @@ fn sample_counts_that_jump_leave_no_seam_a09() {
             })
             .collect();
         let z = |filter: &dyn Fn(&Film) -> Vec<f64>| {
-            let steps: Vec<f64> = films.iter().map(|f| step(&filter(f), slope.into())).collect();
-            let (mean, se) = mean_and_error(&steps);
-            assert!(se > 0.0 && se < 5e-3, "{se}");
-            mean / se
+            let steps: Mean = films.iter().map(|f| step(&filter(f), slope.into())).collect();
+            let error = steps.standard_error();
+            assert!(error > 0.0 && error < 5e-3, "{error}");
+            steps.deviation(0.0)
         };
         let radiance = |filter: &dyn Filter, film: &Film| -> Vec<f64> {
             filter.apply(film).unwrap().radiance.iter().map(|c| c[0].into()).collect()
@@ -186,8 +167,7 @@ fn a_constant_image_stays_constant_f06() {
     let whole = Frame::new(40, 30).unwrap();
     for frame in [whole, whole.crop(7, 3, 20, 8).unwrap(), whole.crop(39, 29, 40, 30).unwrap()] {
         for value in [1.0f32, 0.1, 3e-30, 7e30, 0.0] {
-            let mut film = Film::new(frame, Needs::none().with_variance());
-            let mut noise = Noise(5);
+            let (mut film, mut noise) = (Film::new(frame, Needs::none().with_variance()), Noise(5));
             for i in 0..frame.pixels() {
                 (0..1 + (noise.next() * 64.0) as u32).for_each(|_| film.push(i, 0, [value; 3]));
             }
@@ -242,6 +222,62 @@ fn an_invalid_sample_does_not_spread_f05() {
             assert_eq!(a, b);
             for i in (0..48).filter(|i| i % 16 > 4) {
                 assert_eq!(a.radiance[i].map(f32::to_bits), c.radiance[i].map(f32::to_bits));
+            }
+        }
+    }
+}
+
+/// A render of samples that are 0 or 1 at random, on surfaces in stripes.
+fn two_levels(frame: Frame, spp: u64) -> Film {
+    rendered(frame, HALVES.with_first_hits(1), (3, spp), |draws: &Draws<'_>| {
+        let [u, v, a, _] = draws.block(Block::new(0));
+        let [x, y] = draws.pixel();
+        let hit = FirstHit::new([x as f32 + u, y as f32 + v, 0.0], [0.0, 0.0, 1.0], 50.0 + u)
+            .with_shading_normal(if x % 16 < 8 { [1.0, 0.0, 0.0] } else { [0.0, 0.0, 1.0] })
+            .with_albedo([if y % 12 < 6 { 0.3 } else { 0.8 }; 3])
+            .with_footprint(1.0)
+            .with_material(x / 16 % 3)
+            .with_primitive(y / 6);
+        let likely = if (x / 8 + y / 8).is_multiple_of(2) { 0.1 } else { 0.7 };
+        Estimate::new([f32::from(u8::from(a < likely)); 3]).with_first_hit(hit)
+    })
+}
+
+/// The blurs, which reach 4 pixels.
+fn blurs() -> [Box<dyn Filter>; 3] {
+    let narrow = Gaussian::new(0.5, 3.0).unwrap();
+    [Box::new(Gaussian::default()), Box::new(narrow), Box::new(ClusterGaussian::from_hits(label()))]
+}
+
+/// An image of two levels stays within [-1, 2]: no sum of weights comes near 0 and no slope runs away.
+#[test]
+fn two_levels_stay_in_range_f07() {
+    for (spp, side) in [(2, 400), (4, 160)] {
+        let film = two_levels(Frame::new(side, side).unwrap(), spp);
+        let clusters = ClusterRegression::new().with_clusters(label(), "");
+        for filter in blurs().into_iter().chain(over_halves()).chain([Box::new(clusters) as Box<dyn Filter>]) {
+            let image = filter.apply(&film).unwrap();
+            let off = image.radiance.iter().flatten().find(|v| !(-1.0..=2.0).contains(*v));
+            assert_eq!(off, None, "{} at {spp} spp", filter.describe());
+        }
+    }
+}
+
+/// A window of the image filtered by itself equals the whole image bit for bit, beyond the kernel's reach of its border. Filters
+/// over halves use statistics of the whole image, so a window may differ.
+#[test]
+fn results_do_not_depend_on_tiles_f10() {
+    let frame = Frame::new(150, 131).unwrap();
+    let whole = two_levels(frame, 4);
+    for filter in blurs() {
+        let expected = filter.apply(&whole).unwrap().radiance;
+        for [x0, y0, width, height] in [[0, 0, 97, 90], [2, 6, 140, 80], [34, 18, 100, 111]] {
+            let window = frame.crop(x0, y0, x0 + width, y0 + height).unwrap();
+            let cut = filter.apply(&two_levels(window, 4)).unwrap().radiance;
+            let from = |origin: u32| if origin == 0 { 0 } else { 4 };
+            for (x, y) in (from(x0)..width - 4).flat_map(|x| (from(y0)..height - 4).map(move |y| (x, y))) {
+                let [got, there] = [cut[(y * width + x) as usize], expected[((y0 + y) * 150 + x0 + x) as usize]];
+                assert_eq!(got.map(f32::to_bits), there.map(f32::to_bits), "{}, ({x}, {y})", filter.describe());
             }
         }
     }

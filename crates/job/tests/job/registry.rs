@@ -262,7 +262,7 @@ fn descriptions_stay_as_files_hold_them() {
         ("variance", "variance:pilot=0,radius=2,exponent=1.3,epsilon=0.01,cap=6,policy=keep,cost=0"),
         (
             "adaptive",
-            "adaptive:by=variance,pilot=0,rounds=0,pool=alike,radius=2,prior=12,power=1,exponent=1.15,\
+            "adaptive:by=variance,pilot=0,rounds=0,pool=similar,radius=2,prior=12,power=1,exponent=1.15,\
              epsilon=0.2,cap=8,mix=0.5,gain=0.98,policy=neighbours,cost=0",
         ),
         ("mitchell", "mitchell:initial=0,additional=0,red=0.4,green=0.3,blue=0.6,radius=1,mode=budget,policy=keep"),

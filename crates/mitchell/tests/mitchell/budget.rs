@@ -1,15 +1,13 @@
 //! The number of samples spent, their places, and the time of the decision.
 
-use crate::common::*;
+use crate::support::*;
 use dapple_conformance::toys::raised;
-use dapple_core::{BudgetLeft, Error, Feedback, Film, Integrator, Limits, Needs, Plan, Progress, Render, Sampler};
+use dapple_core::{BudgetLeft, Error, Feedback, Film, Limits, Needs, Plan, Progress, Render, Sampler};
 use dapple_mitchell::{MitchellOptions, MitchellPbrtOptions, PilotPolicy, Rates, Stopping};
 use proptest::prelude::*;
 
 /// A light that 1 sample in 1000 sees.
-fn rare_light() -> impl Integrator {
-    bernoulli(1e-3)
-}
+const RARE: Bernoulli = Bernoulli(1e-3);
 
 /// As published, light that the pilot misses is never searched for: these samplers fail this case by design. The
 /// numbers are binomial, within 5 standard deviations.
@@ -18,15 +16,21 @@ fn a_dark_pilot_is_never_refined_a03() {
     let size = frame(128, 128);
     let pixels = size.pixels() as f64;
     let limits = Limits::samples(1000 * size.pixels() as u64);
-    for (radius, share) in [(0, 0.999f64.powi(4)), (1, 0.999f64.powi(36))] {
-        let options = alone(4, 60, Stopping::Threshold, PilotPolicy::Keep).radius(radius);
-        let film = run(&mut rare_light(), &mut mitchell(options, 1), size, &limits);
-        let stopped = film.counts().iter().filter(|&&n| n == 4).count() as f64;
+    let of = |radius| mitchell(alone(4, 60, Stopping::Threshold, PilotPolicy::Keep).radius(radius), 1);
+    let cases: [(Box<dyn Sampler>, i32); 3] = [
+        (Box::new(of(0)), 4),
+        (Box::new(of(1)), 36),
+        (Box::new(pbrt(pbrt_options(4, 64, Stopping::Threshold, PilotPolicy::Refined), 1)), 4),
+    ];
+    for (k, (mut sampler, samples)) in cases.into_iter().enumerate() {
+        let film = run(&mut { RARE }, &mut *sampler, size, &limits);
+        let (stopped, share) = (film.counts().iter().filter(|&&n| n == 4).count() as f64, 0.999f64.powi(samples));
         // Windows overlap: at most 9 times the variance of independent pixels. Windows at the border are smaller, and
         // stay black a little more often.
-        let allowed = 5.0 * (9.0 * share * (1.0 - share) * pixels).sqrt();
-        assert!((stopped - share * pixels).abs() < allowed, "radius {radius}: {stopped} of {}", share * pixels);
-        if radius == 0 {
+        let allowed = 5.0 * (f64::from(samples / 4) * share * (1.0 - share) * pixels).sqrt();
+        let apart = (stopped - share * pixels).abs();
+        assert!(apart < allowed, "{}: {stopped} of {}", sampler.describe(), share * pixels);
+        if k == 0 {
             // With a pilot of 4 and 64 samples in total, 93 % of the light is missing, with 1000 spp allowed.
             let got = (0..size.pixels()).map(|i| film.mean(i)[0]).sum::<f64>() / pixels;
             let (p, mixed) = (1e-3f64, 1.0 - 1e-3f64.powi(4) - 0.999f64.powi(4));
@@ -36,20 +40,12 @@ fn a_dark_pilot_is_never_refined_a03() {
             assert!((got - closed).abs() < 5.0 * (mixed / pixels).sqrt() / 64.0 * 1.1, "{got} for {closed}");
         }
     }
-    let film = run(
-        &mut rare_light(),
-        &mut pbrt(pbrt_options(4, 64, Stopping::Threshold, PilotPolicy::Refined), 1),
-        size,
-        &limits,
-    );
-    let (stopped, share) = (film.counts().iter().filter(|&&n| n == 4).count() as f64, 0.999f64.powi(4));
-    assert!((stopped - share * pixels).abs() < 5.0 * (share * (1.0 - share) * pixels).sqrt(), "pbrt: {stopped}");
     // A budget reaches the dark pixels after the others are done, and takes nothing from the others.
     for policy in POLICIES {
         let limits = Limits::samples(10 * size.pixels() as u64);
-        let film = run(&mut rare_light(), &mut mitchell(alone(4, 60, Stopping::Budget, policy), 2), size, &limits);
+        let film = run(&mut { RARE }, &mut mitchell(alone(4, 60, Stopping::Budget, policy), 2), size, &limits);
         assert!(film.counts().iter().all(|&n| n >= 4), "{policy:?}");
-        let film = run(&mut rare_light(), &mut pbrt(MitchellPbrtOptions::default().policy(policy), 2), size, &limits);
+        let film = run(&mut { RARE }, &mut pbrt(MitchellPbrtOptions::default().policy(policy), 2), size, &limits);
         assert!(film.counts().iter().all(|&n| n >= 4), "{policy:?}");
     }
 }
@@ -102,7 +98,7 @@ fn tiny_budgets_are_met_or_refused_a06() {
                 limits.min_spp = min_spp;
                 let draw = || {
                     let sampler = &mut *samplers(mode).swap_remove(k);
-                    Render::new(size, &limits).run(&mut bernoulli(0.5), sampler)
+                    Render::new(size, &limits).run(&mut Bernoulli(0.5), sampler)
                 };
                 let counts = [draw(), draw()].map(|film| match film {
                     Ok(film) => Some((film.record().samples, film.counts())),
@@ -214,8 +210,8 @@ fn rates_by_the_budget_stay_while_it_grows_a_little() {
     let pixels = size.pixels() as u64;
     let field = || Field(|[x, _]: [u32; 2], u: [f32; 4]| [if x < 12 { 0.5 } else { u[0] }; 3]);
     let counts = |steps: [u64; 3]| {
-        let mut sampler = mitchell(MitchellOptions::default(), 1);
-        raised(&mut field(), &mut sampler, Needs::none(), size, &steps.map(|n| n * pixels)).counts()
+        let steps = steps.map(|n| n * pixels);
+        raised(&mut field(), &mut mitchell(MitchellOptions::default(), 1), Needs::none(), size, &steps).counts()
     };
     assert_eq!(Rates::for_mean(24), Rates { initial: 8, additional: 20 });
     let off_rates = |counts: &[u64]| counts.iter().filter(|&&n| n < 8 || !(n - 8).is_multiple_of(20)).count();

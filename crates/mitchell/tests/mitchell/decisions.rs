@@ -1,21 +1,33 @@
 //! Decisions on made-up films, without rendering.
 
-use crate::common::*;
-use dapple_core::{BudgetLeft, Error, Feedback, Film, Needs, Plan, Progress, Sampler};
+use crate::support::*;
+use dapple_conformance::toys::Traced;
+use dapple_core::{
+    Block, BudgetLeft, Draws, Error, Estimate, Feedback, Film, FirstHit, Integrator, Limits, Needs, Plan, Progress,
+    Sampler, Worker,
+};
 use dapple_low_discrepancy::Random;
 use dapple_mitchell::{
-    Extrema, Mitchell, MitchellOptions, MitchellPbrt, MitchellPbrtOptions, PilotPolicy, Stopping, contrast, deviation,
+    Extrema, Mitchell, MitchellOptions, MitchellPbrt, MitchellPbrtOptions, PbrtTest, PilotPolicy, Rule, Stopping,
+    TwoRates, contrast, deviation,
 };
+
+/// True if a rule that adds `more` samples refines a pixel with these samples.
+fn asks(mut sampler: impl Sampler, more: u64, samples: &[[f32; 3]]) -> bool {
+    let film = film(frame(1, 1), &sampler, &[samples.to_vec()]);
+    let total = ask(&mut sampler, &film, 100).total();
+    assert!([0, more].contains(&total), "{total} samples");
+    total > 0
+}
 
 /// True if Mitchell's rule refines a pixel with these samples.
 fn mitchell_asks(samples: &[[f32; 3]]) -> bool {
-    let mut sampler = mitchell(alone(samples.len() as u32, 5, Stopping::Threshold, PilotPolicy::Keep), 1);
-    let film = film(frame(1, 1), &sampler, &[samples.to_vec()]);
-    match ask(&mut sampler, &film, 100).total() {
-        0 => false,
-        5 => true,
-        other => panic!("{other} samples"),
-    }
+    asks(mitchell(alone(samples.len() as u32, 5, Stopping::Threshold, PilotPolicy::Keep), 1), 5, samples)
+}
+
+/// True if pbrt-v2's rule refines a pixel with these four samples.
+fn pbrt_asks(samples: [[f32; 3]; 4]) -> bool {
+    asks(pbrt(pbrt_options(4, 16, Stopping::Threshold, PilotPolicy::Keep), 1), 12, &samples)
 }
 
 fn only(channel: usize, values: &[f32]) -> Vec<[f32; 3]> {
@@ -32,17 +44,6 @@ fn mitchell_refines_where_a_channel_exceeds_its_threshold() {
     assert_eq!([asked(0), asked(1), asked(2)], [[false, true, true], [true, true, true], [false, false, true]]);
     // One channel is enough, whatever the others.
     assert!(mitchell_asks(&[[1.0, 1.0, 0.2], [1.0, 1.0, 1.0]]));
-}
-
-/// True if pbrt-v2's rule refines a pixel with these four samples.
-fn pbrt_asks(samples: [[f32; 3]; 4]) -> bool {
-    let mut sampler = pbrt(pbrt_options(4, 16, Stopping::Threshold, PilotPolicy::Keep), 1);
-    let film = film(frame(1, 1), &sampler, &[samples.to_vec()]);
-    match ask(&mut sampler, &film, 100).total() {
-        0 => false,
-        12 => true,
-        other => panic!("{other} samples"),
-    }
 }
 
 #[test]
@@ -217,33 +218,44 @@ fn descriptions_name_every_parameter() {
     assert!(rounded(8, 8).starts_with("mitchell-pbrt:min=8,max=16,"));
 }
 
-#[test]
-fn parameters_out_of_range_are_refused() {
-    let refused = |options: MitchellOptions| match Mitchell::with_options(Random::new(1), options) {
+/// The name of the option that is refused.
+fn refused<O: Rule>(options: O) -> &'static str {
+    match TwoRates::with_options(Random::new(1), options) {
         Err(Error::OutOfRange { name, .. }) => name,
         _ => "taken",
-    };
+    }
+}
+
+#[test]
+fn parameters_out_of_range_are_refused() {
     let plain = MitchellOptions::default().initial(4).additional(6);
-    assert_eq!(refused(plain), "taken");
-    assert_eq!(refused(plain.initial(0)), "initial");
-    assert_eq!(refused(plain.additional(0)), "additional");
-    assert_eq!(refused(plain.additional(u32::MAX)), "additional");
-    assert_eq!(refused(plain.initial(1)), "taken");
-    assert_eq!(refused(plain.initial(1).radius(0)), "initial");
-    assert_eq!(refused(plain.radius(65)), "radius");
+    for (options, expected) in [
+        (plain, "taken"),
+        (plain.initial(0), "initial"),
+        (plain.additional(0), "additional"),
+        (plain.additional(u32::MAX), "additional"),
+        (plain.initial(1), "taken"),
+        (plain.initial(1).radius(0), "initial"),
+        (plain.radius(65), "radius"),
+    ] {
+        assert_eq!(refused(options), expected, "{options:?}");
+    }
     for bad in [0.0, -0.1, 1.0 + 1e-9, f64::NAN, f64::INFINITY] {
         let refused = [plain.red(bad), plain.green(bad), plain.blue(bad)].map(refused);
         assert_eq!(refused, ["red", "green", "blue"], "{bad}");
     }
-    let refused = |options: MitchellPbrtOptions| match MitchellPbrt::with_options(Random::new(1), options) {
-        Err(Error::OutOfRange { name, .. }) => name,
-        _ => "taken",
-    };
     let plain = MitchellPbrtOptions::default();
-    assert_eq!(refused(plain), "taken");
-    assert_eq!(refused(plain.min(1)), "min");
-    assert_eq!(refused(plain.max(3)), "max");
-    assert_eq!(refused(plain.max(u32::MAX)), "max");
+    let shapes = plain.max(300).test(PbrtTest::ShapeId);
+    for (options, expected) in [
+        (plain, "taken"),
+        (plain.min(1), "min"),
+        (plain.max(3), "max"),
+        (plain.max(u32::MAX), "max"),
+        (shapes.min(128), "taken"),
+        (shapes.min(129), "min"),
+    ] {
+        assert_eq!(refused(options), expected, "{options:?}");
+    }
     for threshold in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         assert_eq!(refused(plain.threshold(threshold)), "threshold");
     }
@@ -266,4 +278,65 @@ fn films_without_extrema_and_budgets_below_the_floor_are_refused() {
             assert!(matches!(next(&with, 36), Ok(Progress::Trace)));
         }
     }
+}
+
+/// A constant image in which the first number of a sample decides the triangle that it hits.
+fn triangles(hit: impl Fn(f32) -> Option<[u32; 2]> + Sync) -> impl Integrator {
+    Traced(move |draws: &Draws<'_>, _: &mut Worker| {
+        let first = |[shape, primitive]: [u32; 2]| {
+            FirstHit::new([0.0; 3], [0.0, 0.0, 1.0], 1.0).with_shape(shape).with_primitive(primitive)
+        };
+        Estimate::new([0.5; 3]).with_first_hit(hit(draws.block(Block::new(0))[0]).map(first))
+    })
+}
+
+/// The share of 128x128 pixels that are refined.
+fn refined(test: PbrtTest, policy: PilotPolicy, hit: impl Fn(f32) -> Option<[u32; 2]> + Sync) -> f64 {
+    let size = frame(128, 128);
+    let options = pbrt_options(4, 32, Stopping::Threshold, policy).test(test);
+    let film = run(&mut triangles(hit), &mut pbrt(options, 7), size, &Limits::spp(1000.0));
+    let refined = film.counts().iter().filter(|&&n| n == 32).count();
+    let others = film.counts().iter().filter(|&&n| n == 4).count();
+    assert_eq!(refined + others, size.pixels());
+    refined as f64 / size.pixels() as f64
+}
+
+#[test]
+fn pixels_on_an_edge_are_refined_with_the_probability_that_samples_fall_to_both_sides() {
+    for policy in POLICIES {
+        for a in [0.5f32, 0.2, 0.03] {
+            let closed = 1.0 - f64::from(a).powi(4) - f64::from(1.0 - a).powi(4);
+            let error = (closed * (1.0 - closed) / 16384.0).sqrt();
+            let triangles = |u: f32| Some([0, u32::from(u < a)]);
+            let shapes = |u: f32| Some([u32::from(u < a), 0]);
+            let silhouette = |u: f32| (u >= a).then_some([0, 0]);
+            for found in [
+                refined(PbrtTest::ShapeId, policy, triangles),
+                refined(PbrtTest::ShapeId, policy, shapes),
+                refined(PbrtTest::Shape, policy, shapes),
+                refined(PbrtTest::ShapeId, policy, silhouette),
+            ] {
+                // 36 comparisons within 5 standard errors fail by chance with probability 2e-5.
+                assert!((found - closed).abs() < 5.0 * error, "{policy:?}, {a}: {found} for {closed}");
+            }
+            // The control: edges within a shape do not count.
+            assert_eq!(refined(PbrtTest::Shape, policy, triangles), 0.0);
+        }
+        for hit in [Some([3, 5]), None] {
+            assert_eq!(refined(PbrtTest::ShapeId, policy, |_| hit), 0.0, "{policy:?}: pixels within one triangle");
+        }
+    }
+}
+
+#[test]
+fn pixels_with_more_changes_come_first_within_a_budget() {
+    let size = frame(64, 64);
+    let options = pbrt_options(4, 32, Stopping::Budget, PilotPolicy::Keep).test(PbrtTest::ShapeId);
+    // Refinement of all pixels would take 32 samples each.
+    let mut scene = triangles(|u: f32| Some([0, u32::from(u < 0.5)]));
+    let film = run(&mut scene, &mut pbrt(options, 3), size, &Limits::spp(10.0));
+    let changes = |i: usize| film.first_hits(i).windows(2).filter(|w| w[0] != w[1]).count();
+    let least = (0..size.pixels()).filter(|&i| film.count(i) == 32).map(changes).min().unwrap();
+    let most = (0..size.pixels()).filter(|&i| film.count(i) == 4).map(changes).max().unwrap();
+    assert!(least >= most && least > 0, "{least} {most}");
 }

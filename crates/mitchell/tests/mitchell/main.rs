@@ -2,8 +2,6 @@
 
 mod bias;
 mod budget;
-mod common;
 mod conformance;
 mod decisions;
-mod noise;
-mod shapes;
+mod support;

@@ -336,7 +336,8 @@ mod tests {
             for k in 0..200 {
                 let id = SampleId::new([k % SIZE[0], k / SIZE[0] % SIZE[1]], 0, u64::from(k));
                 let plain = tracer.estimate(&Draws::new(&points, id), &mut Worker::default());
-                let asked = tracer.estimate(&Draws::new(&points, id).with_trajectory(), &mut Worker::default());
+                let asked = tracer
+                    .estimate(&Draws::for_film(&points, id, Needs::none().with_trajectories()), &mut Worker::default());
                 assert_eq!((plain.radiance, plain.trajectory), (asked.radiance, None));
                 assert_eq!(asked.first_hit.is_some(), asked.trajectory.is_some());
                 hits += u32::from(asked.trajectory.is_some());

@@ -1,18 +1,22 @@
-//! Properties of fits and error estimates that images alone hardly show.
+//! Properties of inputs, fits and error estimates that images alone hardly show.
 
 use crate::ClusterRegression;
 use crate::averaging::{VANISHING, Window, average};
 use crate::error_map::{self, ERROR, Radii, raw_error, select, shrink};
-use crate::guide::{Guide, guide};
-use crate::inputs::{Half, Inputs};
+use crate::inputs::{Guide, Half, Inputs, Reads, guide};
 use crate::light::Light;
 use crate::normal_equations::{Fit, Sums, solve};
-use crate::parameters::Reads;
-use crate::planes::{Colours, Pair, Plane};
+use crate::one_sample::LAMP;
+use crate::planes::{Pair, Plane};
 use crate::regression::regress;
 use crate::scales;
 use crate::tile::Likeness;
-use dapple_core::{Estimate, Film, Filtered, Frame, Needs, SurfaceFeatures};
+use dapple_core::samplers::Uniform;
+use dapple_core::{
+    Block, Draws, Estimate, Film, Filtered, FirstHit, Frame, Integrator, Limits, Needs, Render, SurfaceFeatures,
+    Worker, mix,
+};
+use dapple_low_discrepancy::Sobol;
 use pulp::Scalar;
 
 const SIDE: usize = 24;
@@ -28,13 +32,19 @@ fn filtered(inputs: &Inputs, image: &Pair) -> Filtered {
     error_map::filtered(inputs, image, ERROR)
 }
 
-/// The planes of a film with one sample per half: `value(pixel, half)`. Their level is divided out.
-fn inputs(value: impl Fn(usize, usize) -> f32) -> Inputs {
-    let mut film = Film::new(Frame::new(SIDE as u32, SIDE as u32).unwrap(), NEEDS);
+/// The planes of a film with `count(pixel)` samples in each pixel, in turns to either half: `sample(pixel, number)`. Their level is
+/// divided out.
+fn inputs_of(needs: Needs, count: impl Fn(usize) -> usize, sample: impl Fn(usize, usize) -> Estimate) -> Inputs {
+    let mut film = Film::new(Frame::new(SIDE as u32, SIDE as u32).unwrap(), needs);
     for pixel in 0..PIXELS {
-        (0..2).for_each(|half| film.push(pixel, half, [value(pixel, half); 3]));
+        (0..count(pixel)).for_each(|k| film.push_estimate(pixel, k % 2, &sample(pixel, k)));
     }
     whole(&film)
+}
+
+/// The planes of a film with one grey sample per half: `value(pixel, half)`.
+fn inputs(value: impl Fn(usize, usize) -> f32) -> Inputs {
+    inputs_of(NEEDS, |_| 2, |pixel, half| Estimate::new([value(pixel, half); 3]))
 }
 
 /// A noisy image with the mean 1.
@@ -42,21 +52,17 @@ fn noisy() -> Inputs {
     inputs(|pixel, half| 0.75 + 0.5 * ((pixel * 7919 + half * 104_729) % 1009) as f32 / 1009.0)
 }
 
-fn grey(value: impl Fn(usize) -> f32) -> Colours {
-    std::array::from_fn(|_| (0..PIXELS).map(&value).collect())
-}
-
 /// Two images, given in the units of the planes.
 fn pair(value: impl Fn(usize, usize) -> f32) -> Pair {
-    Pair([0, 1].map(|half| grey(|i| value(i, half))))
+    Pair(std::array::from_fn(|k| (0..PIXELS).map(|i| value(i, k / 3)).collect()))
 }
 
 fn unfiltered_pair(inputs: &Inputs) -> Pair {
-    Pair::new(inputs.unfiltered().map(<[f32]>::to_vec))
+    Pair(inputs.unfiltered().map(<[f32]>::to_vec))
 }
 
 /// The images of both halves for a change of one half's guide, against those before: true where they differ.
-fn changed(image: impl Fn(&[Guide; 2]) -> [Colours; 2], inputs: &Inputs, half: usize) -> [bool; 2] {
+fn changed(image: impl Fn(&[Guide; 2]) -> Pair, inputs: &Inputs, half: usize) -> [bool; 2] {
     let guides = || [0, 1].map(|half| guide(inputs, half, true, false));
     let before = image(&guides());
     let mut other = guides();
@@ -64,31 +70,24 @@ fn changed(image: impl Fn(&[Guide; 2]) -> [Colours; 2], inputs: &Inputs, half: u
         *value += if i % 3 == 0 { 0.5 } else { 0.0 };
     }
     let after = image(&other);
-    [0, 1].map(|half| before[half] != after[half])
+    [0, 3].map(|first| before.0[first..first + 3] != after.0[first..first + 3])
 }
 
 const LIKE: Likeness = Likeness { patch: 1, colour: 2.0, features: None, outside: 1.0 };
 
 /// With its own weights, a half would keep the noise that these follow.
 #[test]
-fn the_fit_and_the_predictions_of_a_half_take_all_weights_from_the_other_half() {
+fn fits_predictions_and_averages_of_a_half_take_all_weights_from_the_other_half() {
     let inputs = noisy();
     let beside = unfiltered_pair(&inputs);
-    let image = |guides: &[Guide; 2]| regress(&inputs, guides, &LIKE, &beside, 0.1).0;
-    assert_eq!(changed(image, &inputs, 0), [false, true]);
-    assert_eq!(changed(image, &inputs, 1), [true, false]);
-}
-
-#[test]
-fn averages_of_a_half_take_all_weights_from_the_other_half() {
-    let inputs = noisy();
+    let fitted = |guides: &[Guide; 2]| regress(&inputs, guides, &LIKE, &beside, 0.1);
     let window = Window { radius: 4, disc: None, cut: VANISHING, falloff: 0.05 };
-    let image = |guides: &[Guide; 2]| {
-        let [a, b] = [0, 1].map(|half: usize| &inputs.halves[half].colour);
-        average(&inputs, [a, b], guides, &LIKE, &window)
-    };
-    assert_eq!(changed(image, &inputs, 0), [false, true]);
-    assert_eq!(changed(image, &inputs, 1), [true, false]);
+    let values = [0, 1].map(|half: usize| &inputs.halves[half].colour);
+    let averaged = |guides: &[Guide; 2]| average(&inputs, values, guides, &LIKE, &window, |_| true);
+    for (half, expected) in [[false, true], [true, false]].into_iter().enumerate() {
+        assert_eq!(changed(fitted, &inputs, half), expected);
+        assert_eq!(changed(averaged, &inputs, half), expected);
+    }
 }
 
 /// A single bright pixel reaches the pixels that its window holds: 9x9, or those at most the root of 18 away.
@@ -96,10 +95,11 @@ fn averages_of_a_half_take_all_weights_from_the_other_half() {
 fn averages_over_a_disc_leave_out_the_corners_of_its_square() {
     let inputs = noisy();
     let guides = [0, 1].map(|half| guide(&inputs, half, true, false));
-    let value = grey(|i| if i == PIXELS / 2 + SIDE / 2 { 1.0 } else { 0.0 });
+    let one = |i: usize| if i == PIXELS / 2 + SIDE / 2 { 1.0 } else { 0.0 };
+    let value = std::array::from_fn(|_| (0..PIXELS).map(one).collect());
     let reached = |disc| {
         let window = Window { radius: 4, disc, cut: VANISHING, falloff: 0.05 };
-        let [[red, ..], _] = average(&inputs, [&value, &value], &guides, &LIKE, &window);
+        let Pair([red, ..]) = average(&inputs, [&value, &value], &guides, &LIKE, &window, |_| true);
         red.iter().filter(|v| **v > 0.0).count()
     };
     assert_eq!([None, Some(18)].map(reached), [81, 61]);
@@ -166,7 +166,7 @@ fn takes_filtered(ratio: f32) -> bool {
     let bias = ((ratio + 1.0) * NOISE * NOISE).sqrt();
     let (image, unfiltered) = (pair(|_, _| 1.0 + bias), inputs.unfiltered());
     let chosen = select(&inputs, std::slice::from_ref(&image), &[1.0; PIXELS], 2, Some(0.0));
-    let [found, own] = [chosen.0[0][0][PIXELS / 2], unfiltered[0][PIXELS / 2]];
+    let [found, own] = [chosen.0[0][PIXELS / 2], unfiltered[0][PIXELS / 2]];
     (found - 1.0 - bias).abs() < (found - own).abs()
 }
 
@@ -206,12 +206,8 @@ fn errors_are_at_least_the_variance_of_the_filtered_image() {
 #[test]
 fn errors_are_unknown_only_where_no_pixel_in_reach_has_samples() {
     let unknown = |first_rows: usize| -> Vec<f32> {
-        let mut film = Film::new(Frame::new(SIDE as u32, SIDE as u32).unwrap(), NEEDS);
-        for pixel in 0..PIXELS {
-            let halves = if pixel / SIDE < 8 { first_rows } else { 2 };
-            (0..halves).for_each(|half| film.push(pixel, half, [unfiltered(half); 3]));
-        }
-        let inputs = whole(&film);
+        let halves = |pixel: usize| if pixel / SIDE < 8 { first_rows } else { 2 };
+        let inputs = inputs_of(NEEDS, halves, |_, half| Estimate::new([unfiltered(half); 3]));
         let error = filtered(&inputs, &unfiltered_pair(&inputs)).error.unwrap();
         let unknown: Plane = error.iter().map(|e| f32::from(u8::from(e.is_infinite()))).collect();
         unknown.chunks(SIDE).map(|row| row.iter().sum::<f32>() / SIDE as f32).collect()
@@ -226,11 +222,8 @@ fn errors_are_unknown_only_where_no_pixel_in_reach_has_samples() {
 #[test]
 fn a_sample_of_a_pixel_without_others_counts_in_one_half() {
     let film = |changed: usize| {
-        let mut film = Film::new(Frame::new(SIDE as u32, SIDE as u32).unwrap(), NEEDS);
-        (0..PIXELS).for_each(|i| {
-            film.push(i, 0, [if i == changed { 3.0 } else { 1.0 + 0.1 * (i % 7) as f32 }; 3]);
-        });
-        whole(&film)
+        let value = |i: usize| if i == changed { 3.0 } else { 1.0 + 0.1 * (i % 7) as f32 };
+        inputs_of(NEEDS, |_| 1, |i, _| Estimate::new([value(i); 3]))
     };
     let before = film(usize::MAX);
     for changed in [5 * SIDE + 4, 5 * SIDE + 5] {
@@ -255,14 +248,16 @@ fn a_half_is_interpolated_on_its_surface_and_without_its_albedo() {
     let is_left = |i: usize| i % SIDE < SIDE / 2;
     let light = |i: usize| if is_left(i) { 1.0 } else { 5.0 };
     let film = |turns: bool| {
-        let mut film = Film::new(Frame::new(SIDE as u32, SIDE as u32).unwrap(), RECORDED);
-        for i in 0..PIXELS {
-            let place = [(i % SIDE) as f32, (i / SIDE) as f32, 0.0];
-            let normal = if turns && is_left(i) { [1.0, 0.0, 0.0] } else { [0.0, 0.0, 1.0] };
-            let features = SurfaceFeatures::new(place, normal, 10.0).with_albedo([albedo(i); 3]);
-            film.push_estimate(i, 0, &Estimate::new([albedo(i) * light(i); 3]).with_features(features));
-        }
-        whole(&film)
+        inputs_of(
+            RECORDED,
+            |_| 1,
+            |i, _| {
+                let place = [(i % SIDE) as f32, (i / SIDE) as f32, 0.0];
+                let normal = if turns && is_left(i) { [1.0, 0.0, 0.0] } else { [0.0, 0.0, 1.0] };
+                let features = SurfaceFeatures::new(place, normal, 10.0).with_albedo([albedo(i); 3]);
+                Estimate::new([albedo(i) * light(i); 3]).with_features(features)
+            },
+        )
     };
     let worst = |inputs: &Inputs| -> f32 {
         let apart = |half: &Half, i: usize| (half.colour[0][i] * inputs.level() / (albedo(i) * light(i)) - 1.0).abs();
@@ -276,13 +271,8 @@ fn a_half_is_interpolated_on_its_surface_and_without_its_albedo() {
 /// The variance of one sample per pixel is that of its noise, and a quarter of it between samples.
 #[test]
 fn one_sample_per_pixel_has_the_variance_of_its_noise() {
-    let mut film = Film::new(Frame::new(SIDE as u32, SIDE as u32).unwrap(), NEEDS);
-    let mut state = 1u32;
-    for i in 0..PIXELS {
-        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        film.push(i, 0, [0.5 + (state >> 8) as f32 / 16_777_216.0; 3]);
-    }
-    let inputs = whole(&film);
+    let noise = |i: usize| (mix(i as u64) >> 40) as f32 / 16_777_216.0;
+    let inputs = inputs_of(NEEDS, |_| 1, |i, _| Estimate::new([0.5 + noise(i); 3]));
     let of = |is_own: bool| -> f32 {
         let half = |i: usize| (i % SIDE + i / SIDE + usize::from(!is_own)) % 2;
         let inside = (0..PIXELS).filter(|i| (2..SIDE - 2).contains(&(i % SIDE)) && (2..SIDE - 2).contains(&(i / SIDE)));
@@ -296,15 +286,15 @@ fn one_sample_per_pixel_has_the_variance_of_its_noise() {
 /// A lamp of radiance 10^5 covers pixel 300 partly; one sample in four sees it. The wall varies by 0.1.
 #[test]
 fn variances_at_edges_of_lamps_are_those_of_the_light_that_filters_get() {
-    let mut film = Film::new(Frame::new(SIDE as u32, SIDE as u32).unwrap(), RECORDED);
-    for pixel in 0..PIXELS {
-        for sample in 0..8 {
+    let inputs = inputs_of(
+        RECORDED,
+        |_| 8,
+        |pixel, sample| {
             let wall = if sample < 4 { 0.95 } else { 1.05 };
             let lamp = if pixel == 300 && sample % 4 < 2 && sample < 4 { 1e5 } else { 0.0 };
-            film.push_with_emission(pixel, sample % 2, [wall + lamp; 3], [lamp; 3]);
-        }
-    }
-    let inputs = whole(&film);
+            Estimate::new([wall + lamp; 3]).with_emission([lamp; 3])
+        },
+    );
     for half in &inputs.halves {
         let (colour, largest) = (half.colour[0][300], half.variance[0].iter().copied().fold(0.0f32, f32::max));
         assert!(colour > 10.0 && colour < 100.0, "{colour}: most of the lamp is withheld");
@@ -317,7 +307,7 @@ fn variances_at_edges_of_lamps_are_those_of_the_light_that_filters_get() {
 fn kept(radii: Radii, evidence: f32, narrow: impl Fn(usize, usize) -> f32) -> f32 {
     let narrow = pair(narrow);
     let image = shrink(&inputs(|_, _| 1.0), narrow.channels(), &pair(|_, _| 1.0), radii, evidence);
-    let square = |image: &Pair| image.0[0][0].iter().map(|v| (v - 1.0) * (v - 1.0)).sum::<f32>();
+    let square = |image: &Pair| image.0[0].iter().map(|v| (v - 1.0) * (v - 1.0)).sum::<f32>();
     square(&image) / square(&narrow)
 }
 
@@ -356,4 +346,95 @@ fn a_first_pass_precedes_two_others_for_direct_light_by_itself_only() {
         let inputs = Inputs::new(light, &Reads::default());
         assert_eq!(ClusterRegression::new().before_second(&inputs).len(), images);
     }
+}
+
+/// The width of an image with a lamp.
+const WIDTH: usize = 48;
+const WALL: f32 = 0.25;
+const PLACE: Block = Block::new(0);
+
+/// A wall, and a lamp of this radiance, from this place in column 20 to the end of column 29.
+struct Lamp(f32, f32);
+
+impl Lamp {
+    fn emission(&self, draws: &Draws<'_>) -> [f32; 3] {
+        let ([x, _], [u, ..]) = (draws.pixel(), draws.block(PLACE));
+        [if (self.1..30.0).contains(&(x as f32 + u)) { self.0 } else { 0.0 }; 3]
+    }
+}
+
+impl Integrator for Lamp {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
+        let (emission, hit) = (self.emission(draws), FirstHit::new([0.0; 3], [0.0, 0.0, 1.0], 1.0));
+        Estimate::new(emission.map(|e| e + WALL)).with_first_hit(hit.with_albedo([0.5; 3])).with_emission(emission)
+    }
+
+    fn features_alone(&self, draws: &Draws<'_>) -> Option<Estimate> {
+        Some(self.estimate(draws, &mut Worker::default()))
+    }
+}
+
+/// One sample per pixel, the planes of its film, and the red of pixel `i` in the half that it lacks and in the other.
+fn rendered(lamp: Lamp) -> (Film, Inputs, impl Fn(&Inputs, usize) -> [f32; 2]) {
+    let needs = Needs::none().with_variance().with_halves().with_features().with_emission();
+    let (frame, limits) = (Frame::new(WIDTH as u32, WIDTH as u32).unwrap(), Limits::spp(1.0));
+    let (mut lamp, mut sampler) = (lamp, Uniform::new(Sobol::new(4)));
+    let film = Render::new(frame, &limits).needs(needs).run(&mut lamp, &mut sampler).unwrap();
+    let inputs = Inputs::new(Light::all(&film), &Reads::default());
+    let halves = |inputs: &Inputs, i: usize| {
+        let own = (i % WIDTH + i / WIDTH) % 2;
+        [1 - own, own].map(|half| inputs.halves[half].colour[0][i] * inputs.level())
+    };
+    (film, inputs, halves)
+}
+
+/// The pixels at the edge, but for those at the border of the image.
+fn edge() -> impl Iterator<Item = usize> {
+    (1..WIDTH - 1).map(|y| y * WIDTH + 20)
+}
+
+#[test]
+fn the_half_that_a_pixel_lacks_has_emission_of_its_own_samples() {
+    let (film, inputs, halves) = rendered(Lamp(40.0, 20.37));
+    let alone = |half, i| film.emission_alone(half, i).unwrap().1[0];
+    assert!(edge().any(|i| alone(0, i) != alone(1, i)), "both halves are alike everywhere");
+    for i in edge() {
+        let unused = usize::from(film.half(0, i).unwrap().count > 0);
+        let [lacking, own] = halves(&inputs, i);
+        let wanted = alone(unused, i) + WALL;
+        assert!((lacking - wanted).abs() < 1e-3 * wanted, "{lacking}, not {wanted}; {own} in the other half");
+    }
+}
+
+/// Four samples miss a lamp that covers a tenth of a pixel in two of three pixels. Their light must not end at the lamp beside
+/// them.
+#[test]
+fn pixels_that_may_hide_an_edge_get_light_of_the_lamp_beside_them() {
+    let (film, inputs, halves) = rendered(Lamp(40.0, 20.9));
+    let missed: Vec<usize> = edge().filter(|&i| film.emission_alone(0, i).is_none()).collect();
+    assert!(missed.len() > 20, "{} pixels", missed.len());
+    for i in missed.into_iter().filter(|&i| film.mean(i)[0] < 1.0) {
+        let [lacking, _] = halves(&inputs, i);
+        assert!(lacking >= 0.25 * 40.0, "{lacking}");
+    }
+}
+
+#[test]
+fn dim_emission_is_interpolated_like_other_light() {
+    let (_, inputs, halves) = rendered(Lamp(WALL, 20.37));
+    assert!(WALL < LAMP * inputs.level());
+    for i in edge() {
+        // All neighbours are alike.
+        let wanted = [i - 1, i + 1, i - WIDTH, i + WIDTH].map(|j| halves(&inputs, j)[1]).iter().sum::<f32>() / 4.0;
+        let [lacking, _] = halves(&inputs, i);
+        assert!((lacking - wanted).abs() < 1e-3 * wanted, "{lacking}, not {wanted}");
+    }
+}
+
+#[test]
+fn emission_that_is_withheld_is_so_in_both_halves() {
+    let (_, inputs, halves) = rendered(Lamp(1e12, 20.37));
+    let most = |k: usize| (0..WIDTH * WIDTH).map(|i| halves(&inputs, i)[k]).fold(0.0, f32::max);
+    let [lacking, own] = [most(0), most(1)];
+    assert!(own > 1.0 && own < 1e10 && lacking <= 1.01 * own, "{lacking} interpolated, {own} sampled");
 }
