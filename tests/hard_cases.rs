@@ -155,7 +155,7 @@ A test covers a case if its name contains the case's id.
 `DAPPLE_UPDATE=1 cargo test --test hard_cases` makes this page from [hard-cases.toml](../hard-cases.toml) and the tests;
 `cargo test` fails where it is out of date.
 
-* **T1** runs with `cargo test --workspace`; **T2** by hand with `cargo test --release --workspace -- --ignored`; **T3** before a release.
+* **T1** runs with `cargo test --workspace`; **T2** by hand with `DAPPLE_THOROUGH=1 cargo test --release --workspace -- --include-ignored`; **T3** before a release.
 * *done*: run by `cargo test`. *by hand*: every test of the case is ignored by default, because it is slow.
   *short*: tested, and a part of the case fails. *missing*: no test yet.
 
