@@ -105,25 +105,18 @@ impl Reader<'_> {
         let constant = params.has("L").then(|| params.rgb("L", Gamut::Light).unwrap_or([1.0; 3]));
         let illuminance = positive(params, "illuminance");
         let file = params.text(if old { "mapname" } else { "filename" });
-        let radiance = match file {
-            Some((_, line)) if constant.is_some() && !old => {
-                params.problem(line, format!("{} has both L and filename; remove one", params.of));
-                None
+        let tint = scaled(constant.unwrap_or([1.0; 3]), params);
+        let radiance = match (file, illuminance) {
+            (Some((_, line)), _) if constant.is_some() && !old => {
+                return params.fail(line, format!("{} has both L and filename; remove one", params.of));
             }
-            Some((file, line)) => {
-                let source = Source { line, ..source.clone() };
-                let tint = scaled(constant.unwrap_or([1.0; 3]), params);
-                self.environment(&file, tint, illuminance, &source, params)
+            (Some((file, line)), _) => {
+                self.environment(&file, tint, illuminance, &Source { line, ..source.clone() }, params)?
             }
-            None => {
-                let mut radiance = scaled(constant.unwrap_or([1.0; 3]), params);
-                if let Some(illuminance) = illuminance {
-                    radiance = brighter(radiance, illuminance / PI, params);
-                }
-                Some(EnvironmentRadiance::Constant(radiance))
-            }
+            (None, Some(illuminance)) => EnvironmentRadiance::Constant(brighter(tint, illuminance / PI, params)),
+            (None, None) => EnvironmentRadiance::Constant(tint),
         };
-        Some((LightKind::Infinite { radiance: radiance? }, DAffine3::IDENTITY))
+        Some((LightKind::Infinite { radiance }, DAffine3::IDENTITY))
     }
 
     /// Makes the radiance of an environment map, multiplied by `tint` and scaled to `illuminance` if given. `None`,
@@ -161,11 +154,8 @@ impl Reader<'_> {
                 params.notice(source.line, what);
             }
             if found <= 0.0 || !found.is_finite() {
-                params.problem(
-                    source.line,
-                    format!("{} gives no light from above; illuminance cannot be had", shown(file)),
-                );
-                return None;
+                let what = "gives no light from above; illuminance cannot be had";
+                return params.fail(source.line, format!("{} {what}", shown(file)));
             }
             scale = brighter([scale; 3], wanted / found, params)[0];
         }
@@ -173,8 +163,7 @@ impl Reader<'_> {
         if let Some(at) = bad {
             let (x, y) = (at as u32 % image.size[0], at as u32 / image.size[0]);
             let what = format!("pixel {x}, {y} of {} is negative or not finite; mend the image", shown(file));
-            params.problem(source.line, what);
-            return None;
+            return params.fail(source.line, what);
         }
         Some(match equal_area {
             true => EnvironmentRadiance::EqualArea { image, scale },
@@ -233,8 +222,7 @@ fn pose(params: &mut Params, sign: f64) -> Option<(DVec3, DMat3)> {
     let (from, to) = (point(params, "from", DVec3::ZERO), point(params, "to", DVec3::Z));
     let direction = (to - from) * sign;
     let Some(z) = (direction / direction.abs().max_element()).try_normalize() else {
-        params.problem(params.line(), format!("{} needs from and to to differ", params.of));
-        return None;
+        return params.fail(params.line(), format!("{} needs from and to to differ", params.of));
     };
     let (x, y) = z.any_orthonormal_pair();
     Some((from, DMat3::from_cols(x, y, z)))

@@ -52,16 +52,13 @@ impl Reader<'_> {
     pub(super) fn make_named_material(&mut self, mut d: Directive<'_>) {
         let mut params = self.params(&mut d, "material");
         let name = d.texts.swap_remove(0);
-        let kind = params.text("type");
-        if kind.is_none() {
-            params.lacks("its type; add \"string type\" \"diffuse\"");
-        }
+        let kind = params.text("type").or_else(|| params.lacks("its type; add \"string type\" \"diffuse\""));
         if let Some(first) = self.named_materials.get(&name) {
             let first = &self.scene.materials[first].source;
-            if self.context.version.is_old() {
-                params.notice(d.source.line, format!("material {} is made anew (first at {first})", shown(&name)));
-            } else {
-                params.problem(d.source.line, format!("material {} is made twice (first at {first})", shown(&name)));
+            let what = |how| format!("material {} is made {how} (first at {first})", shown(&name));
+            match self.context.version.is_old() {
+                true => params.notice(d.source.line, what("anew")),
+                false => params.problem(d.source.line, what("twice")),
             }
         }
         let (kind, line) = kind.unwrap_or(("diffuse".into(), d.source.line));
@@ -196,14 +193,8 @@ fn mix(params: &mut Params) -> Made {
     let names = params.take_texts("materials", Type::Text).map(|(names, line)| (<[String; 2]>::try_from(names), line));
     let mixes = match names {
         Some((Ok(names), _)) => Some(names),
-        Some((Err(names), line)) => {
-            params.bad("materials", line, format!("takes 2 names, not {}", names.len()));
-            None
-        }
-        None => {
-            params.lacks("\"string materials\" with two names");
-            None
-        }
+        Some((Err(names), line)) => params.wrong("materials", line, format!("takes 2 names, not {}", names.len())),
+        None => params.lacks("\"string materials\" with two names"),
     };
     Made { kind: MaterialKind::Mix { materials: [MaterialId(0); 2], amount }, mixes }
 }
@@ -213,11 +204,9 @@ pub(super) fn fresnel(params: &mut Params, names: [&'static str; 3]) -> Conducto
     let [reflectance_name, eta, k] = names;
     if params.has(reflectance_name) {
         let reflectance = params.color(reflectance_name, [0.5; 3]);
-        for name in [eta, k] {
-            if let Some(param) = params.take(name) {
-                let what = format!("{} has both {reflectance_name} and {name}; remove one", params.of);
-                params.problem(param.line, what);
-            }
+        for param in params.given(&[eta, k]) {
+            let what = format!("{} has both {reflectance_name} and {}; remove one", params.of, param.name);
+            params.problem(param.line, what);
         }
         return ConductorFresnel::Reflectance(reflectance);
     }
@@ -268,7 +257,7 @@ impl Params {
             }
             _ => return Color::Constant(self.rgb(name, gamut).unwrap_or(default)),
         }
-        let Some((texture, line)) = self.texture_name(name) else { return default_color };
+        let Some((texture, line)) = self.text_of(name, Type::Texture) else { return default_color };
         match self.context.textures.clone().spectrum(&texture) {
             Ok(Color::Constant(c)) if gamut == Gamut::Reflectance && c.iter().any(|&c| c > 1.0) => {
                 let what = format!("texture {} is above 1: {name} of {} must not be", shown(&texture), self.of);
@@ -287,7 +276,7 @@ impl Params {
         if self.peek(name).is_none_or(|p| p.ty != Type::Texture) {
             return Scalar::Constant(self.float32(name, default, ok, range));
         }
-        let Some((texture, line)) = self.texture_name(name) else { return default_scalar };
+        let Some((texture, line)) = self.text_of(name, Type::Texture) else { return default_scalar };
         match self.context.textures.clone().float(&texture) {
             Ok(Ok(Scalar::Constant(value))) if !ok(f64::from(*value)) => {
                 self.bad(name, line, format!("must be {range}, not {value}"));
@@ -310,17 +299,6 @@ impl Params {
             Scalar::Texture(_) => {
                 self.unsupported(line, format!("a texture as {name} of {}", self.of));
                 default
-            }
-        }
-    }
-
-    /// Takes a parameter that names a texture. Returns the texture's name and the parameter's line.
-    pub(super) fn texture_name(&mut self, name: &'static str) -> Option<(String, u32)> {
-        match self.take_texts(name, Type::Texture)? {
-            (names, line) if names.len() == 1 => names.into_iter().next().map(|name| (name, line)),
-            (_, line) => {
-                self.bad(name, line, "takes one texture's name");
-                None
             }
         }
     }
