@@ -265,10 +265,7 @@ fn refracting(scene: &Scene) -> Vec<(&str, &Source, DVec3)> {
 /// Returns an upper bound of the solid angle, in steradians, of a light seen from a point; `None` for an environment.
 fn solid_angle(scene: &Scene, light: LightNumber, from: DVec3) -> Option<f64> {
     match light {
-        LightNumber::Light(i) => match scene.lights[i].kind.environment() {
-            Some(_) => None,
-            None => Some(0.0),
-        },
+        LightNumber::Light(i) => scene.lights[i].kind.environment().is_none().then_some(0.0),
         LightNumber::Shape(i) => {
             let shape = &scene.shapes[i];
             let lamp = LampShape::of(shape)?;

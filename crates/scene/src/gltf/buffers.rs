@@ -104,7 +104,7 @@ impl<'a> Buffers<'a> {
         };
         let Some(sparse) = accessor.sparse() else { return Ok(values) };
         let (indices, changed) = (sparse.indices(), sparse.values());
-        let of_index = size_of_index(indices.index_type());
+        let of_index = indices.index_type().size();
         let places =
             self.view(&indices.view()).and_then(|b| strided(b, [indices.offset(), of_index, of_index], sparse.count()));
         let elements =
@@ -139,15 +139,6 @@ fn integer(kind: DataType, bytes: &[u8]) -> i64 {
         DataType::I16 => i64::from(i16::from_le_bytes([bytes[0], bytes[1]])),
         DataType::U16 => i64::from(u16::from_le_bytes([bytes[0], bytes[1]])),
         DataType::U32 | DataType::F32 => i64::from(u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]])),
-    }
-}
-
-fn size_of_index(kind: ::gltf::accessor::sparse::IndexType) -> usize {
-    use ::gltf::accessor::sparse::IndexType;
-    match kind {
-        IndexType::U8 => 1,
-        IndexType::U16 => 2,
-        IndexType::U32 => 4,
     }
 }
 

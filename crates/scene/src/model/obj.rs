@@ -202,15 +202,11 @@ impl Parser {
                 });
                 Ok(())
             }
-            "mtllib" => {
-                if !name.is_empty() && !self.libraries.iter().any(|(known, _)| known == name) {
-                    self.libraries.push((name.to_owned(), number));
-                }
-                Ok(())
-            }
-            "l" | "p" | "curv" | "curv2" | "surf" | "call" => {
-                if !self.left_out.iter().any(|(known, _)| known == keyword) {
-                    self.left_out.push((keyword.to_owned(), number));
+            "mtllib" | "l" | "p" | "curv" | "curv2" | "surf" | "call" => {
+                let is_library = keyword == "mtllib";
+                let (list, name) = if is_library { (&mut self.libraries, name) } else { (&mut self.left_out, keyword) };
+                if !name.is_empty() && !list.iter().any(|(known, _)| known == name) {
+                    list.push((name.to_owned(), number));
                 }
                 Ok(())
             }

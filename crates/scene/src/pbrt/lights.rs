@@ -1,14 +1,14 @@
 //! Lights of pbrt scenes, and the emission of shapes.
 
 use super::directive::{Directive, shown};
-use super::legacy::light_scale;
+use super::legacy::{Version, light_scale};
 use super::params::{Params, Type};
 use super::reader::Reader;
 use super::spectra::Gamut;
 use super::state::AreaLight;
 use super::textures::{Channel, Decoding};
 use crate::image::Image;
-use crate::{EnvironmentRadiance, Light, LightKind, Source, SpotFalloff};
+use crate::{EnvironmentRadiance, Light, LightKind, SpotFalloff};
 use glam::{DAffine3, DMat3, DVec3};
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
@@ -45,7 +45,7 @@ impl Reader<'_> {
             params.ignore(&["nsamples", "samples"]);
         }
         let made = match d.texts[0].as_str() {
-            "infinite" => self.infinite(&mut params, &d.source),
+            "infinite" => self.infinite(&mut params),
             "point" => Some(Self::point(&mut params)),
             "spot" => self.spot(&mut params),
             "distant" => Self::distant(&mut params),
@@ -99,7 +99,7 @@ impl Reader<'_> {
         Some((LightKind::Distant { irradiance }, DAffine3::from_mat3(frame)))
     }
 
-    fn infinite(&mut self, params: &mut Params, source: &Source) -> Option<(LightKind, DAffine3)> {
+    fn infinite(&mut self, params: &mut Params) -> Option<(LightKind, DAffine3)> {
         params.refuse(&["portal"]);
         let old = self.context.version.is_old();
         let constant = params.has("L").then(|| params.rgb("L", Gamut::Light).unwrap_or([1.0; 3]));
@@ -110,9 +110,7 @@ impl Reader<'_> {
             (Some((_, line)), _) if constant.is_some() && !old => {
                 return params.fail(line, format!("{} has both L and filename; remove one", params.of));
             }
-            (Some((file, line)), _) => {
-                self.environment(&file, tint, illuminance, &Source { line, ..source.clone() }, params)?
-            }
+            (Some((file, line)), _) => self.environment((&file, line), tint, illuminance, params)?,
             (None, Some(illuminance)) => EnvironmentRadiance::Constant(brighter(tint, illuminance / PI, params)),
             (None, None) => EnvironmentRadiance::Constant(tint),
         };
@@ -123,16 +121,14 @@ impl Reader<'_> {
     /// with a reported problem, if the image is unusable.
     fn environment(
         &mut self,
-        file: &str,
+        (file, line): (&str, u32),
         tint: [f32; 3],
         illuminance: Option<f64>,
-        source: &Source,
         params: &mut Params,
     ) -> Option<EnvironmentRadiance> {
         // pbrt-v2 decodes integers without the sRGB curve.
-        let linear = self.context.version == super::legacy::Version::V2;
-        let decoding = if linear { Decoding::Linear } else { Decoding::Srgb };
-        let Some(mut image) = self.image(file, decoding, Channel::Rgb, source) else {
+        let decoding = if self.context.version == Version::V2 { Decoding::Linear } else { Decoding::Srgb };
+        let Some(mut image) = self.image(file, (decoding, Channel::Rgb), &params.at(line)) else {
             params.broken = true;
             return None;
         };
@@ -151,11 +147,11 @@ impl Reader<'_> {
                 found *= 0.5;
                 let what = "pbrt-v4 takes half of what a square image gives for its illuminance, and so makes it \
                             twice as bright as asked: it is done alike";
-                params.notice(source.line, what);
+                params.notice(line, what);
             }
             if found <= 0.0 || !found.is_finite() {
                 let what = "gives no light from above; illuminance cannot be had";
-                return params.fail(source.line, format!("{} {what}", shown(file)));
+                return params.fail(line, format!("{} {what}", shown(file)));
             }
             scale = brighter([scale; 3], wanted / found, params)[0];
         }
@@ -163,7 +159,7 @@ impl Reader<'_> {
         if let Some(at) = bad {
             let (x, y) = (at as u32 % image.size[0], at as u32 / image.size[0]);
             let what = format!("pixel {x}, {y} of {} is negative or not finite; mend the image", shown(file));
-            return params.fail(source.line, what);
+            return params.fail(line, what);
         }
         Some(match equal_area {
             true => EnvironmentRadiance::EqualArea { image, scale },

@@ -5,9 +5,7 @@ use super::params::{Params, Type};
 use super::reader::Reader;
 use super::spectra::{Gamut, metal};
 use super::state::MaterialRef;
-use crate::{
-    Coating, Color, ConductorFresnel, Material, MaterialId, MaterialKind, Roughness, Scalar, Source, TextureKind,
-};
+use crate::{Coating, Color, ConductorFresnel, Material, MaterialId, MaterialKind, Roughness, Scalar, TextureKind};
 
 /// Material types that pbrt-v4 introduced, all supported.
 pub(super) const NEW_MATERIALS: &str =
@@ -26,9 +24,11 @@ pub(super) fn default_kind() -> MaterialKind {
 /// A material as a directive describes it, without an index.
 pub(super) struct Made {
     pub(super) kind: MaterialKind,
-    /// The names of the two mixed materials; `None` if the material is no mix.
-    pub(super) mixes: Option<[String; 2]>,
+    pub(super) mixes: Mixes,
 }
+
+/// The names of the two mixed materials; `None` if the material is no mix.
+type Mixes = Option<[String; 2]>;
 
 impl From<MaterialKind> for Made {
     fn from(kind: MaterialKind) -> Self {
@@ -41,8 +41,7 @@ impl Reader<'_> {
     pub(super) fn set_material(&mut self, mut d: Directive<'_>) {
         let params = self.params(&mut d, "material");
         let name = format!("material {}", self.scene.materials.len());
-        let line = d.source.line;
-        let (material, mixes) = self.make_material(name, &d.texts[0], line, params, d.source);
+        let (material, mixes) = self.make_material(name, (&d.texts[0], d.source.line), params);
         let id = self.scene.add_material(material);
         self.settle_mix(id, mixes);
         self.state.material = MaterialRef::Made(id);
@@ -62,35 +61,27 @@ impl Reader<'_> {
             }
         }
         let (kind, line) = kind.unwrap_or(("diffuse".into(), d.source.line));
-        let (material, mixes) = self.make_material(name.clone(), &kind, line, params, d.source);
+        let (material, mixes) = self.make_material(name.clone(), (&kind, line), params);
         let id = MaterialId(self.named_materials.define(&name, material, &mut self.scene.materials) as u32);
         self.settle_mix(id, mixes);
     }
 
     /// Makes a material of type `kind`; after an error a placeholder, so that reading can continue. Also returns the names
     /// of the materials that it mixes, if it is a mix.
-    fn make_material(
-        &mut self,
-        name: String,
-        kind: &str,
-        line: u32,
-        mut params: Params,
-        source: Source,
-    ) -> (Material, Option<[String; 2]>) {
+    fn make_material(&mut self, name: String, kind: (&str, u32), mut params: Params) -> (Material, Mixes) {
+        let ((kind, line), old) = (kind, self.context.version.is_old());
         let shades = !matches!(kind, "mix" | "interface" | "none" | "");
-        let bump_name = if self.context.version.is_old() { "bumpmap" } else { "displacement" };
+        let bump_name = if old { "bumpmap" } else { "displacement" };
         let bump = (shades && params.has(bump_name))
             .then(|| params.scalar(bump_name, 0.0, |_| true, "finite"))
             // A constant height tilts no normals.
             .filter(|bump| matches!(bump, Scalar::Texture(_)));
-        let normal_map =
-            (shades && !self.context.version.is_old()).then(|| self.normal_map(&mut params, &source)).flatten();
+        let normal_map = if shades && !old { self.normal_map(&mut params) } else { None };
         if let (Some(_), Some(_)) = (bump, normal_map) {
             params.problem(line, format!("{} has both displacement and normalmap; remove one", params.of));
         }
-        let old = self.context.version.is_old();
         let made = match kind {
-            "diffusetransmission" if !old => Some(self.diffuse_transmission(&mut params, &source).into()),
+            "diffusetransmission" if !old => Some(self.diffuse_transmission(&mut params).into()),
             _ if old => self.old_material(kind, &mut params),
             _ => new_material(kind, &mut params),
         };
@@ -99,12 +90,13 @@ impl Reader<'_> {
             params.unsupported_type(line, "Material", kind, &known);
             default_kind().into()
         });
+        let material = Material { bump, normal_map, ..Material::new(name, made.kind, params.source.clone()) };
         params.finish(&mut self.log);
-        (Material { bump, normal_map, ..Material::new(name, made.kind, source) }, made.mixes)
+        (material, made.mixes)
     }
 
     /// Sets the materials of a mix by their names.
-    fn settle_mix(&mut self, mix: MaterialId, names: Option<[String; 2]>) {
+    fn settle_mix(&mut self, mix: MaterialId, names: Mixes) {
         let Some(names) = names else { return };
         let source = self.scene.materials[mix.0 as usize].source.clone();
         let found = names.map(|name| self.material_named(&name, &source));
@@ -113,7 +105,7 @@ impl Reader<'_> {
         }
     }
 
-    fn diffuse_transmission(&mut self, params: &mut Params, source: &Source) -> MaterialKind {
+    fn diffuse_transmission(&mut self, params: &mut Params) -> MaterialKind {
         let given = ["reflectance", "transmittance"].map(|name| params.color(name, [0.25; 3]));
         let scale = params.float32("scale", 1.0, |v| v >= 0.0, "at least 0");
         let [reflectance, transmittance] = given.map(|color| match color {
@@ -121,7 +113,7 @@ impl Reader<'_> {
             color if scale == 1.0 => color,
             color => {
                 let factors = [color, Color::Constant([scale; 3])];
-                self.add_texture("scaled", TextureKind::Product { factors }, params, source)
+                self.add_texture("scaled", TextureKind::Product { factors }, params)
             }
         });
         if let (Color::Constant(r), Color::Constant(t)) = (reflectance, transmittance) {

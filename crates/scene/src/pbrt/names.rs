@@ -78,11 +78,6 @@ impl Reader<'_> {
         Some(MediumId(self.named_media.used(name, source, &mut self.scene.media, item) as u32))
     }
 
-    fn object_named(&mut self, name: &str, source: &Source) -> ObjectId {
-        let item = |source| Object { name: name.to_owned(), shapes: Vec::new(), source };
-        ObjectId(self.named_objects.used(name, source, &mut self.scene.objects, item) as u32)
-    }
-
     /// Executes `ObjectBegin`: later shapes belong to this object until `ObjectEnd`.
     pub(super) fn begin_object(&mut self, d: &Directive<'_>) {
         if let Some(open) = self.object {
@@ -108,10 +103,16 @@ impl Reader<'_> {
             self.log.problem(&d.source, what);
             return;
         }
-        let object = self.object_named(&d.texts[0], &d.source);
+        let item = |source| Object { name: d.texts[0].clone(), shapes: Vec::new(), source };
+        let object = self.named_objects.used(&d.texts[0], &d.source, &mut self.scene.objects, item);
         let ctm = &self.state.ctm;
         let source = d.source.clone();
-        self.scene.instances.push(Instance { object, to_world: ctm.start, moves_to: ctm.moves_to(), source });
+        self.scene.instances.push(Instance {
+            object: ObjectId(object as u32),
+            to_world: ctm.start,
+            moves_to: ctm.moves_to(),
+            source,
+        });
     }
 
     /// Adds a shape to the current object or, outside of objects, to the scene. The shape gets the current material and

@@ -167,7 +167,7 @@ pub(super) fn read_param(tokens: &mut Tokens<'_>, file: &Arc<PathBuf>, log: &mut
 pub(super) struct Params {
     /// The directive's name, for messages.
     pub(super) of: String,
-    source: Source,
+    pub(super) source: Source,
     list: Vec<Param>,
     asked: Vec<&'static str>,
     reports: Vec<(Report, Fault)>,
@@ -214,6 +214,11 @@ impl Params {
         self.source.line
     }
 
+    /// Returns a line of the directive's file.
+    pub(super) fn at(&self, line: u32) -> Source {
+        Source { line, ..self.source.clone() }
+    }
+
     pub(super) fn problem(&mut self, line: u32, message: impl Into<String>) {
         self.reports.push((Report::Problem, (line, message.into())));
     }
@@ -235,11 +240,6 @@ impl Params {
 
     pub(super) fn unsupported(&mut self, line: u32, what: impl Into<String>) {
         self.reports.push((Report::Unsupported, (line, what.into())));
-    }
-
-    /// Reports an unsupported feature at the directive's line.
-    pub(super) fn unsupported_here(&mut self, what: &str) {
-        self.unsupported(self.source.line, what);
     }
 
     /// Takes parameters that would change the image and are unsupported, and reports those that were given.
@@ -437,11 +437,11 @@ impl Params {
             self.reports.push((Report::Notice, (p.line, message)));
         }
         for (report, (line, message)) in self.reports {
-            let source = Source { line, ..self.source.clone() };
+            let at = Source { line, ..self.source.clone() };
             match report {
-                Report::Problem => log.problem(&source, message),
-                Report::Unsupported => log.unsupported(&source, &message),
-                Report::Notice => log.notice(&source, message),
+                Report::Problem => log.problem(&at, message),
+                Report::Unsupported => log.unsupported(&at, &message),
+                Report::Notice => log.notice(&at, message),
             }
         }
         good

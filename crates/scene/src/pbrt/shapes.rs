@@ -6,7 +6,7 @@ use super::reader::Reader;
 use super::subdivide::subdivide;
 use super::tessellate::{Patches, Round};
 use crate::model::read_ply;
-use crate::{Emission, Geometry, MeshData, Scalar, Shape, Source};
+use crate::{Emission, Geometry, MeshData, Scalar, Shape};
 use glam::{DAffine3, DMat3, DVec3};
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -26,7 +26,7 @@ impl Reader<'_> {
         let line = d.source.line;
         let geometry = match d.texts[0].as_str() {
             "trianglemesh" => triangle_mesh(&mut params),
-            "plymesh" => self.ply_mesh(&mut params, &d.source),
+            "plymesh" => self.ply_mesh(&mut params),
             "sphere" => self.sphere(&mut params),
             "disk" => self.disk(&mut params),
             "cylinder" => self.cylinder(&mut params),
@@ -96,16 +96,15 @@ impl Reader<'_> {
         Some(Emission { radiance, two_sided: light.two_sided })
     }
 
-    fn ply_mesh(&mut self, params: &mut Params, source: &Source) -> Option<Geometry> {
+    fn ply_mesh(&mut self, params: &mut Params) -> Option<Geometry> {
         params.refuse(&["displacement", "edgelength"]);
         let (name, line) = params.needed_text("filename")?;
         let path = self.resolve(&name);
         if let Some(mesh) = self.meshes.get(&path) {
             return Some(Geometry::Mesh(mesh.clone()));
         }
-        let source = Source { line, ..source.clone() };
         // `load` reports the reason of a failure.
-        let Some(bytes) = self.load(&path, &source) else {
+        let Some(bytes) = self.load(&path, &params.at(line)) else {
             params.broken = true;
             return None;
         };
