@@ -131,10 +131,8 @@ fn check_attributes(bytes: &[u8], attributes: &[(String, String)]) -> Result<(),
 }
 
 fn count_clamped(plane: &Plane<'_>) -> u64 {
-    match plane {
-        Plane::F16(values) => values.iter().filter(|v| v.is_finite() && v.abs() > F16_MAX).count() as u64,
-        _ => 0,
-    }
+    let Plane::F16(values) = plane else { return 0 };
+    values.iter().filter(|v| v.is_finite() && v.abs() > F16_MAX).count() as u64
 }
 
 fn header(size: [u32; 2], channels: &[(String, &Plane<'_>)], given: &ExrHeader<'_>) -> Header {

@@ -70,11 +70,8 @@ impl Reader<'_> {
     }
 
     pub(super) fn medium_named(&mut self, name: Option<&str>, source: &Source) -> Option<MediumId> {
-        let name = name?;
-        let item = |source| {
-            let (absorption, scattering) = ([0.0; 3], [0.0; 3]);
-            Medium { name: name.to_owned(), absorption, scattering, g: 0.0, source }
-        };
+        let (name, none) = (name?, [0.0; 3]);
+        let item = |source| Medium { name: name.to_owned(), absorption: none, scattering: none, g: 0.0, source };
         Some(MediumId(self.named_media.used(name, source, &mut self.scene.media, item) as u32))
     }
 
