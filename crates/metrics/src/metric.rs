@@ -60,6 +60,7 @@ pub const METRICS: &[Metric] = &[
 /// The function that computes a metric.
 type Of = fn(&Measurement<'_>) -> Result<f64, MetricsError>;
 
+/// Makes an entry of the table from the metric's name, its label and its definition.
 const fn metric(better: Better, [name, label, doc]: [&'static str; 3], of: Of) -> Metric {
     Metric { name, label, doc, better, of }
 }

@@ -103,13 +103,8 @@ impl Reader<'_> {
         let item = |source| Object { name: d.texts[0].clone(), shapes: Vec::new(), source };
         let object = self.named_objects.used(&d.texts[0], &d.source, &mut self.scene.objects, item);
         let ctm = &self.state.ctm;
-        let source = d.source.clone();
-        self.scene.instances.push(Instance {
-            object: ObjectId(object as u32),
-            to_world: ctm.start,
-            moves_to: ctm.moves_to(),
-            source,
-        });
+        let (object, source) = (ObjectId(object as u32), d.source.clone());
+        self.scene.instances.push(Instance { object, to_world: ctm.start, moves_to: ctm.moves_to(), source });
     }
 
     /// Adds a shape to the current object or, outside of objects, to the scene. The shape gets the current material and

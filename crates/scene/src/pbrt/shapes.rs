@@ -270,17 +270,17 @@ fn vertices(params: &mut Params) -> Option<Vertices> {
     Some((positions, normals, uvs))
 }
 
-/// The parameter of vertex indices.
+/// The declaration of vertex indices, for messages.
 const INDICES: &str = "\"integer indices\"";
 
-/// Takes the vertex indices in groups of `N`: `what` in messages. Without indices, all of `N` vertices are one group.
+/// Takes the vertex indices in groups of `N`, each called `what` in messages. `N` vertices need no indices: they are a group.
 /// `None`, with a reported problem, if they are missing, or if one is not below `vertices`.
 fn indices<const N: usize>(params: &mut Params, what: &str, vertices: usize) -> Option<Vec<[u32; N]>> {
     let Some((numbers, line)) = params.numbers("indices", &[Type::Integer], N) else {
         let all = std::array::from_fn(|i| i as u32);
         return if vertices == N && !params.is_bad() { Some(vec![all]) } else { params.lacks(INDICES) };
     };
-    let end = vertices.min(1 << 32) as f64;
+    let end = (vertices as f64).min(f64::from(u32::MAX) + 1.0);
     if let Some(at) = numbers.iter().position(|c| c.fract() != 0.0 || !(0.0..end).contains(c)) {
         let (group, of, index, last) = (at / N, &params.of, numbers[at], vertices - 1);
         let what = format!("{what} {group} of {of} has vertex index {index}");
