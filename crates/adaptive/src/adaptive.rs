@@ -103,21 +103,14 @@ impl<P: PointSet> Sampler for Adaptive<P> {
 
     fn needs(&self) -> Needs {
         let mut needs = Needs::none().with_variance();
-        if self.options.policy == PilotPolicy::Cross {
-            needs = needs.with_halves();
-        }
-        if self.options.cost == 1 {
-            needs = needs.with_cost();
-        }
+        (needs.halves, needs.cost) = (self.options.policy == PilotPolicy::Cross, self.options.cost == 1);
         self.errors.as_ref().map_or(needs, |map| needs.and(map.needs))
     }
 
     fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
         let crosses = self.options.policy == PilotPolicy::Cross;
-        let mut memory = SamplerMemory::planning(frame, 0);
-        if crosses {
-            memory = memory.with_second_half(frame);
-        }
+        let memory = SamplerMemory::planning(frame, 0);
+        let mut memory = if crosses { memory.with_second_half(frame) } else { memory };
         if !self.pilot().is_all(frame, limits) {
             // Moments; counts and floors of both halves; pooled costs, and scores divided by them.
             let costs = if self.options.cost == 1 { 16 } else { 0 };
@@ -146,11 +139,9 @@ impl<P: PointSet> Sampler for Adaptive<P> {
             return Ok(Progress::Trace);
         }
         match self.options.policy {
-            PilotPolicy::Keep | PilotPolicy::Refined | PilotPolicy::Neighbours => {
-                self.plan_kept((seen, pilot.samples), plan)?
-            }
             PilotPolicy::Discard => self.plan_after_discarding(seen, plan)?,
             PilotPolicy::Cross => self.plan_across(seen, plan)?,
+            _ => self.plan_kept((seen, pilot.samples), plan)?,
         }
         // Nothing is left to add if every pixel is at its ceiling.
         Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })

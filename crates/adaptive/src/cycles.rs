@@ -37,10 +37,8 @@ impl CyclesOptions {
             return (threshold, min);
         }
         let chosen = (16.0 * threshold.powf(-0.3)).ceil().clamp(4.0, f64::from(u32::MAX)) as u32;
-        match mode {
-            Stopping::Threshold => (threshold, chosen),
-            Stopping::Budget => (threshold, chosen.min(saturating_u32(mean / 4)).max(4)),
-        }
+        let most = if mode == Stopping::Budget { saturating_u32(mean / 4).max(4) } else { u32::MAX };
+        (threshold, chosen.min(most))
     }
 }
 

@@ -141,21 +141,9 @@ impl From<VarianceOptions> for AdaptiveOptions {
     /// counts.
     fn from(o: VarianceOptions) -> Self {
         let VarianceOptions { pilot, radius, exponent, epsilon, cap, policy, cost } = o;
-        Self {
-            pilot,
-            radius,
-            exponent,
-            epsilon,
-            cap,
-            policy,
-            cost,
-            rounds: 1,
-            pool: PoolShape::Window,
-            prior: f64::INFINITY,
-            power: 1.0,
-            gain: f64::INFINITY,
-            ..Self::default()
-        }
+        let (rounds, pool, prior, power, gain) = (1, PoolShape::Window, f64::INFINITY, 1.0, f64::INFINITY);
+        let given = Self { pilot, radius, exponent, epsilon, cap, policy, cost, ..Self::default() };
+        Self { rounds, pool, prior, power, gain, ..given }
     }
 }
 

@@ -42,11 +42,9 @@ impl Pilot {
             if discards { mean.saturating_sub(u64::from(budget.min_spp.max(1))).min(mean / 2) } else { mean };
         let ladder = if crosses { Ladder::Halves } else { Ladder::of(seen.film.needs()) };
         let mean = saturating_u32(affordable);
-        let samples = match self.wanted(mean, ladder).min(mean) {
-            // One sample has no variance: a discarded one would teach nothing.
-            1 if discards => 0,
-            samples => samples,
-        };
+        let samples = self.wanted(mean, ladder).min(mean);
+        // One sample has no variance: a discarded one would teach nothing.
+        let samples = if discards && samples == 1 { 0 } else { samples };
         for i in 0..seen.pixels() {
             let done = if discards { seen.film.discarded(i).count } else { seen.film.count(i) };
             plan.counts[i] = samples.saturating_sub(saturating_u32(done));

@@ -2,7 +2,7 @@
 
 use crate::pool::{pooled_variance, ratios_over_windows};
 use crate::similar_pool::Surfaces;
-use crate::{Adaptive, PoolShape, Pooling, Sources};
+use crate::{Adaptive, AdaptiveOptions, PoolShape, Pooling, Sources};
 use dapple_core::{BudgetLeft, Error, Feedback, Film, Ladder, PilotPolicy, Plan, PointSet, RgbMoments, saturating_u32};
 use rayon::prelude::*;
 
@@ -34,9 +34,8 @@ impl<P: PointSet> Adaptive<P> {
 
     /// Returns each pixel's scores. `moments` returns a pixel's sample statistics.
     fn scores(&self, film: &Film, moments: impl Fn(usize) -> RgbMoments + Sync + Send) -> Result<Scores, Error> {
-        let o = &self.options;
         let sources = self.sources(film);
-        let (pool, radius, prior, power, epsilon) = (o.pool, o.radius, o.prior, o.power, o.epsilon);
+        let AdaptiveOptions { pool, radius, prior, power, epsilon, cost, .. } = self.options;
         let pooling = Pooling { pool, radius, prior, power, epsilon, sources };
         let [width, height] = film.frame().size().map(|n| n as usize);
         let known: Vec<RgbMoments> = (0..width * height).into_par_iter().with_min_len(4096).map(&moments).collect();
@@ -51,7 +50,7 @@ impl<P: PointSet> Adaptive<P> {
             }
             self.blend_errors(&errors, film, &mut scores);
         }
-        let costs = (o.cost == 1).then(|| relative_costs(film, radius, sources));
+        let costs = (cost == 1).then(|| relative_costs(film, radius, sources));
         Ok(Scores { width, errors: scores, costs })
     }
 
@@ -119,10 +118,8 @@ impl<P: PointSet> Adaptive<P> {
         let left_of = |&n: &u32| known.get(n as usize).copied().unwrap_or_else(|| left(f64::from(n)));
         let sum = |value: &dyn Fn(usize) -> f64| sum_by_rows(*width, errors.len(), value);
         let promised = sum(&|k| errors[k] * left_of(&shared.counts[k]));
-        let same = match costs {
-            Some(costs) => sum(&|k| f64::from(shared.counts[k]) * costs[k]) / sum(&|k| costs[k]),
-            None => mean,
-        };
+        let same = |costs: &Vec<f64>| sum(&|k| f64::from(shared.counts[k]) * costs[k]) / sum(&|k| costs[k]);
+        let same = costs.as_ref().map_or(mean, same);
         let uniform = sum(&|k| errors[k]) * left(same);
         if promised > self.options.gain * uniform {
             let alike = vec![1.0; errors.len()];

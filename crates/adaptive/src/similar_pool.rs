@@ -53,16 +53,14 @@ impl Surface {
 
     /// The mean of surfaces, or one at infinity without any.
     fn mean<'a>(of: impl Iterator<Item = &'a Self>) -> Self {
-        let (mut sum, mut count) = (Self { values: [0.0; 10], variance: 0.0 }, 0.0);
+        let (mut values, mut variance, mut count) = ([0.0; 10], 0.0, 0.0);
         for surface in of {
-            sum.values.iter_mut().zip(&surface.values).for_each(|(sum, value)| *sum += value);
-            sum.variance += surface.variance;
+            values.iter_mut().zip(&surface.values).for_each(|(sum, value)| *sum += value);
+            variance += surface.variance;
             count += 1.0;
         }
-        if count == 0.0 {
-            return Self::MISS;
-        }
-        Self { values: sum.values.map(|value| value / count), variance: sum.variance / (count * count) }
+        let mean = Self { values: values.map(|sum| sum / count), variance: variance / (count * count) };
+        if count > 0.0 { mean } else { Self::MISS }
     }
 
     /// The likeness of two surfaces: 1 if they differ by no more than their noise, towards 0 for unlike ones.

@@ -193,9 +193,8 @@ impl<M> Plane<'_, M> {
         for source in y.saturating_sub(n)..(y + n + 1).min(height) {
             let down = weights[source + n - y];
             let row = source * width + left..source * width + right;
-            for (((weight, mean), member), i) in
-                across.iter().zip(&self.means[row.clone()]).zip(&self.members[row.clone()]).zip(row)
-            {
+            let (means, members) = (&self.means[row.clone()], &self.members[row.clone()]);
+            for (((weight, mean), member), i) in across.iter().zip(means).zip(members).zip(row) {
                 let weight = down * weight * factor(own, member);
                 for (sum, mean) in sum.iter_mut().zip(mean) {
                     *sum += weight * mean;
@@ -233,17 +232,12 @@ impl Filter for ClusterGaussian {
     }
 
     fn needs(&self) -> Needs {
-        match self.clusters {
-            Clusters::Map { .. } => Needs::none().with_emission(),
-            Clusters::Hits(_) => Needs::none().with_emission().with_first_hits(self.options.hits),
-        }
+        let hits = if let Clusters::Hits(_) = self.clusters { self.options.hits } else { 0 };
+        Needs::none().with_emission().with_first_hits(hits)
     }
 
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
-        let votes = match self.clusters {
-            Clusters::Map { .. } => 0,
-            Clusters::Hits(_) => size_of::<Votes>(),
-        };
+        let votes = if let Clusters::Hits(_) = self.clusters { size_of::<Votes>() } else { 0 };
         // Means and presence, the image with its error, and variances.
         memory(frame, needs, votes + size_of::<[f64; 4]>() + 16 + 8)
     }
@@ -253,14 +247,11 @@ impl Filter for ClusterGaussian {
         let [width, height] = film.frame().size();
         match &self.clusters {
             Clusters::Map { size: [w, h], .. } if [*w, *h] != [width, height] => {
-                let what = format!(
-                    "its cluster map has {w}x{h} pixels, the film {width}x{height}; make the map for the rendered window"
-                );
+                let what = format!("its cluster map has {w}x{h} pixels, the film {width}x{height}");
+                let what = what + "; make the map for the rendered window";
                 Err(Error::Mismatch { who: self.name().to_owned(), what })
             }
-            Clusters::Map { clusters, .. } => {
-                Ok(self.blend(film, clusters, |one, other| if one == other { 1.0 } else { 0.0 }))
-            }
+            Clusters::Map { clusters, .. } => Ok(self.blend(film, clusters, |one, other| f64::from(one == other))),
             Clusters::Hits(label) => {
                 let votes = |i| {
                     let traced = film.count(i).min(u64::from(self.options.hits)) as usize;

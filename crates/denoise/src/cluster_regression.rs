@@ -262,15 +262,12 @@ impl Filter for ClusterRegression {
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
         let [kept, making] = Inputs::bytes_per_pixel(self.reads.label.is_some() && needs.first_hits > 0);
         let pair = 4 * 6;
-        let at_most = if self.is_one_pass {
-            kept + pair + regression::bytes_per_pixel(2)
-        } else {
-            // The wide pass takes the most. It runs beside the image of two passes and the unfiltered one, the outliers, and the planes
-            // of the first coarse scale.
-            let is_scaled = self.options.scales != Scales::Fixed(0);
-            let coarse = if is_scaled { outliers::BYTES_OF_HALVES + kept / 4 } else { 0 };
-            kept + (2 * pair + wide::BYTES_PER_PIXEL + 12).max(outliers::BYTES_PER_PIXEL) + coarse
-        };
+        // The wide pass takes the most. It runs beside the image of two passes and the unfiltered one, the outliers, and the planes
+        // of the first coarse scale.
+        let is_scaled = self.options.scales != Scales::Fixed(0);
+        let coarse = if is_scaled { outliers::BYTES_OF_HALVES + kept / 4 } else { 0 };
+        let passes = (2 * pair + wide::BYTES_PER_PIXEL + 12).max(outliers::BYTES_PER_PIXEL) + coarse;
+        let at_most = kept + if self.is_one_pass { pair + regression::bytes_per_pixel(2) } else { passes };
         // The image of the first part of the light is kept meanwhile.
         let parts = if self.options.layers == Layers::One || !needs.indirect { 0 } else { 16 };
         FilterMemory::new(frame, making.max(at_most + parts), ImagePlanes::RadianceAndError)

@@ -134,11 +134,8 @@ pub(crate) fn ln(x: f32) -> f32 {
 const FILLED: usize = 2;
 
 /// The mean of the known features among 5x5 pixels around pixel `i`; `None` if none are known.
-fn from_neighbours(
-    known: impl Fn(usize) -> Option<Each<f32>>,
-    [width, height]: [usize; 2],
-    i: usize,
-) -> Option<Each<f32>> {
+fn from_neighbours(known: impl Fn(usize) -> Option<Each<f32>>, size: [usize; 2], i: usize) -> Option<Each<f32>> {
+    let [width, height] = size;
     let (x, y, reach) = (i % width, i / width, FILLED);
     let (mut sum, mut count) = ([0.0; 15], 0.0f32);
     for row in y.saturating_sub(reach)..(y + reach + 1).min(height) {
@@ -175,11 +172,8 @@ pub(crate) fn slopes(depth: &[f32], size: [usize; 2]) -> Plane {
 
 /// A plane made by `of` from the rows above, of and below each pixel, and the columns to its left, its own and to its right. Beyond
 /// the frame, the border repeats.
-fn around(
-    plane: &[f32],
-    [width, height]: [usize; 2],
-    of: impl Fn([&[f32]; 3], [usize; 3]) -> f32 + Sync + Send,
-) -> Plane {
+fn around(plane: &[f32], size: [usize; 2], of: impl Fn([&[f32]; 3], [usize; 3]) -> f32 + Sync) -> Plane {
+    let [width, height] = size;
     let near = |k: usize, end: usize| [k.saturating_sub(1), k, (k + 1).min(end - 1)];
     let row = |(): &mut (), y: usize, [to]: [&mut [f32]; 1]| {
         let rows = near(y, height).map(|row| &plane[row * width..][..width]);

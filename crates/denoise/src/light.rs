@@ -25,11 +25,7 @@ dapple_core::choices!(Layers { Auto = "auto", One = "1", Two = "2" });
 impl Layers {
     /// Returns `true` if direct and indirect light are filtered one by one at this number of samples per pixel.
     pub(crate) fn are_two(self, spp: f64) -> bool {
-        match self {
-            Self::Auto => spp >= 16.0,
-            Self::One => false,
-            Self::Two => true,
-        }
+        self == Self::Two || self == Self::Auto && spp >= 16.0
     }
 }
 
@@ -135,10 +131,7 @@ impl<'a> Light<'a> {
 
     /// The mean emission of light sources that half 0 or 1 of pixel `i`'s samples saw directly.
     pub(crate) fn emission(&self, half: usize, i: usize) -> Option<[f32; 3]> {
-        match self.part {
-            Part::All | Part::Direct => self.film.refined_emission(half, i),
-            Part::Indirect => None,
-        }
+        if self.part == Part::Indirect { None } else { self.film.refined_emission(half, i) }
     }
 
     /// The mean emission that all samples of pixel `i` saw directly; 0 if it is not recorded.

@@ -84,8 +84,7 @@ impl Halves {
             (samples[half(i)][i], samples[1 - half(i)][i]) = (count, 0.0);
         }
         let between = |i: usize| self.between(i, 1 - half(i), &samples, around);
-        let all: Vec<Between> =
-            pixels.into_par_iter().with_min_len(1024).filter(is_single).filter_map(between).collect();
+        let all: Vec<_> = pixels.into_par_iter().with_min_len(1024).filter(is_single).filter_map(between).collect();
         for Between { pixel, colour, samples: of_mean } in all {
             let i = pixel as usize;
             let (own, other) = (half(i), 1 - half(i));

@@ -123,15 +123,11 @@ pub(crate) fn map<const N: usize, const M: usize>(
     planes: [&[f32]; N],
     of: impl Fn([f32; N]) -> [f32; M] + Sync + Send,
 ) -> [Plane; M] {
-    parts(
-        planes[0].len(),
-        CHUNK,
-        || (),
-        |(), number, to: [&mut [f32]; M]| {
-            let from = planes.map(|plane| &plane[number * CHUNK..][..to[0].len()]);
-            dispatch(MapTask { from, to, of: |_, values| of(values) });
-        },
-    )
+    let part = |(): &mut (), number: usize, to: [&mut [f32]; M]| {
+        let from = planes.map(|plane| &plane[number * CHUNK..][..to[0].len()]);
+        dispatch(MapTask { from, to, of: |_, values| of(values) });
+    };
+    parts(planes[0].len(), CHUNK, || (), part)
 }
 
 /// Computes a value of every pixel from its values in `N` planes.
@@ -141,11 +137,7 @@ pub(crate) fn map_to_one<const N: usize>(planes: [&[f32]; N], of: impl Fn([f32; 
 }
 
 /// Replaces each value of `plane` by a function of itself and the pixel's values in `N` other planes.
-pub(crate) fn update<const N: usize>(
-    plane: &mut [f32],
-    planes: [&[f32]; N],
-    of: impl Fn(f32, [f32; N]) -> f32 + Sync + Send,
-) {
+pub(crate) fn update<const N: usize>(plane: &mut [f32], planes: [&[f32]; N], of: impl Fn(f32, [f32; N]) -> f32 + Sync) {
     plane.par_chunks_mut(CHUNK).enumerate().for_each(|(number, to)| {
         let from = planes.map(|plane| &plane[number * CHUNK..][..to.len()]);
         dispatch(MapTask { from, to: [to], of: |[own]: [f32; 1], values| [of(own, values)] });

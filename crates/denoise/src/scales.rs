@@ -41,14 +41,12 @@ impl Scales {
 
     /// The number of scales for an image of this size.
     pub(crate) fn of(self, [width, height]: [usize; 2]) -> usize {
-        match self {
-            Self::Fixed(scales) => scales as usize,
-            Self::Auto => {
-                let pixels = width * height;
-                let more = (3..=Self::MOST).filter(|n| pixels >> (2 * n) >= PIXELS).count();
-                1 + usize::from(pixels >= SECOND) + more
-            }
+        if let Self::Fixed(scales) = self {
+            return scales as usize;
         }
+        let pixels = width * height;
+        let more = (3..=Self::MOST).filter(|n| pixels >> (2 * n) >= PIXELS).count();
+        1 + usize::from(pixels >= SECOND) + more
     }
 }
 
@@ -59,10 +57,7 @@ impl OptionValue for Scales {
     }
 
     fn text(&self) -> String {
-        match self {
-            Self::Auto => "auto".into(),
-            Self::Fixed(scales) => scales.to_string(),
-        }
+        if let Self::Fixed(scales) = self { scales.to_string() } else { "auto".into() }
     }
 
     fn wanted(allowed: Option<&str>) -> String {
@@ -93,11 +88,8 @@ const SLOPE: f32 = 4.0;
 const NONE: f32 = 0.1;
 
 /// A value for every 2x2 pixels. `of` gets the four values of each plane; beyond the frame the border repeats.
-fn down<const N: usize>(
-    [width, height]: [usize; 2],
-    planes: [&[f32]; N],
-    of: impl Fn([[f32; 4]; N]) -> f32 + Sync + Send,
-) -> Plane {
+fn down<const N: usize>(size: [usize; 2], planes: [&[f32]; N], of: impl Fn([[f32; 4]; N]) -> f32 + Sync) -> Plane {
+    let [width, height] = size;
     let columns = width.div_ceil(2);
     let row = |(): &mut (), y: usize, [to]: [&mut [f32]; 1]| {
         let rows = [2 * y, (2 * y + 1).min(height - 1)];

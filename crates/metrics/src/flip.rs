@@ -45,7 +45,7 @@ pub struct Flip {
 pub fn flip(image: Pixels<'_>, reference: Pixels<'_>, pixels_per_degree: f64) -> Result<Flip, MetricsError> {
     check(image, reference)?;
     if !PIXELS_PER_DEGREE_RANGE.contains(&pixels_per_degree) {
-        return Err(MetricsError::PixelsPerDegree { value: pixels_per_degree });
+        return Err(MetricsError::PixelsPerDegree(pixels_per_degree));
     }
     let kernels = VisionKernels::new(pixels_per_degree);
     let [image, reference] = [image, reference].map(|image| kernels.apply(image));

@@ -67,12 +67,9 @@ pub use statistics::{
 #[non_exhaustive]
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum MetricsError {
-    /// An image without pixels.
-    #[error("an image of {}x{} has no pixels; both sides must be at least 1", size[0], size[1])]
-    Empty {
-        /// Width and height of the image.
-        size: [u32; 2],
-    },
+    /// An image without pixels, of this width and height.
+    #[error("an image of {}x{} has no pixels; both sides must be at least 1", .0[0], .0[1])]
+    Empty([u32; 2]),
     /// A slice of pixels whose length does not match the image size.
     #[error("an image of {}x{} has {} pixels, but {found} are given; pass width times height pixels", size[0], size[1], u64::from(size[0]) * u64::from(size[1]))]
     PixelCount {
@@ -100,12 +97,9 @@ pub enum MetricsError {
         /// The linear RGB value of that pixel.
         value: [f32; 3],
     },
-    /// Too few renders to separate the difference from noise.
-    #[error("there are {} renders of one image and {} of the other; use as many of both, at least {}", renders[0], renders[1], LEAST_RENDERS)]
-    FewRenders {
-        /// The numbers of renders of the first and of the second image.
-        renders: [usize; 2],
-    },
+    /// Too few renders of the first and of the second image to separate the difference from noise.
+    #[error("there are {} renders of one image and {} of the other; use as many of both, at least {}", .0[0], .0[1], LEAST_RENDERS)]
+    FewRenders([usize; 2]),
     /// A block that is empty or larger than the image.
     #[error("blocks of {}x{} pixels do not fit an image of {}x{}; use sides from 1 to the image's", block[0], block[1], size[0], size[1])]
     Block {
@@ -123,11 +117,8 @@ pub enum MetricsError {
         value: [f32; 3],
     },
     /// A number of pixels per degree of visual angle outside 1..=1000, passed to [`flip`].
-    #[error("{value} pixels per degree of visual angle are out of range; use 1 to 1000; 67 is usual")]
-    PixelsPerDegree {
-        /// The number of pixels per degree passed.
-        value: f64,
-    },
+    #[error("{0} pixels per degree of visual angle are out of range; use 1 to 1000; 67 is usual")]
+    PixelsPerDegree(f64),
     /// A target size for [`downsample`] that is empty or larger than the image.
     #[error("{}x{} cannot be averaged to {}x{}; use sides from 1 to the image's", size[0], size[1], target[0], target[1])]
     Target {
@@ -187,7 +178,7 @@ impl<'a> Pixels<'a> {
 /// Checks that an image of `size` has `found` values, and at least one.
 fn check_count(size: [u32; 2], found: usize) -> Result<(), MetricsError> {
     if size.contains(&0) {
-        return Err(MetricsError::Empty { size });
+        return Err(MetricsError::Empty(size));
     }
     if u64::from(size[0]) * u64::from(size[1]) != found as u64 {
         return Err(MetricsError::PixelCount { size, found });

@@ -19,7 +19,7 @@ pub struct Metric {
     /// The direction in which an image is better.
     pub better: Better,
     /// The function that computes the metric.
-    pub of: fn(&Measurement<'_>) -> Result<f64, MetricsError>,
+    pub of: Of,
 }
 
 /// The values of a metric that are better than others.
@@ -35,63 +35,35 @@ pub enum Better {
 
 /// All metrics. A method's verdict in a study is that of `relmse`.
 pub const METRICS: &[Metric] = &[
-    Metric {
-        name: "mse",
-        label: "MSE",
-        doc: "mean squared error",
-        better: Better::Lower,
-        of: |m| Ok(m.noise.map_or(m.comparison.mse, |noise| noise.corrected.mse.error)),
-    },
-    Metric {
-        name: "relmse",
-        label: "relMSE",
-        doc: "squared error over squared reference + 0.01",
-        better: Better::Lower,
-        of: |m| Ok(m.noise.map_or(m.comparison.rel_mse, |noise| noise.corrected.rel_mse.error)),
-    },
-    Metric {
-        name: "relmse_trimmed",
-        label: "trimmed relMSE",
-        doc: "relMSE without the worst 0.1 % of the pixels",
-        better: Better::Lower,
-        of: |m| Ok(m.comparison.rel_mse_trimmed),
-    },
-    Metric {
-        name: "smape",
-        label: "SMAPE",
-        doc: "symmetric relative error, 0 to 2",
-        better: Better::Lower,
-        of: |m| Ok(m.comparison.smape),
-    },
-    Metric {
-        name: "psnr",
-        label: "PSNR",
-        doc: "dB, as displayed; 200 is equal",
-        better: Better::Higher,
-        of: |m| Ok(m.comparison.psnr),
-    },
-    Metric {
-        name: "srgb8_mse",
-        label: "sRGB MSE",
-        doc: "as displayed, on a scale of 0 to 255",
-        better: Better::Lower,
-        of: |m| Ok(m.comparison.srgb8_mse - m.noise.map_or(0.0, |noise| noise.srgb8_mse)),
-    },
-    Metric {
-        name: "flip",
-        label: "FLIP",
-        doc: "0 to 1, as seen at 67 pixels per degree",
-        better: Better::Lower,
-        of: |m| Ok(flip(m.image, m.reference, PIXELS_PER_DEGREE)?.mean),
-    },
-    Metric {
-        name: "mean_ratio",
-        label: "ratio of means",
-        doc: "mean of the image over that of the reference",
-        better: Better::NearOne,
-        of: |m| Ok(m.comparison.mean_ratio),
-    },
+    metric(Better::Lower, ["mse", "MSE", "mean squared error"], |m| {
+        Ok(m.noise.map_or(m.comparison.mse, |noise| noise.corrected.mse.error))
+    }),
+    metric(Better::Lower, ["relmse", "relMSE", "squared error over squared reference + 0.01"], |m| {
+        Ok(m.noise.map_or(m.comparison.rel_mse, |noise| noise.corrected.rel_mse.error))
+    }),
+    metric(Better::Lower, ["relmse_trimmed", "trimmed relMSE", "relMSE without the worst 0.1 % of the pixels"], |m| {
+        Ok(m.comparison.rel_mse_trimmed)
+    }),
+    metric(Better::Lower, ["smape", "SMAPE", "symmetric relative error, 0 to 2"], |m| Ok(m.comparison.smape)),
+    metric(Better::Higher, ["psnr", "PSNR", "dB, as displayed; 200 is equal"], |m| Ok(m.comparison.psnr)),
+    metric(Better::Lower, ["srgb8_mse", "sRGB MSE", "as displayed, on a scale of 0 to 255"], |m| {
+        Ok(m.comparison.srgb8_mse - m.noise.map_or(0.0, |noise| noise.srgb8_mse))
+    }),
+    metric(Better::Lower, ["flip", "FLIP", "0 to 1, as seen at 67 pixels per degree"], |m| {
+        Ok(flip(m.image, m.reference, PIXELS_PER_DEGREE)?.mean)
+    }),
+    metric(Better::NearOne, ["mean_ratio", "ratio of means", "mean of the image over that of the reference"], |m| {
+        Ok(m.comparison.mean_ratio)
+    }),
 ];
+
+/// The function that computes a metric.
+type Of = fn(&Measurement<'_>) -> Result<f64, MetricsError>;
+
+/// Makes an entry of the table from the metric's name, its label and its definition.
+const fn metric(better: Better, [name, label, doc]: [&'static str; 3], of: Of) -> Metric {
+    Metric { name, label, doc, better, of }
+}
 
 impl Metric {
     /// Finds a metric by its name; `None` if there is no such metric.

@@ -175,7 +175,7 @@ pub struct Difference {
 pub fn difference(a: &[Pixels<'_>], b: &[Pixels<'_>]) -> Result<Difference, MetricsError> {
     let n = a.len();
     if n < LEAST_RENDERS || b.len() != n {
-        return Err(MetricsError::FewRenders { renders: [n, b.len()] });
+        return Err(MetricsError::FewRenders([n, b.len()]));
     }
     if let Some(other) = a.iter().chain(b).find(|p| p.size != a[0].size) {
         return Err(MetricsError::Sizes { image: other.size, reference: a[0].size });

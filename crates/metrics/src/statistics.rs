@@ -20,12 +20,9 @@ pub enum StatisticsError {
         /// The fewest values needed.
         needed: usize,
     },
-    /// Paired series of different lengths.
-    #[error("series of {} and {} values cannot be paired; use the same seeds or budgets for both", lengths[0], lengths[1])]
-    Lengths {
-        /// The lengths of the first and of the second series.
-        lengths: [usize; 2],
-    },
+    /// Paired series of these different lengths.
+    #[error("series of {} and {} values cannot be paired; use the same seeds or budgets for both", .0[0], .0[1])]
+    Lengths([usize; 2]),
     /// A value that is NaN or infinite.
     #[error("value {index} is {value}; correct its source, or leave it out and report that")]
     NotFinite {
@@ -43,21 +40,15 @@ pub enum StatisticsError {
         value: f64,
     },
     /// A confidence level outside 0 to 1.
-    #[error("a confidence of {value} is out of range; use one between 0 and 1, such as 0.95")]
-    Confidence {
-        /// The confidence level passed.
-        value: f64,
-    },
+    #[error("a confidence of {0} is out of range; use one between 0 and 1, such as 0.95")]
+    Confidence(f64),
     /// Points that all have the same abscissa x, so that a fitted line has no slope.
-    #[error("all points are at x = {x}; use at least two budgets for a slope")]
-    SameAbscissa {
-        /// The common abscissa.
-        x: f64,
-    },
+    #[error("all points are at x = {0}; use at least two budgets for a slope")]
+    SameAbscissa(f64),
 }
 
 fn check_confidence(value: f64) -> Result<(), StatisticsError> {
-    if value > 0.0 && value < 1.0 { Ok(()) } else { Err(StatisticsError::Confidence { value }) }
+    if value > 0.0 && value < 1.0 { Ok(()) } else { Err(StatisticsError::Confidence(value)) }
 }
 
 fn check_count(found: usize, needed: usize) -> Result<(), StatisticsError> {
@@ -65,7 +56,7 @@ fn check_count(found: usize, needed: usize) -> Result<(), StatisticsError> {
 }
 
 fn check_lengths(a: &[f64], b: &[f64]) -> Result<(), StatisticsError> {
-    if a.len() == b.len() { Ok(()) } else { Err(StatisticsError::Lengths { lengths: [a.len(), b.len()] }) }
+    if a.len() == b.len() { Ok(()) } else { Err(StatisticsError::Lengths([a.len(), b.len()])) }
 }
 
 /// The natural logarithms of `values`; an error for the first value that is not finite and above 0.
@@ -267,7 +258,7 @@ pub fn log_log_fit(x: &[f64], y: &[f64], confidence: f64) -> Result<LogLogFit, S
     let [log_x, log_y] = [logarithms(x)?, logarithms(y)?];
     // Different numbers can have equal logarithms.
     if log_x.iter().all(|&other| other == log_x[0]) {
-        return Err(StatisticsError::SameAbscissa { x: x[0] });
+        return Err(StatisticsError::SameAbscissa(x[0]));
     }
     let width = scatter(&log_x, &log_x);
     let slope = scatter(&log_x, &log_y) / width;

@@ -32,6 +32,12 @@ impl Files for Disk {
     }
 }
 
+impl Default for &dyn Files {
+    fn default() -> Self {
+        &Disk
+    }
+}
+
 /// Files in memory, found by their exact path.
 impl Files for BTreeMap<PathBuf, Vec<u8>> {
     fn read(&self, path: &Path) -> io::Result<Vec<u8>> {

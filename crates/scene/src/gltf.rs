@@ -14,7 +14,7 @@ mod textures;
 use crate::files::Files;
 use crate::image::Image;
 use crate::model::{ModelError as Fault, UpAxis, scene_of, studio};
-use crate::readers::{AnyOptions, SceneReader};
+use crate::readers::SceneReader;
 use crate::{ObjectId, Scene, Source};
 use ::gltf::json::validation::Checked;
 use ::gltf::{Document, json};
@@ -50,7 +50,8 @@ pub(crate) const READER: SceneReader = SceneReader {
     read: |files, path, options| {
         scene_of(files, path, |scene, bytes, source| {
             scene.max_depth = Some(MAX_DEPTH);
-            add_file(scene, &bytes, files, options, source)
+            let wanted = add_file(scene, &bytes, files, source)?;
+            Ok(studio::set(scene, options.model.stage(UpAxis::Y), wanted, source)?)
         })
     },
 };
@@ -77,14 +78,8 @@ impl Reader<'_> {
     }
 }
 
-/// Adds everything in a glTF file to a scene, and a camera and light of ours where it has none.
-fn add_file(
-    scene: &mut Scene,
-    bytes: &[u8],
-    files: &dyn Files,
-    options: &AnyOptions,
-    source: &Source,
-) -> Result<(), Fault> {
+/// Adds everything in a glTF file to a scene. Returns what the file lacks: camera and light.
+fn add_file(scene: &mut Scene, bytes: &[u8], files: &dyn Files, source: &Source) -> Result<studio::Wanted, Fault> {
     let (text, blob) = split(bytes)?;
     let document = &document(text, scene, source)?;
     let buffers = Buffers::read(document, blob, files, &source.file)?;
@@ -99,8 +94,7 @@ fn add_file(
     if scene.shapes.is_empty() && scene.instances.is_empty() {
         return Err("the file has no triangles; export meshes".into());
     }
-    let wanted = studio::Wanted { camera: !has_camera, sky: !has_light, ground: !has_camera && !has_light };
-    studio::set(scene, options.model.stage(UpAxis::Y), wanted, source).map_err(Fault::from)
+    Ok(studio::Wanted { camera: !has_camera, sky: !has_light, ground: !has_camera && !has_light })
 }
 
 /// Splits the bytes of a file into its JSON text and, for a binary file (GLB), its binary chunk.

@@ -129,7 +129,7 @@ impl Image {
 }
 
 fn check_size(size: [u32; 2]) -> Result<(), ImageError> {
-    if size.contains(&0) { Err(ImageError::Empty { size }) } else { Ok(()) }
+    if size.contains(&0) { Err(ImageError::Empty(size)) } else { Ok(()) }
 }
 
 fn check_count(size: [u32; 2], found: usize) -> Result<(), ImageError> {
@@ -142,12 +142,9 @@ fn check_count(size: [u32; 2], found: usize) -> Result<(), ImageError> {
 #[non_exhaustive]
 #[derive(Debug, thiserror::Error)]
 pub enum ImageError {
-    /// An image whose width or height is 0.
-    #[error("an image of {}x{} has no pixels; both sides must be at least 1", size[0], size[1])]
-    Empty {
-        /// Width and height in pixels.
-        size: [u32; 2],
-    },
+    /// An image of a width and height of which one is 0.
+    #[error("an image of {}x{} has no pixels; both sides must be at least 1", .0[0], .0[1])]
+    Empty([u32; 2]),
     /// The number of pixels differs from width times height.
     #[error("an image of {}x{} needs {} pixels, not {found}", size[0], size[1], u64::from(size[0]) * u64::from(size[1]))]
     PixelCount {
@@ -180,23 +177,14 @@ pub enum ImageError {
     #[error("{0}")]
     Unsupported(String),
     /// An output path whose extension is not .exr, .pfm or .png.
-    #[error("{}: unknown image format; name the output .exr, .pfm or .png", path.display())]
-    UnknownExtension {
-        /// The output path.
-        path: PathBuf,
-    },
-    /// An exposure that is not finite.
-    #[error("an exposure of {stops} stops is not finite; give a finite number (0 changes nothing)")]
-    Exposure {
-        /// The exposure in stops.
-        stops: f32,
-    },
-    /// A name, attribute or size that the output format cannot hold.
-    #[error("{what}")]
-    Encode {
-        /// A description of the error, with its remedy.
-        what: String,
-    },
+    #[error("{}: unknown image format; name the output .exr, .pfm or .png", .0.display())]
+    UnknownExtension(PathBuf),
+    /// An exposure, in stops, that is not finite.
+    #[error("an exposure of {0} stops is not finite; give a finite number (0 changes nothing)")]
+    Exposure(f32),
+    /// A name, attribute or size that the output format cannot hold: a description of the error, with its remedy.
+    #[error("{0}")]
+    Encode(String),
     /// A file that cannot be written.
     #[error("{}: cannot {action}: {source}; {advice}", path.display())]
     Write {

@@ -69,14 +69,11 @@ pub fn read_any_from(
     let content = files.read(path).map_err(|e| unreadable(source(), &e))?;
     let extension = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     let by_content = READERS.iter().find(|reader| (reader.recognizes)(&content));
-    let refusal = || foreign_content(&content).map(|advice| ReadError::invalid(source(), advice));
     let by_name = || READERS.iter().find(|reader| reader.extensions.contains(&&*extension));
-    let reader = match by_content {
-        Some(reader) => reader,
-        None => match refusal() {
-            Some(refusal) => return Err(refusal),
-            None => by_name().ok_or_else(|| ReadError::invalid(source(), foreign_extension(&extension)))?,
-        },
+    let reader = match by_content.ok_or_else(|| foreign_content(&content)) {
+        Ok(reader) => reader,
+        Err(Some(advice)) => return Err(ReadError::invalid(source(), advice)),
+        Err(None) => by_name().ok_or_else(|| ReadError::invalid(source(), foreign_extension(&extension)))?,
     };
     (reader.read)(&Opened { files, path, content: RefCell::new(Some(content)) }, path, options)
 }

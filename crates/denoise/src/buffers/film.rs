@@ -31,13 +31,9 @@ pub(super) fn film(image: &Denoise<'_>) -> Result<Film, Error> {
         let count = halves[0].count + halves[1].count;
         let coverage = image.coverage.map_or(1.0, |share| share[i]);
         pixel = pixel.with_features(features, surfaces.variance(i, count), coverage);
-        match image.ids {
-            Some(ids) => {
-                let SurfaceFeatures { position, normal, depth, .. } = features;
-                pixel.with_first_hit(FirstHit::new(position, normal, depth).with_material(ids[i]))
-            }
-            None => pixel,
-        }
+        let Some(ids) = image.ids else { return pixel };
+        let SurfaceFeatures { position, normal, depth, .. } = features;
+        pixel.with_first_hit(FirstHit::new(position, normal, depth).with_material(ids[i]))
     })
 }
 
@@ -61,10 +57,8 @@ struct Surfaces<'a> {
 impl<'a> Surfaces<'a> {
     fn new(image: &'a Denoise<'a>) -> Self {
         let size = image.size.map(|n| n as usize);
-        let depth = match (image.features[POSITION], image.features[DEPTH]) {
-            (Some(position), None) => Some(depths(size, position.colours(), |i| hit(image, i))),
-            _ => None,
-        };
+        let position = image.features[POSITION].filter(|_| image.features[DEPTH].is_none());
+        let depth = position.map(|position| depths(size, position.colours(), |i| hit(image, i)));
         Self { image, depth }
     }
 

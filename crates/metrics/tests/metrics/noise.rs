@@ -213,8 +213,8 @@ fn too_few_renders_and_different_sizes_are_refused() {
     let square = pixels([2, 2], &values);
     let line = pixels([4, 1], &values);
     let few = |a: usize, b: usize| difference(&vec![square; a], &vec![square; b]).err();
-    assert_eq!(few(3, 3), Some(MetricsError::FewRenders { renders: [3, 3] }));
-    assert_eq!(few(4, 3), Some(MetricsError::FewRenders { renders: [4, 3] }));
+    assert_eq!(few(3, 3), Some(MetricsError::FewRenders([3, 3])));
+    assert_eq!(few(4, 3), Some(MetricsError::FewRenders([4, 3])));
     assert_eq!(few(4, 4), None);
     let unlike = difference(&[square; 4], &[square, square, line, square]).err();
     assert_eq!(unlike, Some(MetricsError::Sizes { image: [4, 1], reference: [2, 2] }));

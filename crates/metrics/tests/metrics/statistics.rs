@@ -123,7 +123,7 @@ fn input_without_a_statistic_is_refused() {
         assert!(matches!(mean_interval(&A, value), Err(E::Confidence { .. })), "{value}");
         assert!(matches!(log_log_fit(&N, &A, value), Err(E::Confidence { .. })), "{value}");
     }
-    assert_eq!(ratio_interval(&A, &B[1..], 0.95), Err(E::Lengths { lengths: [8, 7] }));
+    assert_eq!(ratio_interval(&A, &B[1..], 0.95), Err(E::Lengths([8, 7])));
     for value in [0.0, -1.0, f64::INFINITY, f64::NAN] {
         let bad = [1.0, 2.0, value];
         assert!(matches!(ratio_interval(&bad, &A[..3], 0.95), Err(E::NotPositive { index: 2, .. })));
@@ -132,8 +132,8 @@ fn input_without_a_statistic_is_refused() {
         assert!(matches!(log_log_fit(&[value; 3], &A[..3], 0.95), Err(E::NotPositive { index: 0, .. })));
     }
     assert_eq!(log_log_fit(&N[..2], &A[..2], 0.95), Err(E::TooFew { found: 2, needed: 3 }));
-    assert_eq!(log_log_fit(&[4.0; 3], &A[..3], 0.95), Err(E::SameAbscissa { x: 4.0 }));
-    assert_eq!(log_log_fit(&N, &A[1..], 0.95), Err(E::Lengths { lengths: [8, 7] }));
+    assert_eq!(log_log_fit(&[4.0; 3], &A[..3], 0.95), Err(E::SameAbscissa(4.0)));
+    assert_eq!(log_log_fit(&N, &A[1..], 0.95), Err(E::Lengths([8, 7])));
 }
 
 #[test]

@@ -64,10 +64,7 @@ impl LightKind {
 
     /// Returns the radiance of an infinite light; `None` for all other kinds.
     pub fn environment(&self) -> Option<&EnvironmentRadiance> {
-        match self {
-            Self::Infinite { radiance } => Some(radiance),
-            Self::Point { .. } | Self::Spot { .. } | Self::Distant { .. } => None,
-        }
+        if let Self::Infinite { radiance } = self { Some(radiance) } else { None }
     }
 
     /// Returns true if the light is not black. NaN counts as not black; the renderer's validation rejects it later.

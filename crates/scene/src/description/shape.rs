@@ -124,13 +124,11 @@ impl MeshData {
         if let Some((of, vertex)) = normal.or_else(|| Some(("texture coordinate", uv()?))) {
             return Err(MeshFault(format!("the {of} of vertex {vertex} is not finite; mend the mesh")));
         }
-        let beyond = |corner: &&u32| **corner as usize >= vertices;
-        for (triangle, corners) in self.triangles.iter().enumerate() {
-            if let Some(corner) = corners.iter().find(beyond) {
-                let last = vertices.saturating_sub(1);
-                let what = format!("triangle {triangle} has vertex index {corner}");
-                return Err(MeshFault(what + &format!("; indices are whole numbers from 0 to {last}")));
-            }
+        let beyond = |corner: &u32| *corner as usize >= vertices;
+        if let Some(at) = self.triangles.as_flattened().iter().position(beyond) {
+            let (corner, last) = (self.triangles.as_flattened()[at], vertices.saturating_sub(1));
+            let what = format!("triangle {} has vertex index {corner}", at / 3);
+            return Err(MeshFault(what + &format!("; indices are whole numbers from 0 to {last}")));
         }
         if self.triangles.is_empty() { Err(MeshFault("the mesh has no triangles; remove it".into())) } else { Ok(()) }
     }
@@ -146,10 +144,8 @@ impl MeshData {
     /// Sets normals that are NaN or infinite to 0, so that the geometric normal stands for them. Returns their number,
     /// `None` if there are none.
     pub(crate) fn mend_normals(&mut self) -> Option<usize> {
-        let count = self.normals.iter().filter(|n| n.iter().any(|c| !c.is_finite())).count();
-        if count > 0 {
-            self.normals.iter_mut().filter(|n| n.iter().any(|c| !c.is_finite())).for_each(|n| *n = [0.0; 3]);
-        }
+        let bad = self.normals.iter_mut().filter(|n| n.iter().any(|c| !c.is_finite()));
+        let count = bad.map(|n| *n = [0.0; 3]).count();
         (count > 0).then_some(count)
     }
 

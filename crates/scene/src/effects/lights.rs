@@ -222,31 +222,25 @@ pub(super) fn found_by_chance(visible: &Visible<'_>) -> Option<Called> {
     let refracting = refracting(scene);
     let lights = powers(scene);
     let least = WORTH * lights.iter().map(|(_, power)| power).sum::<f64>();
-    let mut found: Option<Called> = None;
-    for (light, _) in lights.iter().filter(|(_, power)| *power >= least) {
-        // The glass from which the lamp looks smallest.
-        let seen = refracting.iter().filter_map(|glass| Some((glass, solid_angle(scene, *light, glass.2)?)));
-        let Some((glass, angle)) = seen.min_by(|a, b| a.1.total_cmp(&b.1)).filter(|(_, angle)| *angle < SMALL) else {
-            continue;
-        };
-        match &mut found {
-            Some(called) => called.objects += 1,
-            None => {
-                let (name, at, _) = glass;
-                let what = match angle {
-                    0.0 => "a light without extent, so that what it sends through is not found at all".to_owned(),
-                    angle => format!("a lamp of {angle:.1e} sr"),
-                };
-                let because = format!("material \"{name}\" ({at}) refracts the light of {what}");
-                let source = match light {
-                    LightNumber::Shape(i) => &scene.shapes[*i].source,
-                    LightNumber::Light(i) => &scene.lights[*i].source,
-                };
-                found = Some(Called { effect: Effect::Refraction, because, source: source.clone(), objects: 1 });
-            }
-        }
-    }
-    found
+    // The glass from which a light looks smallest.
+    let small = |light: LightNumber| {
+        let seen = refracting.iter().filter_map(|glass| Some((glass, solid_angle(scene, light, glass.2)?)));
+        let (glass, angle) = seen.min_by(|a, b| a.1.total_cmp(&b.1)).filter(|(_, angle)| *angle < SMALL)?;
+        Some((light, glass, angle))
+    };
+    let counting = lights.iter().filter(|(_, power)| *power >= least);
+    let found: Vec<_> = counting.filter_map(|(light, _)| small(*light)).collect();
+    let &(light, (name, at, _), angle) = found.first()?;
+    let what = match angle {
+        0.0 => "a light without extent, so that what it sends through is not found at all".to_owned(),
+        angle => format!("a lamp of {angle:.1e} sr"),
+    };
+    let because = format!("material \"{name}\" ({at}) refracts the light of {what}");
+    let source = match light {
+        LightNumber::Shape(i) => scene.shapes[i].source.clone(),
+        LightNumber::Light(i) => scene.lights[i].source.clone(),
+    };
+    Some(Called { effect: Effect::Refraction, because, source, objects: found.len() })
 }
 
 /// Returns the smooth refracting shapes, through which light sampling cannot connect: the name of the material, the
@@ -265,10 +259,7 @@ fn refracting(scene: &Scene) -> Vec<(&str, &Source, DVec3)> {
 /// Returns an upper bound of the solid angle, in steradians, of a light seen from a point; `None` for an environment.
 fn solid_angle(scene: &Scene, light: LightNumber, from: DVec3) -> Option<f64> {
     match light {
-        LightNumber::Light(i) => match scene.lights[i].kind.environment() {
-            Some(_) => None,
-            None => Some(0.0),
-        },
+        LightNumber::Light(i) => scene.lights[i].kind.environment().is_none().then_some(0.0),
         LightNumber::Shape(i) => {
             let shape = &scene.shapes[i];
             let lamp = LampShape::of(shape)?;

@@ -28,13 +28,12 @@ impl<'a> Buffers<'a> {
         for buffer in document.buffers() {
             let name = || named("buffer", buffer.index(), buffer.name());
             let bytes = match buffer.source() {
-                buffer::Source::Bin => Cow::Borrowed(
-                    blob.ok_or_else(|| format!("{}: the file has no binary chunk; export it again", name()))?,
-                ),
-                buffer::Source::Uri(uri) => {
-                    Cow::Owned(read_uri(uri, files, path).map_err(|what| format!("{}: {what}", name()))?)
+                buffer::Source::Bin => {
+                    blob.map(Cow::Borrowed).ok_or_else(|| "the file has no binary chunk; export it again".into())
                 }
+                buffer::Source::Uri(uri) => read_uri(uri, files, path).map(Cow::Owned),
             };
+            let bytes = bytes.map_err(|what: String| format!("{}: {what}", name()))?;
             if bytes.len() < buffer.length() {
                 let (has, needs) = (bytes.len(), buffer.length());
                 return Err(format!("{}: has {has} bytes of {needs}; copy its file again", name()).into());
@@ -54,16 +53,14 @@ impl<'a> Buffers<'a> {
     pub(super) fn floats<const N: usize>(&self, accessor: &Accessor<'_>) -> Result<Vec<[f32; N]>, String> {
         let (kind, normalized) = (accessor.data_type(), accessor.normalized());
         let float = |bytes: &[u8]| {
-            let value = match kind {
-                DataType::F32 => return f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]),
-                _ => integer(kind, bytes) as f32,
-            };
             let most = match kind {
+                DataType::F32 => return f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]),
                 DataType::I8 => 127.0,
                 DataType::U8 => 255.0,
                 DataType::I16 => 32_767.0,
                 _ => 65_535.0,
             };
+            let value = integer(kind, bytes) as f32;
             if normalized { (value / most).max(-1.0) } else { value }
         };
         self.values(accessor, 0.0, float)
@@ -104,11 +101,11 @@ impl<'a> Buffers<'a> {
         };
         let Some(sparse) = accessor.sparse() else { return Ok(values) };
         let (indices, changed) = (sparse.indices(), sparse.values());
-        let of_index = size_of_index(indices.index_type());
-        let places =
-            self.view(&indices.view()).and_then(|b| strided(b, [indices.offset(), of_index, of_index], sparse.count()));
-        let elements =
-            self.view(&changed.view()).and_then(|b| strided(b, [changed.offset(), N * size, N * size], sparse.count()));
+        let of_index = indices.index_type().size();
+        let pieces =
+            |view, at, size| self.view(&view).and_then(|bytes| strided(bytes, [at, size, size], sparse.count()));
+        let places = pieces(indices.view(), indices.offset(), of_index);
+        let elements = pieces(changed.view(), changed.offset(), N * size);
         let (Some(places), Some(elements)) = (places, elements) else { return Err(fault("reaches beyond its buffer")) };
         for (place, bytes) in places.zip(elements) {
             let place = place.iter().rev().fold(0, |sum, &byte| sum << 8 | usize::from(byte));
@@ -119,16 +116,10 @@ impl<'a> Buffers<'a> {
 }
 
 /// `count` pieces of `size` bytes, `stride` bytes apart, from `offset` on; `None` if they reach beyond the bytes.
-fn strided(
-    bytes: &[u8],
-    [offset, stride, size]: [usize; 3],
-    count: usize,
-) -> Option<impl Iterator<Item = &[u8]> + Clone> {
+fn strided(bytes: &[u8], layout: [usize; 3], count: usize) -> Option<impl Iterator<Item = &[u8]> + Clone> {
+    let [offset, stride, size] = layout;
     let bytes = bytes.get(offset..)?;
-    let needed = match count {
-        0 => 0,
-        _ => stride.checked_mul(count - 1)?.checked_add(size)?,
-    };
+    let needed = if count == 0 { 0 } else { stride.checked_mul(count - 1)?.checked_add(size)? };
     (stride >= size && needed <= bytes.len()).then(|| (0..count).map(move |i| &bytes[i * stride..i * stride + size]))
 }
 
@@ -139,15 +130,6 @@ fn integer(kind: DataType, bytes: &[u8]) -> i64 {
         DataType::I16 => i64::from(i16::from_le_bytes([bytes[0], bytes[1]])),
         DataType::U16 => i64::from(u16::from_le_bytes([bytes[0], bytes[1]])),
         DataType::U32 | DataType::F32 => i64::from(u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]])),
-    }
-}
-
-fn size_of_index(kind: ::gltf::accessor::sparse::IndexType) -> usize {
-    use ::gltf::accessor::sparse::IndexType;
-    match kind {
-        IndexType::U8 => 1,
-        IndexType::U16 => 2,
-        IndexType::U32 => 4,
     }
 }
 

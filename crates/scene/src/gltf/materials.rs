@@ -107,11 +107,9 @@ impl Reader<'_> {
     fn look(&mut self, material: &GltfMaterial<'_>, name: String) -> Look {
         let pbr = material.pbr_metallic_roughness();
         let [r, g, b, _] = pbr.base_color_factor();
-        let base = pbr.base_color_texture().map(|info| Use::of(&info));
-        let base = self.color(base, [r, g, b].map(share));
+        let base = self.color(pbr.base_color_texture(), [r, g, b].map(share));
         let rough = share(pbr.roughness_factor());
-        let used = pbr.metallic_roughness_texture().map(|info| Use::of(&info));
-        let alpha = self.number(used, Part::Squared(1), rough * rough);
+        let alpha = self.number(pbr.metallic_roughness_texture(), Part::Squared(1), rough * rough);
         let roughness = Roughness { u: alpha, v: alpha, remap: false };
         let normal_map = material.normal_texture().and_then(|normal| {
             let info = Use::of_normals(&normal);
@@ -130,8 +128,8 @@ impl Reader<'_> {
         let opaque = self.opaque(material, look);
         let opaque = self.add_material(look, opaque);
         let Some(transmission) = material.transmission() else { return opaque };
-        let used = transmission.transmission_texture().map(|info| Use::of(&info));
-        let amount = self.number(used, Part::Channel(0), share(transmission.transmission_factor()));
+        let factor = share(transmission.transmission_factor());
+        let amount = self.number(transmission.transmission_texture(), Part::Channel(0), factor);
         let glass = glass(look, material.volume().is_some());
         let glass = self.add_material(look, glass);
         self.mix(look, [opaque, glass], amount)
@@ -141,8 +139,8 @@ impl Reader<'_> {
     fn opaque(&mut self, material: &GltfMaterial<'_>, look: &Look) -> MaterialKind {
         let coat = self.coat(material, look);
         let pbr = material.pbr_metallic_roughness();
-        let used = pbr.metallic_roughness_texture().map(|info| Use::of(&info));
-        let metallic = self.number(used, Part::Channel(2), share(pbr.metallic_factor()));
+        let metal = share(pbr.metallic_factor());
+        let metallic = self.number(pbr.metallic_roughness_texture(), Part::Channel(2), metal);
         let (normal, grazing) = self.specular(material, look);
         let roughness = look.roughness;
         let smooth = roughness.constants().is_some_and(crate::effectively_smooth);
@@ -185,15 +183,12 @@ impl Reader<'_> {
 
     fn specular_glossiness(&mut self, old: &::gltf::material::PbrSpecularGlossiness<'_>) -> MaterialKind {
         let [r, g, b, _] = old.diffuse_factor();
-        let diffuse = old.diffuse_texture().map(|info| Use::of(&info));
-        let diffuse = self.color(diffuse, [r, g, b].map(share));
+        let diffuse = self.color(old.diffuse_texture(), [r, g, b].map(share));
         let gloss = share(old.glossiness_factor());
-        let used = || old.specular_glossiness_texture().map(|info| Use::of(&info));
-        let specular = self.color(used(), old.specular_factor().map(share));
-        let alpha = match used().and_then(|info| self.texture(&info, Part::Glossiness(gloss.to_bits()), 1.0)) {
-            Some(id) => Scalar::Texture(id),
-            None => Scalar::Constant((1.0 - gloss) * (1.0 - gloss)),
-        };
+        let specular = self.color(old.specular_glossiness_texture(), old.specular_factor().map(share));
+        let used = old.specular_glossiness_texture().map(|info| Use::of(&info));
+        let alpha = used.and_then(|info| self.texture(&info, Part::Glossiness(gloss.to_bits()), 1.0));
+        let alpha = alpha.map_or(Scalar::Constant((1.0 - gloss) * (1.0 - gloss)), Scalar::Texture);
         let roughness = Roughness { u: alpha, v: alpha, remap: false };
         MaterialKind::Substrate { diffuse, specular, roughness }
     }
@@ -215,13 +210,13 @@ impl Reader<'_> {
     fn alpha(&mut self, material: &GltfMaterial<'_>) -> Option<Scalar> {
         let pbr = material.pbr_metallic_roughness();
         let factor = share(pbr.base_color_factor()[3]);
-        let used = pbr.base_color_texture().map(|info| Use::of(&info));
+        let used = pbr.base_color_texture();
         match material.alpha_mode() {
             AlphaMode::Opaque => None,
             AlphaMode::Mask => {
                 let cutoff = material.alpha_cutoff().unwrap_or(0.5);
                 let part = Part::Mask((cutoff / factor).to_bits());
-                let texture = used.and_then(|info| self.texture(&info, part, 1.0));
+                let texture = used.and_then(|info| self.texture(&Use::of(&info), part, 1.0));
                 let constant = Scalar::Constant(f32::from(factor >= cutoff));
                 Some(texture.map_or(constant, Scalar::Texture))
             }
@@ -250,12 +245,8 @@ impl Reader<'_> {
     ///
     /// A part's triangles emit the mean of the texture over each, rounded to quarters of a stop.
     pub(super) fn lit_parts(&self, data: MeshData, surface: Surface) -> Vec<(MeshData, Surface)> {
-        let (Some((image, [scale, shift])), Some(emission)) = (&surface.glow, surface.emission) else {
-            return vec![(data, surface)];
-        };
-        if data.uvs.is_empty() {
-            return vec![(data, surface)];
-        }
+        let glow = surface.glow.as_ref().zip(surface.emission).filter(|_| !data.uvs.is_empty());
+        let Some(((image, [scale, shift]), emission)) = glow else { return vec![(data, surface)] };
         let mut groups: BTreeMap<[i32; 3], Alike> = BTreeMap::new();
         for triangle in &data.triangles {
             let moved = |uv: [f32; 2]| [0, 1].map(|i| uv[i] * scale[i] + shift[i]);

@@ -121,8 +121,8 @@ impl Reader<'_> {
         if !others.is_empty() {
             self.warn(format!("{name} is used; left out: {}", others.join(", ")));
         }
-        let pose =
-            rigid(at.to_world).ok_or_else(|| format!("{name}: its node has no direction; export the file again"))?;
+        let pose = rigid(at.to_world);
+        let pose = pose.ok_or_else(|| format!("{name}: its node has no direction; export the file again"))?;
         let json: &json::Camera = &self.document.as_json().cameras[camera.index()];
         let view = match (&json.perspective, &json.orthographic) {
             (Some(perspective), _) => of_perspective(perspective),

@@ -17,6 +17,9 @@ pub(super) struct Part {
     surface: Surface,
 }
 
+/// A pose of a mesh: the transforms of its skin's joints, and the weights of its morph targets.
+type Pose<'a> = (&'a [DAffine3], &'a [f32]);
+
 impl Reader<'_> {
     /// Adds the meshes of all nodes. A mesh that several nodes place becomes instances of one object, unless it shines.
     pub(super) fn add_shapes(&mut self, placed: &[Placed<'_>]) -> Result<(), Fault> {
@@ -30,7 +33,7 @@ impl Reader<'_> {
                 let joints = self.joints(node, placed)?;
                 let weights = node.weights().or(mesh.weights()).unwrap_or(&[]).to_vec();
                 let to_world = if joints.is_empty() { *to_world } else { DAffine3::IDENTITY };
-                let parts = self.parts(&mesh, &joints, &weights)?;
+                let parts = self.parts(&mesh, (&joints, &weights))?;
                 self.place(parts, to_world);
                 continue;
             }
@@ -39,7 +42,7 @@ impl Reader<'_> {
                 continue;
             }
             if !self.meshes.contains_key(&mesh.index()) {
-                let parts = self.parts(&mesh, &[], &[])?;
+                let parts = self.parts(&mesh, Pose::default())?;
                 self.meshes.insert(mesh.index(), parts);
             }
             let parts = self.meshes[&mesh.index()].clone();
@@ -75,10 +78,8 @@ impl Reader<'_> {
     /// skin.
     fn joints(&self, node: &Node<'_>, placed: &[Placed<'_>]) -> Result<Vec<DAffine3>, Fault> {
         let Some(skin) = node.skin() else { return Ok(Vec::new()) };
-        let bind: Vec<DAffine3> = match skin.inverse_bind_matrices() {
-            Some(accessor) => self.buffers.floats::<16>(&accessor)?.into_iter().map(affine).collect(),
-            None => Vec::new(),
-        };
+        let bind = skin.inverse_bind_matrices().map(|accessor| self.buffers.floats::<16>(&accessor)).transpose()?;
+        let bind: Vec<DAffine3> = bind.unwrap_or_default().into_iter().map(affine).collect();
         let world: BTreeMap<usize, DAffine3> = placed.iter().map(|p| (p.node.index(), p.to_world)).collect();
         let joint = |(k, joint): (usize, Node<'_>)| {
             let pose = world.get(&joint.index()).copied().unwrap_or(DAffine3::IDENTITY);
@@ -87,8 +88,8 @@ impl Reader<'_> {
         Ok(skin.joints().enumerate().map(joint).collect())
     }
 
-    /// Reads the parts of a mesh, with `weights` of its morph targets and `joints` of its skin.
-    fn parts(&mut self, mesh: &Mesh<'_>, joints: &[DAffine3], weights: &[f32]) -> Result<Vec<Part>, Fault> {
+    /// Reads the parts of a mesh in a pose.
+    fn parts(&mut self, mesh: &Mesh<'_>, pose: Pose<'_>) -> Result<Vec<Part>, Fault> {
         let mut parts = Vec::new();
         for primitive in mesh.primitives() {
             let name = format!("{}, part {}", named("mesh", mesh.index(), mesh.name()), primitive.index());
@@ -97,8 +98,8 @@ impl Reader<'_> {
                 continue;
             }
             let surface = self.surface_of(&primitive.material())?;
-            let mut data =
-                self.mesh(&primitive, joints, weights, surface.uv_set).map_err(|what| format!("{name}: {what}"))?;
+            let data = self.mesh(&primitive, pose, surface.uv_set);
+            let mut data = data.map_err(|what| format!("{name}: {what}"))?;
             if data.triangles.is_empty() {
                 continue;
             }
@@ -116,22 +117,15 @@ impl Reader<'_> {
         Ok(parts)
     }
 
-    fn mesh(
-        &self,
-        primitive: &Primitive<'_>,
-        joints: &[DAffine3],
-        weights: &[f32],
-        uv_set: u32,
-    ) -> Result<MeshData, String> {
+    fn mesh(&self, primitive: &Primitive<'_>, pose: Pose<'_>, uv_set: u32) -> Result<MeshData, String> {
+        let (joints, weights) = pose;
         let Some(positions) = primitive.get(&Semantic::Positions) else { return Ok(MeshData::default()) };
         let vectors = |accessor: &Accessor<'_>| -> Result<Vec<DVec3>, String> {
             Ok(self.buffers.floats::<3>(accessor)?.into_iter().map(|v| DVec3::from_array(v.map(f64::from))).collect())
         };
         let mut positions = vectors(&positions)?;
-        let mut normals = match primitive.get(&Semantic::Normals) {
-            Some(accessor) => vectors(&accessor)?,
-            None => Vec::new(),
-        };
+        let normals = primitive.get(&Semantic::Normals).map(|accessor| vectors(&accessor)).transpose()?;
+        let mut normals = normals.unwrap_or_default();
         for (target, &weight) in primitive.morph_targets().zip(weights).filter(|(_, weight)| **weight != 0.0) {
             for (values, moved) in [(&mut positions, target.positions()), (&mut normals, target.normals())] {
                 if let Some(accessor) = moved {
@@ -140,31 +134,21 @@ impl Reader<'_> {
             }
         }
         if !joints.is_empty() {
-            self.bend(primitive, joints, &mut positions, &mut normals)?;
+            self.bend(primitive, joints, [&mut positions, &mut normals])?;
         }
-        let uvs = match primitive.get(&Semantic::TexCoords(uv_set)) {
-            // glTF's v runs from the top edge of an image, ours from the bottom edge.
-            Some(accessor) => self.buffers.floats::<2>(&accessor)?.into_iter().map(|[u, v]| [u, 1.0 - v]).collect(),
-            None => Vec::new(),
-        };
-        let triangles = match primitive.indices() {
-            Some(accessor) => {
-                triangles(primitive.mode(), self.buffers.integers::<1>(&accessor)?.into_iter().map(|[i]| i))
-            }
-            None => triangles(primitive.mode(), 0..positions.len() as u32),
-        };
+        let uvs = primitive.get(&Semantic::TexCoords(uv_set)).map(|accessor| self.buffers.floats::<2>(&accessor));
+        // glTF's v runs from the top edge of an image, ours from the bottom edge.
+        let uvs = uvs.transpose()?.unwrap_or_default().into_iter().map(|[u, v]| [u, 1.0 - v]).collect();
+        let indices = primitive.indices().map(|accessor| self.buffers.integers::<1>(&accessor)).transpose()?;
+        let indices = indices.map_or_else(|| (0..positions.len() as u32).collect(), |i| i.into_flattened());
+        let triangles = triangles(primitive.mode(), &indices);
         let normals = normals.into_iter().map(|n| n.as_vec3().to_array()).collect();
         Ok(MeshData { positions, normals, uvs, triangles })
     }
 
     /// Applies a skin: each vertex moves with the weighted mean of its joints' transforms.
-    fn bend(
-        &self,
-        primitive: &Primitive<'_>,
-        joints: &[DAffine3],
-        positions: &mut [DVec3],
-        normals: &mut [DVec3],
-    ) -> Result<(), String> {
+    fn bend(&self, primitive: &Primitive<'_>, joints: &[DAffine3], mesh: [&mut [DVec3]; 2]) -> Result<(), String> {
+        let [positions, normals] = mesh;
         let (indices, weights) = (primitive.get(&Semantic::Joints(0)), primitive.get(&Semantic::Weights(0)));
         let (Some(indices), Some(weights)) = (indices, weights) else { return Ok(()) };
         let (indices, weights) = (self.buffers.integers::<4>(&indices)?, self.buffers.floats::<4>(&weights)?);
@@ -208,8 +192,7 @@ fn affine(columns: [f32; 16]) -> DAffine3 {
 }
 
 /// The triangles of a list, strip or fan.
-fn triangles(mode: Mode, indices: impl Iterator<Item = u32>) -> Vec<[u32; 3]> {
-    let indices: Vec<u32> = indices.collect();
+fn triangles(mode: Mode, indices: &[u32]) -> Vec<[u32; 3]> {
     let windows = || indices.windows(3).enumerate();
     match mode {
         Mode::TriangleStrip => {

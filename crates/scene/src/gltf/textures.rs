@@ -78,10 +78,10 @@ impl<'a> Use<'a> {
 
 impl Reader<'_> {
     /// The colour `factor` times a texture; only the factor without one, or if its image cannot be read.
-    pub(super) fn color(&mut self, info: Option<Use<'_>>, factor: [f32; 3]) -> Color {
+    pub(super) fn color(&mut self, info: Option<Info<'_>>, factor: [f32; 3]) -> Color {
         let even = factor[0] == factor[1] && factor[1] == factor[2];
         let scale = if even { factor[0] } else { 1.0 };
-        match info.and_then(|info| self.texture(&info, Part::Color, scale)) {
+        match info.and_then(|info| self.texture(&Use::of(&info), Part::Color, scale)) {
             None => Color::Constant(factor),
             Some(id) if even => Color::Texture(id),
             Some(id) => {
@@ -92,8 +92,8 @@ impl Reader<'_> {
     }
 
     /// The number `factor` times a part of a texture; only the factor without one, or if its image cannot be read.
-    pub(super) fn number(&mut self, info: Option<Use<'_>>, part: Part, factor: f32) -> Scalar {
-        let id = info.and_then(|info| self.texture(&info, part, factor));
+    pub(super) fn number(&mut self, info: Option<Info<'_>>, part: Part, factor: f32) -> Scalar {
+        let id = info.and_then(|info| self.texture(&Use::of(&info), part, factor));
         id.map_or(Scalar::Constant(factor), Scalar::Texture)
     }
 

@@ -89,7 +89,7 @@ pub fn encode_exr_with(size: [u32; 2], layers: &[Layer<'_>], given: &ExrHeader<'
         }
     }
     if channels.is_empty() {
-        return Err(refuse("an EXR file needs at least one channel".to_owned()));
+        return Err(ImageError::Encode("an EXR file needs at least one channel".to_owned()));
     }
     // The format requires channels in order of their names.
     channels.sort_by(|a, b| a.0.as_bytes().cmp(b.0.as_bytes()));
@@ -97,14 +97,10 @@ pub fn encode_exr_with(size: [u32; 2], layers: &[Layer<'_>], given: &ExrHeader<'
     check_names("attribute", attributes.iter().map(|(name, _)| name.as_str()))?;
     let planes: Vec<&Plane<'_>> = channels.iter().map(|&(_, plane)| plane).collect();
     let bytes = encode(header(size, &channels, given), &planes)
-        .map_err(|e| refuse(format!("EXR: {e}; rename what it names, or write another format")))?;
+        .map_err(|e| ImageError::Encode(format!("EXR: {e}; rename what it names, or write another format")))?;
     let bytes = sort_attributes(bytes);
     check_attributes(&bytes, attributes)?;
     Ok(EncodedExr { bytes, clamped: planes.iter().map(|plane| count_clamped(plane)).sum() })
-}
-
-fn refuse(what: String) -> ImageError {
-    ImageError::Encode { what }
 }
 
 fn check_names<'a>(kind: &str, names: impl Iterator<Item = &'a str>) -> Result<(), ImageError> {
@@ -112,10 +108,12 @@ fn check_names<'a>(kind: &str, names: impl Iterator<Item = &'a str>) -> Result<(
     for name in names {
         let unnamed = name.is_empty() || (kind == "channel" && name.ends_with('.'));
         if unnamed || name.len() > 255 || name.contains('\0') {
-            return Err(refuse(format!("{kind} name {name:?}; an EXR file takes names of 1 to 255 bytes without NUL")));
+            return Err(ImageError::Encode(format!(
+                "{kind} name {name:?}; an EXR file takes names of 1 to 255 bytes without NUL"
+            )));
         }
         if !seen.insert(name) {
-            return Err(refuse(format!("{kind} name {name:?} is given twice; rename one")));
+            return Err(ImageError::Encode(format!("{kind} name {name:?} is given twice; rename one")));
         }
     }
     Ok(())
@@ -125,16 +123,16 @@ fn check_names<'a>(kind: &str, names: impl Iterator<Item = &'a str>) -> Result<(
 fn check_attributes(bytes: &[u8], attributes: &[(String, String)]) -> Result<(), ImageError> {
     let found = read_attributes(bytes, "the EXR file in memory").unwrap_or_default();
     match attributes.iter().find(|given| !found.contains(given)) {
-        Some((name, _)) => Err(refuse(format!("attribute name {name:?}: OpenEXR keeps it for itself; rename it"))),
+        Some((name, _)) => {
+            Err(ImageError::Encode(format!("attribute name {name:?}: OpenEXR keeps it for itself; rename it")))
+        }
         None => Ok(()),
     }
 }
 
 fn count_clamped(plane: &Plane<'_>) -> u64 {
-    match plane {
-        Plane::F16(values) => values.iter().filter(|v| v.is_finite() && v.abs() > F16_MAX).count() as u64,
-        _ => 0,
-    }
+    let Plane::F16(values) = plane else { return 0 };
+    values.iter().filter(|v| v.is_finite() && v.abs() > F16_MAX).count() as u64
 }
 
 fn header(size: [u32; 2], channels: &[(String, &Plane<'_>)], given: &ExrHeader<'_>) -> Header {

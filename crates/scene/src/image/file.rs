@@ -29,7 +29,7 @@ impl Format {
             "exr" => Ok(Self::Exr),
             "pfm" => Ok(Self::Pfm),
             "png" => Ok(Self::Png),
-            _ => Err(ImageError::UnknownExtension { path: path.to_owned() }),
+            _ => Err(ImageError::UnknownExtension(path.to_owned())),
         }
     }
 }

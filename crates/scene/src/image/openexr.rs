@@ -201,9 +201,7 @@ fn main_channels(file: &File<'_>, headers: &[Header]) -> Result<MainChannels, Im
             return Ok(MainChannels { part, colors, alpha: find(part, layer, b'A') });
         }
     }
-    if let [only] = headers
-        && only.channels.list.len() == 1
-    {
+    if headers.len() == 1 && names(0).count() == 1 {
         return Ok(MainChannels { part: 0, colors: [Some(0); 3], alpha: None });
     }
     for part in parts {

@@ -17,7 +17,7 @@ use ::image::{ExtendedColorType, ImageEncoder};
 pub fn encode_png(image: &Image, exposure_stops: f32) -> Result<Vec<u8>, ImageError> {
     check_count(image.size, image.pixels.len())?;
     if !exposure_stops.is_finite() {
-        return Err(ImageError::Exposure { stops: exposure_stops });
+        return Err(ImageError::Exposure(exposure_stops));
     }
     let factor = exp2(f64::from(exposure_stops));
     let quantizer = Quantizer::new();
@@ -47,7 +47,7 @@ fn encode(size: [u32; 2], bytes: &[u8], color: ExtendedColorType) -> Result<Vec<
     let mut file = Vec::new();
     PngEncoder::new_with_quality(&mut file, CompressionType::Default, FilterType::Adaptive)
         .write_image(bytes, size[0], size[1], color)
-        .map_err(|e| ImageError::Encode { what: format!("PNG: {e}; write EXR instead") })?;
+        .map_err(|e| ImageError::Encode(format!("PNG: {e}; write EXR instead")))?;
     Ok(file)
 }
 

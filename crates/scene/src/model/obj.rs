@@ -97,10 +97,10 @@ pub fn read_obj(bytes: &[u8]) -> Result<ObjModel, ModelError> {
         let data = vertices.mesh(&group, key.has)?;
         meshes.push(ObjMesh { material: key.material.map(|(line, name)| (name, line)), data });
     }
-    match meshes.is_empty() {
-        true => Err(ModelError::new("there are no faces; export a mesh, not points or curves")),
-        false => Ok(ObjModel { meshes, libraries, left_out }),
+    if meshes.is_empty() {
+        return Err("there are no faces; export a mesh, not points or curves".into());
     }
+    Ok(ObjModel { meshes, libraries, left_out })
 }
 
 /// Positions, texture coordinates and normals of the whole OBJ file.
@@ -202,15 +202,11 @@ impl Parser {
                 });
                 Ok(())
             }
-            "mtllib" => {
-                if !name.is_empty() && !self.libraries.iter().any(|(known, _)| known == name) {
-                    self.libraries.push((name.to_owned(), number));
-                }
-                Ok(())
-            }
-            "l" | "p" | "curv" | "curv2" | "surf" | "call" => {
-                if !self.left_out.iter().any(|(known, _)| known == keyword) {
-                    self.left_out.push((keyword.to_owned(), number));
+            "mtllib" | "l" | "p" | "curv" | "curv2" | "surf" | "call" => {
+                let is_library = keyword == "mtllib";
+                let (list, name) = if is_library { (&mut self.libraries, name) } else { (&mut self.left_out, keyword) };
+                if !name.is_empty() && !list.iter().any(|(known, _)| known == name) {
+                    list.push((name.to_owned(), number));
                 }
                 Ok(())
             }
@@ -220,10 +216,7 @@ impl Parser {
     }
 
     fn face<'w>(&mut self, line: u32, words: impl Iterator<Item = &'w str>) -> Result<(), String> {
-        let mut corners = Vec::new();
-        for word in words {
-            corners.push(self.corner(line, word)?);
-        }
+        let corners = words.map(|word| self.corner(line, word)).collect::<Result<Vec<_>, _>>()?;
         if corners.len() < 3 {
             return Err(format!("a face needs 3 corners or more, not {}; remove it", corners.len()));
         }
@@ -241,35 +234,30 @@ impl Parser {
 
     /// Parses one corner of a face, such as `1/2/3`, into indices from 1.
     fn corner(&mut self, line: u32, word: &str) -> Result<Corner, String> {
+        let bad = |what: &str| format!("corner \"{}\"{what}", shown(word));
         let mut numbers = [None; 3];
         for (kind, text) in word.split('/').enumerate() {
-            let Some(number) = numbers.get_mut(kind) else {
-                return Err(format!("corner \"{}\" has more than three numbers", shown(word)));
-            };
+            let number = numbers.get_mut(kind).ok_or_else(|| bad(" has more than three numbers"))?;
             if text.is_empty() {
                 continue;
             }
-            let value: i64 = text.parse().map_err(|_| format!("corner \"{}\" is not a number", shown(word)))?;
-            let count = self.vertices.counts()[kind];
-            let what = KINDS[kind];
+            let value: i64 = text.parse().map_err(|_| bad(" is not a number"))?;
+            let (count, what) = (self.vertices.counts()[kind], KINDS[kind]);
             *number = Some(match u64::try_from(value) {
-                Ok(0) => return Err(format!("corner \"{}\": {what} count from 1", shown(word))),
+                Ok(0) => return Err(bad(&format!(": {what} count from 1"))),
                 Ok(value) => {
                     if value > count.max(self.largest[kind].0) {
                         self.largest[kind] = (value, line);
                     }
                     value
                 }
-                Err(_) => match count.checked_sub(value.unsigned_abs()) {
-                    Some(before) => before + 1,
-                    None => return Err(format!("corner \"{}\": there are only {count} {what} so far", shown(word))),
-                },
+                Err(_) => {
+                    let before = count.checked_sub(value.unsigned_abs());
+                    before.ok_or_else(|| bad(&format!(": there are only {count} {what} so far")))? + 1
+                }
             });
         }
-        if numbers[0].is_none() {
-            return Err(format!("corner \"{}\" has no vertex", shown(word)));
-        }
-        Ok(numbers)
+        numbers[0].map(|_| numbers).ok_or_else(|| bad(" has no vertex"))
     }
 
     /// Checks, after the last line, that all indices refer to existing vertices. Faces may precede their vertices.
@@ -301,11 +289,8 @@ fn numbers<'w, const N: usize>(keyword: &str, words: impl Iterator<Item = &'w st
 
 /// Converts numbers to single precision. The error reports an overflow.
 fn single<const N: usize>(values: [f64; N]) -> Result<[f32; N], String> {
-    let rounded = values.map(|v| v as f32);
-    match rounded.iter().position(|v| !v.is_finite()) {
-        Some(at) => Err(not_finite(&values[at].to_string())),
-        None => Ok(rounded),
-    }
+    let over = values.iter().find(|v| !(**v as f32).is_finite());
+    over.map_or(Ok(values.map(|v| v as f32)), |over| Err(not_finite(&over.to_string())))
 }
 
 fn not_finite(word: &str) -> String {

@@ -58,10 +58,6 @@ pub fn read_ply(bytes: &[u8]) -> Result<ModelMesh, ModelError> {
 const ASCII: &str = "ascii";
 const NO_FACES: &str = "there is no element face with a list vertex_indices; export triangles";
 
-fn bad_face(face: usize, what: impl std::fmt::Display) -> ModelError {
-    ModelError::new(format!("face {face}: {what}"))
-}
-
 /// A type of number: its length in bytes, and how its bits are read.
 #[derive(Clone, Copy)]
 struct Number(usize, Bits);
@@ -165,12 +161,9 @@ fn header(bytes: &[u8]) -> Result<(Vec<Element<'_>>, Rows<'_>), ModelError> {
                     [number] => (None, number),
                     _ => return Err(unknown()),
                 };
+                let number = Number::named(number).ok_or_else(unknown)?;
                 let last = elements.len() - 1;
-                elements[last].properties.push(Property {
-                    name,
-                    count,
-                    number: Number::named(number).ok_or_else(unknown)?,
-                });
+                elements[last].properties.push(Property { name, count, number });
             }
             ["element", ..] | ["property", ..] => {
                 return Err(bad("a name is declared twice, or a property before its element"));
@@ -206,10 +199,8 @@ impl<'b> Rows<'b> {
         if fits || element.count == 0 {
             return Ok(());
         }
-        let Element { name, count, .. } = element;
-        Err(ModelError::new(format!(
-            "the header promises {count} elements {name}, and only {bytes} bytes follow; the file is cut off or damaged"
-        )))
+        let promised = format!("the header promises {} elements {}", element.count, element.name);
+        Err(format!("{promised}, and only {bytes} bytes follow; the file is cut off or damaged").into())
     }
 
     /// Reads the row `index` of an element. Calls `take` with the index of the property and each of its values.
@@ -233,8 +224,7 @@ impl<'b> Rows<'b> {
         };
         for (at, Property { name, count, number }) in element.properties.iter().enumerate() {
             let bad = || {
-                let of = element.name;
-                let what = format!("{of} {index} cannot be read ({name} lacks a number of its type)");
+                let what = format!("{} {index} cannot be read ({name} lacks a number of its type)", element.name);
                 ModelError::new(what + "; the file is cut off or damaged")
             };
             let count = count.map_or(Some(1.0), &mut next).filter(|count| *count >= 0.0).ok_or_else(bad)?;
@@ -300,7 +290,7 @@ fn read_faces(rows: &mut Rows<'_>, element: &Element<'_>) -> Result<Faces, Model
             _ => bad = bad.or(Some(value)),
         })?;
         if let Some(corner) = bad {
-            return Err(bad_face(face, format!("corner {corner} is negative; corners count vertices from 0")));
+            return Err(format!("face {face}: corner {corner} is negative; corners count vertices from 0").into());
         }
         faces.ends.push(faces.corners.len());
     }
@@ -315,15 +305,14 @@ fn cut(faces: &Faces, data: &mut MeshData) -> Result<(), ModelError> {
     for (face, &end) in faces.ends.iter().enumerate() {
         let corners = &faces.corners[start..end];
         start = end;
+        let bad = |what: &str| ModelError::new(format!("face {face}: {what}"));
         if let Some(corner) = corners.iter().find(|&&c| c as usize >= vertices) {
-            let what = format!("corner {corner} is beyond the last of {vertices} vertices, which count from 0");
-            return Err(bad_face(face, what));
+            return Err(bad(&format!("corner {corner} is beyond the last of {vertices} vertices, which count from 0")));
         }
         if corners.len() < 3 {
-            let what = format!("a face needs 3 corners or more, not {}; remove it", corners.len());
-            return Err(bad_face(face, what));
+            return Err(bad(&format!("a face needs 3 corners or more, not {}; remove it", corners.len())));
         }
-        polygon::triangulate(corners, &data.positions, &mut data.triangles).map_err(|what| bad_face(face, what))?;
+        polygon::triangulate(corners, &data.positions, &mut data.triangles).map_err(bad)?;
     }
     Ok(())
 }

@@ -40,16 +40,13 @@ pub fn read_stl(bytes: &[u8]) -> Result<ModelMesh, ModelError> {
         return read_text(bytes);
     }
     let (Some(count), Some(promised)) = (count, promised) else {
-        return Err(ModelError::new(format!(
-            "{} bytes that do not begin with `solid` are no STL file; a binary one has {HEADER} or more",
-            bytes.len()
-        )));
+        let what = "bytes that do not begin with `solid` are no STL file; a binary one has";
+        return Err(format!("{} {what} {HEADER} or more", bytes.len()).into());
     };
     if promised > bytes.len() as u64 {
-        return Err(ModelError::new(format!(
-            "the header promises {count} facets, and only {} bytes follow where each takes {FACET}; the file is cut off or damaged",
-            bytes.len() - HEADER
-        )));
+        let found = format!("only {} bytes follow where each takes {FACET}", bytes.len() - HEADER);
+        let what = format!("the header promises {count} facets, and {found}; the file is cut off or damaged");
+        return Err(what.into());
     }
     let mut welder = Welder::default();
     for (number, facet) in bytes[HEADER..promised as usize].chunks_exact(FACET).enumerate() {
@@ -91,11 +88,9 @@ fn read_text(bytes: &[u8]) -> Result<ModelMesh, ModelError> {
             take("outer")?;
             let mut corners = [[0.0; 3]; 3];
             for corner in &mut corners {
-                let mut numbers = take("vertex")?.split_whitespace().skip(1).map_while(|word| word.parse().ok());
-                *corner = match [numbers.next(), numbers.next(), numbers.next()] {
-                    [Some(x), Some(y), Some(z)] => [x, y, z],
-                    _ => return Err(bad_facet(first, "vertex")),
-                };
+                let numbers = take("vertex")?.split_whitespace().skip(1).map_while(|word| word.parse().ok());
+                let numbers = numbers.take(3).collect::<Vec<f32>>();
+                *corner = numbers.try_into().map_err(|_| bad_facet(first, "vertex"))?;
             }
             take("endloop")?;
             take("endfacet")?;

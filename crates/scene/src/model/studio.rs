@@ -3,8 +3,7 @@
 use super::UpAxis;
 use crate::image::Image;
 use crate::{
-    Camera, Color, EnvironmentRadiance, FilmSettings, Geometry, Light, LightKind, Material, MaterialKind, Projection,
-    Scene, Shape, Source,
+    Camera, Color, EnvironmentRadiance, FilmSettings, Geometry, Light, LightKind, Projection, Scene, Shape, Source,
 };
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 use std::f64::consts::TAU;
@@ -57,15 +56,10 @@ pub(crate) fn set(scene: &mut Scene, (up, aspect): Stage, wanted: Wanted, source
         let axes = [camera_right, camera_right.cross(-towards), -towards];
         let tangents = [aspect.max(1.0), (1.0 / aspect).max(1.0)].map(|side| FILLED * TAN_HALF_FOV * side);
         let eye = centre + radius * frame(scene, centre, radius, axes, tangents);
-        scene.camera = Camera {
-            to_world: DAffine3 {
-                matrix3: DMat3::from_cols_array_2d(&axes.map(|axis| axis.to_array())),
-                translation: eye,
-            },
-            projection: Projection::Perspective { fov: FOV },
-            source: source.clone(),
-            ..Camera::default()
-        };
+        let matrix3 = DMat3::from_cols_array_2d(&axes.map(|axis| axis.to_array()));
+        let to_world = DAffine3 { matrix3, translation: eye };
+        let projection = Projection::Perspective { fov: FOV };
+        scene.camera = Camera { to_world, projection, source: source.clone(), ..Camera::default() };
         let width = (f64::from(HEIGHT) * aspect.clamp(0.1, 10.0)).round() as u32;
         scene.film = FilmSettings { resolution: [width, HEIGHT], ..FilmSettings::default() };
     }
@@ -134,9 +128,7 @@ fn add_ground(scene: &mut Scene, radius: f64, up: DVec3, source: &Source) {
             }
         }
     });
-    let material =
-        Material::new("ground", MaterialKind::Diffuse { reflectance: Color::Constant(GROUND) }, source.clone());
-    let id = scene.add_material(material);
+    let id = super::add_material(scene, "ground", Color::Constant(GROUND), source);
     let (x, y) = up.any_orthonormal_pair();
     let to_world = DAffine3 { matrix3: DMat3::from_cols(x, y, up), translation: middle - up * (GAP * radius) };
     let geometry = Geometry::Disk { height: 0.0, radius: GROUND_RADIUS * radius, inner_radius: 0.0 };
@@ -221,14 +213,9 @@ fn choose_view(scene: &Scene, axes: [DVec3; 3], centre: DVec3, radius: f64) -> V
     if usual <= ENOUGH {
         return USUAL;
     }
-    let mut best = (BETTER * usual, USUAL);
-    for view in OTHERS {
-        let share = back_faces(scene, view_direction(view, axes), axes[2], centre, radius);
-        if share < best.0 {
-            best = (share, view);
-        }
-    }
-    best.1
+    let others = OTHERS.map(|view| (back_faces(scene, view_direction(view, axes), axes[2], centre, radius), view));
+    let better = |best: (f64, View), other: (f64, View)| if other.0 < best.0 { other } else { best };
+    others.into_iter().fold((BETTER * usual, USUAL), better).1
 }
 
 /// The share of pixels that show the back of a triangle, among those that show any.

@@ -2,9 +2,9 @@
 
 use super::Log;
 use super::params::{Param, read_param};
+use super::reader::unknown_name;
 use crate::Source;
 use crate::readers::first_word;
-use dapple_core::nearest_name;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -246,7 +246,7 @@ pub(super) fn begins_a_scene(content: &[u8]) -> bool {
 }
 
 /// One directive of a pbrt file: its name, arguments and place.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Directive<'t> {
     pub(super) word: &'t str,
     pub(super) source: Source,
@@ -299,10 +299,13 @@ impl<'t> Directives<'t> {
     }
 
     fn read(&mut self, word: Token<'t>, log: &mut Log) -> Result<Directive<'t>, Fault> {
-        let Some(form) = form_of(word.text) else { return Err((word.line, unknown(word.text))) };
+        let Some(form) = form_of(word.text) else {
+            let known = forms().map(|(known, _)| known);
+            let what = unknown_name("directive", word.text, known, "remove it or correct its spelling");
+            return Err((word.line, what));
+        };
         let source = Source { file: self.file.clone(), line: word.line };
-        let mut directive =
-            Directive { word: word.text, source, numbers: Vec::new(), texts: Vec::new(), params: Vec::new() };
+        let mut directive = Directive { word: word.text, source, ..Directive::default() };
         match form {
             Form::Bare => {}
             Form::Numbers(count) => directive.numbers = self.read_numbers(word, count)?,
@@ -377,13 +380,6 @@ impl<'t> Directives<'t> {
 
 fn form_of(word: &str) -> Option<Form> {
     forms().find(|(known, _)| *known == word).map(|(_, form)| form)
-}
-
-fn unknown(word: &str) -> String {
-    match nearest_name(word, forms().map(|f| f.0)) {
-        Some(known) => format!("unknown directive {}; did you mean \"{known}\"?", shown(word)),
-        None => format!("unknown directive {}; remove it or correct its spelling", shown(word)),
-    }
 }
 
 #[cfg(test)]

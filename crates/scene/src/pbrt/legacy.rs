@@ -85,11 +85,7 @@ impl Version {
 
     /// Returns the name of the version, such as "pbrt-v3", for messages.
     pub(super) fn name(self) -> &'static str {
-        match self {
-            Self::V2 => "pbrt-v2",
-            Self::V3 => "pbrt-v3",
-            Self::V4 => "pbrt-v4",
-        }
+        ["pbrt-v2", "pbrt-v3", "pbrt-v4"][self as usize]
     }
 }
 

@@ -1,14 +1,14 @@
 //! Lights of pbrt scenes, and the emission of shapes.
 
 use super::directive::{Directive, shown};
-use super::legacy::light_scale;
+use super::legacy::{Version, light_scale};
 use super::params::{Params, Type};
 use super::reader::Reader;
 use super::spectra::Gamut;
 use super::state::AreaLight;
 use super::textures::{Channel, Decoding};
 use crate::image::Image;
-use crate::{EnvironmentRadiance, Light, LightKind, Source, SpotFalloff};
+use crate::{EnvironmentRadiance, Light, LightKind, SpotFalloff};
 use glam::{DAffine3, DMat3, DVec3};
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
@@ -45,7 +45,7 @@ impl Reader<'_> {
             params.ignore(&["nsamples", "samples"]);
         }
         let made = match d.texts[0].as_str() {
-            "infinite" => self.infinite(&mut params, &d.source),
+            "infinite" => self.infinite(&mut params),
             "point" => Some(Self::point(&mut params)),
             "spot" => self.spot(&mut params),
             "distant" => Self::distant(&mut params),
@@ -99,47 +99,36 @@ impl Reader<'_> {
         Some((LightKind::Distant { irradiance }, DAffine3::from_mat3(frame)))
     }
 
-    fn infinite(&mut self, params: &mut Params, source: &Source) -> Option<(LightKind, DAffine3)> {
+    fn infinite(&mut self, params: &mut Params) -> Option<(LightKind, DAffine3)> {
         params.refuse(&["portal"]);
         let old = self.context.version.is_old();
         let constant = params.has("L").then(|| params.rgb("L", Gamut::Light).unwrap_or([1.0; 3]));
         let illuminance = positive(params, "illuminance");
         let file = params.text(if old { "mapname" } else { "filename" });
-        let radiance = match file {
-            Some((_, line)) if constant.is_some() && !old => {
-                params.problem(line, format!("{} has both L and filename; remove one", params.of));
-                None
+        let tint = scaled(constant.unwrap_or([1.0; 3]), params);
+        let radiance = match (file, illuminance) {
+            (Some((_, line)), _) if constant.is_some() && !old => {
+                return params.fail(line, format!("{} has both L and filename; remove one", params.of));
             }
-            Some((file, line)) => {
-                let source = Source { line, ..source.clone() };
-                let tint = scaled(constant.unwrap_or([1.0; 3]), params);
-                self.environment(&file, tint, illuminance, &source, params)
-            }
-            None => {
-                let mut radiance = scaled(constant.unwrap_or([1.0; 3]), params);
-                if let Some(illuminance) = illuminance {
-                    radiance = brighter(radiance, illuminance / PI, params);
-                }
-                Some(EnvironmentRadiance::Constant(radiance))
-            }
+            (Some((file, line)), _) => self.environment((&file, line), tint, illuminance, params)?,
+            (None, Some(illuminance)) => EnvironmentRadiance::Constant(brighter(tint, illuminance / PI, params)),
+            (None, None) => EnvironmentRadiance::Constant(tint),
         };
-        Some((LightKind::Infinite { radiance: radiance? }, DAffine3::IDENTITY))
+        Some((LightKind::Infinite { radiance }, DAffine3::IDENTITY))
     }
 
     /// Makes the radiance of an environment map, multiplied by `tint` and scaled to `illuminance` if given. `None`,
     /// with a reported problem, if the image is unusable.
     fn environment(
         &mut self,
-        file: &str,
+        (file, line): (&str, u32),
         tint: [f32; 3],
         illuminance: Option<f64>,
-        source: &Source,
         params: &mut Params,
     ) -> Option<EnvironmentRadiance> {
         // pbrt-v2 decodes integers without the sRGB curve.
-        let linear = self.context.version == super::legacy::Version::V2;
-        let decoding = if linear { Decoding::Linear } else { Decoding::Srgb };
-        let Some(mut image) = self.image(file, decoding, Channel::Rgb, source) else {
+        let decoding = if self.context.version == Version::V2 { Decoding::Linear } else { Decoding::Srgb };
+        let Some(mut image) = self.image(file, (decoding, Channel::Rgb), &params.at(line)) else {
             params.broken = true;
             return None;
         };
@@ -158,14 +147,11 @@ impl Reader<'_> {
                 found *= 0.5;
                 let what = "pbrt-v4 takes half of what a square image gives for its illuminance, and so makes it \
                             twice as bright as asked: it is done alike";
-                params.notice(source.line, what);
+                params.notice(line, what);
             }
             if found <= 0.0 || !found.is_finite() {
-                params.problem(
-                    source.line,
-                    format!("{} gives no light from above; illuminance cannot be had", shown(file)),
-                );
-                return None;
+                let what = "gives no light from above; illuminance cannot be had";
+                return params.fail(line, format!("{} {what}", shown(file)));
             }
             scale = brighter([scale; 3], wanted / found, params)[0];
         }
@@ -173,8 +159,7 @@ impl Reader<'_> {
         if let Some(at) = bad {
             let (x, y) = (at as u32 % image.size[0], at as u32 / image.size[0]);
             let what = format!("pixel {x}, {y} of {} is negative or not finite; mend the image", shown(file));
-            params.problem(source.line, what);
-            return None;
+            return params.fail(line, what);
         }
         Some(match equal_area {
             true => EnvironmentRadiance::EqualArea { image, scale },
@@ -233,8 +218,7 @@ fn pose(params: &mut Params, sign: f64) -> Option<(DVec3, DMat3)> {
     let (from, to) = (point(params, "from", DVec3::ZERO), point(params, "to", DVec3::Z));
     let direction = (to - from) * sign;
     let Some(z) = (direction / direction.abs().max_element()).try_normalize() else {
-        params.problem(params.line(), format!("{} needs from and to to differ", params.of));
-        return None;
+        return params.fail(params.line(), format!("{} needs from and to to differ", params.of));
     };
     let (x, y) = z.any_orthonormal_pair();
     Some((from, DMat3::from_cols(x, y, z)))

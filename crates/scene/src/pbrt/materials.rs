@@ -5,9 +5,7 @@ use super::params::{Params, Type};
 use super::reader::Reader;
 use super::spectra::{Gamut, metal};
 use super::state::MaterialRef;
-use crate::{
-    Coating, Color, ConductorFresnel, Material, MaterialId, MaterialKind, Roughness, Scalar, Source, TextureKind,
-};
+use crate::{Coating, Color, ConductorFresnel, Material, MaterialId, MaterialKind, Roughness, Scalar, TextureKind};
 
 /// Material types that pbrt-v4 introduced, all supported.
 pub(super) const NEW_MATERIALS: &str =
@@ -26,9 +24,11 @@ pub(super) fn default_kind() -> MaterialKind {
 /// A material as a directive describes it, without an index.
 pub(super) struct Made {
     pub(super) kind: MaterialKind,
-    /// The names of the two mixed materials; `None` if the material is no mix.
-    pub(super) mixes: Option<[String; 2]>,
+    pub(super) mixes: Mixes,
 }
+
+/// The names of the two mixed materials; `None` if the material is no mix.
+type Mixes = Option<[String; 2]>;
 
 impl From<MaterialKind> for Made {
     fn from(kind: MaterialKind) -> Self {
@@ -41,8 +41,7 @@ impl Reader<'_> {
     pub(super) fn set_material(&mut self, mut d: Directive<'_>) {
         let params = self.params(&mut d, "material");
         let name = format!("material {}", self.scene.materials.len());
-        let line = d.source.line;
-        let (material, mixes) = self.make_material(name, &d.texts[0], line, params, d.source);
+        let (material, mixes) = self.make_material(name, (&d.texts[0], d.source.line), params);
         let id = self.scene.add_material(material);
         self.settle_mix(id, mixes);
         self.state.material = MaterialRef::Made(id);
@@ -52,48 +51,37 @@ impl Reader<'_> {
     pub(super) fn make_named_material(&mut self, mut d: Directive<'_>) {
         let mut params = self.params(&mut d, "material");
         let name = d.texts.swap_remove(0);
-        let kind = params.text("type");
-        if kind.is_none() {
-            params.lacks("its type; add \"string type\" \"diffuse\"");
-        }
+        let kind = params.text("type").or_else(|| params.lacks("its type; add \"string type\" \"diffuse\""));
         if let Some(first) = self.named_materials.get(&name) {
             let first = &self.scene.materials[first].source;
-            if self.context.version.is_old() {
-                params.notice(d.source.line, format!("material {} is made anew (first at {first})", shown(&name)));
-            } else {
-                params.problem(d.source.line, format!("material {} is made twice (first at {first})", shown(&name)));
+            let what = |how| format!("material {} is made {how} (first at {first})", shown(&name));
+            match self.context.version.is_old() {
+                true => params.notice(d.source.line, what("anew")),
+                false => params.problem(d.source.line, what("twice")),
             }
         }
         let (kind, line) = kind.unwrap_or(("diffuse".into(), d.source.line));
-        let (material, mixes) = self.make_material(name.clone(), &kind, line, params, d.source);
+        let (material, mixes) = self.make_material(name.clone(), (&kind, line), params);
         let id = MaterialId(self.named_materials.define(&name, material, &mut self.scene.materials) as u32);
         self.settle_mix(id, mixes);
     }
 
     /// Makes a material of type `kind`; after an error a placeholder, so that reading can continue. Also returns the names
     /// of the materials that it mixes, if it is a mix.
-    fn make_material(
-        &mut self,
-        name: String,
-        kind: &str,
-        line: u32,
-        mut params: Params,
-        source: Source,
-    ) -> (Material, Option<[String; 2]>) {
+    fn make_material(&mut self, name: String, kind: (&str, u32), mut params: Params) -> (Material, Mixes) {
+        let ((kind, line), old) = (kind, self.context.version.is_old());
         let shades = !matches!(kind, "mix" | "interface" | "none" | "");
-        let bump_name = if self.context.version.is_old() { "bumpmap" } else { "displacement" };
+        let bump_name = if old { "bumpmap" } else { "displacement" };
         let bump = (shades && params.has(bump_name))
             .then(|| params.scalar(bump_name, 0.0, |_| true, "finite"))
             // A constant height tilts no normals.
             .filter(|bump| matches!(bump, Scalar::Texture(_)));
-        let normal_map =
-            (shades && !self.context.version.is_old()).then(|| self.normal_map(&mut params, &source)).flatten();
+        let normal_map = if shades && !old { self.normal_map(&mut params) } else { None };
         if let (Some(_), Some(_)) = (bump, normal_map) {
             params.problem(line, format!("{} has both displacement and normalmap; remove one", params.of));
         }
-        let old = self.context.version.is_old();
         let made = match kind {
-            "diffusetransmission" if !old => Some(self.diffuse_transmission(&mut params, &source).into()),
+            "diffusetransmission" if !old => Some(self.diffuse_transmission(&mut params).into()),
             _ if old => self.old_material(kind, &mut params),
             _ => new_material(kind, &mut params),
         };
@@ -102,12 +90,13 @@ impl Reader<'_> {
             params.unsupported_type(line, "Material", kind, &known);
             default_kind().into()
         });
+        let material = Material { bump, normal_map, ..Material::new(name, made.kind, params.source.clone()) };
         params.finish(&mut self.log);
-        (Material { bump, normal_map, ..Material::new(name, made.kind, source) }, made.mixes)
+        (material, made.mixes)
     }
 
     /// Sets the materials of a mix by their names.
-    fn settle_mix(&mut self, mix: MaterialId, names: Option<[String; 2]>) {
+    fn settle_mix(&mut self, mix: MaterialId, names: Mixes) {
         let Some(names) = names else { return };
         let source = self.scene.materials[mix.0 as usize].source.clone();
         let found = names.map(|name| self.material_named(&name, &source));
@@ -116,7 +105,7 @@ impl Reader<'_> {
         }
     }
 
-    fn diffuse_transmission(&mut self, params: &mut Params, source: &Source) -> MaterialKind {
+    fn diffuse_transmission(&mut self, params: &mut Params) -> MaterialKind {
         let given = ["reflectance", "transmittance"].map(|name| params.color(name, [0.25; 3]));
         let scale = params.float32("scale", 1.0, |v| v >= 0.0, "at least 0");
         let [reflectance, transmittance] = given.map(|color| match color {
@@ -124,7 +113,7 @@ impl Reader<'_> {
             color if scale == 1.0 => color,
             color => {
                 let factors = [color, Color::Constant([scale; 3])];
-                self.add_texture("scaled", TextureKind::Product { factors }, params, source)
+                self.add_texture("scaled", TextureKind::Product { factors }, params)
             }
         });
         if let (Color::Constant(r), Color::Constant(t)) = (reflectance, transmittance) {
@@ -196,14 +185,8 @@ fn mix(params: &mut Params) -> Made {
     let names = params.take_texts("materials", Type::Text).map(|(names, line)| (<[String; 2]>::try_from(names), line));
     let mixes = match names {
         Some((Ok(names), _)) => Some(names),
-        Some((Err(names), line)) => {
-            params.bad("materials", line, format!("takes 2 names, not {}", names.len()));
-            None
-        }
-        None => {
-            params.lacks("\"string materials\" with two names");
-            None
-        }
+        Some((Err(names), line)) => params.wrong("materials", line, format!("takes 2 names, not {}", names.len())),
+        None => params.lacks("\"string materials\" with two names"),
     };
     Made { kind: MaterialKind::Mix { materials: [MaterialId(0); 2], amount }, mixes }
 }
@@ -213,11 +196,9 @@ pub(super) fn fresnel(params: &mut Params, names: [&'static str; 3]) -> Conducto
     let [reflectance_name, eta, k] = names;
     if params.has(reflectance_name) {
         let reflectance = params.color(reflectance_name, [0.5; 3]);
-        for name in [eta, k] {
-            if let Some(param) = params.take(name) {
-                let what = format!("{} has both {reflectance_name} and {name}; remove one", params.of);
-                params.problem(param.line, what);
-            }
+        for param in params.given(&[eta, k]) {
+            let what = format!("{} has both {reflectance_name} and {}; remove one", params.of, param.name);
+            params.problem(param.line, what);
         }
         return ConductorFresnel::Reflectance(reflectance);
     }
@@ -268,7 +249,7 @@ impl Params {
             }
             _ => return Color::Constant(self.rgb(name, gamut).unwrap_or(default)),
         }
-        let Some((texture, line)) = self.texture_name(name) else { return default_color };
+        let Some((texture, line)) = self.text_of(name, Type::Texture) else { return default_color };
         match self.context.textures.clone().spectrum(&texture) {
             Ok(Color::Constant(c)) if gamut == Gamut::Reflectance && c.iter().any(|&c| c > 1.0) => {
                 let what = format!("texture {} is above 1: {name} of {} must not be", shown(&texture), self.of);
@@ -287,7 +268,7 @@ impl Params {
         if self.peek(name).is_none_or(|p| p.ty != Type::Texture) {
             return Scalar::Constant(self.float32(name, default, ok, range));
         }
-        let Some((texture, line)) = self.texture_name(name) else { return default_scalar };
+        let Some((texture, line)) = self.text_of(name, Type::Texture) else { return default_scalar };
         match self.context.textures.clone().float(&texture) {
             Ok(Ok(Scalar::Constant(value))) if !ok(f64::from(*value)) => {
                 self.bad(name, line, format!("must be {range}, not {value}"));
@@ -310,17 +291,6 @@ impl Params {
             Scalar::Texture(_) => {
                 self.unsupported(line, format!("a texture as {name} of {}", self.of));
                 default
-            }
-        }
-    }
-
-    /// Takes a parameter that names a texture. Returns the texture's name and the parameter's line.
-    pub(super) fn texture_name(&mut self, name: &'static str) -> Option<(String, u32)> {
-        match self.take_texts(name, Type::Texture)? {
-            (names, line) if names.len() == 1 => names.into_iter().next().map(|name| (name, line)),
-            (_, line) => {
-                self.bad(name, line, "takes one texture's name");
-                None
             }
         }
     }

@@ -17,10 +17,8 @@ use std::rc::Rc;
 const DEEPEST_MIX: u32 = 8;
 
 /// The names of the scene's materials, media or objects. A use before the definition reserves a place in the scene.
+#[derive(Default)]
 pub(super) struct Names {
-    /// The kind of thing that has the names, and how one is made, for messages.
-    what: &'static str,
-    advice: &'static str,
     /// The index in the scene by name.
     defined: BTreeMap<String, usize>,
     /// The reserved index, and the place of the first use, of each name that is not defined yet.
@@ -28,10 +26,6 @@ pub(super) struct Names {
 }
 
 impl Names {
-    pub(super) fn new(what: &'static str, advice: &'static str) -> Self {
-        Self { what, advice, defined: BTreeMap::new(), awaited: BTreeMap::new() }
-    }
-
     /// Returns the index of a name; `None` if it is not defined yet.
     pub(super) fn get(&self, name: &str) -> Option<usize> {
         self.defined.get(name).copied()
@@ -58,12 +52,13 @@ impl Names {
         list.len() - 1
     }
 
-    /// Reports the names that are used and not defined, in the order of their first uses.
-    fn check(&self, log: &mut Log) {
+    /// Reports the names that are used and not defined, in the order of their first uses. `what` is the kind of thing that
+    /// has them, made by the directive `by`.
+    fn check(&self, what: &str, by: &str, log: &mut Log) {
         let mut unknown: Vec<_> = self.awaited.iter().collect();
         unknown.sort_by_key(|(_, (index, _))| *index);
         for (name, (_, source)) in unknown {
-            log.problem(source, unknown_name(self.what, name, self.defined.keys(), self.advice));
+            log.problem(source, unknown_name(what, name, self.defined.keys(), &format!("make it by {by}")));
         }
     }
 }
@@ -75,17 +70,9 @@ impl Reader<'_> {
     }
 
     pub(super) fn medium_named(&mut self, name: Option<&str>, source: &Source) -> Option<MediumId> {
-        let name = name?;
-        let item = |source| {
-            let (absorption, scattering) = ([0.0; 3], [0.0; 3]);
-            Medium { name: name.to_owned(), absorption, scattering, g: 0.0, source }
-        };
+        let (name, none) = (name?, [0.0; 3]);
+        let item = |source| Medium { name: name.to_owned(), absorption: none, scattering: none, g: 0.0, source };
         Some(MediumId(self.named_media.used(name, source, &mut self.scene.media, item) as u32))
-    }
-
-    fn object_named(&mut self, name: &str, source: &Source) -> ObjectId {
-        let item = |source| Object { name: name.to_owned(), shapes: Vec::new(), source };
-        ObjectId(self.named_objects.used(name, source, &mut self.scene.objects, item) as u32)
     }
 
     /// Executes `ObjectBegin`: later shapes belong to this object until `ObjectEnd`.
@@ -113,9 +100,10 @@ impl Reader<'_> {
             self.log.problem(&d.source, what);
             return;
         }
-        let object = self.object_named(&d.texts[0], &d.source);
+        let item = |source| Object { name: d.texts[0].clone(), shapes: Vec::new(), source };
+        let object = self.named_objects.used(&d.texts[0], &d.source, &mut self.scene.objects, item);
         let ctm = &self.state.ctm;
-        let source = d.source.clone();
+        let (object, source) = (ObjectId(object as u32), d.source.clone());
         self.scene.instances.push(Instance { object, to_world: ctm.start, moves_to: ctm.moves_to(), source });
     }
 
@@ -145,9 +133,9 @@ impl Reader<'_> {
     /// Reports undefined names and missing parts of the scene: unclosed blocks, no `WorldBegin`, camera, shape or light.
     /// `whole` is the whole file, for messages.
     pub(super) fn check_complete(&mut self, whole: &Source) {
-        for names in [&self.named_materials, &self.named_media, &self.named_objects] {
-            names.check(&mut self.log);
-        }
+        self.named_materials.check("material", "MakeNamedMaterial", &mut self.log);
+        self.named_media.check("medium", "MakeNamedMedium", &mut self.log);
+        self.named_objects.check("object", "ObjectBegin", &mut self.log);
         self.check_mixes();
         // An instance of an empty object has no effect.
         let objects = &self.scene.objects;
@@ -215,13 +203,10 @@ impl Reader<'_> {
         let mut params = self.params(&mut d, "medium");
         let name = d.texts.swap_remove(0);
         let line = d.source.line;
-        match params.text("type") {
-            Some((kind, _)) if kind == "homogeneous" => {}
-            Some((kind, line)) => {
-                params.unsupported(line, format!("a medium of type {} (other than homogeneous)", shown(&kind)));
-                params.ignore_rest();
-            }
-            None => params.lacks("its type; add \"string type\" \"homogeneous\""),
+        let kind = params.text("type").or_else(|| params.lacks("its type; add \"string type\" \"homogeneous\""));
+        if let Some((kind, line)) = kind.filter(|(kind, _)| kind != "homogeneous") {
+            params.unsupported(line, format!("a medium of type {} (other than homogeneous)", shown(&kind)));
+            params.ignore_rest();
         }
         if let Some(param) = params.take("preset") {
             let what = format!("parameter preset (give its sigma_a and sigma_s) of {}", params.of);

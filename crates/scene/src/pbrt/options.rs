@@ -10,17 +10,17 @@ impl Reader<'_> {
     pub(super) fn read_rendering_option(&mut self, mut d: Directive<'_>) {
         let params = self.params(&mut d, "");
         let (kind, source) = (d.texts.swap_remove(0), d.source);
+        self.meet(d.word, &source);
         match d.word {
             "Camera" => self.read_camera(&kind, source, params),
             "Film" => self.read_film(&kind, &source, params),
-            "Sampler" => self.read_sampler(&source, params),
+            "Sampler" => self.read_sampler(params),
             "Integrator" => self.read_integrator(&kind, &source, params),
             _ => self.read_filter(&kind, &source, params),
         }
     }
 
     fn read_camera(&mut self, kind: &str, source: Source, mut params: Params) {
-        self.meet("Camera", &source);
         if !matches!(kind, "perspective" | "orthographic") {
             // Another projection would change the whole image, so it is always an error.
             let what =
@@ -82,7 +82,6 @@ impl Reader<'_> {
     }
 
     fn read_film(&mut self, kind: &str, source: &Source, mut params: Params) {
-        self.meet("Film", source);
         let usual = if self.context.version.is_old() { "image" } else { "rgb" };
         if kind != usual {
             self.log.notice(source, format!("Film {} is read as Film \"rgb\"", shown(kind)));
@@ -102,8 +101,7 @@ impl Reader<'_> {
         params.finish(&mut self.log);
     }
 
-    fn read_sampler(&mut self, source: &Source, mut params: Params) {
-        self.meet("Sampler", source);
+    fn read_sampler(&mut self, mut params: Params) {
         let spp = params.integer("pixelsamples", 1, i32::MAX);
         let strata = [params.integer("xsamples", 1, i32::MAX), params.integer("ysamples", 1, i32::MAX)];
         self.scene.film.spp = match (spp, strata) {
@@ -118,7 +116,6 @@ impl Reader<'_> {
     }
 
     fn read_integrator(&mut self, kind: &str, source: &Source, mut params: Params) {
-        self.meet("Integrator", source);
         if kind != "path" {
             let what = format!("Integrator {} is ignored; {}", shown(kind), transport(kind));
             self.log.ignored_setting(source, what);
@@ -133,7 +130,6 @@ impl Reader<'_> {
     }
 
     fn read_filter(&mut self, kind: &str, source: &Source, mut params: Params) {
-        self.meet("PixelFilter", source);
         let old = self.context.version.is_old();
         let default = match (kind, old) {
             ("box", _) => 0.5,

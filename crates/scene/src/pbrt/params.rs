@@ -167,7 +167,7 @@ pub(super) fn read_param(tokens: &mut Tokens<'_>, file: &Arc<PathBuf>, log: &mut
 pub(super) struct Params {
     /// The directive's name, for messages.
     pub(super) of: String,
-    source: Source,
+    pub(super) source: Source,
     list: Vec<Param>,
     asked: Vec<&'static str>,
     reports: Vec<(Report, Fault)>,
@@ -214,8 +214,19 @@ impl Params {
         self.source.line
     }
 
+    /// Returns a line of the directive's file.
+    pub(super) fn at(&self, line: u32) -> Source {
+        Source { line, ..self.source.clone() }
+    }
+
     pub(super) fn problem(&mut self, line: u32, message: impl Into<String>) {
         self.reports.push((Report::Problem, (line, message.into())));
+    }
+
+    /// Reports a problem; returns `None`.
+    pub(super) fn fail<T>(&mut self, line: u32, message: impl Into<String>) -> Option<T> {
+        self.problem(line, message);
+        None
     }
 
     /// Reports an unsupported type of a directive, such as an unknown shape, and suggests the nearest of the supported
@@ -231,25 +242,19 @@ impl Params {
         self.reports.push((Report::Unsupported, (line, what.into())));
     }
 
-    /// Reports an unsupported feature at the directive's line.
-    pub(super) fn unsupported_here(&mut self, what: &str) {
-        self.unsupported(self.source.line, what);
-    }
-
     /// Takes parameters that would change the image and are unsupported, and reports those that were given.
     pub(super) fn refuse(&mut self, names: &[&'static str]) {
-        for &name in names {
-            if let Some(param) = self.take(name) {
-                self.unsupported(param.line, format!("parameter {name} of {}", self.of));
-            }
+        for param in self.given(names) {
+            self.unsupported(param.line, format!("parameter {} of {}", param.name, self.of));
         }
     }
 
-    /// Reports a missing parameter, unless an invalid one has been reported.
-    pub(super) fn lacks(&mut self, what: &str) {
+    /// Reports a missing parameter, unless an invalid one has been reported. Returns `None`.
+    pub(super) fn lacks<T>(&mut self, what: &str) -> Option<T> {
         if !self.is_bad() {
             self.problem(self.source.line, format!("{} lacks {what}", self.of));
         }
+        None
     }
 
     pub(super) fn notice(&mut self, line: u32, message: impl Into<String>) {
@@ -291,13 +296,18 @@ impl Params {
             return Some(param);
         }
         let what = format!("is declared {}; write \"{} {name}\"", param.ty.name(), types[0].name());
-        self.bad(name, param.line, what);
-        None
+        self.wrong(name, param.line, what)
     }
 
     /// Reports a problem of the parameter `name`: its name, then `what`.
     pub(super) fn bad(&mut self, name: &str, line: u32, what: impl std::fmt::Display) {
         self.problem(line, format!("parameter {name} of {} {what}", self.of));
+    }
+
+    /// Reports a problem of the parameter `name`; returns `None`.
+    pub(super) fn wrong<T>(&mut self, name: &str, line: u32, what: impl std::fmt::Display) -> Option<T> {
+        self.bad(name, line, what);
+        None
     }
 
     /// Takes the numbers of a parameter, with its line.
@@ -320,8 +330,7 @@ impl Params {
         if let [value] = values {
             return Some(value.clone());
         }
-        self.bad(name, line, format!("takes one value, not {}", values.len()));
-        None
+        self.wrong(name, line, format!("takes one value, not {}", values.len()))
     }
 
     fn number(&mut self, name: &'static str, ty: Type) -> Option<(f64, u32)> {
@@ -353,8 +362,7 @@ impl Params {
             return Some(value as i32);
         }
         let range = if most == i32::MAX { format!("at least {least}") } else { format!("in {least}..={most}") };
-        self.bad(name, line, format!("must be a whole number {range}, not {value}"));
-        None
+        self.wrong(name, line, format!("must be a whole number {range}, not {value}"))
     }
 
     pub(super) fn flag(&mut self, name: &'static str, default: bool) -> bool {
@@ -366,17 +374,18 @@ impl Params {
 
     /// Takes a string parameter. Returns the string and the parameter's line.
     pub(super) fn text(&mut self, name: &'static str) -> Option<(String, u32)> {
-        let (values, line) = self.take_texts(name, Type::Text)?;
+        self.text_of(name, Type::Text)
+    }
+
+    /// Takes a parameter of one string, such as the name of a texture. Returns the string and the parameter's line.
+    pub(super) fn text_of(&mut self, name: &'static str, ty: Type) -> Option<(String, u32)> {
+        let (values, line) = self.take_texts(name, ty)?;
         self.one(name, line, &values).map(|text| (text, line))
     }
 
     /// Takes a string parameter, and reports a missing one.
     pub(super) fn needed_text(&mut self, name: &'static str) -> Option<(String, u32)> {
-        let text = self.text(name);
-        if text.is_none() {
-            self.lacks(&format!("\"string {name}\""));
-        }
-        text
+        self.text(name).or_else(|| self.lacks(&format!("\"string {name}\"")))
     }
 
     /// Takes a parameter of several numbers, whose count must be a multiple of `group`. Returns the numbers and the
@@ -386,34 +395,31 @@ impl Params {
         if !values.is_empty() && values.len() % group == 0 {
             return Some((values, line));
         }
-        self.bad(name, line, format!("takes a multiple of {group} numbers, not {}", values.len()));
-        None
+        self.wrong(name, line, format!("takes a multiple of {group} numbers, not {}", values.len()))
     }
 
     /// Takes a parameter of exactly `N` numbers. Returns the numbers and the parameter's line.
     pub(super) fn array<const N: usize>(&mut self, name: &'static str, ty: Type) -> Option<([f64; N], u32)> {
         let (values, line) = self.take_numbers(name, &[ty])?;
-        let array = <[f64; N]>::try_from(values.as_slice()).ok();
-        if array.is_none() {
-            self.bad(name, line, format!("takes {N} numbers, not {}", values.len()));
-        }
-        array.map(|a| (a, line))
+        let array = <[f64; N]>::try_from(values.as_slice()).map(|array| (array, line));
+        array.ok().or_else(|| self.wrong(name, line, format!("takes {N} numbers, not {}", values.len())))
     }
 
     /// Takes unsupported parameters that may be ignored. Adds a notice for each parameter that was given.
     pub(super) fn not_followed(&mut self, names: &[&'static str]) {
-        for &name in names {
-            if let Some(param) = self.take(name) {
-                self.notice(param.line, format!("parameter {name} of {} is not followed", self.of));
-            }
+        for param in self.given(names) {
+            self.notice(param.line, format!("parameter {} of {} is not followed", param.name, self.of));
         }
     }
 
     /// Takes parameters that have no effect on the image, without a notice.
     pub(super) fn ignore(&mut self, names: &[&'static str]) {
-        for &name in names {
-            self.take(name);
-        }
+        self.given(names);
+    }
+
+    /// Takes those of some parameters that were given and are not broken.
+    pub(super) fn given(&mut self, names: &[&'static str]) -> Vec<Param> {
+        names.iter().filter_map(|name| self.take(name)).collect()
     }
 
     /// Takes all remaining parameters, without a notice.
@@ -431,11 +437,11 @@ impl Params {
             self.reports.push((Report::Notice, (p.line, message)));
         }
         for (report, (line, message)) in self.reports {
-            let source = Source { line, ..self.source.clone() };
+            let at = Source { line, ..self.source.clone() };
             match report {
-                Report::Problem => log.problem(&source, message),
-                Report::Unsupported => log.unsupported(&source, &message),
-                Report::Notice => log.notice(&source, message),
+                Report::Problem => log.problem(&at, message),
+                Report::Unsupported => log.unsupported(&at, &message),
+                Report::Notice => log.notice(&at, message),
             }
         }
         good

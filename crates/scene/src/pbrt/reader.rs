@@ -41,6 +41,7 @@ pub(super) struct Block {
 }
 
 /// The reader of one pbrt scene: the scene so far, the graphics state, and all named objects.
+#[derive(Default)]
 pub(super) struct Reader<'a> {
     pub(super) files: &'a dyn Files,
     folder: PathBuf,
@@ -67,7 +68,7 @@ pub(super) struct Reader<'a> {
     /// The memory in bytes for subdivision surfaces, if it is limited.
     pub(super) memory: Option<u64>,
     /// The places in the file of directives that should occur only once, by name.
-    pub(super) once: BTreeMap<&'static str, Source>,
+    pub(super) once: BTreeMap<String, Source>,
     including: Vec<PathBuf>,
     included: usize,
     /// Number of `Shape` directives so far, including failed ones. `lights_met` counts directives that emit light.
@@ -82,33 +83,9 @@ impl<'a> Reader<'a> {
         scene.name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         // pbrt-v4's default filter.
         scene.film.pixel_filter = PixelFilter::Gaussian { radius: [1.5, 1.5], sigma: 0.5 };
-        Self {
-            files,
-            folder: path.parent().unwrap_or(Path::new("")).to_owned(),
-            path: path.to_owned(),
-            log: Log::new(options.allow_unsupported),
-            scene,
-            state: State::default(),
-            context: Context::default(),
-            blocks: Vec::new(),
-            spaces: BTreeMap::new(),
-            object: None,
-            named_objects: Names::new("object", "make it by ObjectBegin"),
-            named_materials: Names::new("material", "make it by MakeNamedMaterial"),
-            named_media: Names::new("medium", "make it by MakeNamedMedium"),
-            default_material: None,
-            texture_depths: Vec::new(),
-            meshes: BTreeMap::new(),
-            images: Images::default(),
-            triangles_made: 0,
-            memory: options.memory,
-            once: BTreeMap::new(),
-            including: Vec::new(),
-            included: 0,
-            shapes_met: 0,
-            lights_met: 0,
-            stopped: false,
-        }
+        let (folder, path) = (path.parent().unwrap_or(Path::new("")).to_owned(), path.to_owned());
+        let (log, memory) = (Log::new(options.allow_unsupported), options.memory);
+        Self { files, folder, path, log, scene, memory, ..Self::default() }
     }
 
     pub(super) fn read(mut self) -> Result<Scene, ReadError> {
@@ -124,19 +101,13 @@ impl<'a> Reader<'a> {
     /// Returns the bytes of a file that the scene names at `source`; `None`, with a reported problem, if it cannot be
     /// read or is compressed by gzip.
     pub(super) fn load(&mut self, path: &Path, source: &Source) -> Option<Vec<u8>> {
-        match self.files.read(path) {
-            Ok(bytes) if bytes.starts_with(&[0x1f, 0x8b]) => {
-                let what = format!("{} is compressed with gzip; unpack it and name the unpacked file", path.display());
-                self.log.problem(source, what);
-                None
-            }
-            Ok(bytes) => Some(bytes),
-            Err(e) => {
-                let what = format!("cannot read {}: {e}; check the name and that the file is there", path.display());
-                self.log.problem(source, what);
-                None
-            }
-        }
+        let what = match self.files.read(path) {
+            Ok(bytes) if !bytes.starts_with(&[0x1f, 0x8b]) => return Some(bytes),
+            Ok(_) => format!("{} is compressed with gzip; unpack it and name the unpacked file", path.display()),
+            Err(e) => format!("cannot read {}: {e}; check the name and that the file is there", path.display()),
+        };
+        self.log.problem(source, what);
+        None
     }
 
     /// Returns the path of a file that the scene names: relative to the folder of the main scene file.
@@ -260,8 +231,8 @@ impl<'a> Reader<'a> {
     }
 
     /// Records a directive that should occur only once. Adds a notice if it has occurred before.
-    pub(super) fn meet(&mut self, word: &'static str, source: &Source) {
-        if let Some(first) = self.once.insert(word, source.clone()) {
+    pub(super) fn meet(&mut self, word: &str, source: &Source) {
+        if let Some(first) = self.once.insert(word.to_owned(), source.clone()) {
             self.log.notice(source, format!("a second {word} (the first is at {first}); this one counts"));
         }
     }
@@ -271,7 +242,7 @@ impl<'a> Reader<'a> {
             self.log.problem(source, format!("a second WorldBegin (the first is at {first}); remove one"));
             return;
         }
-        self.once.insert("WorldBegin", source.clone());
+        self.once.insert("WorldBegin".into(), source.clone());
         self.state.ctm = Ctm::default();
         self.spaces.insert("world".into(), [DAffine3::IDENTITY; 2]);
     }
@@ -366,10 +337,10 @@ impl<'a> Reader<'a> {
 pub(super) fn unknown_name<'k>(
     what: &str,
     name: &str,
-    known: impl IntoIterator<Item = &'k String>,
+    known: impl IntoIterator<Item = &'k (impl AsRef<str> + ?Sized + 'k)>,
     advice: &str,
 ) -> String {
-    match nearest_name(name, known.into_iter().map(String::as_str)) {
+    match nearest_name(name, known.into_iter().map(AsRef::as_ref)) {
         Some(near) => format!("unknown {what} {}; did you mean \"{near}\"?", shown(name)),
         None => format!("unknown {what} {}; {advice}", shown(name)),
     }

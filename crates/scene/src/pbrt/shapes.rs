@@ -6,7 +6,7 @@ use super::reader::Reader;
 use super::subdivide::subdivide;
 use super::tessellate::{Patches, Round};
 use crate::model::read_ply;
-use crate::{Emission, Geometry, MeshData, Scalar, Shape, Source};
+use crate::{Emission, Geometry, MeshData, Scalar, Shape};
 use glam::{DAffine3, DMat3, DVec3};
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -26,7 +26,7 @@ impl Reader<'_> {
         let line = d.source.line;
         let geometry = match d.texts[0].as_str() {
             "trianglemesh" => triangle_mesh(&mut params),
-            "plymesh" => self.ply_mesh(&mut params, &d.source),
+            "plymesh" => self.ply_mesh(&mut params),
             "sphere" => self.sphere(&mut params),
             "disk" => self.disk(&mut params),
             "cylinder" => self.cylinder(&mut params),
@@ -79,8 +79,8 @@ impl Reader<'_> {
             return Some(Emission { radiance: light.radiance, two_sided: light.two_sided });
         };
         let Some(area) = world_area(geometry, self.state.ctm.start) else {
-            params.problem(line, "the power of a stretched sphere or disk is not known; give its radiance L and scale");
-            return None;
+            let what = "the power of a stretched sphere or disk is not known; give its radiance L and scale";
+            return params.fail(line, what);
         };
         if let Geometry::Mesh(mesh) = geometry
             && mesh.triangles.len() > 1
@@ -91,22 +91,20 @@ impl Reader<'_> {
         let sides = if light.two_sided { 2.0 } else { 1.0 };
         let radiance = light.radiance.map(|c| (f64::from(c) * power / (PI * area * sides)) as f32);
         if radiance.iter().any(|c| !c.is_finite()) {
-            params.problem(line, "the power of the light is too much for the shape's area");
-            return None;
+            return params.fail(line, "the power of the light is too much for the shape's area");
         }
         Some(Emission { radiance, two_sided: light.two_sided })
     }
 
-    fn ply_mesh(&mut self, params: &mut Params, source: &Source) -> Option<Geometry> {
+    fn ply_mesh(&mut self, params: &mut Params) -> Option<Geometry> {
         params.refuse(&["displacement", "edgelength"]);
         let (name, line) = params.needed_text("filename")?;
         let path = self.resolve(&name);
         if let Some(mesh) = self.meshes.get(&path) {
             return Some(Geometry::Mesh(mesh.clone()));
         }
-        let source = Source { line, ..source.clone() };
         // `load` reports the reason of a failure.
-        let Some(bytes) = self.load(&path, &source) else {
+        let Some(bytes) = self.load(&path, &params.at(line)) else {
             params.broken = true;
             return None;
         };
@@ -119,10 +117,7 @@ impl Reader<'_> {
                 self.meshes.insert(path, mesh.clone());
                 Some(Geometry::Mesh(mesh))
             }
-            Err(e) => {
-                params.problem(line, format!("{}: {e}", path.display()));
-                None
-            }
+            Err(e) => params.fail(line, format!("{}: {e}", path.display())),
         }
     }
 
@@ -155,8 +150,7 @@ impl Reader<'_> {
         let [a, b] = [("zmin", -1.0), ("zmax", 1.0)].map(|(name, z)| params.float(name, z, |_| true, "finite"));
         let sweep = sweep(params);
         if a == b {
-            params.problem(params.line(), format!("{} has no height; zmin and zmax must differ", params.of));
-            return None;
+            return params.fail(params.line(), format!("{} has no height; zmin and zmax must differ", params.of));
         }
         self.round(Round::Cylinder { radius, low: a.min(b), high: a.max(b), sweep }, params)
     }
@@ -174,12 +168,7 @@ impl Reader<'_> {
         params.refuse(&["emissionfilename"]);
         let (positions, normals, uvs) = vertices(params)?;
         params.ignore(&["faceIndices"]);
-        let corners = match params.numbers("indices", &[Type::Integer], 4) {
-            Some((numbers, line)) => corners::<4>(params, "patch", &numbers, line, positions.len())?,
-            None if params.is_bad() => return None,
-            None if positions.len() == 4 => vec![[0, 1, 2, 3]],
-            None => return lacks_indices(params),
-        };
+        let corners = indices(params, "patch", positions.len())?;
         // Checks the vertices' values, with the error messages of meshes.
         let whole = MeshData { positions, normals, uvs, triangles: vec![[0; 3]] };
         check(&whole, params)?;
@@ -199,19 +188,14 @@ impl Reader<'_> {
         let levels = params.integer(name, 0, 20).unwrap_or(3) as u32;
         params.ignore(&["scheme"]);
         let positions = positions(params)?;
-        let Some((numbers, line)) = params.numbers("indices", &[Type::Integer], 3) else {
-            return lacks_indices(params);
-        };
-        let faces = corners::<3>(params, "triangle", &numbers, line, positions.len())?;
+        let Some(line) = params.peek("indices").map(|p| p.line) else { return params.lacks(INDICES) };
+        let faces = indices::<3>(params, "triangle", positions.len())?;
         let made = 1usize.checked_shl(2 * levels).and_then(|n| faces.len().checked_mul(n)).unwrap_or(usize::MAX);
         let room = self.memory.map(|bytes| usize::try_from(bytes / MADE_BYTES).unwrap_or(usize::MAX));
         self.make_room(made, room.map_or(MOST_MADE, |room| room.min(MOST_MADE)), params)?;
         match subdivide(positions, faces, levels) {
             Ok(mesh) => self.made(mesh, params),
-            Err(unfit) => {
-                params.problem(line, format!("{}: {unfit}", params.of));
-                None
-            }
+            Err(unfit) => params.fail(line, format!("{}: {unfit}", params.of)),
         }
     }
 
@@ -221,12 +205,8 @@ impl Reader<'_> {
             return Some(());
         }
         let why = if most < MOST_MADE { ", for lack of memory" } else { "" };
-        let what = format!(
-            "{} would make {more} triangles, after {} made of others; at most {most} may be made in all{why}",
-            params.of, self.triangles_made
-        );
-        params.problem(params.line(), what);
-        None
+        let made = format!("would make {more} triangles, after {} made of others", self.triangles_made);
+        params.fail(params.line(), format!("{} {made}; at most {most} may be made in all{why}", params.of))
     }
 
     fn made(&mut self, mesh: MeshData, params: &mut Params) -> Option<Geometry> {
@@ -263,20 +243,10 @@ fn world_area(geometry: &Geometry, to_world: DAffine3) -> Option<f64> {
 fn triangle_mesh(params: &mut Params) -> Option<Geometry> {
     let (positions, normals, uvs) = vertices(params)?;
     params.ignore(&["S", "faceIndices"]);
-    let triangles = match params.numbers("indices", &[Type::Integer], 3) {
-        Some((numbers, line)) => corners::<3>(params, "triangle", &numbers, line, positions.len())?,
-        None if params.is_bad() => return None,
-        None if positions.len() == 3 => vec![[0, 1, 2]],
-        None => return lacks_indices(params),
-    };
+    let triangles = indices(params, "triangle", positions.len())?;
     let mesh = MeshData { positions, normals, uvs, triangles };
     check(&mesh, params)?;
     Some(Geometry::Mesh(Arc::new(mesh)))
-}
-
-fn lacks_indices<T>(params: &mut Params) -> Option<T> {
-    params.lacks("\"integer indices\"");
-    None
 }
 
 fn check(mesh: &MeshData, params: &mut Params) -> Option<()> {
@@ -284,10 +254,7 @@ fn check(mesh: &MeshData, params: &mut Params) -> Option<()> {
 }
 
 fn positions(params: &mut Params) -> Option<Vec<DVec3>> {
-    let Some((points, _)) = params.numbers("P", &[Type::Point3], 3) else {
-        params.lacks("\"point3 P\"");
-        return None;
-    };
+    let (points, _) = params.numbers("P", &[Type::Point3], 3).or_else(|| params.lacks("\"point3 P\""))?;
     Some(points.chunks_exact(3).map(DVec3::from_slice).collect())
 }
 
@@ -303,30 +270,23 @@ fn vertices(params: &mut Params) -> Option<Vertices> {
     Some((positions, normals, uvs))
 }
 
-/// Returns vertex indices in groups of `N`; `None`, with a reported problem, if an index is not below `vertices`.
-fn corners<const N: usize>(
-    params: &mut Params,
-    what: &str,
-    numbers: &[f64],
-    line: u32,
-    vertices: usize,
-) -> Option<Vec<[u32; N]>> {
-    let mut groups = Vec::with_capacity(numbers.len() / N);
-    for (i, corners) in numbers.as_chunks::<N>().0.iter().enumerate() {
-        for &c in corners {
-            if !(c.fract() == 0.0 && c >= 0.0 && c < vertices as f64 && c <= f64::from(u32::MAX)) {
-                let what = format!(
-                    "{what} {i} of {} has vertex index {c}; indices are whole numbers from 0 to {}",
-                    params.of,
-                    vertices - 1
-                );
-                params.problem(line, what);
-                return None;
-            }
-        }
-        groups.push(corners.map(|c| c as u32));
+/// The declaration of vertex indices, for messages.
+const INDICES: &str = "\"integer indices\"";
+
+/// Takes the vertex indices in groups of `N`, each called `what` in messages. `N` vertices need no indices: they are a group.
+/// `None`, with a reported problem, if they are missing, or if one is not below `vertices`.
+fn indices<const N: usize>(params: &mut Params, what: &str, vertices: usize) -> Option<Vec<[u32; N]>> {
+    let Some((numbers, line)) = params.numbers("indices", &[Type::Integer], N) else {
+        let all = std::array::from_fn(|i| i as u32);
+        return if vertices == N && !params.is_bad() { Some(vec![all]) } else { params.lacks(INDICES) };
+    };
+    let end = (vertices as f64).min(f64::from(u32::MAX) + 1.0);
+    if let Some(at) = numbers.iter().position(|c| c.fract() != 0.0 || !(0.0..end).contains(c)) {
+        let (group, of, index, last) = (at / N, &params.of, numbers[at], vertices - 1);
+        let what = format!("{what} {group} of {of} has vertex index {index}");
+        return params.fail(line, what + &format!("; indices are whole numbers from 0 to {last}"));
     }
-    Some(groups)
+    Some(numbers.as_chunks::<N>().0.iter().map(|corners| corners.map(|c| c as u32)).collect())
 }
 
 /// Returns numbers in groups of `N`, in single precision; nothing for `None`.

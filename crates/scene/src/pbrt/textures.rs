@@ -72,7 +72,7 @@ impl Reader<'_> {
             false => {}
         }
         drop(known);
-        let color = self.texture_color(name, class, colors, &mut params, &d.source);
+        let color = self.texture_color(name, class, colors, &mut params);
         if color.is_none() {
             params.ignore_rest();
             // An unsupported float texture is reported only at its use.
@@ -91,18 +91,11 @@ impl Reader<'_> {
     }
 
     /// Makes a texture of a class such as `imagemap`, for colours or numbers; `None` if the class is unsupported.
-    fn texture_color(
-        &mut self,
-        name: &str,
-        class: &str,
-        colors: bool,
-        params: &mut Params,
-        source: &Source,
-    ) -> Option<Color> {
+    fn texture_color(&mut self, name: &str, class: &str, colors: bool, params: &mut Params) -> Option<Color> {
         let color = match class {
             "constant" => self.part("value", 1.0, colors, params),
-            "checkerboard" => self.checkerboard(name, colors, params, source),
-            "imagemap" => self.image_map(name, colors, params, source),
+            "checkerboard" => self.checkerboard(name, colors, params),
+            "imagemap" => self.image_map(name, colors, params),
             "scale" => {
                 let old = self.context.version.is_old();
                 let first = self.part(if old { "tex1" } else { "tex" }, 1.0, colors, params);
@@ -112,7 +105,7 @@ impl Reader<'_> {
                     (false, false) => self.part("scale", 1.0, colors, params),
                     (false, true) => color_of(params.scalar("scale", 1.0, |v| v >= 0.0, "at least 0")),
                 };
-                self.product(name, first, second, params, source)
+                self.product(name, first, second, params)
             }
             "mix" => {
                 let colors = [self.part("tex1", 0.0, colors, params), self.part("tex2", 1.0, colors, params)];
@@ -122,7 +115,7 @@ impl Reader<'_> {
                     ([Color::Constant(a), Color::Constant(b)], Scalar::Constant(t)) => {
                         Color::Constant(std::array::from_fn(|i| a[i] * (1.0 - t) + b[i] * t))
                     }
-                    _ => self.add_texture(name, TextureKind::Mix { colors, amount }, params, source),
+                    _ => self.add_texture(name, TextureKind::Mix { colors, amount }, params),
                 }
             }
             _ => return None,
@@ -138,7 +131,7 @@ impl Reader<'_> {
         }
     }
 
-    pub(super) fn add_texture(&mut self, name: &str, kind: TextureKind, params: &mut Params, source: &Source) -> Color {
+    pub(super) fn add_texture(&mut self, name: &str, kind: TextureKind, params: &mut Params) -> Color {
         let depth_of = |color: &Color| match color {
             Color::Texture(id) => self.texture_depths.get(id.0 as usize).copied().unwrap_or(0),
             Color::Constant(_) => 0,
@@ -152,25 +145,25 @@ impl Reader<'_> {
         let depth = below.unwrap_or(0) + 1;
         if depth > DEEPEST_TEXTURE {
             let what = format!("textures are nested too deep; at most {DEEPEST_TEXTURE} may be made of each other");
-            params.problem(source.line, what);
+            params.problem(params.line(), what);
             return GREY;
         }
-        let id = self.scene.add_texture(name, kind, source);
+        let id = self.scene.add_texture(name, kind, &params.source);
         self.texture_depths.push(depth);
         Color::Texture(id)
     }
 
-    fn checkerboard(&mut self, name: &str, colors: bool, params: &mut Params, source: &Source) -> Color {
+    fn checkerboard(&mut self, name: &str, colors: bool, params: &mut Params) -> Color {
         if params.integer("dimension", 2, 3) == Some(3) {
-            params.unsupported(source.line, "a three-dimensional checkerboard");
+            params.unsupported(params.line(), "a three-dimensional checkerboard");
         }
         params.ignore(&["aamode"]);
         let (scale, shift) = mapping(params);
         let colors = [self.part("tex1", 1.0, colors, params), self.part("tex2", 0.0, colors, params)];
-        self.add_texture(name, TextureKind::Checkerboard { scale, shift, colors }, params, source)
+        self.add_texture(name, TextureKind::Checkerboard { scale, shift, colors }, params)
     }
 
-    fn image_map(&mut self, name: &str, colors: bool, params: &mut Params, source: &Source) -> Color {
+    fn image_map(&mut self, name: &str, colors: bool, params: &mut Params) -> Color {
         let (mut scale, mut shift) = mapping(params);
         if self.context.version == Version::V2 {
             // pbrt-v2 places an image's first row at v = 0.
@@ -196,22 +189,20 @@ impl Reader<'_> {
         }
         let Some((file, line)) = params.needed_text("filename") else { return GREY };
         let decoding = self.decoding(params, &file);
-        let channel = if colors { Channel::Rgb } else { Channel::of_number(self.context.version) };
-        match self.image(&file, decoding, channel, &Source { line, ..source.clone() }) {
-            Some(image) => {
-                let kind = TextureKind::Image { image, scale, shift, factor, invert, wrap };
-                self.add_texture(name, kind, params, source)
-            }
-            None => GREY,
-        }
+        let channel = match colors {
+            true => Channel::Rgb,
+            false if self.context.version.is_old() => Channel::Luminance,
+            false => Channel::AlphaOrMean,
+        };
+        let Some(image) = self.image(&file, (decoding, channel), &params.at(line)) else { return GREY };
+        self.add_texture(name, TextureKind::Image { image, scale, shift, factor, invert, wrap }, params)
     }
 
     /// Makes the texture of a material's normal map; `None` if the parameters name no file, or the file cannot be read.
-    pub(super) fn normal_map(&mut self, params: &mut Params, source: &Source) -> Option<TextureId> {
+    pub(super) fn normal_map(&mut self, params: &mut Params) -> Option<TextureId> {
         let (file, line) = params.text("normalmap")?;
-        let image = self.image(&file, Decoding::Linear, Channel::Rgb, &Source { line, ..source.clone() })?;
-        let kind = TextureKind::image(image, 1.0);
-        match self.add_texture(&file, kind, params, source) {
+        let image = self.image(&file, (Decoding::Linear, Channel::Rgb), &params.at(line))?;
+        match self.add_texture(&file, TextureKind::image(image, 1.0), params) {
             Color::Texture(id) => Some(id),
             Color::Constant(_) => None,
         }
@@ -219,7 +210,7 @@ impl Reader<'_> {
 
     /// Returns the product of two colours, each a constant or a texture. A gray constant is multiplied into the other
     /// texture's own values if possible.
-    fn product(&mut self, name: &str, a: Color, b: Color, params: &mut Params, source: &Source) -> Color {
+    fn product(&mut self, name: &str, a: Color, b: Color, params: &mut Params) -> Color {
         let gray = |c: [f32; 3]| (c[0] == c[1] && c[1] == c[2]).then_some(c[0]);
         let folded = match (a, b) {
             (Color::Constant(a), Color::Constant(b)) => {
@@ -227,7 +218,7 @@ impl Reader<'_> {
                 if product.iter().all(|c| c.is_finite()) {
                     return Color::Constant(product);
                 }
-                params.problem(source.line, format!("{} is above 3.4e38; scale it less", params.of));
+                params.problem(params.line(), format!("{} is above 3.4e38; scale it less", params.of));
                 return GREY;
             }
             (Color::Texture(id), Color::Constant(c)) | (Color::Constant(c), Color::Texture(id)) => {
@@ -236,18 +227,16 @@ impl Reader<'_> {
             (Color::Texture(_), Color::Texture(_)) => None,
         };
         let kind = folded.unwrap_or(TextureKind::Product { factors: [a, b] });
-        self.add_texture(name, kind, params, source)
+        self.add_texture(name, kind, params)
     }
 
     /// Returns the texture multiplied by `by` without another level of nesting; `None` if its kind does not allow that.
     fn scaled(&self, id: TextureId, by: f32) -> Option<TextureKind> {
         match self.scene.textures[id.0 as usize].kind.clone() {
             TextureKind::Checkerboard { scale, shift, colors } => {
-                let constant = |c: Color| match c {
-                    Color::Constant(c) => {
-                        Some(c.map(|c| c * by)).filter(|c| c.iter().all(|c| c.is_finite())).map(Color::Constant)
-                    }
-                    Color::Texture(_) => None,
+                let constant = |c: Color| {
+                    let Color::Constant(c) = c else { return None };
+                    Some(c.map(|c| c * by)).filter(|c| c.iter().all(|c| c.is_finite())).map(Color::Constant)
                 };
                 Some(TextureKind::Checkerboard { scale, shift, colors: [constant(colors[0])?, constant(colors[1])?] })
             }
@@ -312,11 +301,6 @@ pub(super) enum Channel {
 }
 
 impl Channel {
-    /// Returns the channel that a float texture reads in a version of pbrt.
-    pub(super) fn of_number(version: Version) -> Self {
-        if version.is_old() { Self::Luminance } else { Self::AlphaOrMean }
-    }
-
     fn of(self, mut image: Image) -> Image {
         // A float texture does not need the opacity besides its values.
         let alpha = if self == Self::Rgb { Vec::new() } else { std::mem::take(&mut image.alpha) };
@@ -339,36 +323,25 @@ impl Channel {
 impl Reader<'_> {
     /// Returns the image of a file that the scene names. Decodes the file at its first use. `None`, with a reported
     /// problem, if the file cannot be read.
-    pub(super) fn image(
-        &mut self,
-        name: &str,
-        decoding: Decoding,
-        channel: Channel,
-        source: &Source,
-    ) -> Option<Arc<Image>> {
+    pub(super) fn image(&mut self, name: &str, read_as: (Decoding, Channel), source: &Source) -> Option<Arc<Image>> {
+        let (decoding, channel) = read_as;
         let key = (self.resolve(name), decoding, channel);
         if let Some(image) = self.images.get(&key) {
             return Some(image.clone());
         }
         let bytes = self.load(&key.0, source)?;
         let encoding = if decoding == Decoding::Srgb { Encoding::Srgb } else { Encoding::Linear };
-        match read_image(&bytes, name, encoding).and_then(|image| image.checked_finite(name)) {
-            Ok(mut image) => {
-                if let Decoding::Gamma(bits) = decoding
-                    && holds_integers(&bytes)
-                {
-                    let gamma = f32::from_bits(bits);
-                    image.pixels.iter_mut().for_each(|p| *p = p.map(|c| c.powf(gamma)));
-                }
-                let image = Arc::new(channel.of(image));
-                self.images.insert(key, image.clone());
-                Some(image)
-            }
-            Err(e) => {
-                self.log.problem(source, e.to_string());
-                None
-            }
+        let read = read_image(&bytes, name, encoding).and_then(|image| image.checked_finite(name));
+        let mut image = read.map_err(|e| self.log.problem(source, e.to_string())).ok()?;
+        if let Decoding::Gamma(bits) = decoding
+            && holds_integers(&bytes)
+        {
+            let gamma = f32::from_bits(bits);
+            image.pixels.iter_mut().for_each(|p| *p = p.map(|c| c.powf(gamma)));
         }
+        let image = Arc::new(channel.of(image));
+        self.images.insert(key, image.clone());
+        Some(image)
     }
 
     /// Returns the decoding of an image map's integers, from the directive's parameters and the version of pbrt.
@@ -377,7 +350,7 @@ impl Reader<'_> {
             Version::V2 => {
                 let gamma = params.float("gamma", 1.0, |v| v > 0.0, "above 0");
                 if gamma != 1.0 {
-                    params.unsupported_here("an image with a gamma other than 1 (of pbrt-v2)");
+                    params.unsupported(params.line(), "an image with a gamma other than 1 (of pbrt-v2)");
                 }
                 Decoding::Linear
             }
