@@ -104,13 +104,6 @@ impl CameraView {
     /// [`SceneError`] if the angle of view, the transform, the lens, the motion or the screen window is invalid.
     pub fn new(camera: &Camera, resolution: [u32; 2], space: &Space) -> Result<Self, SceneError> {
         let wrong = |what: String| SceneError::new(&camera.source, what);
-        let lens_error = || {
-            wrong(format!(
-                "a lens of radius {} focused at {} is invalid; give a radius of at least 0 and a finite distance above 0",
-                camera.lens_radius, camera.focal_distance
-            ))
-        };
-        let window_error = || wrong("the screen window or aspect ratio is empty or not finite".to_owned());
         let pose = space.apply(camera.to_world);
         let axes = axes(camera.to_world.matrix3).filter(|_| pose.translation.as_vec3().is_finite());
         let (axes, size) = axes.ok_or_else(|| pose_error(camera))?;
@@ -127,10 +120,13 @@ impl CameraView {
             }
             Projection::Orthographic => (length, true),
         };
-        let focus_matters = camera.lens_radius != 0.0;
-        let focus_fine = camera.focal_distance.is_finite() && camera.focal_distance > 0.0;
-        if !(camera.lens_radius.is_finite() && camera.lens_radius >= 0.0) || (focus_matters && !focus_fine) {
-            return Err(lens_error());
+        let [lens_radius, focal_distance] = [camera.lens_radius, camera.focal_distance].map(|l| (l * length) as f32);
+        let fits = camera.lens_radius > 0.0 && lens_radius < 1e15 && focal_distance > 0.0 && focal_distance < 1e15;
+        if camera.lens_radius != 0.0 && !fits {
+            return Err(wrong(format!(
+                "a lens of radius {} focused at {} is invalid; give a radius of at least 0 and a finite distance above 0",
+                camera.lens_radius, camera.focal_distance
+            )));
         }
         let [width, height] = resolution.map(f64::from);
         let aspect = camera.aspect.unwrap_or(width / height);
@@ -139,20 +135,13 @@ impl CameraView {
             a => [-1.0, 1.0, -1.0 / a, 1.0 / a],
         });
         let [x0, x1, y0, y1] = window;
-        if !(aspect.is_finite() && aspect > 0.0 && window.iter().all(|w| w.is_finite()) && x0 < x1 && y0 < y1) {
-            return Err(window_error());
+        // The squares of larger corners would overflow f32, and directions would be NaN.
+        let fits = window.iter().all(|w| w.is_finite() && (w * unit).abs() < 1e15);
+        if !(aspect.is_finite() && aspect > 0.0 && fits && x0 < x1 && y0 < y1) {
+            return Err(wrong("the screen window or aspect ratio is empty or not finite".to_owned()));
         }
         let step = Vec2::new(((x1 - x0) / width * unit) as f32, ((y1 - y0) / height * unit) as f32);
         let shift = Vec2::new(((x0 + x1) * 0.5 * unit) as f32, ((y0 + y1) * 0.5 * unit) as f32);
-        // The squares of larger corners would overflow f32, and directions would be NaN.
-        let corner = [x0, x1, y0, y1].map(|w| (w * unit).abs()).into_iter().fold(0.0, f64::max);
-        if corner >= 1e15 {
-            return Err(window_error());
-        }
-        let [lens_radius, focal_distance] = [camera.lens_radius, camera.focal_distance].map(|l| (l * length) as f32);
-        if camera.lens_radius > 0.0 && !(lens_radius < 1e15 && focal_distance < 1e15 && focal_distance > 0.0) {
-            return Err(lens_error());
-        }
         let half = Vec2::new((width * 0.5) as f32, (height * 0.5) as f32);
         let axes = axes.as_mat3();
         let motion = motion(camera, pose, space, length)?;

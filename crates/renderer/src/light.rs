@@ -412,8 +412,8 @@ impl Lights {
     /// Returns the largest radiant intensity of a point or spot light; `None` for others.
     pub fn intensity(&self, light: u32) -> Option<Vec3> {
         match &self.lights[light as usize] {
-            Light::Point(point) => Some(point.intensity()),
-            Light::Spot(spot) => Some(spot.intensity()),
+            Light::Point(point) => Some(point.intensity),
+            Light::Spot(spot) => Some(spot.point.intensity),
             _ => None,
         }
     }

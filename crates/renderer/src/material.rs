@@ -19,7 +19,7 @@ use dapple_scene::{
 use glam::Vec3;
 
 /// A material prepared for shading: its scattering model, its parameters and its flags.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Surface {
     kind: Kind,
     /// The bump map and the normal map.
@@ -51,23 +51,60 @@ pub(crate) struct NormalVariation {
     pub(crate) normal_map: Option<TextureId>,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 enum Kind {
     Diffuse(Color),
-    Conductor { ior: ComplexIor, widths: Widths },
-    TintedConductor { reflectance: Color, widths: Widths },
-    Coated { coat: Box<Coat>, base: Vec3 },
-    TexturedCoated { coat: Box<Coat>, reflectance: Color },
-    CoatedConductor { coat: Box<MetalCoat>, ior: ComplexIor },
-    TintedCoatedConductor { coat: Box<MetalCoat>, reflectance: Color },
-    Dielectric { eta: f32, widths: Widths, reflectance: Color, transmittance: Color },
-    ThinDielectric { eta: f32 },
-    DiffuseTransmission { reflectance: Color, transmittance: Color },
+    Conductor {
+        metal: Metal,
+        widths: Widths,
+    },
+    Coated {
+        coat: Box<Coat>,
+        base: Vec3,
+    },
+    TexturedCoated {
+        coat: Box<Coat>,
+        reflectance: Color,
+    },
+    CoatedConductor {
+        coat: Box<MetalCoat>,
+        metal: Metal,
+    },
+    Dielectric {
+        eta: f32,
+        widths: Widths,
+        reflectance: Color,
+        transmittance: Color,
+    },
+    ThinDielectric {
+        eta: f32,
+    },
+    DiffuseTransmission {
+        reflectance: Color,
+        transmittance: Color,
+    },
     Mirror(Color),
-    Plastic { diffuse: Color, specular: Color, widths: Widths },
-    Substrate { diffuse: Color, specular: Color, widths: Widths },
-    Layered { base: Color, metallic: Scalar, widths: Widths, layers: Layers },
-    Mix { materials: [u32; 2], amount: Scalar },
+    Plastic {
+        diffuse: Color,
+        specular: Color,
+        widths: Widths,
+    },
+    Substrate {
+        diffuse: Color,
+        specular: Color,
+        widths: Widths,
+    },
+    Layered {
+        base: Color,
+        metallic: Scalar,
+        widths: Widths,
+        layers: Layers,
+    },
+    Mix {
+        materials: [u32; 2],
+        amount: Scalar,
+    },
+    #[default]
     Interface,
 }
 
@@ -117,50 +154,45 @@ impl Surface {
     }
 
     fn of_kind(kind: &MaterialKind) -> Result<Self, String> {
-        let (kind, scatters) = match kind {
+        Ok(match kind {
             MaterialKind::Diffuse { reflectance } => {
                 let reflectance = share(reflectance)?;
-                (Kind::Diffuse(reflectance), Scatters::colors(&[reflectance]))
+                Self::of(Kind::Diffuse(reflectance)).colors(&[reflectance])
             }
             MaterialKind::DiffuseTransmission { reflectance, transmittance } => {
                 let (reflectance, transmittance) = (share(reflectance)?, share(transmittance)?);
-                let scatters = Scatters::colors(&[reflectance, transmittance]).lobes().through();
-                (Kind::DiffuseTransmission { reflectance, transmittance }, scatters)
+                let surface = Self::of(Kind::DiffuseTransmission { reflectance, transmittance });
+                surface.colors(&[reflectance, transmittance]).lobes().through()
             }
             MaterialKind::Conductor { fresnel, roughness } => {
-                let widths = Widths::new(roughness)?;
-                match conductor(fresnel)? {
-                    Metal::Known(ior) => (Kind::Conductor { ior, widths }, Scatters::default().rough(&widths)),
-                    Metal::Tinted(reflectance) => {
-                        let scatters = Scatters { textured: true, ..Scatters::default() }.rough(&widths);
-                        (Kind::TintedConductor { reflectance, widths }, scatters)
-                    }
-                }
+                let (widths, metal) = (Widths::new(roughness)?, conductor(fresnel)?);
+                Self::of(Kind::Conductor { metal, widths }).metal(&metal).rough(&widths)
             }
             MaterialKind::Dielectric { eta, roughness, reflectance, transmittance } => {
                 let widths = Widths::new(roughness)?;
                 let (reflectance, transmittance) = (share(reflectance)?, share(transmittance)?);
-                let scatters = Scatters::colors(&[reflectance, transmittance]).rough(&widths).lobes().through();
-                (Kind::Dielectric { eta: index(*eta)?, widths, reflectance, transmittance }, scatters)
+                let surface = Self::of(Kind::Dielectric { eta: index(*eta)?, widths, reflectance, transmittance });
+                surface.colors(&[reflectance, transmittance]).rough(&widths).lobes().through()
             }
             MaterialKind::ThinDielectric { eta } => {
-                (Kind::ThinDielectric { eta: index(*eta)? }, Scatters::default().lobes().through())
+                Self::of(Kind::ThinDielectric { eta: index(*eta)? }).lobes().through()
             }
             MaterialKind::CoatedDiffuse { reflectance, coat } => coated_diffuse(reflectance, coat)?,
             MaterialKind::CoatedConductor { fresnel, roughness, coat } => coated_conductor(fresnel, roughness, coat)?,
             MaterialKind::Mirror { reflectance } => {
                 let reflectance = share(reflectance)?;
-                (Kind::Mirror(reflectance), Scatters::colors(&[reflectance]))
+                Self::of(Kind::Mirror(reflectance)).colors(&[reflectance])
             }
             MaterialKind::Plastic { diffuse, specular, roughness } => {
                 let (diffuse, specular, widths) = (share(diffuse)?, share(specular)?, Widths::new(roughness)?);
-                let scatters = Scatters::colors(&[diffuse, specular]).rough(&widths).lobes();
-                (Kind::Plastic { diffuse, specular, widths }, scatters)
+                let surface = Self::of(Kind::Plastic { diffuse, specular, widths });
+                surface.colors(&[diffuse, specular]).rough(&widths).lobes()
             }
             MaterialKind::Substrate { diffuse, specular, roughness } => {
                 let (diffuse, specular, widths) = (share(diffuse)?, share(specular)?, Widths::new(roughness)?);
-                let scatters = Scatters { black: false, ..Scatters::colors(&[diffuse, specular]) };
-                (Kind::Substrate { diffuse, specular, widths }, scatters.rough(&widths).lobes())
+                let surface = Self::of(Kind::Substrate { diffuse, specular, widths });
+                // The coat reflects at grazing angles even if both colors are black.
+                Self { black: false, ..surface.colors(&[diffuse, specular]).rough(&widths).lobes() }
             }
             MaterialKind::Layered { base, metallic, normal, grazing, roughness, coat } => {
                 layered(base, *metallic, (*normal, *grazing), roughness, coat.as_ref())?
@@ -171,25 +203,41 @@ impl Surface {
                 }
                 let textured = matches!(amount, Scalar::Texture(_));
                 let kind = Kind::Mix { materials: materials.map(|m| m.0), amount: *amount };
-                (kind, Scatters { textured, ..Scatters::default() })
+                Self { mixes: true, textured, ..Self::of(kind) }
             }
-            MaterialKind::Interface => (Kind::Interface, Scatters::default()),
-        };
-        let (interface, mixes) = (matches!(kind, Kind::Interface), matches!(kind, Kind::Mix { .. }));
-        let Scatters { textured, anisotropic, several_lobes, black, transmits } = scatters;
-        let (normal_variation, bumped) = (NormalVariation::default(), false);
-        Ok(Self {
-            kind,
-            normal_variation,
-            bumped,
-            textured,
-            anisotropic,
-            several_lobes,
-            black,
-            transmits,
-            interface,
-            mixes,
+            MaterialKind::Interface => Self { interface: true, ..Self::default() },
         })
+    }
+
+    /// Makes the surface of a kind without any of the features for which integrators have code.
+    fn of(kind: Kind) -> Self {
+        Self { kind, ..Self::default() }
+    }
+
+    /// Notes that scattering depends on these colors and nothing else. It is black if all are black.
+    fn colors(self, colors: &[Color]) -> Self {
+        let textured = colors.iter().any(|c| matches!(c, Color::Texture(_)));
+        let black = colors.iter().all(|c| *c == Color::Constant([0.0; 3]));
+        Self { textured, black, ..self }
+    }
+
+    fn metal(self, metal: &Metal) -> Self {
+        Self { textured: matches!(metal, Metal::Tinted(_)), ..self }
+    }
+
+    fn lobes(self) -> Self {
+        Self { several_lobes: true, ..self }
+    }
+
+    fn through(self) -> Self {
+        Self { transmits: true, ..self }
+    }
+
+    fn rough(self, widths: &Widths) -> Self {
+        match widths {
+            Widths::Smooth(m) | Widths::Rough(m) => Self { anisotropic: m.alpha()[0] != m.alpha()[1], ..self },
+            Widths::Textured(r) => Self { textured: true, anisotropic: r.u != r.v, ..self },
+        }
     }
 
     /// Returns true for Lambertian reflection of constant color, without a bump map or normal map.
@@ -223,22 +271,19 @@ impl Surface {
             Color::Constant(rgb) => Vec3::from_array(*rgb),
             Color::Texture(id) => textures.look_up(*id, uv).clamp(Vec3::ZERO, Vec3::ONE),
         };
-        let metal = |ior: ComplexIor, widths: &Widths| match widths.at(textures, uv) {
-            Some(microfacets) => Bsdf::Conductor { ior, microfacets },
-            None => Bsdf::SmoothConductor { ior },
+        let ior = |metal: &Metal| match metal {
+            Metal::Known(ior) => *ior,
+            Metal::Tinted(reflectance) => ComplexIor::from_reflectance(color(reflectance)),
         };
         match &self.kind {
             Kind::Diffuse(reflectance) => Bsdf::Diffuse { reflectance: color(reflectance) },
-            Kind::Conductor { ior, widths } => metal(*ior, widths),
-            Kind::TintedConductor { reflectance, widths } => {
-                metal(ComplexIor::from_reflectance(color(reflectance)), widths)
-            }
+            Kind::Conductor { metal, widths } => match widths.at(textures, uv) {
+                Some(microfacets) => Bsdf::Conductor { ior: ior(metal), microfacets },
+                None => Bsdf::SmoothConductor { ior: ior(metal) },
+            },
             Kind::Coated { coat, base } => Bsdf::CoatedDiffuse { coat, base: *base },
             Kind::TexturedCoated { coat, reflectance } => Bsdf::coated_diffuse(coat, color(reflectance)),
-            Kind::CoatedConductor { coat, ior } => Bsdf::coated_conductor(coat, *ior),
-            Kind::TintedCoatedConductor { coat, reflectance } => {
-                Bsdf::coated_conductor(coat, ComplexIor::from_reflectance(color(reflectance)))
-            }
+            Kind::CoatedConductor { coat, metal } => Bsdf::coated_conductor(coat, ior(metal)),
             Kind::Dielectric { eta, widths, reflectance, transmittance } => {
                 let (eta, tint) = (*eta, Tint { reflectance: color(reflectance), transmittance: color(transmittance) });
                 match widths.at(textures, uv) {
@@ -266,40 +311,6 @@ impl Surface {
                 Bsdf::Layered(Layered { base, metallic, microfacets, layers })
             }
             Kind::Mix { .. } | Kind::Interface => Bsdf::Diffuse { reflectance: Vec3::ZERO },
-        }
-    }
-}
-
-/// The features of a material for which integrators may leave out code.
-#[derive(Clone, Copy, Default)]
-struct Scatters {
-    textured: bool,
-    anisotropic: bool,
-    several_lobes: bool,
-    black: bool,
-    transmits: bool,
-}
-
-impl Scatters {
-    /// Returns the features of a material whose scattering depends only on these colors. It is black if all are black.
-    fn colors(colors: &[Color]) -> Self {
-        let textured = colors.iter().any(|c| matches!(c, Color::Texture(_)));
-        let black = colors.iter().all(|c| *c == Color::Constant([0.0; 3]));
-        Self { textured, black, ..Self::default() }
-    }
-
-    fn lobes(self) -> Self {
-        Self { several_lobes: true, ..self }
-    }
-
-    fn through(self) -> Self {
-        Self { transmits: true, ..self }
-    }
-
-    fn rough(self, widths: &Widths) -> Self {
-        match widths {
-            Widths::Smooth(m) | Widths::Rough(m) => Self { anisotropic: m.alpha()[0] != m.alpha()[1], ..self },
-            Widths::Textured(r) => Self { textured: true, anisotropic: r.u != r.v, ..self },
         }
     }
 }
@@ -350,6 +361,7 @@ impl Widths {
 }
 
 /// The index of refraction of a metal: constant, or from a texture of reflectances.
+#[derive(Clone, Copy, Debug)]
 enum Metal {
     Known(ComplexIor),
     Tinted(Color),
@@ -361,7 +373,7 @@ fn layered(
     (normal, grazing): ([f32; 3], f32),
     roughness: &Roughness,
     coat: Option<&ClearCoat>,
-) -> Result<(Kind, Scatters), String> {
+) -> Result<Surface, String> {
     let part = |value: f32, what: &str| match (0.0..=1.0).contains(&value) {
         true => Ok(value),
         false => Err(format!("{what} of {value} is invalid; give a number from 0 to 1")),
@@ -382,41 +394,29 @@ fn layered(
     };
     let layers = Layers { normal: Vec3::from_array(normal), grazing, coat };
     let textured = matches!(base, Color::Texture(_)) || matches!(metallic, Scalar::Texture(_));
-    let scatters = Scatters { textured, ..Scatters::default() }.rough(&widths).lobes();
-    Ok((Kind::Layered { base, metallic, widths, layers }, scatters))
+    let surface = Surface { textured, ..Surface::of(Kind::Layered { base, metallic, widths, layers }) };
+    Ok(surface.rough(&widths).lobes())
 }
 
-fn coated_diffuse(reflectance: &Color, coat: &Coating) -> Result<(Kind, Scatters), String> {
+fn coated_diffuse(reflectance: &Color, coat: &Coating) -> Result<Surface, String> {
     let options = coat_options(coat)?;
     let coat = Box::new(Coat::new(options).map_err(|e| e.to_string())?);
     let reflectance = share(reflectance)?;
     let anisotropic = options.alpha[0] != options.alpha[1];
-    let scatters = Scatters { anisotropic, ..Scatters::default() }.lobes();
-    Ok(match reflectance {
-        Color::Constant(rgb) => {
-            let base = coat.base(Vec3::from_array(rgb));
-            (Kind::Coated { coat, base }, scatters)
-        }
-        Color::Texture(_) => (Kind::TexturedCoated { coat, reflectance }, Scatters { textured: true, ..scatters }),
-    })
+    let (kind, textured) = match reflectance {
+        Color::Constant(rgb) => (Kind::Coated { base: coat.base(Vec3::from_array(rgb)), coat }, false),
+        Color::Texture(_) => (Kind::TexturedCoated { coat, reflectance }, true),
+    };
+    Ok(Surface { anisotropic, textured, ..Surface::of(kind) }.lobes())
 }
 
-fn coated_conductor(
-    fresnel: &ConductorFresnel,
-    roughness: &Roughness,
-    coat: &Coating,
-) -> Result<(Kind, Scatters), String> {
+fn coated_conductor(fresnel: &ConductorFresnel, roughness: &Roughness, coat: &Coating) -> Result<Surface, String> {
     let options = coat_options(coat)?;
     let alpha = alpha(roughness)?;
     let coat = Box::new(MetalCoat::new(options, alpha).map_err(|e| e.to_string())?);
     let anisotropic = alpha[0] != alpha[1] || options.alpha[0] != options.alpha[1];
-    let scatters = Scatters { anisotropic, ..Scatters::default() }.lobes();
-    Ok(match conductor(fresnel)? {
-        Metal::Known(ior) => (Kind::CoatedConductor { coat, ior }, scatters),
-        Metal::Tinted(reflectance) => {
-            (Kind::TintedCoatedConductor { coat, reflectance }, Scatters { textured: true, ..scatters })
-        }
-    })
+    let metal = conductor(fresnel)?;
+    Ok(Surface { anisotropic, ..Surface::of(Kind::CoatedConductor { coat, metal }) }.metal(&metal).lobes())
 }
 
 fn conductor(fresnel: &ConductorFresnel) -> Result<Metal, String> {

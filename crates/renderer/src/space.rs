@@ -19,18 +19,14 @@ impl Space {
     pub fn of(scene: &Scene) -> Self {
         let mut extent = Extent::NOTHING;
         for shape in &scene.shapes {
-            extent.add_shape(shape, &shape.to_world);
-            if let Some(end) = &shape.moves_to {
-                extent.add_shape(shape, end);
-            }
+            let ends = [Some(&shape.to_world), shape.moves_to.as_ref()];
+            ends.into_iter().flatten().for_each(|end| extent.add_shape(shape, end));
         }
         let objects: Vec<Extent> = scene.objects.iter().map(|object| Extent::of(&object.shapes)).collect();
         for instance in &scene.instances {
             let Some(object) = objects.get(instance.object.0 as usize) else { continue };
-            extent.add_box(object, &instance.to_world);
-            if let Some(end) = &instance.moves_to {
-                extent.add_box(object, end);
-            }
+            let ends = [Some(&instance.to_world), instance.moves_to.as_ref()];
+            ends.into_iter().flatten().for_each(|end| extent.add_box(object, end));
         }
         Self::around(&extent)
     }
@@ -104,27 +100,27 @@ impl Extent {
     fn add_shape(&mut self, shape: &Shape, to_world: &DAffine3) {
         match &shape.geometry {
             Geometry::Mesh(mesh) => mesh.positions.iter().for_each(|&p| self.grow(to_world.transform_point3(p))),
-            Geometry::Sphere { radius } => corners(DVec3::splat(*radius)).for_each(|c| {
-                self.grow(to_world.transform_point3(c));
-            }),
-            Geometry::Disk { height, radius, .. } => corners(DVec3::new(*radius, *radius, 0.0)).for_each(|c| {
-                self.grow(to_world.transform_point3(c + DVec3::new(0.0, 0.0, *height)));
-            }),
+            Geometry::Sphere { radius } => self.add_corners(DVec3::ZERO, DVec3::splat(*radius), to_world),
+            Geometry::Disk { height, radius, .. } => {
+                self.add_corners(DVec3::new(0.0, 0.0, *height), DVec3::new(*radius, *radius, 0.0), to_world);
+            }
         }
     }
 
     /// Adds the corners of another box, transformed by `map`. An empty box adds nothing.
     fn add_box(&mut self, other: &Self, map: &DAffine3) {
         if other.low.cmple(other.high).all() {
-            let (centre, half) = ((other.low + other.high) * 0.5, (other.high - other.low) * 0.5);
-            corners(half).for_each(|c| self.grow(map.transform_point3(centre + c)));
+            self.add_corners((other.low + other.high) * 0.5, (other.high - other.low) * 0.5, map);
         }
     }
-}
 
-fn corners(half: DVec3) -> impl Iterator<Item = DVec3> {
-    let sign = |bit: u32| if bit == 0 { -1.0 } else { 1.0 };
-    (0..8u32).map(move |k| half * DVec3::new(sign(k & 1), sign(k & 2), sign(k & 4)))
+    fn add_corners(&mut self, centre: DVec3, half: DVec3, map: &DAffine3) {
+        let sign = |bit: u32| if bit == 0 { -1.0 } else { 1.0 };
+        for k in 0..8u32 {
+            let corner = half * DVec3::new(sign(k & 1), sign(k & 2), sign(k & 4));
+            self.grow(map.transform_point3(centre + corner));
+        }
+    }
 }
 
 /// Returns the scale of a transform that only rotates, mirrors and scales uniformly; `None` for any other.

@@ -10,7 +10,7 @@ mod tests;
 
 pub use build::{SceneError, WorldError};
 pub use first_hit::{Lanes, SampleDimensions};
-pub(crate) use segment::MOST_PASSED;
+pub(crate) use segment::{MOST_PASSED, PassedThrough};
 
 use crate::blocks;
 use crate::camera::CameraView;
@@ -106,8 +106,10 @@ pub struct World {
     pub(crate) media: Media,
     /// The index of the medium around the camera, or `NO_MEDIUM`.
     pub(crate) camera_medium: u32,
-    has_transmission: bool,
-    has_passable_surfaces: bool,
+    /// True if a surface transmits light, by refraction or diffusely.
+    pub(crate) has_transmission: bool,
+    /// True if a surface may let rays pass without scattering; see [`Part::passable`].
+    pub(crate) has_passable_surfaces: bool,
     /// The opening and closing time of the shutter within the motion, in `[0, 1]`.
     pub(crate) open: [f32; 2],
 }
@@ -389,16 +391,6 @@ impl World {
         !self.object_parts.is_empty()
             || self.parts.iter().any(|part| !part.normals.is_empty())
             || !self.surfaces.iter().all(Surface::is_plain)
-    }
-
-    /// Returns true if a surface transmits light, by refraction or diffusely.
-    pub(crate) fn has_transmission(&self) -> bool {
-        self.has_transmission
-    }
-
-    /// Returns true if a surface may let rays pass without scattering; see [`Part::passable`].
-    pub(crate) fn has_passable_surfaces(&self) -> bool {
-        self.has_passable_surfaces
     }
 
     /// Returns true if a material is an interface between media, which rays pass without scattering.

@@ -36,11 +36,11 @@ pub(super) fn needed(world: &World) -> u32 {
     let has = |effect| world.effects().has(effect);
     let bit = |needed: bool, bit: u32| if needed { bit } else { 0 };
     let media = has(Effect::AbsorbingMedia) || has(Effect::ScatteringMedia);
-    let rare = media || has(Effect::MotionBlur) || has(Effect::Transparency) || world.has_passable_surfaces();
+    let rare = media || has(Effect::MotionBlur) || has(Effect::Transparency) || world.has_passable_surfaces;
     bit(has(Effect::SeveralLights), SEVERAL_LIGHTS)
         | bit(has(Effect::Environment), ENVIRONMENT)
         | bit(world.max_depth() > ROULETTE_FROM, ROULETTE)
-        | bit(world.has_transmission(), TRANSMISSION)
+        | bit(world.has_transmission, TRANSMISSION)
         | bit(rare, RARE)
         | bit(world.has_varied_surfaces(), VARIED)
         | bit(world.lights().is_selection_learned(), LEARNED_SELECTION)

@@ -266,9 +266,8 @@ impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w,
         };
         let mut place = S::NOWHERE;
         let (mut samples_lights, mut share) = (true, 1.0);
+        let point = GatherPoint { at, bsdf: &bsdf, frame: &frame, wo, back: -path.ray.direction, depth: path.depth };
         if G::ACTIVE {
-            let (back, depth) = (-path.ray.direction, path.depth);
-            let point = GatherPoint { at, bsdf: &bsdf, frame: &frame, wo, back, depth };
             share = self.vertex_light.share(&path.gathered, &point);
             samples_lights = share > 0.0 && self.vertex_light.samples_lights(&path.gathered, &point);
         }
@@ -281,8 +280,6 @@ impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w,
             path.radiance += path.throughput * if G::ACTIVE { direct * share } else { direct };
         }
         if G::ACTIVE && !bsdf.is_specular() && share > 0.0 {
-            let (back, depth) = (-path.ray.direction, path.depth);
-            let point = GatherPoint { at, bsdf: &bsdf, frame: &frame, wo, back, depth };
             let (light, rays) = self.vertex_light.gather(&mut path.gathered, &point, draws, training);
             path.radiance += path.throughput * (light * share);
             path.rays += rays;

@@ -122,6 +122,6 @@ fn effects_call_for_all_code_that_a_world_uses() {
         let uses = |used: bool, bit: u32| assert!(!used || needed & bit != 0, "{name}: {needed:b} lacks {bit:b}");
         uses(world.lights.len() > 1, SEVERAL_LIGHTS);
         uses(world.lights.has_environment(), ENVIRONMENT);
-        uses(world.moves || world.has_passable_surfaces(), super::code::RARE);
+        uses(world.moves || world.has_passable_surfaces, super::code::RARE);
     }
 }

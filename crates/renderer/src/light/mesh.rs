@@ -1,10 +1,9 @@
 //! Meshes that emit light.
 
 use super::source::{
-    EmissionPdf, EmittedLight, Expectation, Lamp, LightSample, LightSource, SceneSphere, Target, area_to_solid_angle,
-    sample_on,
+    EmittedLight, Expectation, Lamp, LightSample, LightSource, SceneSphere, Target, area_to_solid_angle, sample_on,
 };
-use crate::shading::discrete::Discrete;
+use crate::shading::discrete::{BELOW_ONE, Discrete};
 use crate::shading::warp;
 use dapple_geometry::{Geometry, PrimitiveId, Shape, SurfacePoint};
 use glam::{DVec3, Vec3};
@@ -54,6 +53,17 @@ struct Facet {
 impl Facet {
     fn centroid(&self) -> Vec3 {
         self.corner + (self.edges[0] + self.edges[1]) * (1.0 / 3.0)
+    }
+
+    /// Returns the point at these coordinates along the two edges, with the normal of the winding.
+    #[inline(always)]
+    fn point(&self, b1: f32, b2: f32) -> SurfacePoint {
+        let position = self.corner + self.edges[0] * b1 + self.edges[1] * b2;
+        SurfacePoint { position, error: self.error, normal: self.normal, primitive: self.primitive }
+    }
+
+    fn corners(&self) -> [Vec3; 3] {
+        [self.corner, self.corner + self.edges[0], self.corner + self.edges[1]]
     }
 
     /// Returns the triangle's projection on the sphere around a nearby point, for sampling by solid angle. Returns
@@ -124,8 +134,8 @@ impl MeshLight {
         for (facet, area_of_it) in facets.iter_mut().zip(&areas) {
             facet.share = (f64::from(*area_of_it) / area) as f32;
             let centroid = facet.centroid();
-            let corners = [facet.corner, facet.corner + facet.edges[0], facet.corner + facet.edges[1]];
-            facet.reach_squared = corners.map(|c| (c - centroid).length_squared()).into_iter().fold(0.0, f32::max);
+            facet.reach_squared =
+                facet.corners().map(|c| (c - centroid).length_squared()).into_iter().fold(0.0, f32::max);
         }
         // Twice the largest distance to a corner, squared, and a margin for rounding.
         let near_squared = 5.0 * facets.iter().map(|f| f.reach_squared).fold(0.0, f32::max);
@@ -145,9 +155,8 @@ impl MeshLight {
             return None;
         }
         let [b1, b2] = facet.intersection(from, seen.sample(u.map(f64::from)));
-        let position = facet.corner + facet.edges[0] * b1 + facet.edges[1] * b2;
-        let wi = (position - from).try_normalize()?;
-        let point = SurfacePoint { position, error: facet.error, normal: facet.normal, primitive: facet.primitive };
+        let point = facet.point(b1, b2);
+        let wi = (point.position - from).try_normalize()?;
         let pdf = facet.share / seen.solid_angle as f32;
         Some(LightSample { wi, radiance, pdf, target: Target::Surface(point), delta: false })
     }
@@ -183,14 +192,13 @@ impl LightSource for MeshLight {
         let (index, within) = self.choose(u[0])?;
         let facet = &self.facets[index];
         let [_, b1, b2] = warp::uniform_triangle([within, u[1]]);
-        let position = facet.corner + facet.edges[0] * b1 + facet.edges[1] * b2;
+        let point = facet.point(b1, b2);
         // The distance to the sampled point is known, which gives a cheap first test.
-        if (position - from).length_squared() < self.near_squared
+        if (point.position - from).length_squared() < self.near_squared
             && let Some(seen) = facet.near(from)
         {
             return self.sample_near(facet, &seen, from, [within, u[1]]);
         }
-        let point = SurfacePoint { position, error: facet.error, normal: facet.normal, primitive: facet.primitive };
         sample_on(&self.lamp, from, point, facet.side, self.area as f32)
     }
 
@@ -213,32 +221,23 @@ impl LightSource for MeshLight {
         let (index, within) = self.choose(place[0])?;
         let facet = &self.facets[index];
         let [_, b1, b2] = warp::uniform_triangle([within, place[1]]);
-        let position = facet.corner + facet.edges[0] * b1 + facet.edges[1] * b2;
-        let (normal, primitive) = (facet.normal * facet.side, facet.primitive);
-        let point = SurfacePoint { position, error: facet.error, normal, primitive };
+        let point = SurfacePoint { normal: facet.normal * facet.side, ..facet.point(b1, b2) };
         EmittedLight::from_surface(&self.lamp, point, towards, self.area as f32)
     }
 
-    fn emission_pdf(&self, _: &SceneSphere, normal: Vec3, direction: Vec3) -> EmissionPdf {
-        self.lamp.emission_pdf(normal.dot(direction), self.area as f32)
-    }
-
-    fn power(&self, _: f64) -> f64 {
-        self.area * self.lamp.brightness()
+    fn area(&self) -> f64 {
+        self.area
     }
 
     fn expectation(&self) -> Expectation {
         let mean = |f: &dyn Fn(&Facet) -> Vec3| self.facets.iter().map(|facet| f(facet) * facet.share).sum::<Vec3>();
         let middle = mean(&Facet::centroid);
-        let corners = self.facets.iter().flat_map(|f| [f.corner, f.corner + f.edges[0], f.corner + f.edges[1]]);
-        let radius = corners.map(|corner| (corner - middle).length()).fold(0.0, f32::max);
+        let radius =
+            self.facets.iter().flat_map(Facet::corners).map(|corner| (corner - middle).length()).fold(0.0, f32::max);
         let facing = self.lamp.facing(mean(&|facet| facet.normal * facet.side));
         Expectation::Near { middle, radius, facing, intensity: self.lamp.intensity(self.area) }
     }
 }
-
-/// The largest `f32` below 1.
-const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
 
 /// A spherical triangle: the projection of a triangle on the unit sphere around a point. Computations use f64, since near a
 /// light they subtract nearly equal numbers.

@@ -27,7 +27,7 @@ pub(super) fn transform_error(at: &Source) -> SceneError {
 pub(crate) struct PointLight {
     position: Vec3,
     /// The linear RGB radiant intensity, in the renderer's units.
-    intensity: Vec3,
+    pub(super) intensity: Vec3,
 }
 
 /// The largest coordinate of a point light in the renderer's space; squares of larger ones may overflow.
@@ -58,24 +58,6 @@ impl PointLight {
         Ok((intensity != Vec3::ZERO).then_some(Self { position: position.as_vec3(), intensity }))
     }
 
-    /// Returns the light that arrives at the point `from` if the light has the same intensity in all directions. A
-    /// spot light applies its falloff to the result. Returns `None` at the light's position and where the light
-    /// underflows to 0.
-    #[inline]
-    fn arriving(&self, from: Vec3) -> Option<LightSample> {
-        let to = self.position - from;
-        let squared = to.length_squared();
-        let wi = to / squared.sqrt();
-        let radiance = self.intensity / squared;
-        // At the light's own position, there is no direction.
-        let arrives = radiance != Vec3::ZERO && radiance.is_finite();
-        arrives.then_some(LightSample { wi, radiance, pdf: 1.0, target: Target::Point(self.position), delta: true })
-    }
-
-    pub(super) fn intensity(&self) -> Vec3 {
-        self.intensity
-    }
-
     /// Returns the expectation of a point light at this position that emits a given intensity in all directions.
     fn expectation_of(&self, intensity: f64) -> Expectation {
         Expectation::Near { middle: self.position, radius: 0.0, facing: Vec3::ZERO, intensity: intensity as f32 }
@@ -83,9 +65,16 @@ impl PointLight {
 }
 
 impl LightSource for PointLight {
+    /// Returns `None` at the light's position and where the light underflows to 0.
     #[inline]
     fn sample(&self, from: Vec3, _: [f32; 2]) -> Option<LightSample> {
-        self.arriving(from)
+        let to = self.position - from;
+        let squared = to.length_squared();
+        let wi = to / squared.sqrt();
+        let radiance = self.intensity / squared;
+        // At the light's own position, there is no direction.
+        let arrives = radiance != Vec3::ZERO && radiance.is_finite();
+        arrives.then_some(LightSample { wi, radiance, pdf: 1.0, target: Target::Point(self.position), delta: true })
     }
 
     fn is_delta(&self) -> bool {
@@ -114,7 +103,8 @@ impl LightSource for PointLight {
 /// A point that emits light into a cone.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SpotLight {
-    point: PointLight,
+    /// The position, and the intensity along the axis.
+    pub(super) point: PointLight,
     /// The unit vector along the cone's axis, in the direction of emission.
     axis: Vec3,
     /// `1 - cos` of the angle from the axis at which the cone ends. (The cosine of a narrow cone would round to 1.)
@@ -162,11 +152,6 @@ impl SpotLight {
         }
     }
 
-    /// Returns the intensity along the axis.
-    pub(super) fn intensity(&self) -> Vec3 {
-        self.point.intensity
-    }
-
     /// Returns the light's power relative to a point light with the axis intensity in all directions, 0 to 1.
     fn share_of_sphere(&self) -> f64 {
         let [edge, core] = [self.edge, self.core].map(f64::from);
@@ -181,8 +166,8 @@ impl SpotLight {
 
 impl LightSource for SpotLight {
     #[inline]
-    fn sample(&self, from: Vec3, _: [f32; 2]) -> Option<LightSample> {
-        let mut sample = self.point.arriving(from)?;
+    fn sample(&self, from: Vec3, u: [f32; 2]) -> Option<LightSample> {
+        let mut sample = self.point.sample(from, u)?;
         // `1 - cos` comes from the chord, which keeps precision in narrow cones.
         let share = self.share(0.5 * (sample.wi + self.axis).length_squared());
         sample.radiance *= share;
@@ -245,10 +230,6 @@ impl LightSource for DistantLight {
 
     fn is_delta(&self) -> bool {
         true
-    }
-
-    fn emit(&self, scene: &SceneSphere, place: [f32; 2], _: [f32; 2]) -> Option<EmittedLight> {
-        Some(scene.parallel(-self.towards, self.irradiance, 1.0, place))
     }
 
     fn emission_pdf(&self, scene: &SceneSphere, _: Vec3, _: Vec3) -> EmissionPdf {

@@ -1,8 +1,7 @@
 //! Spheres, disks and rings that emit light.
 
 use super::source::{
-    EmissionPdf, EmittedLight, Expectation, Lamp, LightSample, LightSource, SceneSphere, Target, area_to_solid_angle,
-    sample_on,
+    EmittedLight, Expectation, Lamp, LightSample, LightSource, SceneSphere, Target, area_to_solid_angle, sample_on,
 };
 use crate::shading::{ShadingFrame, warp};
 use dapple_geometry::{PrimitiveId, SurfacePoint};
@@ -32,10 +31,6 @@ impl SphereLight {
     pub(super) fn seen_from_outside(&self) -> Option<(Vec3, f32, Vec3)> {
         let radiance = self.lamp.radiance(self.flip);
         (radiance != Vec3::ZERO).then_some((self.centre, self.radius, radiance))
-    }
-
-    fn area(&self) -> f64 {
-        4.0 * std::f64::consts::PI * f64::from(self.radius) * f64::from(self.radius)
     }
 
     /// Returns the squared sine of half the angle that the sphere subtends at `axis` from its centre; `None` inside
@@ -101,6 +96,10 @@ impl LightSource for SphereLight {
         Some(&self.lamp)
     }
 
+    fn area(&self) -> f64 {
+        4.0 * std::f64::consts::PI * f64::from(self.radius) * f64::from(self.radius)
+    }
+
     fn emit(&self, _: &SceneSphere, place: [f32; 2], towards: [f32; 2]) -> Option<EmittedLight> {
         if self.lamp.two_sided || self.flip < 0.0 {
             let mut point = self.point(warp::uniform_sphere(place));
@@ -114,14 +113,6 @@ impl LightSource for SphereLight {
         let cosine = (1.0 - disk.length_squared()).max(0.0).sqrt();
         let normal = (frame.tangent * disk.x + frame.bitangent * disk.y + direction * cosine).normalize();
         EmittedLight::leaving(&self.lamp, self.point(normal), direction, self.area() as f32)
-    }
-
-    fn emission_pdf(&self, _: &SceneSphere, normal: Vec3, direction: Vec3) -> EmissionPdf {
-        self.lamp.emission_pdf(normal.dot(direction), self.area() as f32)
-    }
-
-    fn power(&self, _: f64) -> f64 {
-        self.area() * self.lamp.brightness()
     }
 
     fn expectation(&self) -> Expectation {
@@ -145,11 +136,6 @@ impl DiskLight {
     /// Makes a disk or ring around `centre` that emits to the side of `normal` (unit length).
     pub(crate) fn new(lamp: Lamp, centre: Vec3, normal: Vec3, radius: f32, inner_radius: f32) -> Self {
         Self { lamp, centre, frame: ShadingFrame::from_normal(normal), radius, inner_radius }
-    }
-
-    fn area(&self) -> f64 {
-        let [outer, inner] = [self.radius, self.inner_radius].map(f64::from);
-        std::f64::consts::PI * (outer - inner) * (outer + inner)
     }
 
     /// Returns the point of the area that belongs to `u` in `[0, 1)^2`, by an area-preserving map from the disk to the
@@ -183,16 +169,13 @@ impl LightSource for DiskLight {
         Some(&self.lamp)
     }
 
+    fn area(&self) -> f64 {
+        let [outer, inner] = [self.radius, self.inner_radius].map(f64::from);
+        std::f64::consts::PI * (outer - inner) * (outer + inner)
+    }
+
     fn emit(&self, _: &SceneSphere, place: [f32; 2], towards: [f32; 2]) -> Option<EmittedLight> {
         EmittedLight::from_surface(&self.lamp, self.point(place), towards, self.area() as f32)
-    }
-
-    fn emission_pdf(&self, _: &SceneSphere, normal: Vec3, direction: Vec3) -> EmissionPdf {
-        self.lamp.emission_pdf(normal.dot(direction), self.area() as f32)
-    }
-
-    fn power(&self, _: f64) -> f64 {
-        self.area() * self.lamp.brightness()
     }
 
     fn expectation(&self) -> Expectation {

@@ -1,5 +1,6 @@
 //! The functions of a kind of light, and what they return: samples of arriving light, and rays that leave.
 
+use crate::shading::discrete::BELOW_ONE;
 use crate::shading::{ShadingFrame, warp};
 use dapple_geometry::{Ray, SurfacePoint, spawn_ray, spawn_ray_to, spawn_ray_to_point};
 use glam::Vec3;
@@ -32,15 +33,31 @@ pub(crate) trait LightSource {
         false
     }
 
-    /// Samples a ray that leaves the light, as [`Lights::sample_emission`](crate::light::Lights::sample_emission) does. `light` and `pmf` are left to the caller.
-    fn emit(&self, scene: &SceneSphere, place: [f32; 2], towards: [f32; 2]) -> Option<EmittedLight>;
+    /// Returns the area of an area light; 0 for lights without a shape.
+    fn area(&self) -> f64 {
+        0.0
+    }
 
-    /// Returns the densities of [`Self::emit`]; see [`Lights::emission_pdf`].
-    fn emission_pdf(&self, scene: &SceneSphere, normal: Vec3, direction: Vec3) -> EmissionPdf;
+    /// Samples a ray that leaves the light, as [`Lights::sample_emission`](crate::light::Lights::sample_emission) does. `light` and `pmf` are left to the caller.
+    ///
+    /// The default is that of light from infinity, whose directions are those of [`Self::sample`].
+    fn emit(&self, scene: &SceneSphere, place: [f32; 2], towards: [f32; 2]) -> Option<EmittedLight> {
+        let sample = self.sample(scene.centre, towards)?;
+        Some(scene.parallel(-sample.wi, sample.radiance, sample.pdf, place))
+    }
+
+    /// Returns the densities of [`Self::emit`]; see [`Lights::emission_pdf`]. The default is that of area lights.
+    fn emission_pdf(&self, scene: &SceneSphere, normal: Vec3, direction: Vec3) -> EmissionPdf {
+        let cosine = normal.dot(direction);
+        self.lamp().map_or(scene.parallel_pdf(0.0), |lamp| lamp.emission_pdf(cosine, self.area() as f32))
+    }
 
     /// Returns the luminance of the light's radiant power, divided by pi. An environment or distant light counts with
-    /// the power that enters the scene's bounding sphere. `scene_radius` is the sphere's radius.
-    fn power(&self, scene_radius: f64) -> f64;
+    /// the power that enters the scene's bounding sphere. `scene_radius` is the sphere's radius. The default is that of
+    /// area lights.
+    fn power(&self, _scene_radius: f64) -> f64 {
+        self.area() * self.lamp().map_or(0.0, Lamp::brightness)
+    }
 
     /// Returns an approximation of the light's contribution, which learned selection uses before it has samples.
     fn expectation(&self) -> Expectation;
@@ -164,9 +181,6 @@ pub(crate) fn area_to_solid_angle(from: Vec3, point: &SurfacePoint, area: f32) -
     let cosine = point.normal.dot(to).abs() / squared.sqrt();
     squared / (cosine * area)
 }
-
-/// The largest random number below 1.
-const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
 
 /// The sphere around a scene. Light from infinity enters it through a disk of its radius.
 #[derive(Clone, Copy, Debug)]

@@ -3,12 +3,10 @@
 use super::coat::Coat;
 use super::dielectric::{self, DiffuseTransmission, RoughDielectric, SmoothDielectric, Tint};
 use super::fresnel::{self, ComplexIor};
-use super::glossy::{Plastic, Substrate};
-use super::layered::Layered;
+use super::layered::{Layered, Plastic, Substrate};
 use super::metal_coat::MetalCoat;
 use super::microfacet::{TrowbridgeReitz, half_angle_cosine};
-use super::sample::{BsdfSample, mirror};
-use super::{ShadingFrame, warp};
+use super::{BsdfSample, ShadingFrame, mirror, warp};
 use dapple_scene::effectively_smooth;
 use glam::Vec3;
 use std::f32::consts::{FRAC_1_PI, PI};

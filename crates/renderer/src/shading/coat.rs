@@ -20,7 +20,7 @@
 //! material is made; `T` is a table over the cosine. The formula is exactly reciprocal and needs no random numbers.
 
 use super::microfacet::TrowbridgeReitz;
-use super::{Error, fresnel};
+use super::{Error, fresnel, interpolate};
 use dapple_scene::effectively_smooth;
 use glam::Vec3;
 use std::f32::consts::FRAC_1_PI;
@@ -112,11 +112,7 @@ impl Coat {
     /// Returns the fractions of light from outside at this cosine: what reaches the base, and what the coat reflects.
     #[inline]
     pub(crate) fn transmittance_and_reflectance(&self, cos: f32) -> [f32; 2] {
-        let x = cos.clamp(0.0, 1.0) * CELLS as f32;
-        let cell = (x as usize).min(CELLS - 1);
-        let t = x - cell as f32;
-        let (a, b) = (self.table[cell], self.table[cell + 1]);
-        [a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1])]
+        interpolate::<CELLS>(&self.table, cos)
     }
 
     /// Returns the mean transmittance over a cosine-weighted hemisphere.

@@ -8,7 +8,7 @@
 
 use super::fresnel;
 use super::microfacet::{TrowbridgeReitz, half_angle_cosine};
-use super::sample::{BsdfSample, mirror};
+use super::{BsdfSample, mirror};
 use glam::Vec3;
 
 /// Color factors of the light that glass reflects and transmits; 1 for physical glass.

@@ -4,7 +4,7 @@ use super::Error;
 use std::ops::Range;
 
 /// The largest f32 below 1.
-const BELOW_ONE: f32 = 1.0 - 0.5 * f32::EPSILON;
+pub(crate) const BELOW_ONE: f32 = 1.0 - 0.5 * f32::EPSILON;
 /// The largest number of rows or columns of a grid. Cells then stay wide enough to contain several f32 values.
 const MAX_SIDE: usize = 1 << 20;
 
@@ -54,17 +54,7 @@ impl Discrete {
 
     fn from_checked(weights: impl Iterator<Item = f64>) -> Self {
         let (ends, total) = cumulative(weights);
-        let n = ends.len();
-        let mut guide = Vec::with_capacity(n);
-        let mut item = 0;
-        if total > 0.0 {
-            for j in 0..n {
-                while ends[item] <= j as f64 / n as f64 {
-                    item += 1;
-                }
-                guide.push(item as u32);
-            }
-        }
+        let guide = if total > 0.0 { guide(&ends, ends.len()).collect() } else { Vec::new() };
         Self { ends, guide, total }
     }
 
@@ -151,14 +141,8 @@ impl PiecewiseConstant2d {
         let mut totals = Vec::with_capacity(size[1]);
         for row in weights.chunks(size[0].max(1)) {
             let (ends, total) = cumulative(row.iter().map(|&w| f64::from(w)));
-            let (mut column, last) = (0, ends.len() - 1);
-            for slot in 0..slots {
-                while column < last && ends[column] <= slot as f64 / slots as f64 {
-                    column += 1;
-                }
-                guides.push(column as u32);
-            }
-            guides.push(last as u32);
+            guides.extend(guide(&ends, slots));
+            guides.push(ends.len() as u32 - 1);
             columns.extend(ends);
             totals.push(total);
         }
@@ -245,6 +229,17 @@ fn cumulative(weights: impl Iterator<Item = f64>) -> (Vec<f64>, f64) {
         ends.iter_mut().for_each(|end| *end /= total);
     }
     (ends, total)
+}
+
+/// Returns the items that the random numbers `slot / slots` select.
+fn guide(ends: &[f64], slots: usize) -> impl Iterator<Item = u32> {
+    let (mut item, last) = (0, ends.len() - 1);
+    (0..slots).map(move |slot| {
+        while item < last && ends[item] <= slot as f64 / slots as f64 {
+            item += 1;
+        }
+        item as u32
+    })
 }
 
 #[inline]

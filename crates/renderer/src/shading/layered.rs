@@ -13,11 +13,14 @@
 //! * A clear coat multiplies the diffuse part in the same way, and the glossy part by the smaller share that it passes
 //!   in either direction.
 //!
+//! Beside it, glossy reflection above diffuse reflection by the models of pbrt-v3's `plastic` and `substrate` materials.
+//!
 //! All functions expect directions on the side `z > 0`.
 
 use super::microfacet::{TrowbridgeReitz, half_angle_cosine};
+use super::{cell, fresnel, mirror, warp};
 use glam::{Vec2, Vec3};
-use std::f32::consts::FRAC_1_PI;
+use std::f32::consts::{FRAC_1_PI, PI};
 use std::sync::LazyLock;
 
 /// The number of intervals of the table along the cosine, and along the square root of the microfacet width.
@@ -67,9 +70,9 @@ impl Layered<'_> {
     pub(super) fn sample(&self, wo: Vec3, u: [f32; 2], lobe: f32) -> Vec3 {
         let [coat, glossy] = self.seen(wo).chances;
         match &self.layers.coat {
-            Some((_, microfacets)) if lobe < coat => super::sample::mirror(wo, microfacets.sample_visible(wo, u)),
-            _ if lobe < glossy => super::sample::mirror(wo, self.microfacets.sample_visible(wo, u)),
-            _ => super::warp::cosine_hemisphere(u),
+            Some((_, microfacets)) if lobe < coat => mirror(wo, microfacets.sample_visible(wo, u)),
+            _ if lobe < glossy => mirror(wo, self.microfacets.sample_visible(wo, u)),
+            _ => warp::cosine_hemisphere(u),
         }
     }
 
@@ -255,7 +258,7 @@ impl Table {
 
     #[inline]
     fn at(&self, cosine: f32, width: (usize, f32)) -> Split {
-        let (j, t) = cell(cosine.sqrt());
+        let (j, t) = cell(cosine.sqrt(), CELLS);
         let row = |i: usize| self.at[i][j].lerp(self.at[i][j + 1], t);
         row(width.0).lerp(row(width.0 + 1), width.1)
     }
@@ -270,15 +273,7 @@ impl Table {
 #[inline]
 fn width(microfacets: &TrowbridgeReitz) -> (usize, f32) {
     let [x, y] = microfacets.alpha();
-    cell((x * y).sqrt().sqrt())
-}
-
-/// The cell of a value in 0 to 1, and the place in it.
-#[inline]
-fn cell(value: f32) -> (usize, f32) {
-    let place = value.clamp(0.0, 1.0) * CELLS as f32;
-    let cell = (place as usize).min(CELLS - 1);
-    (cell, place - cell as f32)
+    cell((x * y).sqrt().sqrt(), CELLS)
 }
 
 /// Integrates the albedo of microfacets for one direction, over visible normals on a grid.
@@ -287,7 +282,7 @@ fn albedo(microfacets: &TrowbridgeReitz, cosine: f32) -> Split {
     let mut sum = [0.0f64; 2];
     let middle = |i: usize| (i as f32 + 0.5) / NORMALS as f32;
     for (i, j) in (0..NORMALS * NORMALS).map(|k| (k / NORMALS, k % NORMALS)) {
-        let wi = super::sample::mirror(wo, microfacets.sample_visible(wo, [middle(i), middle(j)]));
+        let wi = mirror(wo, microfacets.sample_visible(wo, [middle(i), middle(j)]));
         if wi.z > 0.0 {
             let h = wo + wi;
             let passed = microfacets.reflection(wo, wi, h) * wi.z / microfacets.reflection_pdf(wo, h);
@@ -303,6 +298,99 @@ fn albedo(microfacets: &TrowbridgeReitz, cosine: f32) -> Split {
 #[inline]
 fn fifth_power(x: f32) -> f32 {
     (x * x) * (x * x) * x
+}
+
+/// The index of refraction of [`Plastic`]'s glossy reflection.
+const PLASTIC_ETA: f32 = 1.5;
+
+/// The sum of Lambertian reflection and a rough dielectric's reflection, as pbrt-v3's `plastic`. More light than
+/// arrives may be reflected, since the glossy part does not reduce the diffuse one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Plastic {
+    /// The fraction of light reflected diffusely, per channel.
+    pub diffuse: Vec3,
+    /// The factor of the glossy reflection, per channel, which multiplies the Fresnel reflectance for an index of 1.5.
+    pub specular: Vec3,
+    /// The microfacet distribution of the glossy reflection.
+    pub microfacets: TrowbridgeReitz,
+}
+
+impl Plastic {
+    /// Returns the probability of sampling the glossy lobe: approximately its fraction of the light reflected to `wo`.
+    #[inline]
+    pub(super) fn chance(&self, wo: Vec3) -> f32 {
+        let glossy = self.specular.element_sum() * fresnel::dielectric(wo.z, PLASTIC_ETA);
+        share(glossy, self.diffuse.element_sum())
+    }
+
+    /// Returns `f` and the density. `chance` is the probability of sampling the glossy lobe at `wo`.
+    #[inline]
+    pub(super) fn evaluate_above(&self, wo: Vec3, wi: Vec3, chance: f32) -> (Vec3, f32) {
+        let h = wo + wi;
+        let reflectance = fresnel::dielectric(half_angle_cosine(h), PLASTIC_ETA);
+        let glossy = self.specular * (reflectance * self.microfacets.reflection(wo, wi, h));
+        let pdf = chance * self.microfacets.reflection_pdf(wo, h) + (1.0 - chance) * (wi.z * FRAC_1_PI);
+        (self.diffuse * FRAC_1_PI + glossy, pdf)
+    }
+
+    /// Returns the approximate fraction of light reflected at normal incidence, per channel.
+    pub(super) fn albedo(&self) -> Vec3 {
+        self.diffuse + self.specular * fresnel::dielectric(1.0, PLASTIC_ETA)
+    }
+}
+
+/// A glossy coat over a diffuse base [Ashikhmin and Shirley 2000] with a Trowbridge-Reitz (GGX) microfacet
+/// distribution, as pbrt-v3's `substrate`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Substrate {
+    /// The reflectance of the base, per channel.
+    pub diffuse: Vec3,
+    /// The reflectance of the coat at normal incidence, per channel.
+    pub specular: Vec3,
+    /// The microfacet distribution of the coat.
+    pub microfacets: TrowbridgeReitz,
+}
+
+impl Substrate {
+    /// Returns the probability of sampling the coat's lobe: approximately its fraction of the light reflected to `wo`.
+    #[inline]
+    pub(super) fn chance(&self, wo: Vec3) -> f32 {
+        let diffuse = self.diffuse * (Vec3::ONE - self.specular);
+        share(schlick(self.specular, wo.z).element_sum(), diffuse.element_sum())
+    }
+
+    /// Returns `f` and the density [Ashikhmin and Shirley 2000, eq. 4 and 5; the coat's lobe after Pharr et al. 2016,
+    /// sec. 8.5]. `chance` is the probability of sampling the coat's lobe at `wo`.
+    #[inline]
+    pub(super) fn evaluate_above(&self, wo: Vec3, wi: Vec3, chance: f32) -> (Vec3, f32) {
+        // The factor 28 / 23 normalises the two powers, so that energy is conserved.
+        const SCALE: f32 = 28.0 / (23.0 * PI);
+        let beyond = |cos: f32| 1.0 - fifth_power(1.0 - 0.5 * cos);
+        let diffuse = self.diffuse * (Vec3::ONE - self.specular) * (SCALE * beyond(wi.z) * beyond(wo.z));
+        let h = wo + wi;
+        let cos = half_angle_cosine(h);
+        let lobe = self.microfacets.normals(h) / (4.0 * cos * wi.z.max(wo.z));
+        let pdf = chance * self.microfacets.reflection_pdf(wo, h) + (1.0 - chance) * (wi.z * FRAC_1_PI);
+        (diffuse + schlick(self.specular, cos) * lobe, pdf)
+    }
+
+    /// Returns the approximate fraction of light reflected at normal incidence, per channel.
+    pub(super) fn albedo(&self) -> Vec3 {
+        self.specular + self.diffuse * (Vec3::ONE - self.specular)
+    }
+}
+
+/// Returns Schlick's approximation of the Fresnel reflectance at a cosine, from the one at normal incidence [Schlick
+/// 1994, eq. 15].
+#[inline]
+fn schlick(normal: Vec3, cos: f32) -> Vec3 {
+    normal + fifth_power(1.0 - cos.min(1.0)) * (Vec3::ONE - normal)
+}
+
+/// Returns `a / (a + b)`; 0 if both are 0.
+#[inline]
+fn share(a: f32, b: f32) -> f32 {
+    if a + b > 0.0 { a / (a + b) } else { 0.0 }
 }
 
 #[cfg(test)]

@@ -29,11 +29,10 @@
 //! * coats of width 0.1 and 0.3: less than 4 % off;
 //! * coat of width 0.6 over a metal of width 0.6: 9 % off seen from above, up to 12 % off at a cosine of 0.15.
 
-use super::Error;
 use super::coat::{Coat, CoatOptions};
 use super::fresnel::{self, ComplexIor};
 use super::microfacet::{TrowbridgeReitz, half_angle_cosine};
-use super::sample::{BsdfSample, mirror};
+use super::{BsdfSample, Error, cell, interpolate, mirror};
 use dapple_core::{PointSet, SampleId};
 use dapple_low_discrepancy::Sobol;
 use dapple_scene::effectively_smooth;
@@ -75,7 +74,10 @@ impl MetalCoat {
         });
         let walks = Walks { coat: &coat, metal: (!smooth).then_some(metal), options };
         let table = match &lobe {
-            None => (0..=CELLS).map(|i| [walks.refracted_crossing(i as f32 / CELLS as f32); 2]).collect(),
+            None => {
+                let inner = |i: usize| fresnel::transmitted_cosine(i as f32 / CELLS as f32, walks.coat.eta());
+                (0..=CELLS).map(|i| [inner(i).map_or(0.0, |inner| walks.crossing(inner)); 2]).collect()
+            }
             Some(lobe) => walks.fit(lobe),
         };
         Ok(Self { coat, lobe, table })
@@ -214,9 +216,7 @@ impl MetalCoat {
     /// Returns the tabulated `P` and `Q` of the module's formula at a cosine.
     #[inline]
     fn passes_and_again(&self, cos: f32) -> [f32; 2] {
-        let (cell, t) = place(cos);
-        let (a, b) = (self.table[cell], self.table[cell + 1]);
-        [a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1])]
+        interpolate::<CELLS>(&self.table, cos)
     }
 }
 
@@ -262,14 +262,6 @@ fn refracted(w: Vec3, eta: f32) -> Option<Vec3> {
     (sin2 < 1.0).then(|| Vec3::new(x, y, (1.0 - sin2).sqrt()))
 }
 
-/// Returns the index of the table cell that contains a cosine, and the position within the cell, 0 to 1.
-#[inline]
-fn place(cos: f32) -> (usize, f32) {
-    let x = cos.clamp(0.0, 1.0) * CELLS as f32;
-    let cell = (x as usize).min(CELLS - 1);
-    (cell, x - cell as f32)
-}
-
 /// Random walks between the coat and a metal of reflectance 1.
 struct Walks<'c> {
     coat: &'c Coat,
@@ -281,12 +273,6 @@ struct Walks<'c> {
 type Light = [f64; 2];
 
 impl Walks<'_> {
-    /// Returns the fraction of light that one crossing does not absorb, for light refracted from outside at cosine
-    /// `mu`.
-    fn refracted_crossing(&self, mu: f32) -> f32 {
-        fresnel::transmitted_cosine(mu, self.coat.eta()).map_or(0.0, |inner| self.crossing(inner))
-    }
-
     /// Returns the table of `P` and `Q`, fitted to the walks for this lobe.
     fn fit(&self, lobe: &Lobe) -> Box<[[f32; 2]]> {
         let points = Sobol::new(0);
@@ -391,7 +377,7 @@ impl Walks<'_> {
             let u = points.block(SampleId::new([0; 2], 1, index), 0);
             let up = mirror(inner, drawn.sample_visible(inner, [u[0], u[1]]));
             let leaves = refracted(up, 1.0 / eta).filter(|_| up.z > 0.0)?;
-            let (cell, t) = place(leaves.z);
+            let (cell, t) = cell(leaves.z, CELLS);
             let h = inner + up;
             let seen = lobe.seen(eta, [wo, inner], [leaves, up]);
             let weight = seen.reflection(inner, up, h) * up.z / drawn.reflection_pdf(inner, h) / WALKS as f32;

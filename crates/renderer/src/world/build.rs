@@ -100,7 +100,8 @@ impl World {
             Media::default()
         });
         problems.check_media(scene);
-        let without_shape = lights_without_shape(scene, &space, &mut problems);
+        let without_shape =
+            scene.lights.iter().filter_map(|light| problems.note(Light::of(light, &space)).flatten()).collect();
         if !problems.0.is_empty() {
             return Err(WorldError { problems: problems.0 });
         }
@@ -208,11 +209,6 @@ fn world_normals(mesh: &MeshData, to_world: DAffine3, sign: f32) -> Vec<Vec3> {
     let turn = to_world.matrix3.inverse().transpose();
     let unit = |n: &[f32; 3]| (turn * Vec3::from_array(*n).as_dvec3()).normalize_or_zero().as_vec3() * sign;
     mesh.normals.iter().map(unit).collect()
-}
-
-/// Returns the lights that are not shapes, and leaves out lights that emit nothing.
-fn lights_without_shape(scene: &Scene, space: &Space, problems: &mut Problems) -> Vec<Light> {
-    scene.lights.iter().filter_map(|light| problems.note(Light::of(light, space)).flatten()).collect()
 }
 
 fn lights(

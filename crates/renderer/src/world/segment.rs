@@ -2,7 +2,7 @@
 
 use super::{Interaction, NO_MEDIUM, World};
 use crate::light::Target;
-use crate::material;
+use crate::material::{self, Surface};
 use crate::shading::{Bsdf, ShadingFrame};
 use dapple_geometry::Ray;
 use glam::Vec3;
@@ -11,27 +11,41 @@ use glam::Vec3;
 /// reach 100.
 pub(crate) const MOST_PASSED: u32 = 10_000;
 
+/// The part of a surface through which a ray passes it without scattering.
+pub(crate) enum PassedThrough {
+    Hole,
+    /// A boundary between media.
+    Interface,
+}
+
 impl World {
     /// Returns the scattering at a hit and its shading frame. Returns `None` if the ray passes the surface: through a
     /// hole, or because the surface only separates media. `u` returns random numbers in `[0, 1)` for the opacity and for
     /// the selection of a mixed material; it is called where one is needed.
     pub fn scattering(&self, at: &Interaction<'_>, u: impl FnOnce() -> [f32; 2]) -> Option<(Bsdf<'_>, ShadingFrame)> {
-        let mut surface = &self.surfaces[at.part.material as usize];
-        if at.part.passable {
-            let alpha = self.alpha(at);
-            let partial = alpha > 0.0 && alpha < 1.0;
-            let u = if partial || surface.mixes { u() } else { [0.0; 2] };
-            if u[0] >= alpha {
-                return None;
-            }
-            if surface.mixes {
-                surface = material::resolve(&self.surfaces, at.part.material, &self.textures, self.uv(at), u[1]).0;
-            }
-            if surface.interface {
-                return None;
-            }
-        }
+        let surface = self.surface_met(at, u).ok()?;
         Some((self.bsdf_of(at, surface), self.frame_of(at, surface)))
+    }
+
+    /// Returns the material that a ray meets at a hit, or else that it passes the surface, as [`Self::scattering`] does.
+    #[inline(always)]
+    pub(crate) fn surface_met(
+        &self,
+        at: &Interaction<'_>,
+        u: impl FnOnce() -> [f32; 2],
+    ) -> Result<&Surface, PassedThrough> {
+        let surface = &self.surfaces[at.part.material as usize];
+        if !at.part.passable {
+            return Ok(surface);
+        }
+        let alpha = self.alpha(at);
+        let partial = alpha > 0.0 && alpha < 1.0;
+        let u = if partial || surface.mixes { u() } else { [0.0; 2] };
+        if u[0] >= alpha {
+            return Err(PassedThrough::Hole);
+        }
+        let surface = self.surface(at, u[1]);
+        if surface.interface { Err(PassedThrough::Interface) } else { Ok(surface) }
     }
 
     /// Returns the index of the medium around the camera.
@@ -52,11 +66,10 @@ impl World {
 
     /// Returns the share of light per channel that arrives along a shadow ray to `target`, and the number of rays traced.
     /// The ray starts in `medium`.
+    #[inline(always)]
     pub fn transmittance(&self, ray: Ray, target: &Target, time: f32, medium: u32) -> (Vec3, u32) {
-        if self.has_passable_surfaces() {
-            let mut rays = 0;
-            let share = self.transmittance_past_surfaces(ray, target, time, medium, &mut rays);
-            return (share, rays);
+        if self.has_passable_surfaces {
+            return self.transmittance_past_surfaces(ray, target, time, medium);
         }
         let share = match self.occluded(&ray, time) {
             true => Vec3::ZERO,
@@ -65,28 +78,20 @@ impl World {
         (share, 1)
     }
 
-    /// Returns the share of [`Self::transmittance`] in scenes with passable surfaces, and adds to the number of rays.
-    #[inline(always)]
-    pub(crate) fn transmittance_past_surfaces(
-        &self,
-        mut ray: Ray,
-        target: &Target,
-        time: f32,
-        mut medium: u32,
-        rays: &mut u32,
-    ) -> Vec3 {
+    /// Returns [`Self::transmittance`] in scenes with passable surfaces.
+    #[inline(never)]
+    fn transmittance_past_surfaces(&self, mut ray: Ray, target: &Target, time: f32, mut medium: u32) -> (Vec3, u32) {
         let mut share = Vec3::ONE;
-        for _ in 0..MOST_PASSED {
-            *rays += 1;
+        for rays in 1..=MOST_PASSED {
             let hit = self.closest_hit(&ray, time);
             let end = hit.as_ref().map_or(ray.tmax, |at| at.hit.t);
             if medium != NO_MEDIUM {
                 share *= self.media.medium(medium).transmittance(end * ray.direction.length());
             }
-            let Some(at) = hit else { return share };
+            let Some(at) = hit else { return (share, rays) };
             let part = at.part;
             if !part.passable {
-                return Vec3::ZERO;
+                return (Vec3::ZERO, rays);
             }
             let surface = &self.surfaces[part.material as usize];
             let alpha = self.alpha(&at);
@@ -95,13 +100,13 @@ impl World {
             let through = 1.0 - alpha + alpha * empty;
             share *= through;
             if share == Vec3::ZERO {
-                return share;
+                return (share, rays);
             }
             if surface.interface {
                 medium = at.medium_beyond(ray.direction, medium);
             }
             ray = target.ray_from(&at.point, ray.direction);
         }
-        Vec3::ZERO
+        (Vec3::ZERO, MOST_PASSED)
     }
 }

@@ -5,10 +5,10 @@ use super::{LastScatter, LightSelector, Part, Path, PathTracer, VertexLight};
 use crate::blocks;
 use crate::camera::Lens;
 use crate::light::{LightSample, Target};
-use crate::material::{self, Surface};
+use crate::material::Surface;
 use crate::medium::{HenyeyGreenstein, MediumEvent};
 use crate::shading::power_heuristic_over_pdf;
-use crate::world::{Interaction, MOST_PASSED, NO_MEDIUM};
+use crate::world::{Interaction, MOST_PASSED, PassedThrough};
 use dapple_core::Draws;
 use dapple_geometry::{PrimitiveId, Ray, SurfacePoint, spawn_ray};
 use glam::Vec3;
@@ -46,24 +46,17 @@ impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w,
         path: &mut Path<S::Place, G::State>,
         at: &Interaction<'w>,
     ) -> Option<&'w Surface> {
-        let world = self.world;
-        let mut surface = &world.surfaces[at.part.material as usize];
-        let alpha = world.alpha(at);
-        let partial = alpha > 0.0 && alpha < 1.0;
-        let u = if partial || surface.mixes { draws.block(blocks::surface(path.segments)) } else { [0.0; 4] };
-        if u[0] >= alpha {
-            self.pass(path, at);
-            return None;
+        let u = || {
+            let [opacity, choice, ..] = draws.block(blocks::surface(path.segments));
+            [opacity, choice]
+        };
+        match self.world.surface_met(at, u) {
+            Ok(surface) => return Some(surface),
+            Err(PassedThrough::Hole) => {}
+            Err(PassedThrough::Interface) => path.medium = at.medium_beyond(path.ray.direction, path.medium),
         }
-        if surface.mixes {
-            surface = material::resolve(&world.surfaces, at.part.material, &world.textures, world.uv(at), u[1]).0;
-        }
-        if surface.interface {
-            path.medium = at.medium_beyond(path.ray.direction, path.medium);
-            self.pass(path, at);
-            return None;
-        }
-        Some(surface)
+        self.pass(path, at);
+        None
     }
 
     /// Continues the path behind a hit in the same direction. Zeroes the throughput if the path has too many segments.
@@ -84,34 +77,13 @@ impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w,
         path: &mut Path<S::Place, G::State>,
         medium: u32,
     ) -> Option<Vec3> {
-        let world = self.world;
-        if Self::HAS_RARE_EFFECTS && world.has_passable_surfaces() {
-            let share = self.transmittance_past_surfaces(ray, target, path, medium);
+        if Self::HAS_RARE_EFFECTS {
+            let (share, rays) = self.world.transmittance(ray, target, path.time, medium);
+            path.rays += rays;
             return (share != Vec3::ZERO).then_some(share);
         }
         path.rays += 1;
-        let occluded =
-            if Self::HAS_RARE_EFFECTS { world.occluded(&ray, path.time) } else { world.geometry.occluded(&ray) };
-        if occluded {
-            return None;
-        }
-        if !Self::HAS_RARE_EFFECTS || medium == NO_MEDIUM {
-            return Some(Vec3::ONE);
-        }
-        // The whole ray is in one medium: media change only at surfaces, and there is none in between.
-        Some(world.media.medium(medium).transmittance(ray.tmax * ray.direction.length()))
-    }
-
-    /// Returns the transmittance along a shadow ray in scenes with passable surfaces; 0 if the ray is occluded.
-    #[inline(never)]
-    fn transmittance_past_surfaces(
-        &self,
-        ray: Ray,
-        target: &Target,
-        path: &mut Path<S::Place, G::State>,
-        medium: u32,
-    ) -> Vec3 {
-        self.world.transmittance_past_surfaces(ray, target, path.time, medium, &mut path.rays)
+        (!self.world.geometry.occluded(&ray)).then_some(Vec3::ONE)
     }
 
     /// Moves the path through its medium towards a surface at `distance` (infinity for none). Returns the outcome.

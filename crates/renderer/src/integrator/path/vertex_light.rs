@@ -8,6 +8,7 @@ use glam::Vec3;
 /// A source of light at the vertices of a path tracer's paths. It takes the place of a part of what paths find.
 ///
 /// It is a type parameter of [`PathTracer`](super::PathTracer), so that path tracers without one have no code for it.
+/// The defaults are those of no light.
 pub trait VertexLight: Sync {
     /// True if paths have code for this light.
     const ACTIVE: bool;
@@ -18,14 +19,18 @@ pub trait VertexLight: Sync {
     /// glass, and the number of rays traced.
     fn gather(
         &self,
-        state: &mut Self::State,
-        vertex: &GatherPoint<'_>,
-        draws: &Draws<'_>,
-        worker: &mut Worker,
-    ) -> (Vec3, u32);
+        _state: &mut Self::State,
+        _vertex: &GatherPoint<'_>,
+        _draws: &Draws<'_>,
+        _worker: &mut Worker,
+    ) -> (Vec3, u32) {
+        (Vec3::ZERO, 0)
+    }
 
     /// Returns true if the path samples a light at the vertex at which this light is gathered next.
-    fn samples_lights(&self, state: &Self::State, vertex: &GatherPoint<'_>) -> bool;
+    fn samples_lights(&self, _state: &Self::State, _vertex: &GatherPoint<'_>) -> bool {
+        true
+    }
 
     /// Returns the share of light that the path carries on from a surface by its lobes that are not specular, 0 to 1. The rest
     /// was added at earlier vertices. Emission of the surface counts in full.
@@ -34,27 +39,37 @@ pub trait VertexLight: Sync {
     }
 
     /// Notes that the path goes on from a surface, by a specular lobe or another one.
-    fn scattered(&self, state: &mut Self::State, specular: bool);
+    fn scattered(&self, _state: &mut Self::State, _specular: bool) {}
 
     /// Notes that the path was scattered by a medium.
-    fn scattered_in_medium(&self, state: &mut Self::State);
+    fn scattered_in_medium(&self, _state: &mut Self::State) {}
 
     /// Returns true if this light stands for the emission of light number `light` that a path hits. The path then does not
     /// count it. `u32::MAX` is the environment. `specular` is true if the last scattering event was specular.
-    fn replaces(&self, state: &Self::State, light: u32, specular: bool) -> bool;
+    fn replaces(&self, _state: &Self::State, _light: u32, _specular: bool) -> bool {
+        false
+    }
 
     /// Returns true if the path ends at the surface that it hits, after its emission. `specular` is true for a mirror and
     /// clear glass.
-    fn ends(&self, state: &Self::State, specular: bool) -> bool;
+    fn ends(&self, _state: &Self::State, _specular: bool) -> bool {
+        false
+    }
 
     /// As [`Integrator::prepares`](dapple_core::Integrator::prepares).
-    fn prepares(&self) -> Prepares;
+    fn prepares(&self) -> Prepares {
+        Prepares::Never
+    }
 
     /// As [`Integrator::prepare`](dapple_core::Integrator::prepare).
-    fn prepare(&mut self, pass: &Pass<'_>) -> Prepared;
+    fn prepare(&mut self, _pass: &Pass<'_>) -> Prepared {
+        Prepared::default()
+    }
 
     /// As [`Integrator::memory`](dapple_core::Integrator::memory).
-    fn memory(&self, frame: &Frame) -> u64;
+    fn memory(&self, _frame: &Frame) -> u64 {
+        0
+    }
 }
 
 /// A vertex of a path at which a [`VertexLight`] adds light.
@@ -81,43 +96,4 @@ pub struct NoVertexLight;
 impl VertexLight for NoVertexLight {
     const ACTIVE: bool = false;
     type State = ();
-
-    #[inline(always)]
-    fn gather(&self, _: &mut (), _: &GatherPoint<'_>, _: &Draws<'_>, _: &mut Worker) -> (Vec3, u32) {
-        (Vec3::ZERO, 0)
-    }
-
-    #[inline(always)]
-    fn samples_lights(&self, _: &(), _: &GatherPoint<'_>) -> bool {
-        true
-    }
-
-    #[inline(always)]
-    fn scattered(&self, _: &mut (), _: bool) {}
-
-    #[inline(always)]
-    fn scattered_in_medium(&self, _: &mut ()) {}
-
-    #[inline(always)]
-    fn replaces(&self, _: &(), _: u32, _: bool) -> bool {
-        false
-    }
-
-    #[inline(always)]
-    fn ends(&self, _: &(), _: bool) -> bool {
-        false
-    }
-
-    #[inline(always)]
-    fn prepares(&self) -> Prepares {
-        Prepares::Never
-    }
-
-    fn prepare(&mut self, _: &Pass<'_>) -> Prepared {
-        Prepared::default()
-    }
-
-    fn memory(&self, _: &Frame) -> u64 {
-        0
-    }
 }
