@@ -24,11 +24,11 @@ const LEAST_CELLS: f64 = 4.0;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Division {
     /// The desired number of patches.
-    count: u32,
+    pub(crate) count: u32,
     /// The area of the largest piece.
     largest: f64,
     /// The number of pieces.
-    pieces: u64,
+    pub(crate) pieces: u64,
 }
 
 impl Division {
@@ -50,19 +50,13 @@ impl Division {
                 return cells_across(world, shape, largest).map(u64::from).iter().product();
             };
             let to_world = to_world(world, shape);
-            let parts = |number| u64::from(parts_along(corners_of(mesh, number, to_world), largest));
-            (0..mesh.triangles().len() as u32).map(|number| parts(number).pow(2)).sum()
+            triangles_of(mesh, to_world).map(|corners| u64::from(parts_along(corners, largest)).pow(2)).sum()
         };
         let pieces = shapes().map(of_shape).sum();
         if pieces > MOST_PIECES {
             return Err(format!("the scene has more than {MOST_PIECES} triangles for patches; use \"path\""));
         }
         Ok(Self { count, largest, pieces })
-    }
-
-    /// The expected number of patches.
-    pub(crate) fn patches(&self) -> u64 {
-        self.pieces.min(u64::from(self.count))
     }
 
     /// The bytes that making the patches takes.
@@ -92,7 +86,7 @@ pub(crate) struct Patches {
     /// The patch of each piece.
     labels: Vec<u32>,
     /// The area of each patch, in the renderer's units.
-    areas: Vec<f64>,
+    pub(crate) areas: Vec<f64>,
     /// The mean normal of each patch, zero where its normals cancel.
     normals: Vec<Vec3>,
 }
@@ -136,8 +130,7 @@ impl Patches {
             match geometry.shape(shape).mesh() {
                 Some(mesh) => {
                     shapes.push(Pieces::Mesh { first: triangles.len() as u32 });
-                    for number in 0..mesh.triangles().len() as u32 {
-                        let corners = corners_of(mesh, number, to_world);
+                    for corners in triangles_of(mesh, to_world) {
                         let parts = parts_along(corners, largest);
                         triangles.push([soup.len(), parts]);
                         divide(corners, parts, |part| soup.add(part, triangle_area(part), material));
@@ -166,11 +159,6 @@ impl Patches {
         Self { shapes, triangles, labels, areas, normals }
     }
 
-    /// The number of patches.
-    pub(crate) fn len(&self) -> usize {
-        self.areas.len()
-    }
-
     /// The bytes of all fields.
     pub(crate) fn bytes(&self) -> u64 {
         let of_patches = size_of_val(&*self.areas) + size_of_val(&*self.normals);
@@ -178,13 +166,9 @@ impl Patches {
         (of_patches + of_pieces) as u64
     }
 
-    /// The area of each patch, in the renderer's units.
-    pub(crate) fn areas(&self) -> &[f64] {
-        &self.areas
-    }
-
-    /// The patch at a hit.
-    pub(crate) fn at(&self, world: &World, at: &Interaction<'_>) -> u32 {
+    /// The side of the patch at a hit from which a direction arrives: twice the number of the patch, plus 0 or 1. The side is
+    /// the same for all of the patch.
+    pub(crate) fn side_at(&self, world: &World, at: &Interaction<'_>, direction: Vec3) -> usize {
         let (hit, position) = (at.hit(), at.point().position);
         let piece = match self.shapes[hit.shape as usize] {
             Pieces::Mesh { first } => {
@@ -197,14 +181,10 @@ impl Patches {
                 first + v * cells[0] + u
             }
         };
-        self.labels[piece as usize]
-    }
-
-    /// The side of a patch from which a direction arrives at a hit: 0 or 1, the same for all of the patch.
-    pub(crate) fn side(&self, patch: u32, at: &Interaction<'_>, direction: Vec3) -> usize {
-        let (normal, mean) = (at.point().normal, self.normals[patch as usize]);
-        let turned = mean.dot(normal) < 0.0;
-        usize::from((normal.dot(direction) < 0.0) != turned)
+        let patch = self.labels[piece as usize] as usize;
+        let normal = at.point().normal;
+        let turned = self.normals[patch].dot(normal) < 0.0;
+        2 * patch + usize::from((normal.dot(direction) < 0.0) != turned)
     }
 }
 
@@ -213,8 +193,10 @@ fn to_world(world: &World, shape: u32) -> DAffine3 {
     world.geometry().to_world(shape, world.time(0.0)).unwrap_or(DAffine3::IDENTITY)
 }
 
-fn corners_of(mesh: &Mesh, triangle: u32, to_world: DAffine3) -> [DVec3; 3] {
-    mesh.corners(triangle).map(|corner| to_world.transform_point3(corner.as_dvec3()))
+/// The corners of each triangle.
+fn triangles_of(mesh: &Mesh, to_world: DAffine3) -> impl Iterator<Item = [DVec3; 3]> {
+    let corners = move |number| mesh.corners(number).map(|corner| to_world.transform_point3(corner.as_dvec3()));
+    (0..mesh.triangles().len() as u32).map(corners)
 }
 
 fn triangle_area([a, b, c]: [DVec3; 3]) -> f64 {
@@ -226,9 +208,7 @@ fn area_of(world: &World, shape: u32) -> f64 {
     let to_world = to_world(world, shape);
     let shape = world.geometry().shape(shape);
     match shape.mesh() {
-        Some(mesh) => {
-            (0..mesh.triangles().len() as u32).map(|number| triangle_area(corners_of(mesh, number, to_world))).sum()
-        }
+        Some(mesh) => triangles_of(mesh, to_world).map(triangle_area).sum(),
         None => {
             let mut sum = 0.0;
             cells_of(shape, [16, 8], to_world, |_, area| sum += area);

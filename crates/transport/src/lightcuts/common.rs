@@ -5,6 +5,7 @@
 
 use super::{CutLight, Lit, Member, NodeId, Refinement};
 use crate::patches::Patches;
+pub(super) use crate::walk::grid;
 use dapple_core::Frame;
 use dapple_renderer::{GatherPoint, World};
 use rayon::prelude::*;
@@ -25,7 +26,7 @@ pub(super) struct CommonCuts {
 impl CommonCuts {
     /// The common cut at a surface point, empty where no probe lay.
     pub(super) fn at(&self, world: &World, vertex: &GatherPoint<'_>) -> &[NodeId] {
-        let key = side_of(&self.patches, world, vertex);
+        let key = self.patches.side_at(world, vertex.at, vertex.back);
         &self.nodes[self.starts[key] as usize..self.starts[key + 1] as usize]
     }
 
@@ -35,19 +36,14 @@ impl CommonCuts {
     }
 }
 
-/// The number of the side of a cluster that a point lies on.
-fn side_of(patches: &Patches, world: &World, vertex: &GatherPoint<'_>) -> usize {
-    let patch = patches.at(world, vertex.at);
-    2 * patch as usize + patches.side(patch, vertex.at, vertex.back)
-}
-
 impl CutLight<'_> {
     /// Makes the common cuts of clusters from the cuts of probes. Returns them with the number of rays.
     pub(super) fn common_cuts(&self, patches: Patches, frame: &Frame) -> (CommonCuts, u64) {
         let side = f64::from(PROBES * self.options.clusters).sqrt().ceil() as u32;
         let mut probes: BTreeMap<usize, Vec<[u32; 2]>> = BTreeMap::new();
         for pixel in grid(frame, side) {
-            if let Some(key) = self.at_first_hit(pixel, |vertex| side_of(&patches, self.world, vertex)) {
+            let side = |vertex: &GatherPoint<'_>| patches.side_at(self.world, vertex.at, vertex.back);
+            if let Some(key) = self.at_first_hit(pixel, side) {
                 probes.entry(key).or_default().push(pixel);
             }
         }
@@ -59,7 +55,7 @@ impl CutLight<'_> {
             nodes.extend(cut);
             rays += more;
         }
-        starts.resize(2 * patches.len() + 1, nodes.len() as u32);
+        starts.resize(2 * patches.areas.len() + 1, nodes.len() as u32);
         (CommonCuts { patches, starts, nodes }, rays)
     }
 
@@ -93,11 +89,4 @@ impl CutLight<'_> {
         found.sort_unstable();
         found
     }
-}
-
-/// Pixels on a regular grid over an image, row by row.
-pub(super) fn grid(frame: &Frame, side: u32) -> impl Iterator<Item = [u32; 2]> {
-    let [width, height] = frame.resolution().map(u64::from);
-    let at = move |k: u32, length: u64| (u64::from(k) * length / u64::from(side)) as u32;
-    (0..side * side).map(move |i| [at(i % side, width), at(i / side, height)])
 }
