@@ -56,7 +56,7 @@ struct CutLight<'w> {
     trees: Vec<LightTree>,
     /// The luminance below which errors do not count.
     floor: f32,
-    /// The division of surfaces into clusters, until their common cuts are made.
+    /// The division of surfaces into clusters that have common cuts.
     division: Option<Division>,
     common: Option<CommonCuts>,
 }
@@ -366,8 +366,8 @@ impl VertexLight for CutLight<'_> {
         self.trees = self.trees(pass);
         let (floor, mut rays) = self.mean(&pass.frame);
         self.floor = FLOOR * floor;
-        if let Some(division) = self.division.take() {
-            let (common, more) = self.common_cuts(Patches::new(self.world, &division), &pass.frame);
+        if let Some(division) = &self.division {
+            let (common, more) = self.common_cuts(Patches::new(self.world, division), &pass.frame);
             (self.common, rays) = (Some(common), rays + more);
         }
         Prepared { rays }
@@ -381,7 +381,7 @@ impl VertexLight for CutLight<'_> {
         let of_trees = all * (size_of::<PointLight>() + 2 * size_of::<Node>()) as u64;
         let patches = self.division.as_ref().map_or(0, Division::bytes);
         let cuts = 2 * u64::from(self.options.clusters) * all.min(u64::from(self.options.cut));
-        of_trees + patches + self.common.as_ref().map_or(cuts * size_of::<NodeId>() as u64, CommonCuts::bytes)
+        of_trees + patches + cuts * size_of::<NodeId>() as u64
     }
 }
 

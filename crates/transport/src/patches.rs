@@ -159,13 +159,6 @@ impl Patches {
         Self { shapes, triangles, labels, areas, normals }
     }
 
-    /// The bytes of all fields.
-    pub(crate) fn bytes(&self) -> u64 {
-        let of_patches = size_of_val(&*self.areas) + size_of_val(&*self.normals);
-        let of_pieces = size_of_val(&*self.shapes) + size_of_val(&*self.triangles) + size_of_val(&*self.labels);
-        (of_patches + of_pieces) as u64
-    }
-
     /// The side of the patch at a hit from which a direction arrives: twice the number of the patch, plus 0 or 1. The side is
     /// the same for all of the patch.
     pub(crate) fn side_at(&self, world: &World, at: &Interaction<'_>, direction: Vec3) -> usize {

@@ -320,12 +320,8 @@ impl PhotonMap {
         let mut map = Self { photons: Vec::new(), starts: vec![0; buckets + 1], radius, density: 0.0 };
         map.density = (PI * radius * radius * emitted as f32).recip();
         let bucket_of: Vec<u32> = arrived.iter().map(|p| map.bucket(map.cell(p.position))).collect();
-        for &bucket in &bucket_of {
-            map.starts[bucket as usize + 1] += 1;
-        }
-        for i in 0..buckets {
-            map.starts[i + 1] += map.starts[i];
-        }
+        bucket_of.iter().for_each(|bucket| map.starts[*bucket as usize + 1] += 1);
+        (0..buckets).for_each(|i| map.starts[i + 1] += map.starts[i]);
         let mut next = map.starts.clone();
         let mut order = vec![0u32; arrived.len()];
         for (photon, &bucket) in (0..).zip(&bucket_of) {
@@ -368,11 +364,8 @@ impl PhotonMap {
                     seen[count] = bucket;
                     count += 1;
                     let [start, end] = [0, 1].map(|i| self.starts[bucket as usize + i] as usize);
-                    for photon in &self.photons[start..end] {
-                        if photon.position.distance_squared(position) <= self.radius * self.radius {
-                            visit(photon);
-                        }
-                    }
+                    let is_near = |p: &&Photon| p.position.distance_squared(position) <= self.radius * self.radius;
+                    self.photons[start..end].iter().filter(is_near).for_each(&mut visit);
                 }
             }
         }

@@ -46,8 +46,8 @@ struct PatchLight<'w> {
     world: &'w World,
     options: RadiosityOptions,
     sources: Sources,
-    /// The division of surfaces, until patches are made.
-    division: Option<Division>,
+    division: Division,
+    /// The patches of the division, once the first pass has made them.
     patches: Patches,
     /// The numbers of scattering events that are told apart.
     layers: u32,
@@ -71,7 +71,7 @@ impl<'w> PatchLight<'w> {
         let layers = world.max_depth().saturating_sub(1).clamp(1, LAYERS);
         let sources = Sources::new(world, |_| true);
         let (patches, irradiance) = Default::default();
-        Self { world, options, sources, division: Some(division), patches, layers, irradiance }
+        Self { world, options, sources, division, patches, layers, irradiance }
     }
 
     /// Notes the light that arrives at a patch, if it is not direct light.
@@ -182,8 +182,8 @@ impl VertexLight for PatchLight<'_> {
     }
 
     fn prepare(&mut self, pass: &Pass<'_>) -> Prepared {
-        if let Some(division) = self.division.take() {
-            self.patches = Patches::new(self.world, &division);
+        if self.patches.areas.is_empty() {
+            self.patches = Patches::new(self.world, &self.division);
         }
         let emitted = emitted(self.options.particles, &pass.frame);
         let mut prepared = Prepared::default();
@@ -196,12 +196,9 @@ impl VertexLight for PatchLight<'_> {
     }
 
     fn memory(&self, _: &Frame) -> u64 {
-        let (patches, bytes) = match &self.division {
-            Some(division) => (division.pieces.min(u64::from(division.count)), division.bytes()),
-            None => (self.patches.areas.len() as u64, self.patches.bytes()),
-        };
+        let patches = self.division.pieces.min(u64::from(self.division.count));
         // The sums of one solution in double precision, then both solutions.
         let places = 2 * patches * u64::from(self.layers);
-        places * (2 * size_of::<Vec3>() + size_of::<DVec3>()) as u64 + bytes
+        places * (2 * size_of::<Vec3>() + size_of::<DVec3>()) as u64 + self.division.bytes()
     }
 }

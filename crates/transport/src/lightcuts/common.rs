@@ -29,11 +29,6 @@ impl CommonCuts {
         let key = self.patches.side_at(world, vertex.at, vertex.back);
         &self.nodes[self.starts[key] as usize..self.starts[key + 1] as usize]
     }
-
-    /// The bytes of all fields.
-    pub(super) fn bytes(&self) -> u64 {
-        self.patches.bytes() + (size_of_val(&*self.starts) + size_of_val(&*self.nodes)) as u64
-    }
 }
 
 impl CutLight<'_> {

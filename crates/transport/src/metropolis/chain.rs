@@ -25,12 +25,9 @@ pub(super) trait Target: Sync {
 }
 
 /// The groups of random numbers that a sample requested: of the camera path, of the light path, and others.
-#[derive(Clone, Debug, Default)]
-struct State {
-    blocks: [Vec<[f32; 4]>; 3],
-}
+type State = [Vec<[f32; 4]>; 3];
 
-/// Returns the list of [`State::blocks`] with a group, and its place there.
+/// Returns the list of a [`State`] with a group, and its place there.
 fn place_of(block: u32) -> (usize, u32) {
     const OTHERS: u32 = 2 * OF_LIGHT;
     match block {
@@ -68,7 +65,7 @@ impl Proposal<'_> {
     fn coordinates(&self, list: usize, index: u32) -> [f32; 4] {
         let key = mix(self.key ^ (list as u64) << 60 ^ u64::from(index) << 2);
         let numbers = [0, 1, 2, 3].map(|lane| uniform(mix(key.wrapping_add(lane))));
-        match self.current.blocks[list].get(index as usize) {
+        match self.current[list].get(index as usize) {
             Some(current) if !self.is_large => std::array::from_fn(|lane| moved(current[lane], numbers[lane])),
             _ => numbers,
         }
@@ -89,11 +86,10 @@ impl Proposal<'_> {
 
     /// Returns the coordinates that were requested, as a state.
     fn into_state(self) -> State {
-        let blocks = std::array::from_fn(|list| {
+        std::array::from_fn(|list| {
             let used = self.used[list].load(Ordering::Relaxed);
             (0..used).map(|index| self.coordinates(list, index)).collect()
-        });
-        State { blocks }
+        })
     }
 }
 
