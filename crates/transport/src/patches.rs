@@ -4,7 +4,7 @@
 //! their parameters. Pieces near each other, of one material and with similar normals, are a patch.
 
 use dapple_clustering::{ClusterParams, Triangles, cluster};
-use dapple_geometry::{Mesh, Shape};
+use dapple_geometry::Shape;
 use dapple_renderer::{Interaction, World};
 use glam::{DAffine3, DVec3, Vec3};
 use std::f64::consts::{PI, TAU};
@@ -38,19 +38,17 @@ impl Division {
     ///
     /// The reason, if there are too many triangles, or if areas are beyond numbers.
     pub(crate) fn new(world: &World, count: u32) -> Result<Self, String> {
-        let geometry = world.geometry();
-        let shapes = || 0..geometry.shape_count();
+        let shapes = || 0..world.geometry().shape_count();
         let area: f64 = shapes().map(|shape| area_of(world, shape)).sum();
         if !area.is_finite() {
             return Err("the scene's surfaces are too large for patches; use \"path\"".into());
         }
         let largest = (area / (f64::from(count) * PIECES)).max(f64::MIN_POSITIVE);
         let of_shape = |shape: u32| -> u64 {
-            let Some(mesh) = geometry.shape(shape).mesh() else {
-                return cells_across(world, shape, largest).map(u64::from).iter().product();
-            };
-            let to_world = to_world(world, shape);
-            triangles_of(mesh, to_world).map(|corners| u64::from(parts_along(corners, largest)).pow(2)).sum()
+            match triangles_of(world, shape) {
+                Some(triangles) => triangles.map(|corners| u64::from(parts_along(corners, largest)).pow(2)).sum(),
+                None => cells_across(world, shape, largest).map(u64::from).iter().product(),
+            }
         };
         let pieces = shapes().map(of_shape).sum();
         if pieces > MOST_PIECES {
@@ -123,14 +121,14 @@ impl Soup {
 impl Patches {
     /// Makes patches of a world's surfaces, as they stand when the shutter opens.
     pub(crate) fn new(world: &World, division: &Division) -> Self {
-        let (geometry, largest) = (world.geometry(), division.largest);
+        let largest = division.largest;
         let (mut soup, mut shapes, mut triangles) = (Soup::default(), Vec::new(), Vec::new());
-        for shape in 0..geometry.shape_count() {
-            let (to_world, material) = (to_world(world, shape), world.shape_material(shape));
-            match geometry.shape(shape).mesh() {
-                Some(mesh) => {
+        for shape in 0..world.geometry().shape_count() {
+            let material = world.shape_material(shape);
+            match triangles_of(world, shape) {
+                Some(of_mesh) => {
                     shapes.push(Pieces::Mesh { first: triangles.len() as u32 });
-                    for corners in triangles_of(mesh, to_world) {
+                    for corners in of_mesh {
                         let parts = parts_along(corners, largest);
                         triangles.push([soup.len(), parts]);
                         divide(corners, parts, |part| soup.add(part, triangle_area(part), material));
@@ -139,8 +137,7 @@ impl Patches {
                 None => {
                     let cells = cells_across(world, shape, largest);
                     shapes.push(Pieces::Cells { first: soup.len(), cells });
-                    let quadric = geometry.shape(shape);
-                    cells_of(quadric, cells, to_world, |part, area| soup.add(part, area, material));
+                    cells_of(world, shape, cells, |part, area| soup.add(part, area, material));
                 }
             }
         }
@@ -186,10 +183,11 @@ fn to_world(world: &World, shape: u32) -> DAffine3 {
     world.geometry().to_world(shape, world.time(0.0)).unwrap_or(DAffine3::IDENTITY)
 }
 
-/// The corners of each triangle.
-fn triangles_of(mesh: &Mesh, to_world: DAffine3) -> impl Iterator<Item = [DVec3; 3]> {
+/// The corners of each triangle of a mesh; `None` for a sphere or a disk.
+fn triangles_of(world: &World, shape: u32) -> Option<impl Iterator<Item = [DVec3; 3]>> {
+    let (mesh, to_world) = (world.geometry().shape(shape).mesh()?, to_world(world, shape));
     let corners = move |number| mesh.corners(number).map(|corner| to_world.transform_point3(corner.as_dvec3()));
-    (0..mesh.triangles().len() as u32).map(corners)
+    Some((0..mesh.triangles().len() as u32).map(corners))
 }
 
 fn triangle_area([a, b, c]: [DVec3; 3]) -> f64 {
@@ -198,13 +196,11 @@ fn triangle_area([a, b, c]: [DVec3; 3]) -> f64 {
 
 /// The area of a shape; of spheres and disks by their cells.
 fn area_of(world: &World, shape: u32) -> f64 {
-    let to_world = to_world(world, shape);
-    let shape = world.geometry().shape(shape);
-    match shape.mesh() {
-        Some(mesh) => triangles_of(mesh, to_world).map(triangle_area).sum(),
+    match triangles_of(world, shape) {
+        Some(triangles) => triangles.map(triangle_area).sum(),
         None => {
             let mut sum = 0.0;
-            cells_of(shape, [16, 8], to_world, |_, area| sum += area);
+            cells_of(world, shape, [16, 8], |_, area| sum += area);
             sum
         }
     }
@@ -234,7 +230,8 @@ fn part_at([v, w]: [f32; 2], parts: u32) -> u32 {
 }
 
 /// Divides a sphere or disk into cells of its parameters. Each is a triangle around its middle, with the cell's area.
-fn cells_of(shape: &Shape, cells: [u32; 2], to_world: DAffine3, mut add: impl FnMut([DVec3; 3], f64)) {
+fn cells_of(world: &World, shape: u32, cells: [u32; 2], mut add: impl FnMut([DVec3; 3], f64)) {
+    let (to_world, shape) = (to_world(world, shape), world.geometry().shape(shape));
     for v in 0..cells[1] {
         for u in 0..cells[0] {
             let [u, v] = [(u, 0), (v, 1)].map(|(i, k)| (f64::from(i) + 0.5) / f64::from(cells[k]));

@@ -164,8 +164,7 @@ impl Sources {
             .map(|number| {
                 let (light, cell) = (&self.lights[(number / cells) as usize], number % cells);
                 (0..each).fold((0.0, 0), |(sum, rays), pilot| {
-                    let id = SampleId::new([number, pilot], streams::PROBE, 0);
-                    let draws = Draws::new(&HostNumbers, id);
+                    let draws = probe([number, pilot]);
                     let Some(emitted) = emit(world, light, &draws, (side, cell), 1.0) else { return (sum, rays) };
                     let (carried, traced) = carried(&emitted, &draws);
                     (sum + carried.min(f32::MAX / 64.0), rays + traced)
@@ -178,10 +177,7 @@ impl Sources {
             let (light, cell) = (number / cells * cells, number % cells);
             let [x, y] = [cell % side, cell / side];
             let around = |k: u32| k.saturating_sub(1)..=(k + 1).min(side - 1);
-            around(y)
-                .flat_map(|y| around(x).map(move |x| found[(light + y * side + x) as usize].0))
-                .map(f64::from)
-                .sum()
+            around(y).flat_map(|y| around(x).map(move |x| f64::from(found[(light + y * side + x) as usize].0))).sum()
         };
         let guided: Vec<f64> = (0..count * cells).map(near).collect();
         let total: f64 = guided.iter().sum();

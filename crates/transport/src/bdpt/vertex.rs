@@ -140,22 +140,19 @@ impl<'w> Vertex<'w> {
             return None;
         }
         let (specular, forward, eta) = (sample.specular, sample.pdf, sample.eta);
-        let (mut weight, mut backward) = (sample.weight, forward);
-        if specular {
-            // The opposite lobe has the same probability, in the measure of the directions before refraction.
-            backward *= wo.z.abs() / (eta * eta * sample.wi.z.abs());
-        }
-        match (from, specular) {
-            (From::Camera, true) => {}
-            (From::Camera, false) => backward = bsdf.pdf(sample.wi, wo),
+        let adjoint = || adjoint([wo.z, sample.wi.z], [arriving, leaving]);
+        // The opposite lobe has the same probability, in the measure of the directions before refraction.
+        let opposite = forward * (wo.z.abs() / (eta * eta * sample.wi.z.abs()));
+        let (weight, backward) = match (from, specular) {
+            (From::Camera, true) => (sample.weight, opposite),
+            (From::Camera, false) => (sample.weight, bsdf.pdf(sample.wi, wo)),
             // Radiance is scaled by the squared index on refraction; importance is not.
-            (From::Light, true) => weight *= eta * eta * adjoint([wo.z, sample.wi.z], [arriving, leaving]),
+            (From::Light, true) => (sample.weight * (eta * eta * adjoint()), opposite),
             (From::Light, false) => {
                 let (f, pdf) = bsdf.evaluate_and_pdf(sample.wi, wo);
-                let adjoint = adjoint([wo.z, sample.wi.z], [arriving, leaving]);
-                (weight, backward) = (f * (sample.wi.z.abs() * adjoint / forward), pdf);
+                (f * (sample.wi.z.abs() * adjoint() / forward), pdf)
             }
-        }
+        };
         let sound = weight.is_finite() && forward > 0.0;
         sound.then_some(Scattered { direction, weight, forward, backward, specular, eta })
     }

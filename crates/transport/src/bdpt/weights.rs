@@ -127,23 +127,20 @@ impl Bdpt<'_> {
     pub(super) fn found(&self, camera: &[Vertex<'_>]) -> Option<Contribution> {
         let lights = self.world.lights();
         let (last, before) = (&camera[camera.len() - 1], &camera[camera.len() - 2]);
-        if matches!(last.kind, Kind::Sky) {
-            let radiance = last.throughput * lights.environment(last.wo);
-            let start = lights.environment_emission_pdf(last.wo);
+        let (emitted, eye) = if matches!(last.kind, Kind::Sky) {
             let (_, radius) = lights.scene_sphere();
             let disk = FRAC_1_PI / (radius * radius);
-            let ends = Ends { eye: [start, disk * before.cosine(last.wo)], ..Ends::default() };
-            return (radiance != Vec3::ZERO).then_some(Contribution { radiance, ends });
-        }
-        let light = last.lamp()?;
-        let radiance = last.throughput * lights.lamp(light)?.radiance(last.point.normal.dot(last.wo));
-        if radiance == Vec3::ZERO {
-            return None;
-        }
-        let pdf = lights.emission_pdf(light, last.facing(last.wo), last.wo);
-        let start = pdf.position * lights.pmf(light);
-        let eye = [start, before.density_from(last.point.position, pdf.direction)];
-        Some(Contribution { radiance, ends: Ends { eye, ..Ends::default() } })
+            let start = lights.environment_emission_pdf(last.wo);
+            (lights.environment(last.wo), [start, disk * before.cosine(last.wo)])
+        } else {
+            let light = last.lamp()?;
+            let emitted = lights.lamp(light)?.radiance(last.point.normal.dot(last.wo));
+            let pdf = lights.emission_pdf(light, last.facing(last.wo), last.wo);
+            let direction = before.density_from(last.point.position, pdf.direction);
+            (emitted, [pdf.position * lights.pmf(light), direction])
+        };
+        let (radiance, ends) = (last.throughput * emitted, Ends { eye, ..Ends::default() });
+        (radiance != Vec3::ZERO).then_some(Contribution { radiance, ends })
     }
 
     /// Returns true if light arrives along a shadow ray. Only light above 0 is traced and counted in `rays`.
@@ -203,28 +200,23 @@ impl Bdpt<'_> {
         (time, rays): (f32, &mut u32),
     ) -> Option<Contribution> {
         let [(eye, before_eye), (lit, before_lit)] = [camera, light].map(|p| (&p[p.len() - 1], &p[p.len() - 2]));
-        let to = eye.point.position - lit.point.position;
+        let [at_eye, at_lit] = [eye, lit].map(|vertex| vertex.point.position);
+        let to = at_eye - at_lit;
         let squared = to.length_squared();
         let direction = to / squared.sqrt();
         if !(squared > 0.0 && direction.is_finite()) {
             return None;
         }
-        let at_light = lit.connect(From::Light, direction)?;
-        let at_eye = eye.connect(From::Camera, -direction)?;
+        let of_lit = lit.connect(From::Light, direction)?;
+        let of_eye = eye.connect(From::Camera, -direction)?;
         // The factor at the light path's end has the cosine with which light leaves; the camera path's has its own.
-        let radiance = lit.throughput * at_light.factor * at_eye.factor * eye.throughput / squared;
+        let radiance = lit.throughput * of_lit.factor * of_eye.factor * eye.throughput / squared;
         if !self.arrives(radiance, || spawn_ray_to(&lit.point, &eye.point), (time, rays)) {
             return None;
         }
         let ends = Ends {
-            eye: [
-                eye.density_from(lit.point.position, at_light.forward),
-                before_eye.density_from(eye.point.position, at_eye.backward),
-            ],
-            light: [
-                lit.density_from(eye.point.position, at_eye.forward),
-                before_lit.density_from(lit.point.position, at_light.backward),
-            ],
+            eye: [eye.density_from(at_lit, of_lit.forward), before_eye.density_from(at_eye, of_eye.backward)],
+            light: [lit.density_from(at_eye, of_eye.forward), before_lit.density_from(at_lit, of_lit.backward)],
         };
         Some(Contribution { radiance, ends })
     }

@@ -89,12 +89,9 @@ impl LightTree {
         };
         let longest = (0..6).map(|axis| (width(axis), axis)).fold((-1.0, 0), |a, b| if b.0 > a.0 { b } else { a }).1;
         let middle = group.len() / 2;
-        let key = |light: &u32| (coordinate(*light, longest), *light);
-        group.select_nth_unstable_by(middle, |a, b| {
-            let (a, b) = (key(a), key(b));
-            a.0.total_cmp(&b.0).then(a.1.cmp(&b.1))
-        });
-        // A placeholder: children come first.
+        let key = |light: &u32| coordinate(*light, longest);
+        group.select_nth_unstable_by(middle, |a, b| key(a).total_cmp(&key(b)).then(a.cmp(b)));
+        // A placeholder, whose number is below its children's.
         self.nodes.push(Node::leaf(group[0], &self.lights[group[0] as usize]));
         let (first, second) = group.split_at_mut(middle);
         let children = [self.build(first, scene_radius), self.build(second, scene_radius)];
