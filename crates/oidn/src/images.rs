@@ -12,8 +12,8 @@ const BRIGHTEST: f64 = 1e4;
 /// Radii of the windows in which a pixel without samples looks for others, in pixels.
 const REACH: [usize; 3] = [1, 2, 4];
 
-/// Colour (3), albedo (3) and normal (3) of a pixel.
-type Values = [f32; 9];
+/// Colour, albedo and normal of a pixel.
+type Values = [[f32; 3]; 3];
 
 /// The inputs of OIDN, three floats per pixel.
 pub(crate) struct Inputs {
@@ -34,13 +34,11 @@ impl Inputs {
         let size = padded(inner);
         let room = || Vec::with_capacity(3 * size[0] * size[1]);
         let mut inputs = Self { size, color: room(), albedo: room(), normal: room(), scale };
-        for y in 0..size[1] {
-            for x in 0..size[0] {
-                let values = values(film, inner, [mirrored(x, inner[0]), mirrored(y, inner[1])], scale);
-                inputs.color.extend(&values[..3]);
-                inputs.albedo.extend(&values[3..6]);
-                inputs.normal.extend(&values[6..]);
-            }
+        for (x, y) in (0..size[1]).flat_map(|y| (0..size[0]).map(move |x| (x, y))) {
+            let [color, albedo, normal] = values(film, inner, [mirrored(x, inner[0]), mirrored(y, inner[1])], scale);
+            inputs.color.extend(color);
+            inputs.albedo.extend(albedo);
+            inputs.normal.extend(normal);
         }
         Some(inputs)
     }
@@ -68,14 +66,8 @@ pub(crate) fn padded(size: [usize; 2]) -> [usize; 2] {
 
 /// The power of two that brings the geometric mean of the lit pixels' luminance closest to 1; `None` if none is lit.
 fn scale(film: &Film) -> Option<f64> {
-    let (mut sum, mut lit) = (0.0, 0.0);
-    for i in 0..film.frame().pixels() {
-        let y = luminance(film.refined_mean(i));
-        if y > 0.0 {
-            sum += y.log2();
-            lit += 1.0;
-        }
-    }
+    let levels = (0..film.frame().pixels()).map(|i| luminance(film.refined_mean(i)));
+    let (sum, lit) = levels.filter(|y| *y > 0.0).fold((0.0, 0.0), |(sum, lit), y| (sum + y.log2(), lit + 1.0));
     // The logarithm of a float is within -149 to 128.
     (lit > 0.0).then(|| 2.0_f64.powi(-(sum / lit).round() as i32))
 }
@@ -89,27 +81,26 @@ fn values(film: &Film, [width, height]: [usize; 2], [x, y]: [usize; 2], scale: f
     for radius in REACH {
         let columns = x.saturating_sub(radius)..(x + radius + 1).min(width);
         let rows = y.saturating_sub(radius)..(y + radius + 1).min(height);
-        let (mut sum, mut found) = ([0.0; 9], 0.0);
+        let (mut sum, mut found) = (Values::default(), 0.0);
         for i in rows.flat_map(|y| columns.clone().map(move |x| y * width + x)).filter(|&i| film.count(i) > 0) {
             let values = of_samples(film, i, scale);
-            sum.iter_mut().zip(values).for_each(|(sum, v)| *sum += v);
+            sum.as_flattened_mut().iter_mut().zip(values.as_flattened()).for_each(|(sum, v)| *sum += v);
             found += 1.0;
         }
         if found > 0.0 {
-            return sum.map(|v| v / found);
+            return sum.map(|values| values.map(|v| v / found));
         }
     }
-    [0.0; 9]
+    Values::default()
 }
 
 /// The inputs of a pixel with samples.
 fn of_samples(film: &Film, i: usize, scale: f64) -> Values {
-    let [r, g, b] = film.refined_mean(i).map(|v| (v * scale).min(BRIGHTEST) as f32);
-    let Some(f) = film.features(i) else { return [r, g, b, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0] };
+    let color = film.refined_mean(i).map(|v| (v * scale).min(BRIGHTEST) as f32);
+    let Some(f) = film.features(i) else { return [color, [0.0; 3], [0.0; 3]] };
     let share = f.hits as f32 / f.samples.max(1) as f32;
-    let [ar, ag, ab] = f.albedo.map(|v| (v * share).clamp(0.0, 1.0));
-    let [nx, ny, nz] = f.normal.map(|v| (v * share).clamp(-1.0, 1.0));
-    [r, g, b, ar, ag, ab, nx, ny, nz]
+    let albedo = f.albedo.map(|v| (v * share).clamp(0.0, 1.0));
+    [color, albedo, f.normal.map(|v| (v * share).clamp(-1.0, 1.0))]
 }
 
 /// The place in `0..length` at which the mirrored and repeated image shows what lies at `at`.

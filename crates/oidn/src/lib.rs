@@ -55,7 +55,6 @@
 //!   of the light is left. A lamp of 4x4 pixels keeps its light.
 //! * Constant images change by up to 5 %, and by up to a third where a side is below 64 pixels.
 
-mod both;
 mod error;
 mod filter;
 mod images;
@@ -64,9 +63,8 @@ mod library;
 #[cfg(test)]
 mod tests;
 
-pub use both::Both;
 pub use error::{LoadError, RunError};
-pub use filter::{Oidn, OidnOptions};
+pub use filter::{Both, Oidn, OidnOptions};
 pub use library::{Library, VARIABLE};
 
 /// Runs the README's example as a documentation test.

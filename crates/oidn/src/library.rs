@@ -5,7 +5,7 @@
 //!
 //! * The signatures hold for every version 2. [`Library::open`] refuses other versions.
 //! * A loaded library is never unloaded, so its functions live as long as the process.
-//! * Devices and filters are freed exactly once, by the `Drop` of their owner.
+//! * Devices and filters are freed exactly once, by the `Drop` of [`Handle`].
 //! * Images are shared with OIDN only within [`Library::denoise`], which borrows them until the filter is freed.
 #![allow(unsafe_code, reason = "a C library is called")]
 
@@ -214,11 +214,23 @@ impl Images<'_> {
     }
 }
 
-/// A device of the library.
-struct Device<'l> {
+/// An object of the library, which is freed with its owner.
+struct Handle<'l> {
     library: &'l Functions,
     raw: NonNull<c_void>,
+    release: unsafe extern "C" fn(Raw),
 }
+
+impl Drop for Handle<'_> {
+    fn drop(&mut self) {
+        // SAFETY: the object is alive, `release` is the function for its kind, and nobody uses it later: filters borrow
+        // their device.
+        unsafe { (self.release)(self.raw.as_ptr()) };
+    }
+}
+
+/// A device of the library.
+struct Device<'l>(Handle<'l>);
 
 impl<'l> Device<'l> {
     /// Makes a CPU device, or returns the library's message.
@@ -227,7 +239,7 @@ impl<'l> Device<'l> {
         // SAFETY: the function takes any number for the type of device.
         let raw = unsafe { (functions.new_device)(DEVICE_CPU) };
         match NonNull::new(raw) {
-            Some(raw) => Ok(Self { library: functions, raw }),
+            Some(raw) => Ok(Self(Handle { library: functions, raw, release: functions.release_device })),
             // Without a device, the error is that of the thread.
             None => Err(error(functions, ptr::null_mut()).unwrap_or_else(|| "it made no device".into())),
         }
@@ -237,30 +249,23 @@ impl<'l> Device<'l> {
     fn commit(&self, threads: usize) -> Result<(), String> {
         let threads = c_int::try_from(threads).unwrap_or(c_int::MAX);
         // SAFETY: the device is alive, and the name ends with a zero byte.
-        unsafe { (self.library.set_device_int)(self.raw.as_ptr(), c"numThreads".as_ptr(), threads) };
+        unsafe { (self.0.library.set_device_int)(self.0.raw.as_ptr(), c"numThreads".as_ptr(), threads) };
         // SAFETY: as above.
-        unsafe { (self.library.set_device_bool)(self.raw.as_ptr(), c"setAffinity".as_ptr(), false) };
+        unsafe { (self.0.library.set_device_bool)(self.0.raw.as_ptr(), c"setAffinity".as_ptr(), false) };
         // SAFETY: the device is alive.
-        unsafe { (self.library.commit_device)(self.raw.as_ptr()) };
+        unsafe { (self.0.library.commit_device)(self.0.raw.as_ptr()) };
         self.error().map_or(Ok(()), Err)
     }
 
     /// The number that the device holds under `name`.
     fn get(&self, name: &CStr) -> c_int {
         // SAFETY: the device is alive, and the name ends with a zero byte.
-        unsafe { (self.library.get_device_int)(self.raw.as_ptr(), name.as_ptr()) }
+        unsafe { (self.0.library.get_device_int)(self.0.raw.as_ptr(), name.as_ptr()) }
     }
 
     /// The first error since the last call, if any.
     fn error(&self) -> Option<String> {
-        error(self.library, self.raw.as_ptr())
-    }
-}
-
-impl Drop for Device<'_> {
-    fn drop(&mut self) {
-        // SAFETY: the device is alive, and nobody uses it later: filters borrow it.
-        unsafe { (self.library.release_device)(self.raw.as_ptr()) };
+        error(self.0.library, self.0.raw.as_ptr())
     }
 }
 
@@ -282,21 +287,18 @@ fn error(library: &Functions, device: Raw) -> Option<String> {
 }
 
 /// A filter of the library.
-struct Filter<'d> {
-    library: &'d Functions,
-    raw: NonNull<c_void>,
-}
+struct Filter<'d>(Handle<'d>);
 
 impl<'d> Filter<'d> {
     /// Makes a ray tracing filter of high quality.
     fn new(device: &'d Device<'_>) -> Result<Self, RunError> {
-        let library = device.library;
+        let library = device.0.library;
         // SAFETY: the device is alive, and the name ends with a zero byte.
-        let raw = unsafe { (library.new_filter)(device.raw.as_ptr(), c"RT".as_ptr()) };
+        let raw = unsafe { (library.new_filter)(device.0.raw.as_ptr(), c"RT".as_ptr()) };
         let Some(raw) = NonNull::new(raw) else {
             return Err(RunError::Reported(device.error().unwrap_or_else(|| "it made no filter".into())));
         };
-        let filter = Self { library, raw };
+        let filter = Self(Handle { library, raw, release: library.release_filter });
         filter.number(c"quality", QUALITY_HIGH);
         filter.number(c"maxMemoryMB", MEMORY_LIMIT_MB as c_int);
         Ok(filter)
@@ -309,40 +311,33 @@ impl<'d> Filter<'d> {
     /// `values` points to `3 * size[0] * size[1]` floats that live until the filter is freed. If the name is "output",
     /// nothing else may use them until then; otherwise nothing may write them.
     unsafe fn set(&self, name: &CStr, values: *mut f32, [width, height]: [usize; 2]) {
-        let (raw, values) = (self.raw.as_ptr(), values.cast());
+        let (raw, values) = (self.0.raw.as_ptr(), values.cast());
         // SAFETY: the filter is alive, the name ends with a zero byte, and the caller answers for the values. Strides of 0
         // mean that pixels and rows follow one another.
-        unsafe { (self.library.set_shared_image)(raw, name.as_ptr(), values, FORMAT_FLOAT3, width, height, 0, 0, 0) };
+        unsafe { (self.0.library.set_shared_image)(raw, name.as_ptr(), values, FORMAT_FLOAT3, width, height, 0, 0, 0) };
     }
 
     /// Sets a number of the filter.
     fn number(&self, name: &CStr, value: c_int) {
         // SAFETY: the filter is alive, and the name ends with a zero byte.
-        unsafe { (self.library.set_filter_int)(self.raw.as_ptr(), name.as_ptr(), value) };
+        unsafe { (self.0.library.set_filter_int)(self.0.raw.as_ptr(), name.as_ptr(), value) };
     }
 
     /// Turns an option of the filter on or off.
     fn switch(&self, name: &CStr, on: bool) {
         // SAFETY: the filter is alive, and the name ends with a zero byte.
-        unsafe { (self.library.set_filter_bool)(self.raw.as_ptr(), name.as_ptr(), on) };
+        unsafe { (self.0.library.set_filter_bool)(self.0.raw.as_ptr(), name.as_ptr(), on) };
     }
 
     /// Runs the filter to its end.
     fn execute(&self, device: &Device<'_>) -> Result<(), RunError> {
         // SAFETY: the filter is alive.
-        unsafe { (self.library.commit_filter)(self.raw.as_ptr()) };
+        unsafe { (self.0.library.commit_filter)(self.0.raw.as_ptr()) };
         if let Some(message) = device.error() {
             return Err(RunError::Reported(message));
         }
         // SAFETY: the filter is alive, and so are its images (`set`). The function returns after the last access to them.
-        unsafe { (self.library.execute_filter)(self.raw.as_ptr()) };
+        unsafe { (self.0.library.execute_filter)(self.0.raw.as_ptr()) };
         device.error().map_or(Ok(()), |message| Err(RunError::Reported(message)))
-    }
-}
-
-impl Drop for Filter<'_> {
-    fn drop(&mut self) {
-        // SAFETY: the filter is alive, and nobody uses it later.
-        unsafe { (self.library.release_filter)(self.raw.as_ptr()) };
     }
 }

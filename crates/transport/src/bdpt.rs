@@ -1,8 +1,6 @@
 //! Bidirectional path tracing: paths from the camera and from a light, joined in all ways [Lafortune and Willems 1993;
 //! Veach and Guibas 1994], with weights by the power heuristic [Veach and Guibas 1995].
 
-mod features;
-mod strategies;
 #[cfg(test)]
 mod tests;
 mod vertex;
@@ -12,9 +10,9 @@ mod weights;
 use dapple_core::{Draws, Estimate, Integrator, Needs, Options as _, Worker};
 use dapple_renderer::{MakeError, World};
 use glam::{Vec2, Vec3};
-use strategies::Contribution;
 use vertex::Vertex;
 pub(crate) use walk::OF_LIGHT;
+use weights::Contribution;
 
 dapple_core::options! {
     /// The parameters of [`Bdpt`].
@@ -40,22 +38,13 @@ dapple_core::options! {
 pub struct Bdpt<'w> {
     world: &'w World,
     /// The smallest number of scattering events of the light that is returned.
-    least: usize,
+    pub(crate) least: usize,
     /// The largest number of scattering events.
     depth: u32,
     /// True if light paths are connected with the camera.
     splats: bool,
     #[cfg(test)]
     fault: tests::Fault,
-}
-
-/// Light that a sample finds: its own pixel's, and the light for other places.
-pub(crate) trait Sink {
-    /// Adds light to the sample's own pixel.
-    fn add(&mut self, radiance: Vec3);
-
-    /// Adds light to another place of the image, in pixels from the top left corner.
-    fn splat(&mut self, place: Vec2, radiance: Vec3);
 }
 
 impl<'w> Bdpt<'w> {
@@ -82,45 +71,38 @@ impl<'w> Bdpt<'w> {
         Ok(Box::new(Bdpt::new(world, &BdptOptions::parse(parameters)?)?))
     }
 
-    /// Returns only light that is scattered `least` times or more, and `most` times at most.
-    pub(crate) fn with_events(self, [least, most]: [u32; 2]) -> Self {
-        Self { least: least as usize, depth: most, ..self }
-    }
-
-    /// Returns true if samples add light to other pixels.
-    pub fn splats(&self) -> bool {
-        self.splats
-    }
-
-    /// Traces both paths of a sample and joins them. Returns the estimate without its radiance, which goes to `sink`.
-    pub(crate) fn trace(&self, draws: &Draws<'_>, sink: &mut impl Sink) -> Estimate {
+    /// Traces both paths of a sample and joins them. Calls `splat` with the light for other places of the image, in pixels
+    /// from the top left corner.
+    pub(crate) fn trace(&self, draws: &Draws<'_>, mut splat: impl FnMut(Vec2, Vec3)) -> Estimate {
         let mut estimate = Estimate::new([0.0; 3]).with_cost(0);
         let (mut camera, mut light) = (Vec::with_capacity(8), Vec::with_capacity(8));
         let (time, direct) = self.camera_path(draws, &mut camera, &mut estimate);
-        let mut rays = 0;
+        let (mut rays, mut radiance) = (0, Vec3::ZERO);
         self.light_path(draws, time, &mut light, &mut rays);
         for t in 2..=camera.len() {
-            let emission = self.of_camera(&camera[..t], &light, (time, &mut rays), sink);
+            let emission = self.of_camera(&camera[..t], &light, (time, &mut rays), &mut radiance);
             if t <= direct {
                 estimate.emission = (Vec3::from(estimate.emission) + emission).to_array();
             }
         }
         if self.splats {
             self.seen(draws, &light, (time, &mut rays), |place, s, found| {
-                sink.splat(place, self.weighted(&light[..s], &camera[..1], &found));
+                splat(place, self.weighted(&light[..s], &camera[..1], &found));
             });
         }
+        estimate.radiance = radiance.to_array();
         estimate.cost += rays;
         estimate
     }
 
-    /// Adds the light of all strategies that use a camera path as a whole. Returns the emission that it meets itself.
+    /// Adds the light of all strategies that use a camera path as a whole to `radiance`. Returns the emission that the path
+    /// meets itself.
     fn of_camera(
         &self,
         camera: &[Vertex<'w>],
         light: &[Vertex<'w>],
         (time, rays): (f32, &mut u32),
-        sink: &mut impl Sink,
+        radiance: &mut Vec3,
     ) -> Vec3 {
         let (t, last) = (camera.len(), &camera[camera.len() - 1]);
         let mut emission = Vec3::ZERO;
@@ -129,7 +111,7 @@ impl<'w> Bdpt<'w> {
             && let Some(found) = self.found(camera)
         {
             emission = self.weighted(&[], camera, &found);
-            sink.add(emission);
+            *radiance += emission;
         }
         let least = (self.least + 2).saturating_sub(t);
         let most = (self.depth as usize + 2).saturating_sub(t);
@@ -139,13 +121,13 @@ impl<'w> Bdpt<'w> {
         if least <= 1
             && let Some((found, start)) = self.sampled(camera, (time, rays))
         {
-            sink.add(self.weighted(&[start], camera, &found));
+            *radiance += self.weighted(&[start], camera, &found);
         }
         for s in least.max(2)..=most.min(light.len()) {
             if light[s - 1].connects()
                 && let Some(found) = self.connected(&light[..s], camera, (time, rays))
             {
-                sink.add(self.weighted(&light[..s], camera, &found));
+                *radiance += self.weighted(&light[..s], camera, &found);
             }
         }
         emission
@@ -161,7 +143,7 @@ impl<'w> Bdpt<'w> {
 }
 
 /// Refuses worlds with effects that light paths lack.
-pub(crate) fn refuse(world: &World) -> Result<(), String> {
+fn refuse(world: &World) -> Result<(), String> {
     use dapple_scene::Effect;
     let lacking = [Effect::AbsorbingMedia, Effect::ScatteringMedia, Effect::Transparency];
     let called = world.effects().called().iter().find(|called| lacking.contains(&called.effect));
@@ -177,29 +159,11 @@ pub(crate) fn refuse(world: &World) -> Result<(), String> {
     }
 }
 
-/// The light of one sample as the film gets it.
-struct OfSample<'a, 'w> {
-    world: &'w World,
-    worker: &'a mut Worker,
-    radiance: Vec3,
-}
-
-impl Sink for OfSample<'_, '_> {
-    fn add(&mut self, radiance: Vec3) {
-        self.radiance += radiance;
-    }
-
-    fn splat(&mut self, place: Vec2, radiance: Vec3) {
-        self.world.splat_at(place, |pixel, weight| self.worker.splat(pixel, (radiance * weight).to_array()));
-    }
-}
-
 impl Integrator for Bdpt<'_> {
     fn estimate(&self, draws: &Draws<'_>, worker: &mut Worker) -> Estimate {
-        let mut sink = OfSample { world: self.world, worker, radiance: Vec3::ZERO };
-        let mut estimate = self.trace(draws, &mut sink);
-        estimate.radiance = sink.radiance.to_array();
-        estimate
+        self.trace(draws, |place, radiance| {
+            self.world.splat_at(place, |pixel, weight| worker.splat(pixel, (radiance * weight).to_array()));
+        })
     }
 
     fn features_alone(&self, draws: &Draws<'_>) -> Option<Estimate> {

@@ -4,10 +4,10 @@
 //! surface of a camera path is lit by all virtual lights of its set. The geometric factor of each is bounded; the path
 //! traces on what the bound took [after Kollig and Keller 2004], so that no light is lost.
 
-use crate::walk::{Arrival, Onwards, Sources, is_rough, turned, walk};
+use crate::walk::{Arrival, Onwards, Sources, draws_of_half, is_rough, leaks, refuse, scattered_from, turned, visible};
 use dapple_core::{Draws, Frame, Integrator, Options as _, Pass, Prepared, Prepares, Worker};
 use dapple_geometry::SurfacePoint;
-use dapple_renderer::light::{LightSample, Target};
+use dapple_renderer::light::Target;
 use dapple_renderer::shading::{Bsdf, ShadingFrame};
 use dapple_renderer::{GatherPoint, MakeError, VertexLight, World, path_tracer_with};
 use dapple_scene::Effect;
@@ -27,12 +27,11 @@ dapple_core::options! {
 /// Makes the integrator from the text of its parameters, for the table of integrators.
 pub(crate) fn make<'w>(parameters: &str, world: &'w World) -> Result<Box<dyn Integrator + 'w>, MakeError> {
     let options = InstantOptions::parse(parameters)?;
-    for effect in [Effect::MotionBlur, Effect::ScatteringMedia] {
-        if world.effects().has(effect) {
-            let reason = format!("the scene has {effect}, and virtual lights stand still on surfaces; use \"path\"");
-            return Err(MakeError::Scene(reason));
-        }
-    }
+    let lacking = [
+        (Effect::MotionBlur, "motion-blur, and virtual lights stand still on surfaces; use \"path\""),
+        (Effect::ScatteringMedia, "scattering-media, and virtual lights stand still on surfaces; use \"path\""),
+    ];
+    refuse(world, &lacking)?;
     Ok(path_tracer_with(world, VirtualLights::new(world, options)))
 }
 
@@ -55,8 +54,7 @@ impl VirtualLight<'_> {
     /// The radiance times area that it scatters into a unit direction.
     fn towards(&self, direction: Vec3) -> Vec3 {
         let wo = self.frame.to_local(direction);
-        let same_side = self.point.normal.dot(self.from) * self.point.normal.dot(direction) > 0.0;
-        if same_side != (self.wi.z * wo.z > 0.0) {
+        if leaks([self.wi.z, wo.z], [self.from, direction].map(|w| self.point.normal.dot(w))) {
             return Vec3::ZERO;
         }
         self.bsdf.evaluate(wo, self.wi) * self.flux
@@ -78,16 +76,10 @@ struct VirtualLights<'w> {
 /// The state of a path.
 #[derive(Clone, Copy, Default)]
 struct Gathered {
-    /// The last rough surface, if virtual lights lit it; and the vertex in progress.
-    last: Option<LitPoint>,
-    next: Option<LitPoint>,
-}
-
-/// The position and unit shading normal of a surface point.
-#[derive(Clone, Copy)]
-struct LitPoint {
-    position: Vec3,
-    normal: Vec3,
+    /// The position and unit shading normal of the last rough surface, if virtual lights lit it; and of the vertex in
+    /// progress.
+    last: Option<[Vec3; 2]>,
+    next: Option<[Vec3; 2]>,
 }
 
 impl<'w> VirtualLights<'w> {
@@ -122,29 +114,22 @@ impl VertexLight for VirtualLights<'_> {
         if !is_rough(vertex.bsdf) {
             return (Vec3::ZERO, 0);
         }
-        let GatherPoint { at, bsdf, frame, wo, back, depth } = *vertex;
-        let from = at.point();
-        state.next = Some(LitPoint { position: from.position, normal: frame.normal });
-        let most = self.world.max_depth().saturating_sub(depth + 1);
+        let from = vertex.at.point().position;
+        state.next = Some([from, vertex.frame.normal]);
+        let most = self.world.max_depth().saturating_sub(vertex.depth + 1);
         let (mut sum, mut traced) = (Vec3::ZERO, 0);
-        for light in &self.sets[(draws.sample_number() & 1) as usize] {
-            let to = light.point.position - from.position;
+        let set = &self.sets[(draws.sample_number() & 1) as usize];
+        for light in set.iter().filter(|light| light.bounces <= most) {
+            let to = light.point.position - from;
             let squared = to.length_squared();
             let wi = to / squared.sqrt();
-            let local = frame.to_local(wi);
-            let same_side = from.normal.dot(wi) * from.normal.dot(back) > 0.0;
-            if light.bounces > most || same_side != (local.z * wo.z > 0.0) {
-                continue;
-            }
-            let geometry = geometry(local.z, light.point.normal.dot(wi), squared).min(self.largest);
-            let light_of_it = bsdf.evaluate(wo, local) * light.towards(-wi) * geometry;
+            let Some((f, cosine)) = scattered_from(vertex, wi) else { continue };
+            let geometry = geometry(cosine, light.point.normal.dot(wi), squared).min(self.largest);
+            let light_of_it = f * light.towards(-wi) * geometry;
             if light_of_it == Vec3::ZERO || !light_of_it.is_finite() {
                 continue;
             }
-            let target = Target::Surface(light.point);
-            let ray = LightSample { wi, radiance: Vec3::ONE, pdf: 1.0, target, delta: true }.shadow_ray(from);
-            let medium = self.world.medium_beyond(at, wi, self.world.camera_medium());
-            let (share, rays) = self.world.transmittance(ray, &target, at.time(), medium);
+            let (share, rays) = visible(self.world, vertex.at, wi, Target::Surface(light.point));
             sum += light_of_it * share;
             traced += rays;
         }
@@ -156,7 +141,7 @@ impl VertexLight for VirtualLights<'_> {
     }
 
     fn share(&self, state: &Gathered, vertex: &GatherPoint<'_>) -> f32 {
-        let Some(LitPoint { position, normal }) = state.last.filter(|_| is_rough(vertex.bsdf)) else { return 1.0 };
+        let Some([position, normal]) = state.last.filter(|_| is_rough(vertex.bsdf)) else { return 1.0 };
         let (point, back) = (vertex.at.point(), vertex.back);
         let squared = point.position.distance_squared(position);
         let geometry = geometry(normal.dot(back), point.normal.dot(back), squared);
@@ -189,13 +174,10 @@ impl VertexLight for VirtualLights<'_> {
     fn prepare(&mut self, pass: &Pass<'_>) -> Prepared {
         let mut prepared = Prepared::default();
         for half in 0..2 {
-            let mut set = Vec::new();
-            for path in 0..u64::from(self.options.paths) {
-                let draws = pass.draws(half * u64::from(self.options.paths) + path);
-                let Some(emitted) = self.sources.emit(self.world, &draws) else { continue };
-                prepared.rays += walk(self.world, &emitted, &draws, |arrival| self.arrive(arrival, &mut set));
-            }
-            self.sets[half as usize] = set;
+            let (paths, draws) = (0..self.options.paths, draws_of_half(pass, half, self.options.paths));
+            let (set, rays) = self.sources.trace(self.world, paths, draws, |arrival, set| self.arrive(arrival, set));
+            self.sets[half] = set;
+            prepared.rays += rays;
         }
         prepared
     }

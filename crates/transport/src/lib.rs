@@ -16,7 +16,6 @@ mod radiosity;
 #[cfg(test)]
 #[path = "../tests/transport/support.rs"]
 mod support;
-mod table;
 mod walk;
 
 pub use bdpt::{Bdpt, BdptOptions};
@@ -25,4 +24,99 @@ pub use lightcuts::LightcutOptions;
 pub use metropolis::{Metropolis, MetropolisOptions};
 pub use photons::{PhotonOptions, What};
 pub use radiosity::RadiosityOptions;
-pub use table::{ENTRIES, check_integrator, integrators, make_integrator};
+
+use dapple_core::{Integrator, Options};
+use dapple_renderer::{
+    IntegratorEntry, IntegratorError, MakeIntegrator, World, check_integrator_among, make_integrator_among,
+};
+use std::sync::LazyLock;
+
+/// The integrators of this crate. A new integrator is a file in `src/`, and an entry here.
+pub const ENTRIES: &[IntegratorEntry] = &[
+    entry::<PhotonOptions>(
+        "photons",
+        "path tracing beside photons, which find light of small lamps through glass and mirrors",
+        "Jensen 1996; passes after Knaus and Zwicker 2011",
+        photons::make,
+    ),
+    entry::<LightcutOptions>(
+        "lightcuts",
+        "direct light of many lights by cuts through trees of them, then path tracing",
+        "Walter et al. 2005; clusters after Wang et al. 2011",
+        lightcuts::make,
+    ),
+    entry::<InstantOptions>(
+        "instant",
+        "indirect light from virtual lights, which paths from the lamps leave behind",
+        "Keller 1997",
+        instant::make,
+    ),
+    entry::<RadiosityOptions>(
+        "radiosity",
+        "indirect light of diffuse surfaces from patches: clusters of their triangles, lit by paths from the lamps",
+        "Goral et al. 1984; particles after Pattanaik and Mudur 1992; clusters of Lan 2016",
+        radiosity::make,
+    ),
+    entry::<BdptOptions>(
+        "bdpt",
+        "bidirectional path tracing: paths from the camera and from a light, connected in all ways",
+        "Lafortune and Willems 1993; Veach and Guibas 1994; weights: Veach and Guibas 1995",
+        Bdpt::parse,
+    ),
+    entry::<MetropolisOptions>(
+        "metropolis",
+        "Markov chains over bidirectional paths, beside direct light",
+        "Veach and Guibas 1997; Kelemen et al. 2002",
+        Metropolis::parse,
+    ),
+];
+
+const fn entry<O: Options>(
+    name: &'static str,
+    about: &'static str,
+    source: &'static str,
+    make: MakeIntegrator,
+) -> IntegratorEntry {
+    IntegratorEntry::new([name, about, source], O::PARAMETERS, make)
+}
+
+/// Returns the table of all integrators: those of [`dapple_renderer::integrators`], the default first, then
+/// [`ENTRIES`].
+pub fn integrators() -> &'static [IntegratorEntry] {
+    static ALL: LazyLock<Vec<IntegratorEntry>> = LazyLock::new(|| [dapple_renderer::integrators(), ENTRIES].concat());
+    &ALL
+}
+
+/// Makes an integrator for a world from `NAME` or `NAME:key=value,…`.
+///
+/// # Errors
+///
+/// [`IntegratorError`] if the integrator or a parameter is unknown, if a value is out of range, or if the scene has an
+/// effect that the integrator cannot simulate.
+///
+/// # Examples
+///
+/// ```
+/// use dapple_renderer::World;
+/// use dapple_scene::bundled;
+///
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// let scene = bundled::files("cornell").ok_or("no such scene")?.read()?;
+/// let world = World::with_resolution(&scene, [16, 12])?;
+/// let integrator = dapple_transport::make_integrator("path", &world)?;
+/// assert!(!integrator.wants_training());
+/// # Ok(())
+/// # }
+/// ```
+pub fn make_integrator<'w>(request: &str, world: &'w World) -> Result<Box<dyn Integrator + 'w>, IntegratorError> {
+    make_integrator_among(integrators(), request, world)
+}
+
+/// Checks a request without a world: the integrator's name and the names of its parameters, but no values.
+///
+/// # Errors
+///
+/// [`IntegratorError`] if the integrator or a parameter is unknown.
+pub fn check_integrator(request: &str) -> Result<(), IntegratorError> {
+    check_integrator_among(integrators(), request)
+}

@@ -9,10 +9,10 @@ mod tests;
 mod tree;
 
 use crate::patches::{Division, Patches};
-use crate::walk::{LIGHT, TOWARDS, is_rough, probe};
-use common::{CommonCuts, grid};
+use crate::walk::{LIGHT, TOWARDS, first_hit, grid, is_rough, refuse, scattered_from, visible};
+use common::CommonCuts;
 use dapple_core::{Draws, Frame, Integrator, Options as _, Pass, Prepared, Prepares, Worker};
-use dapple_renderer::light::{LightSample, SelectedLight, Target};
+use dapple_renderer::light::{SelectedLight, Target};
 use dapple_renderer::{GatherPoint, MakeError, VertexLight, World, path_tracer_with};
 use dapple_scene::Effect;
 use glam::Vec3;
@@ -39,14 +39,10 @@ dapple_core::options! {
 /// Makes the integrator from the text of its parameters, for the table of integrators.
 pub(crate) fn make<'w>(parameters: &str, world: &'w World) -> Result<Box<dyn Integrator + 'w>, MakeError> {
     let options = LightcutOptions::parse(parameters)?;
-    if world.effects().has(Effect::ScatteringMedia) {
-        let reason = "the scene has a medium that scatters light, and cuts are made on surfaces only; use \"path\"";
-        return Err(MakeError::Scene(reason.into()));
-    }
-    let division = match options.clusters {
-        0 => None,
-        clusters => Some(Division::new(world, clusters).map_err(MakeError::Scene)?),
-    };
+    let reason = "a medium that scatters light, and cuts are made on surfaces only; use \"path\"";
+    refuse(world, &[(Effect::ScatteringMedia, reason)])?;
+    let division = (options.clusters > 0).then(|| Division::new(world, options.clusters));
+    let division = division.transpose().map_err(MakeError::Scene)?;
     Ok(path_tracer_with(world, CutLight::new(world, options, division)))
 }
 
@@ -60,7 +56,7 @@ struct CutLight<'w> {
     trees: Vec<LightTree>,
     /// The luminance below which errors do not count.
     floor: f32,
-    /// The division of surfaces into clusters, until their common cuts are made.
+    /// The division of surfaces into clusters that have common cuts.
     division: Option<Division>,
     common: Option<CommonCuts>,
 }
@@ -211,7 +207,7 @@ impl<'w> CutLight<'w> {
 
     /// The contribution of a light at a point per unit of its intensity, and the number of rays traced.
     fn unit(&self, lit: &Lit<'_>, light: &PointLight, far: bool) -> (Vec3, u32) {
-        let GatherPoint { at, bsdf, frame, wo, back, .. } = *lit.vertex;
+        let at = lit.vertex.at;
         let from = at.point();
         let to = light.position - from.position;
         let distance = to.length();
@@ -226,12 +222,8 @@ impl<'w> CutLight<'w> {
             let Some(sample) = sample else { return (Vec3::ZERO, 0) };
             geometry = luminance(sample.radiance) / luminance(light.intensity);
         }
-        let local = frame.to_local(wi);
-        let same_side = from.normal.dot(wi) * from.normal.dot(back) > 0.0;
-        if !(geometry > 0.0 && geometry.is_finite()) || same_side != (local.z * wo.z > 0.0) {
-            return (Vec3::ZERO, 0);
-        }
-        let unit = bsdf.evaluate(wo, local) * (local.z.abs() * geometry);
+        let scattered = scattered_from(lit.vertex, wi).filter(|_| geometry > 0.0 && geometry.is_finite());
+        let unit = scattered.map_or(Vec3::ZERO, |(f, cosine)| f * (cosine.abs() * geometry));
         if unit == Vec3::ZERO {
             return (Vec3::ZERO, 0);
         }
@@ -243,9 +235,7 @@ impl<'w> CutLight<'w> {
             }
             target => target,
         };
-        let ray = LightSample { wi, radiance: Vec3::ONE, pdf: 1.0, target, delta: true }.shadow_ray(from);
-        let medium = self.world.medium_beyond(at, wi, self.world.camera_medium());
-        let (share, rays) = self.world.transmittance(ray, &target, at.time(), medium);
+        let (share, rays) = visible(self.world, at, wi, target);
         (unit * share, rays)
     }
 
@@ -260,10 +250,8 @@ impl<'w> CutLight<'w> {
         cut.members.clear();
         cut.coarse.clear();
         let mut sum = CutSum { light: Vec3::ZERO, rays: 0, visited: 0 };
-        match start {
-            [] => self.roots().for_each(|id| cut.members.push(self.member(lit, id, None, 0.0, &mut sum))),
-            start => cut.members.extend(start.iter().map(|id| self.member(lit, *id, None, 0.0, &mut sum))),
-        }
+        let roots = self.roots().filter(|_| start.is_empty());
+        cut.members.extend(start.iter().copied().chain(roots).map(|id| self.member(lit, id, None, 0.0, &mut sum)));
         while (cut.members.len() as u32) < self.options.cut {
             let enough = self.enough(&sum);
             let Some((number, bound)) = cut.coarsest() else {
@@ -308,13 +296,10 @@ impl<'w> CutLight<'w> {
     fn member(&self, lit: &Lit<'_>, id: NodeId, unit: Option<Vec3>, enough: f32, sum: &mut CutSum) -> Member {
         let of = &self.trees[id.tree as usize];
         let group = &of.nodes[id.node as usize];
-        let bound = match group.children {
-            Some(_) => {
-                let enough = enough / lit.material;
-                group.bound(of.far, lit.vertex.at.point().position, lit.normal, enough) * lit.material
-            }
-            None => 0.0,
-        };
+        let bound = group.children.map_or(0.0, |_| {
+            let enough = enough / lit.material;
+            group.bound(of.far, lit.vertex.at.point().position, lit.normal, enough) * lit.material
+        });
         let (unit, rays) = match unit {
             Some(unit) => (unit, 0),
             None => self.unit(lit, &of.lights[group.lights[lit.set] as usize], of.far),
@@ -342,7 +327,7 @@ impl VertexLight for CutLight<'_> {
 
     fn gather(&self, state: &mut Cut, vertex: &GatherPoint<'_>, draws: &Draws<'_>, worker: &mut Worker) -> (Vec3, u32) {
         state.next = false;
-        if state.is_made || !cuts_at(vertex) {
+        if state.is_made || !is_rough(vertex.bsdf) {
             return (Vec3::ZERO, 0);
         }
         (state.is_made, state.next) = (true, true);
@@ -353,7 +338,7 @@ impl VertexLight for CutLight<'_> {
     }
 
     fn samples_lights(&self, state: &Cut, vertex: &GatherPoint<'_>) -> bool {
-        state.is_made || !cuts_at(vertex)
+        state.is_made || !is_rough(vertex.bsdf)
     }
 
     fn scattered(&self, state: &mut Cut, specular: bool) {
@@ -381,8 +366,8 @@ impl VertexLight for CutLight<'_> {
         self.trees = self.trees(pass);
         let (floor, mut rays) = self.mean(&pass.frame);
         self.floor = FLOOR * floor;
-        if let Some(division) = self.division.take() {
-            let (common, more) = self.common_cuts(Patches::new(self.world, &division), &pass.frame);
+        if let Some(division) = &self.division {
+            let (common, more) = self.common_cuts(Patches::new(self.world, division), &pass.frame);
             (self.common, rays) = (Some(common), rays + more);
         }
         Prepared { rays }
@@ -396,7 +381,7 @@ impl VertexLight for CutLight<'_> {
         let of_trees = all * (size_of::<PointLight>() + 2 * size_of::<Node>()) as u64;
         let patches = self.division.as_ref().map_or(0, Division::bytes);
         let cuts = 2 * u64::from(self.options.clusters) * all.min(u64::from(self.options.cut));
-        of_trees + patches + self.common.as_ref().map_or(cuts * size_of::<NodeId>() as u64, CommonCuts::bytes)
+        of_trees + patches + cuts * size_of::<NodeId>() as u64
     }
 }
 
@@ -416,17 +401,10 @@ impl CutLight<'_> {
 
     /// The value of a function at the first hit of a camera ray through a pixel, if its light would come from a cut.
     fn at_first_hit<T>(&self, pixel: [u32; 2], at: impl FnOnce(&GatherPoint<'_>) -> T) -> Option<T> {
-        let draws = probe(pixel);
-        let (ray, time) = self.world.camera_ray(&draws);
-        let hit = self.world.closest_hit(&ray, time)?;
+        let (hit, direction) = first_hit(self.world, pixel)?;
         let (bsdf, frame) = self.world.scattering(&hit, || [0.5; 2])?;
-        let back = -ray.direction;
-        let vertex = GatherPoint { at: &hit, bsdf: &bsdf, frame: &frame, wo: frame.to_local(back), back, depth: 0 };
-        cuts_at(&vertex).then(|| at(&vertex))
+        let (wo, back) = (frame.to_local(-direction), -direction);
+        let vertex = GatherPoint { at: &hit, bsdf: &bsdf, frame: &frame, wo, back, depth: 0 };
+        is_rough(&bsdf).then(|| at(&vertex))
     }
-}
-
-/// Returns true for a surface whose direct light comes from a cut.
-fn cuts_at(vertex: &GatherPoint<'_>) -> bool {
-    is_rough(vertex.bsdf)
 }

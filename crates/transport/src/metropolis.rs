@@ -4,11 +4,11 @@ mod chain;
 #[cfg(test)]
 mod tests;
 
-use crate::bdpt::{Bdpt, BdptOptions, Sink};
+use crate::bdpt::{Bdpt, BdptOptions};
 use chain::{Chains, Deposit, Target};
 use dapple_core::{Block, Draws, Estimate, Frame, Integrator, Options as _, Pass, Prepared, Prepares, Worker, mix};
 use dapple_renderer::{MakeError, World};
-use glam::{Vec2, Vec3};
+use glam::Vec3;
 use rayon::prelude::*;
 
 dapple_core::options! {
@@ -70,10 +70,9 @@ impl<'w> Metropolis<'w> {
     /// [`MakeError::Scene`] with the effect, if the world has media or partly transparent surfaces.
     pub fn new(world: &'w World, options: &MetropolisOptions) -> Result<Self, MakeError> {
         let depth = if options.depth == 0 { world.max_depth() } else { options.depth };
-        let direct = BdptOptions::default().depth(depth.min(1)).splat(0);
-        let indirect = BdptOptions::default().depth(depth);
-        let direct = Bdpt::new(world, &direct)?.with_events([0, depth.min(1)]);
-        let indirect = Bdpt::new(world, &indirect)?.with_events([2, depth]);
+        let direct = Bdpt::new(world, &BdptOptions::default().depth(depth.min(1)).splat(0))?;
+        let mut indirect = Bdpt::new(world, &BdptOptions::default().depth(depth))?;
+        indirect.least = 2;
         Ok(Self { world, options: *options, depth, direct, indirect, frame: None, images: Default::default() })
     }
 
@@ -89,13 +88,7 @@ fn image_of(target: &dyn Target, frame: &Frame, key: u64, options: &MetropolisOp
     let chains = Chains { target, frame, key, large: options.large as f32 };
     let count = pixels.div_ceil(length);
     let seeds = ((pixels as f64 * options.seeds).ceil() as u64).max(64);
-    let found: Vec<(f64, u64)> = (0..seeds)
-        .into_par_iter()
-        .map(|i| {
-            let mut rays = 0;
-            (chains.seed(i, &mut rays), rays)
-        })
-        .collect();
+    let found: Vec<(f64, u64)> = (0..seeds).into_par_iter().map(|i| chains.brightness_of_seed(i)).collect();
     let mut rays = found.iter().map(|(_, rays)| rays).sum();
     let total: f64 = found.iter().map(|(brightness, _)| brightness).sum();
     let mut light = vec![[0.0; 3]; frame.pixels()];
@@ -108,14 +101,8 @@ fn image_of(target: &dyn Target, frame: &Frame, key: u64, options: &MetropolisOp
     let scale = brightness / (count * length) as f64;
     let starts: Vec<(u64, u64)> = (0..).zip(starts).collect();
     for some in starts.chunks(TOGETHER as usize) {
-        let found: Vec<(Vec<Deposit>, u64)> = some
-            .par_iter()
-            .map(|&(chain, start)| {
-                let (mut found, mut rays) = (Vec::new(), 0);
-                chains.run(chain, start, length, &mut rays, |pixel, light| found.push((pixel, light)));
-                (found, rays)
-            })
-            .collect();
+        let found: Vec<(Vec<Deposit>, u64)> =
+            some.par_iter().map(|&(chain, start)| chains.run(chain, start, length)).collect();
         for (found, more) in found {
             rays += more;
             for (pixel, deposit) in found {
@@ -152,14 +139,6 @@ struct Indirect<'a, 'w> {
     frame: Frame,
 }
 
-/// The light of one sample: the own pixel's, and splats.
-struct Found<'a, 'w> {
-    world: &'w World,
-    frame: Frame,
-    radiance: Vec3,
-    splats: &'a mut Vec<Deposit>,
-}
-
 /// Returns the index of a pixel in the window; `None` outside.
 fn index_of(frame: &Frame, [column, row]: [u32; 2]) -> Option<u32> {
     let ([x, y], [width, height]) = (frame.origin(), frame.size());
@@ -167,27 +146,16 @@ fn index_of(frame: &Frame, [column, row]: [u32; 2]) -> Option<u32> {
     (x < width && y < height).then(|| y * width + x)
 }
 
-impl Sink for Found<'_, '_> {
-    fn add(&mut self, radiance: Vec3) {
-        self.radiance += radiance;
-    }
-
-    fn splat(&mut self, place: Vec2, radiance: Vec3) {
-        let [width, height] = self.frame.resolution().map(|n| n as f32);
-        let (world, frame, splats) = (self.world, self.frame, &mut *self.splats);
-        world.splat_at(place, |pixel, weight| {
-            if let Some(pixel) = index_of(&frame, pixel) {
-                splats.push((pixel, radiance * (weight * width * height)));
-            }
-        });
-    }
-}
-
 impl Target for Indirect<'_, '_> {
     fn evaluate(&self, draws: &Draws<'_>, found: &mut Vec<Deposit>) -> u32 {
-        let mut sink = Found { world: self.world, frame: self.frame, radiance: Vec3::ZERO, splats: found };
-        let estimate = self.paths.trace(draws, &mut sink);
-        let radiance = sink.radiance;
+        let [width, height] = self.frame.resolution().map(|n| n as f32);
+        let estimate = self.paths.trace(draws, |place, radiance| {
+            self.world.splat_at(place, |pixel, weight| {
+                let pixel = index_of(&self.frame, pixel);
+                found.extend(pixel.map(|pixel| (pixel, radiance * (weight * width * height))));
+            });
+        });
+        let radiance = Vec3::from(estimate.radiance);
         if let Some(pixel) = index_of(&self.frame, draws.pixel())
             && radiance != Vec3::ZERO
         {

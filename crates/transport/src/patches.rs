@@ -4,7 +4,7 @@
 //! their parameters. Pieces near each other, of one material and with similar normals, are a patch.
 
 use dapple_clustering::{ClusterParams, Triangles, cluster};
-use dapple_geometry::{Mesh, Shape};
+use dapple_geometry::Shape;
 use dapple_renderer::{Interaction, World};
 use glam::{DAffine3, DVec3, Vec3};
 use std::f64::consts::{PI, TAU};
@@ -24,11 +24,11 @@ const LEAST_CELLS: f64 = 4.0;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Division {
     /// The desired number of patches.
-    count: u32,
+    pub(crate) count: u32,
     /// The area of the largest piece.
     largest: f64,
     /// The number of pieces.
-    pieces: u64,
+    pub(crate) pieces: u64,
 }
 
 impl Division {
@@ -38,31 +38,23 @@ impl Division {
     ///
     /// The reason, if there are too many triangles, or if areas are beyond numbers.
     pub(crate) fn new(world: &World, count: u32) -> Result<Self, String> {
-        let geometry = world.geometry();
-        let shapes = || 0..geometry.shape_count();
+        let shapes = || 0..world.geometry().shape_count();
         let area: f64 = shapes().map(|shape| area_of(world, shape)).sum();
         if !area.is_finite() {
             return Err("the scene's surfaces are too large for patches; use \"path\"".into());
         }
         let largest = (area / (f64::from(count) * PIECES)).max(f64::MIN_POSITIVE);
         let of_shape = |shape: u32| -> u64 {
-            let Some(mesh) = geometry.shape(shape).mesh() else {
-                return cells_across(world, shape, largest).map(u64::from).iter().product();
-            };
-            let to_world = to_world(world, shape);
-            let parts = |number| u64::from(parts_along(corners_of(mesh, number, to_world), largest));
-            (0..mesh.triangles().len() as u32).map(|number| parts(number).pow(2)).sum()
+            match triangles_of(world, shape) {
+                Some(triangles) => triangles.map(|corners| u64::from(parts_along(corners, largest)).pow(2)).sum(),
+                None => cells_across(world, shape, largest).map(u64::from).iter().product(),
+            }
         };
         let pieces = shapes().map(of_shape).sum();
         if pieces > MOST_PIECES {
             return Err(format!("the scene has more than {MOST_PIECES} triangles for patches; use \"path\""));
         }
         Ok(Self { count, largest, pieces })
-    }
-
-    /// The expected number of patches.
-    pub(crate) fn patches(&self) -> u64 {
-        self.pieces.min(u64::from(self.count))
     }
 
     /// The bytes that making the patches takes.
@@ -92,7 +84,7 @@ pub(crate) struct Patches {
     /// The patch of each piece.
     labels: Vec<u32>,
     /// The area of each patch, in the renderer's units.
-    areas: Vec<f64>,
+    pub(crate) areas: Vec<f64>,
     /// The mean normal of each patch, zero where its normals cancel.
     normals: Vec<Vec3>,
 }
@@ -129,15 +121,14 @@ impl Soup {
 impl Patches {
     /// Makes patches of a world's surfaces, as they stand when the shutter opens.
     pub(crate) fn new(world: &World, division: &Division) -> Self {
-        let (geometry, largest) = (world.geometry(), division.largest);
+        let largest = division.largest;
         let (mut soup, mut shapes, mut triangles) = (Soup::default(), Vec::new(), Vec::new());
-        for shape in 0..geometry.shape_count() {
-            let (to_world, material) = (to_world(world, shape), world.shape_material(shape));
-            match geometry.shape(shape).mesh() {
-                Some(mesh) => {
+        for shape in 0..world.geometry().shape_count() {
+            let material = world.shape_material(shape);
+            match triangles_of(world, shape) {
+                Some(of_mesh) => {
                     shapes.push(Pieces::Mesh { first: triangles.len() as u32 });
-                    for number in 0..mesh.triangles().len() as u32 {
-                        let corners = corners_of(mesh, number, to_world);
+                    for corners in of_mesh {
                         let parts = parts_along(corners, largest);
                         triangles.push([soup.len(), parts]);
                         divide(corners, parts, |part| soup.add(part, triangle_area(part), material));
@@ -146,8 +137,7 @@ impl Patches {
                 None => {
                     let cells = cells_across(world, shape, largest);
                     shapes.push(Pieces::Cells { first: soup.len(), cells });
-                    let quadric = geometry.shape(shape);
-                    cells_of(quadric, cells, to_world, |part, area| soup.add(part, area, material));
+                    cells_of(world, shape, cells, |part, area| soup.add(part, area, material));
                 }
             }
         }
@@ -166,25 +156,9 @@ impl Patches {
         Self { shapes, triangles, labels, areas, normals }
     }
 
-    /// The number of patches.
-    pub(crate) fn len(&self) -> usize {
-        self.areas.len()
-    }
-
-    /// The bytes of all fields.
-    pub(crate) fn bytes(&self) -> u64 {
-        let of_patches = size_of_val(&*self.areas) + size_of_val(&*self.normals);
-        let of_pieces = size_of_val(&*self.shapes) + size_of_val(&*self.triangles) + size_of_val(&*self.labels);
-        (of_patches + of_pieces) as u64
-    }
-
-    /// The area of each patch, in the renderer's units.
-    pub(crate) fn areas(&self) -> &[f64] {
-        &self.areas
-    }
-
-    /// The patch at a hit.
-    pub(crate) fn at(&self, world: &World, at: &Interaction<'_>) -> u32 {
+    /// The side of the patch at a hit from which a direction arrives: twice the number of the patch, plus 0 or 1. The side is
+    /// the same for all of the patch.
+    pub(crate) fn side_at(&self, world: &World, at: &Interaction<'_>, direction: Vec3) -> usize {
         let (hit, position) = (at.hit(), at.point().position);
         let piece = match self.shapes[hit.shape as usize] {
             Pieces::Mesh { first } => {
@@ -197,14 +171,10 @@ impl Patches {
                 first + v * cells[0] + u
             }
         };
-        self.labels[piece as usize]
-    }
-
-    /// The side of a patch from which a direction arrives at a hit: 0 or 1, the same for all of the patch.
-    pub(crate) fn side(&self, patch: u32, at: &Interaction<'_>, direction: Vec3) -> usize {
-        let (normal, mean) = (at.point().normal, self.normals[patch as usize]);
-        let turned = mean.dot(normal) < 0.0;
-        usize::from((normal.dot(direction) < 0.0) != turned)
+        let patch = self.labels[piece as usize] as usize;
+        let normal = at.point().normal;
+        let turned = self.normals[patch].dot(normal) < 0.0;
+        2 * patch + usize::from((normal.dot(direction) < 0.0) != turned)
     }
 }
 
@@ -213,8 +183,11 @@ fn to_world(world: &World, shape: u32) -> DAffine3 {
     world.geometry().to_world(shape, world.time(0.0)).unwrap_or(DAffine3::IDENTITY)
 }
 
-fn corners_of(mesh: &Mesh, triangle: u32, to_world: DAffine3) -> [DVec3; 3] {
-    mesh.corners(triangle).map(|corner| to_world.transform_point3(corner.as_dvec3()))
+/// The corners of each triangle of a mesh; `None` for a sphere or a disk.
+fn triangles_of(world: &World, shape: u32) -> Option<impl Iterator<Item = [DVec3; 3]>> {
+    let (mesh, to_world) = (world.geometry().shape(shape).mesh()?, to_world(world, shape));
+    let corners = move |number| mesh.corners(number).map(|corner| to_world.transform_point3(corner.as_dvec3()));
+    Some((0..mesh.triangles().len() as u32).map(corners))
 }
 
 fn triangle_area([a, b, c]: [DVec3; 3]) -> f64 {
@@ -223,15 +196,11 @@ fn triangle_area([a, b, c]: [DVec3; 3]) -> f64 {
 
 /// The area of a shape; of spheres and disks by their cells.
 fn area_of(world: &World, shape: u32) -> f64 {
-    let to_world = to_world(world, shape);
-    let shape = world.geometry().shape(shape);
-    match shape.mesh() {
-        Some(mesh) => {
-            (0..mesh.triangles().len() as u32).map(|number| triangle_area(corners_of(mesh, number, to_world))).sum()
-        }
+    match triangles_of(world, shape) {
+        Some(triangles) => triangles.map(triangle_area).sum(),
         None => {
             let mut sum = 0.0;
-            cells_of(shape, [16, 8], to_world, |_, area| sum += area);
+            cells_of(world, shape, [16, 8], |_, area| sum += area);
             sum
         }
     }
@@ -261,7 +230,8 @@ fn part_at([v, w]: [f32; 2], parts: u32) -> u32 {
 }
 
 /// Divides a sphere or disk into cells of its parameters. Each is a triangle around its middle, with the cell's area.
-fn cells_of(shape: &Shape, cells: [u32; 2], to_world: DAffine3, mut add: impl FnMut([DVec3; 3], f64)) {
+fn cells_of(world: &World, shape: u32, cells: [u32; 2], mut add: impl FnMut([DVec3; 3], f64)) {
+    let (to_world, shape) = (to_world(world, shape), world.geometry().shape(shape));
     for v in 0..cells[1] {
         for u in 0..cells[0] {
             let [u, v] = [(u, 0), (v, 1)].map(|(i, k)| (f64::from(i) + 0.5) / f64::from(cells[k]));

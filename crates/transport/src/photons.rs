@@ -4,15 +4,15 @@
 //! density at the vertices of its paths. The radius shrinks from pass to pass, so that the mean over passes converges
 //! to the true image: bias and variance both fall to 0.
 
-mod map;
-
-use crate::walk::{Arrival, MOST_TURNED, Onwards, Sources, emitted, is_rough, probe, walk};
-use dapple_core::{Draws, Frame, Integrator, OptionValue, Options as _, Pass, Prepared, Prepares, Worker};
+use crate::walk::{
+    Arrival, MOST_TURNED, Onwards, Sources, draws_of_half, emitted, first_hit, grid, is_rough, probe, refuse,
+    scattered_from, walk,
+};
+use dapple_core::{Draws, Frame, Integrator, Options as _, Pass, Prepared, Prepares, Worker};
 use dapple_renderer::{GatherPoint, MakeError, VertexLight, World, path_tracer_with};
 use dapple_scene::Effect;
-use glam::Vec3;
-use map::{Photon, PhotonMap};
-use rayon::prelude::*;
+use glam::{IVec3, Vec3};
+use std::f32::consts::PI;
 
 /// The light that photons carry. The rest is left to path tracing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,32 +23,13 @@ pub enum What {
     All,
 }
 
-impl OptionValue for What {
-    fn from_text(text: &str) -> Option<Self> {
-        match text {
-            "caustics" => Some(Self::Caustics),
-            "all" => Some(Self::All),
-            _ => None,
-        }
-    }
-
-    fn text(&self) -> String {
-        match self {
-            Self::Caustics => "caustics".into(),
-            Self::All => "all".into(),
-        }
-    }
-
-    fn wanted(_: Option<&str>) -> String {
-        "\"caustics\" or \"all\"".into()
-    }
-}
+dapple_core::choices!(What { Caustics = "caustics", All = "all" });
 
 dapple_core::options! {
     /// The parameters of the integrator `photons`.
     pub struct PhotonOptions {
         /// The light that photons carry: caustics (of small lamps), or all indirect light.
-        pub what: What = What::Caustics => "caustics";
+        pub what: What = What::Caustics => "caustics", |_what| true, "\"caustics\" or \"all\"";
         /// Photons per pass and half of the samples; 0 takes one per pixel.
         pub photons: u32 = 0, |photons| photons <= 1 << 24, "0 to 16777216";
         /// The radius of the first pass, in units of the scene file; 0 takes a pixel at the median first hit.
@@ -65,15 +46,10 @@ dapple_core::options! {
 /// Makes the integrator from the text of its parameters, for the table of integrators.
 pub(crate) fn make<'w>(parameters: &str, world: &'w World) -> Result<Box<dyn Integrator + 'w>, MakeError> {
     let options = PhotonOptions::parse(parameters)?;
-    let has = |effect| world.effects().has(effect);
-    if has(Effect::MotionBlur) {
-        let advice = "photons have no time; use \"path\", or render without motion-blur";
-        return Err(MakeError::Scene(format!("the scene has motion blur, and {advice}")));
-    }
-    if options.what == What::All && has(Effect::ScatteringMedia) {
-        let advice = "photons are stored on surfaces only; use \"path\" or what=caustics";
-        return Err(MakeError::Scene(format!("the scene has a medium that scatters light, and {advice}")));
-    }
+    let blur = "motion blur, and photons have no time; use \"path\", or render without motion-blur";
+    let medium = "a medium that scatters light, and photons are stored on surfaces only; use \"path\" or what=caustics";
+    let lacking = [(Effect::MotionBlur, blur), (Effect::ScatteringMedia, medium)];
+    refuse(world, if options.what == What::All { &lacking } else { &lacking[..1] })?;
     let light = PhotonLight::new(world, options);
     light.check_radius()?;
     Ok(path_tracer_with(world, light))
@@ -91,8 +67,6 @@ const PIXELS: f32 = 1.0;
 const STORED_CAUSTICS: f64 = 0.7;
 /// Paths that are traced for the estimate of memory with what=all.
 const PROBES: u32 = 2048;
-/// Photons that one task traces.
-const CHUNK: u32 = 4096;
 
 /// The photons of the current pass, one map for each half of the samples.
 struct PhotonLight<'w> {
@@ -158,7 +132,7 @@ impl<'w> PhotonLight<'w> {
 
     /// The radius of a pass: `r(i+1)^2 = r(i)^2 (i + alpha) / (i + 1)` [Knaus and Zwicker 2011].
     fn radius_of(&mut self, pass: &Pass<'_>) -> f32 {
-        let first = *self.radius.get_or_insert_with(|| PIXELS * footprint(self.world, pass.frame.resolution()));
+        let first = *self.radius.get_or_insert_with(|| PIXELS * footprint(self.world, &pass.frame));
         first * shrunk(self.options.alpha, pass.number).sqrt() as f32
     }
 
@@ -178,25 +152,9 @@ impl<'w> PhotonLight<'w> {
         rays
     }
 
-    /// Traces the photons of one map, in the order of their numbers.
-    fn trace(&self, pass: &Pass<'_>, half: u64, emitted: u32) -> (Vec<Photon>, u64) {
-        let chunks: Vec<(Vec<Photon>, u64)> = (0..emitted.div_ceil(CHUNK))
-            .into_par_iter()
-            .map(|chunk| {
-                let (mut photons, mut rays) = (Vec::new(), 0);
-                for number in chunk * CHUNK..((chunk + 1) * CHUNK).min(emitted) {
-                    let draws = pass.draws(half * u64::from(emitted) + u64::from(number));
-                    let Some(emitted) = self.sources.emit(self.world, &draws) else { continue };
-                    rays += walk(self.world, &emitted, &draws, |arrival| self.arrive(arrival, &mut photons));
-                }
-                photons.shrink_to_fit();
-                (photons, rays)
-            })
-            .collect();
-        let rays = chunks.iter().map(|(_, rays)| rays).sum();
-        let mut photons = Vec::with_capacity(chunks.iter().map(|(photons, _)| photons.len()).sum());
-        chunks.into_iter().for_each(|(chunk, _)| photons.extend(chunk));
-        (photons, rays)
+    /// Traces photons, in the order of their numbers.
+    fn trace<'d>(&self, paths: u32, draws: impl Fn(u32) -> Draws<'d> + Sync) -> (Vec<Photon>, u64) {
+        self.sources.trace(self.world, 0..paths, draws, |arrival, photons| self.arrive(arrival, photons))
     }
 
     /// The photons that a path stores, for the estimate of memory: with what=all by tracing some.
@@ -204,12 +162,7 @@ impl<'w> PhotonLight<'w> {
         if self.options.what == What::Caustics {
             return if self.sources.is_empty() { 0.0 } else { STORED_CAUSTICS };
         }
-        let mut photons = Vec::new();
-        for number in 0..PROBES {
-            let draws = probe([number, 0]);
-            let Some(emitted) = self.sources.emit(self.world, &draws) else { continue };
-            walk(self.world, &emitted, &draws, |arrival| self.arrive(arrival, &mut photons));
-        }
+        let (photons, _) = self.trace(PROBES, |number| probe([number, 0]));
         photons.len() as f64 / f64::from(PROBES)
     }
 
@@ -233,26 +186,21 @@ impl<'w> PhotonLight<'w> {
         let point = vertex.at.point();
         let (normal, shading) = (point.normal, vertex.frame.normal);
         let bumped = shading != normal;
-        let outside = normal.dot(vertex.back);
         let most = self.world.max_depth().saturating_sub(vertex.depth + 1);
         let mut sum = Vec3::ZERO;
         map.near(point.position, |photon| {
             let height = (photon.position - point.position).dot(normal).abs();
             // The same surface may be stored with its normal on the other side.
-            let same = photon.normal.dot(normal).abs() > SAME_NORMAL && height <= THICKNESS * map.radius();
+            let same = photon.normal.dot(normal).abs() > SAME_NORMAL && height <= THICKNESS * map.radius;
             if !same || photon.bounces > most || (caustics && !photon.is_caustic) {
                 return;
             }
-            let wi = vertex.frame.to_local(photon.from);
-            let inside = normal.dot(photon.from);
-            if (inside * outside > 0.0) != (wi.z * vertex.wo.z > 0.0) {
-                return;
-            }
+            let Some((f, cosine)) = scattered_from(vertex, photon.from) else { return };
             // Flux is measured on the geometric surface, and scattered by the shading normal.
-            let turn = if bumped { (wi.z / inside).abs().min(MOST_TURNED) } else { 1.0 };
-            sum += vertex.bsdf.evaluate(vertex.wo, wi) * photon.flux * turn;
+            let turn = if bumped { (cosine / normal.dot(photon.from)).abs().min(MOST_TURNED) } else { 1.0 };
+            sum += f * photon.flux * turn;
         });
-        sum * map.density()
+        sum * map.density
     }
 }
 
@@ -309,8 +257,8 @@ impl VertexLight for PhotonLight<'_> {
         }
         self.maps = Default::default();
         for half in 0..2 {
-            let (photons, rays) = self.trace(pass, half, emitted);
-            self.maps[half as usize] = PhotonMap::new(&photons, emitted, radius);
+            let (photons, rays) = self.trace(emitted, draws_of_half(pass, half, emitted));
+            self.maps[half] = PhotonMap::new(&photons, emitted, radius);
             prepared.rays += rays;
         }
         prepared
@@ -330,24 +278,103 @@ fn shrunk(alpha: f64, pass: u32) -> f64 {
 
 /// The median width of a pixel on the first surface that camera rays meet, in the renderer's units. Where they meet
 /// none, it is a hundredth of the scene's radius.
-fn footprint(world: &World, [width, height]: [u32; 2]) -> f32 {
-    const SIDE: u32 = 32;
-    let mut widths: Vec<f32> = (0..SIDE * SIDE)
-        .filter_map(|i| {
-            let pixel = [i % SIDE * width / SIDE, i / SIDE * height / SIDE];
-            let draws = probe(pixel);
-            let (ray, time) = world.camera_ray(&draws);
-            let at = world.closest_hit(&ray, time)?;
-            Some(world.camera().footprint(at.distance())).filter(|width| *width > 0.0 && width.is_finite())
-        })
-        .collect();
+fn footprint(world: &World, frame: &Frame) -> f32 {
+    let width = |pixel| first_hit(world, pixel).map(|(at, _)| world.camera().footprint(at.distance()));
+    let widths = grid(frame, 32).filter_map(width).filter(|width| *width > 0.0 && width.is_finite());
+    let mut widths: Vec<f32> = widths.collect();
     widths.sort_by(f32::total_cmp);
     widths.get(widths.len() / 2).copied().unwrap_or(0.01 * world.lights().scene_sphere().1)
 }
 
+/// Light that arrived at a surface.
+#[derive(Clone, Copy, Debug)]
+struct Photon {
+    position: Vec3,
+    /// The unit direction that the light came from.
+    from: Vec3,
+    /// The unit geometric normal of the surface.
+    normal: Vec3,
+    flux: Vec3,
+    /// The number of scattering events on the way.
+    bounces: u32,
+    /// True if all of them were specular.
+    is_caustic: bool,
+}
+
+/// The photons of one pass, for look-ups within a fixed radius.
+#[derive(Clone, Debug, Default)]
+struct PhotonMap {
+    /// Sorted by bucket, then in the order of emission, so that sums have the same bits every time.
+    photons: Vec<Photon>,
+    /// The index of each bucket's first photon, and the number of photons.
+    starts: Vec<u32>,
+    radius: f32,
+    /// 1 over the area of a look-up times the number of emitted photons.
+    density: f32,
+}
+
+impl PhotonMap {
+    /// Sorts the photons that arrived of `emitted` ones. Cells are as wide as the look-up's disk.
+    fn new(arrived: &[Photon], emitted: u32, radius: f32) -> Self {
+        let buckets = arrived.len().next_power_of_two();
+        let mut map = Self { photons: Vec::new(), starts: vec![0; buckets + 1], radius, density: 0.0 };
+        map.density = (PI * radius * radius * emitted as f32).recip();
+        let bucket_of: Vec<u32> = arrived.iter().map(|p| map.bucket(map.cell(p.position))).collect();
+        bucket_of.iter().for_each(|bucket| map.starts[*bucket as usize + 1] += 1);
+        (0..buckets).for_each(|i| map.starts[i + 1] += map.starts[i]);
+        let mut next = map.starts.clone();
+        let mut order = vec![0u32; arrived.len()];
+        for (photon, &bucket) in (0..).zip(&bucket_of) {
+            order[next[bucket as usize] as usize] = photon;
+            next[bucket as usize] += 1;
+        }
+        map.photons = order.into_iter().map(|photon| arrived[photon as usize]).collect();
+        map
+    }
+
+    fn cell(&self, position: Vec3) -> IVec3 {
+        (position * (0.5 / self.radius)).floor().as_ivec3()
+    }
+
+    /// The hash of a cell [Teschner et al. 2003].
+    fn bucket(&self, cell: IVec3) -> u32 {
+        let hash = (cell.x as u32).wrapping_mul(73_856_093)
+            ^ (cell.y as u32).wrapping_mul(19_349_663)
+            ^ (cell.z as u32).wrapping_mul(83_492_791);
+        hash & (self.starts.len() as u32 - 2)
+    }
+
+    /// Calls `visit` for each photon within the radius around a point.
+    #[inline]
+    fn near(&self, position: Vec3, mut visit: impl FnMut(&Photon)) {
+        if self.photons.is_empty() {
+            return;
+        }
+        let reach = Vec3::splat(self.radius);
+        let [low, high] = [self.cell(position - reach), self.cell(position + reach)];
+        let (mut seen, mut count) = ([0u32; 8], 0);
+        for z in low.z..=high.z {
+            for y in low.y..=high.y {
+                for x in low.x..=high.x {
+                    let bucket = self.bucket(IVec3::new(x, y, z));
+                    // Two cells may share a bucket. Rounding could make three cells of two.
+                    if seen[..count].contains(&bucket) || count == seen.len() {
+                        continue;
+                    }
+                    seen[count] = bucket;
+                    count += 1;
+                    let [start, end] = [0, 1].map(|i| self.starts[bucket as usize + i] as usize);
+                    let is_near = |p: &&Photon| p.position.distance_squared(position) <= self.radius * self.radius;
+                    self.photons[start..end].iter().filter(is_near).for_each(&mut visit);
+                }
+            }
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
-    use super::shrunk;
+    use super::*;
 
     #[test]
     fn radii_shrink_as_published() {
@@ -355,5 +382,30 @@ mod tests {
         assert!((shrunk(2.0 / 3.0, 999) - 0.1108).abs() < 5e-5, "{}", shrunk(2.0 / 3.0, 999));
         assert_eq!(shrunk(1.0, 1000), 1.0);
         assert!((shrunk(0.0, 999) - 1e-3).abs() < 1e-12, "without alpha the area falls as 1/N");
+    }
+
+    fn photon(position: Vec3) -> Photon {
+        let flux = Vec3::splat(1.0);
+        Photon { position, from: Vec3::Z, normal: Vec3::Z, flux, bounces: 1, is_caustic: true }
+    }
+
+    #[test]
+    fn a_look_up_finds_each_photon_within_the_radius_once() {
+        // A Weyl sequence in the cube [-1, 1]^3.
+        let place = |i: u32| {
+            Vec3::new(0.754_877_7, 0.569_840_3, 0.321_927_4)
+                .map(|a| 2.0 * (f64::from(i) * f64::from(a)).fract() as f32 - 1.0)
+        };
+        let photons: Vec<Photon> = (0..5000).map(|i| photon(place(i))).collect();
+        for radius in [0.01, 0.1, 0.35, 3.0] {
+            let map = PhotonMap::new(&photons, 5000, radius);
+            for at in (0..200).map(|i| place(7 * i + 100_000)) {
+                let mut found = 0;
+                map.near(at, |_| found += 1);
+                let expected = photons.iter().filter(|p| p.position.distance(at) <= radius).count();
+                assert_eq!(found, expected, "around {at} within {radius}");
+            }
+        }
+        PhotonMap::new(&[], 0, 1.0).near(Vec3::ZERO, |_| panic!("there are no photons"));
     }
 }

@@ -4,13 +4,12 @@
 //! 1992]. Patches are the clusters of \[Lan 2016\]. Paths read the indirect light of diffuse surfaces there, and end.
 
 use crate::patches::{Division, Patches};
-use crate::walk::{Arrival, MOST_TURNED, Onwards, Sources, emitted, turned, walk};
+use crate::walk::{Arrival, MOST_TURNED, Onwards, Sources, draws_of_half, emitted, refuse, turned};
 use dapple_core::{Draws, Frame, Integrator, Options as _, Pass, Prepared, Prepares, Worker};
 use dapple_renderer::shading::Bsdf;
 use dapple_renderer::{GatherPoint, MakeError, VertexLight, World, path_tracer_with};
 use dapple_scene::Effect;
 use glam::{DVec3, Vec3};
-use rayon::prelude::*;
 
 dapple_core::options! {
     /// The parameters of the integrator `radiosity`.
@@ -27,34 +26,28 @@ dapple_core::options! {
 /// Makes the integrator from the text of its parameters, for the table of integrators.
 pub(crate) fn make<'w>(parameters: &str, world: &'w World) -> Result<Box<dyn Integrator + 'w>, MakeError> {
     let options = RadiosityOptions::parse(parameters)?;
-    let refused = [
-        (Effect::MotionBlur, "patches stand still"),
-        (Effect::ScatteringMedia, "patches lie on surfaces only"),
-        (Effect::Transparency, "patches have no holes"),
+    let lacking = [
+        (Effect::MotionBlur, "motion-blur, and patches stand still; use \"path\""),
+        (Effect::ScatteringMedia, "scattering-media, and patches lie on surfaces only; use \"path\""),
+        (Effect::Transparency, "transparency, and patches have no holes; use \"path\""),
     ];
-    for (effect, because) in refused {
-        if world.effects().has(effect) {
-            return Err(MakeError::Scene(format!("the scene has {effect}, and {because}; use \"path\"")));
-        }
-    }
+    refuse(world, &lacking)?;
     let division = Division::new(world, options.patches).map_err(MakeError::Scene)?;
     Ok(path_tracer_with(world, PatchLight::new(world, options, division)))
 }
 
 /// The largest number of scattering events that are told apart; later ones count as the last.
 const LAYERS: u32 = 16;
-/// Particles that one task traces.
-const CHUNK: u32 = 1024;
-/// Tasks whose light is held before it is added up.
-const TOGETHER: u32 = 64;
+/// Particles whose light is held before it is added up.
+const TOGETHER: u32 = 1 << 15;
 
 /// The light that arrives at the patches, one solution for each half of the samples.
 struct PatchLight<'w> {
     world: &'w World,
     options: RadiosityOptions,
     sources: Sources,
-    /// The division of surfaces, until patches are made.
-    division: Option<Division>,
+    division: Division,
+    /// The patches of the division, once the first pass has made them.
     patches: Patches,
     /// The numbers of scattering events that are told apart.
     layers: u32,
@@ -78,50 +71,33 @@ impl<'w> PatchLight<'w> {
         let layers = world.max_depth().saturating_sub(1).clamp(1, LAYERS);
         let sources = Sources::new(world, |_| true);
         let (patches, irradiance) = Default::default();
-        Self { world, options, sources, division: Some(division), patches, layers, irradiance }
-    }
-
-    /// The place of a side of a patch among the sums.
-    fn place(&self, patch: u32, side: usize) -> usize {
-        (2 * patch as usize + side) * self.layers as usize
+        Self { world, options, sources, division, patches, layers, irradiance }
     }
 
     /// Notes the light that arrives at a patch, if it is not direct light.
     fn arrive(&self, arrival: &Arrival<'_, '_>, found: &mut Vec<(u32, Vec3)>) -> Onwards {
         if arrival.bounces > 0 {
-            let patch = self.patches.at(self.world, arrival.at);
-            let layer = arrival.bounces.min(self.layers) - 1;
-            let place = self.place(patch, self.patches.side(patch, arrival.at, arrival.from)) + layer as usize;
+            let side = self.patches.side_at(self.world, arrival.at, arrival.from);
+            let place = side as u32 * self.layers + arrival.bounces.min(self.layers) - 1;
             // Irradiance is that of the shading normal.
             let [shading, geometric] = [arrival.frame.normal, arrival.at.point().normal].map(|n| n.dot(arrival.from));
             if shading * geometric > 0.0 {
-                found.push((place as u32, arrival.flux * turned(shading, geometric).min(MOST_TURNED)));
+                found.push((place, arrival.flux * turned(shading, geometric).min(MOST_TURNED)));
             }
         }
         Onwards::Scatter
     }
 
     /// Traces the particles of one solution, and returns the flux that arrives in each place, with the rays.
-    fn trace(&self, pass: &Pass<'_>, half: u64, emitted: u32) -> (Vec<DVec3>, u64) {
-        let mut sums = vec![DVec3::ZERO; self.place(self.patches.len() as u32, 0)];
-        let (chunks, mut rays) = (emitted.div_ceil(CHUNK), 0);
-        for first in (0..chunks).step_by(TOGETHER as usize) {
-            let found: Vec<_> = (first..(first + TOGETHER).min(chunks))
-                .into_par_iter()
-                .map(|chunk| {
-                    let (mut found, mut rays) = (Vec::new(), 0);
-                    for number in chunk * CHUNK..((chunk + 1) * CHUNK).min(emitted) {
-                        let draws = pass.draws(half * u64::from(emitted) + u64::from(number));
-                        let Some(emitted) = self.sources.emit(self.world, &draws) else { continue };
-                        rays += walk(self.world, &emitted, &draws, |arrival| self.arrive(arrival, &mut found));
-                    }
-                    (found, rays)
-                })
-                .collect();
-            for (found, more) in found {
-                rays += more;
-                found.into_iter().for_each(|(place, flux)| sums[place as usize] += flux.as_dvec3());
-            }
+    fn trace(&self, pass: &Pass<'_>, half: usize, emitted: u32) -> (Vec<DVec3>, u64) {
+        let mut sums = vec![DVec3::ZERO; 2 * self.patches.areas.len() * self.layers as usize];
+        let (draws, mut rays) = (draws_of_half(pass, half, emitted), 0);
+        for first in (0..emitted).step_by(TOGETHER as usize) {
+            let some = first..(first + TOGETHER).min(emitted);
+            let (found, more) =
+                self.sources.trace(self.world, some, &draws, |arrival, found| self.arrive(arrival, found));
+            rays += more;
+            found.into_iter().for_each(|(place, flux)| sums[place as usize] += flux.as_dvec3());
         }
         (sums, rays)
     }
@@ -129,7 +105,7 @@ impl<'w> PatchLight<'w> {
     /// The irradiance in each place: the flux per area of each patch, summed over scattering events.
     fn solution(&self, flux: &[DVec3], emitted: u32) -> Vec<Vec3> {
         let layers = self.layers as usize;
-        let density = |patch: usize| match self.patches.areas()[patch] {
+        let density = |patch: usize| match self.patches.areas[patch] {
             area if area > 0.0 => (area * f64::from(emitted)).recip(),
             _ => 0.0,
         };
@@ -151,15 +127,14 @@ impl<'w> PatchLight<'w> {
         if most == 0 {
             return Vec3::ZERO;
         }
-        let patch = self.patches.at(self.world, vertex.at);
-        let side = self.patches.side(patch, vertex.at, vertex.back);
+        let side = self.patches.side_at(self.world, vertex.at, vertex.back);
         let from = |side: usize, wi: Vec3| {
-            vertex.bsdf.evaluate(vertex.wo, wi) * irradiance[self.place(patch, side) + most as usize - 1]
+            vertex.bsdf.evaluate(vertex.wo, wi) * irradiance[side * self.layers as usize + most as usize - 1]
         };
         // A diffuse surface scatters the same in all directions of a side.
         let up = Vec3::Z * vertex.wo.z.signum();
         match vertex.bsdf.transmits() {
-            true => from(side, up) + from(1 - side, -up),
+            true => from(side, up) + from(side ^ 1, -up),
             false => from(side, up),
         }
     }
@@ -207,26 +182,23 @@ impl VertexLight for PatchLight<'_> {
     }
 
     fn prepare(&mut self, pass: &Pass<'_>) -> Prepared {
-        if let Some(division) = self.division.take() {
-            self.patches = Patches::new(self.world, &division);
+        if self.patches.areas.is_empty() {
+            self.patches = Patches::new(self.world, &self.division);
         }
         let emitted = emitted(self.options.particles, &pass.frame);
         let mut prepared = Prepared::default();
         for half in 0..2 {
             let (flux, rays) = self.trace(pass, half, emitted);
-            self.irradiance[half as usize] = self.solution(&flux, emitted);
+            self.irradiance[half] = self.solution(&flux, emitted);
             prepared.rays += rays;
         }
         prepared
     }
 
     fn memory(&self, _: &Frame) -> u64 {
-        let (patches, bytes) = match &self.division {
-            Some(division) => (division.patches(), division.bytes()),
-            None => (self.patches.len() as u64, self.patches.bytes()),
-        };
+        let patches = self.division.pieces.min(u64::from(self.division.count));
         // The sums of one solution in double precision, then both solutions.
         let places = 2 * patches * u64::from(self.layers);
-        places * (2 * size_of::<Vec3>() + size_of::<DVec3>()) as u64 + bytes
+        places * (2 * size_of::<Vec3>() + size_of::<DVec3>()) as u64 + self.division.bytes()
     }
 }

@@ -1,12 +1,15 @@
-//! Paths from the lights: emission, specular and rough scattering, passage through media.
+//! Paths from the lights: emission, specular and rough scattering, passage through media. Besides, what several integrators
+//! need of a world: probes of camera rays, shadow rays, and refusals.
 
-use dapple_core::{Block, Draws, Frame, HostNumbers, SampleId, streams};
+use dapple_core::{Block, Draws, Frame, HostNumbers, Pass, SampleId, streams};
 use dapple_geometry::spawn_ray;
-use dapple_renderer::light::{EmittedLight, SelectedLight};
+use dapple_renderer::light::{EmittedLight, LightSample, SelectedLight, Target};
 use dapple_renderer::shading::{Bsdf, Discrete, ShadingFrame};
-use dapple_renderer::{Interaction, World};
+use dapple_renderer::{GatherPoint, Interaction, MakeError, World};
+use dapple_scene::Effect;
 use glam::Vec3;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// The group for the light (dimension 0) and the place on it (2 and 3).
 pub(crate) const LIGHT: Block = Block::new(0);
@@ -26,6 +29,43 @@ pub(crate) fn probe(pixel: [u32; 2]) -> Draws<'static> {
     Draws::new(&HostNumbers, SampleId::new(pixel, streams::PROBE, 0))
 }
 
+/// Pixels on a regular grid over an image, row by row.
+pub(crate) fn grid(frame: &Frame, side: u32) -> impl Iterator<Item = [u32; 2]> {
+    let [width, height] = frame.resolution().map(u64::from);
+    let at = move |k: u32, length: u64| (u64::from(k) * length / u64::from(side)) as u32;
+    (0..side * side).map(move |i| [at(i % side, width), at(i / side, height)])
+}
+
+/// The first hit of a camera ray that probes the scene through a pixel, and the ray's direction.
+pub(crate) fn first_hit(world: &World, pixel: [u32; 2]) -> Option<(Interaction<'_>, Vec3)> {
+    let (ray, time) = world.camera_ray(&probe(pixel));
+    Some((world.closest_hit(&ray, time)?, ray.direction))
+}
+
+/// Refuses a world that has one of these effects, for the reason beside it.
+pub(crate) fn refuse(world: &World, lacking: &[(Effect, &str)]) -> Result<(), MakeError> {
+    match lacking.iter().find(|(effect, _)| world.effects().has(*effect)) {
+        Some((_, reason)) => Err(MakeError::Scene(format!("the scene has {reason}"))),
+        None => Ok(()),
+    }
+}
+
+/// The scattering at a vertex of light from the unit direction `wi`, and the cosine of `wi` with the shading normal; `None`
+/// where light would leak.
+#[inline]
+pub(crate) fn scattered_from(vertex: &GatherPoint<'_>, wi: Vec3) -> Option<(Vec3, f32)> {
+    let (local, normal) = (vertex.frame.to_local(wi), vertex.at.point().normal);
+    let leaks = leaks([local.z, vertex.wo.z], [normal.dot(wi), normal.dot(vertex.back)]);
+    (!leaks).then(|| (vertex.bsdf.evaluate(vertex.wo, local), local.z))
+}
+
+/// The share of light from a target in the unit direction `wi` that reaches a surface point, and the number of rays.
+pub(crate) fn visible(world: &World, at: &Interaction<'_>, wi: Vec3, target: Target) -> (Vec3, u32) {
+    let ray = LightSample { wi, radiance: Vec3::ONE, pdf: 1.0, target, delta: true }.shadow_ray(at.point());
+    let medium = world.medium_beyond(at, wi, world.camera_medium());
+    world.transmittance(ray, &target, at.time(), medium)
+}
+
 /// The fewest and the most paths per pass and half, where none are requested: a small image needs some, a large one does
 /// not fill the memory.
 const EMITTED: [u32; 2] = [1000, 1 << 22];
@@ -34,6 +74,11 @@ const EMITTED: [u32; 2] = [1000, 1 << 22];
 pub(crate) fn emitted(requested: u32, frame: &Frame) -> u32 {
     let pixels = u32::try_from(frame.pixels()).unwrap_or(u32::MAX);
     if requested == 0 { pixels.clamp(EMITTED[0], EMITTED[1]) } else { requested }
+}
+
+/// The random numbers of the paths for one half of the samples, of `count` paths each.
+pub(crate) fn draws_of_half<'p>(pass: &'p Pass<'_>, half: usize, count: u32) -> impl Fn(u32) -> Draws<'p> + Sync {
+    move |number| pass.draws(half as u64 * u64::from(count) + u64::from(number))
 }
 
 /// Returns true for a surface rough enough for light from single points: photons, virtual lights and cuts. Narrower lobes
@@ -73,6 +118,8 @@ struct SourceLight {
     by_place: bool,
 }
 
+/// Paths that one task traces.
+const CHUNK: usize = 1024;
 /// The number of pilot paths in all.
 const PILOTS: u32 = 1 << 17;
 /// The least number of pilot paths in each cell.
@@ -117,8 +164,7 @@ impl Sources {
             .map(|number| {
                 let (light, cell) = (&self.lights[(number / cells) as usize], number % cells);
                 (0..each).fold((0.0, 0), |(sum, rays), pilot| {
-                    let id = SampleId::new([number, pilot], streams::PROBE, 0);
-                    let draws = Draws::new(&HostNumbers, id);
+                    let draws = probe([number, pilot]);
                     let Some(emitted) = emit(world, light, &draws, (side, cell), 1.0) else { return (sum, rays) };
                     let (carried, traced) = carried(&emitted, &draws);
                     (sum + carried.min(f32::MAX / 64.0), rays + traced)
@@ -131,10 +177,7 @@ impl Sources {
             let (light, cell) = (number / cells * cells, number % cells);
             let [x, y] = [cell % side, cell / side];
             let around = |k: u32| k.saturating_sub(1)..=(k + 1).min(side - 1);
-            around(y)
-                .flat_map(|y| around(x).map(move |x| found[(light + y * side + x) as usize].0))
-                .map(f64::from)
-                .sum()
+            around(y).flat_map(|y| around(x).map(move |x| f64::from(found[(light + y * side + x) as usize].0))).sum()
         };
         let guided: Vec<f64> = (0..count * cells).map(near).collect();
         let total: f64 = guided.iter().sum();
@@ -161,6 +204,34 @@ impl Sources {
         let chosen = self.choice.as_ref()?.sample(draws.block(LIGHT)[0])?;
         let (light, cell) = (&self.lights[chosen.index / cells], (chosen.index % cells) as u32);
         emit(world, light, draws, (self.side, cell), chosen.pmf)
+    }
+}
+
+impl Sources {
+    /// Traces the paths with these numbers, in parallel. Calls `arrive` at each surface with a list for what the path leaves
+    /// there. Returns the lists in the order of the paths, and the number of rays.
+    pub(crate) fn trace<'w, 'd, T: Send>(
+        &self,
+        world: &'w World,
+        paths: Range<u32>,
+        draws: impl Fn(u32) -> Draws<'d> + Sync,
+        arrive: impl Fn(&Arrival<'_, 'w>, &mut Vec<T>) -> Onwards + Sync,
+    ) -> (Vec<T>, u64) {
+        let trace_some = |numbers: Vec<u32>| {
+            let (mut found, mut rays) = (Vec::new(), 0);
+            for number in numbers {
+                let draws = draws(number);
+                let Some(emitted) = self.emit(world, &draws) else { continue };
+                rays += walk(world, &emitted, &draws, |arrival| arrive(arrival, &mut found));
+            }
+            found.shrink_to_fit();
+            (found, rays)
+        };
+        let chunks: Vec<(Vec<T>, u64)> = paths.into_par_iter().chunks(CHUNK).map(trace_some).collect();
+        let mut all = Vec::with_capacity(chunks.iter().map(|(found, _)| found.len()).sum());
+        let rays = chunks.iter().map(|(_, rays)| rays).sum();
+        chunks.into_iter().for_each(|(found, _)| all.extend(found));
+        (all, rays)
     }
 }
 
@@ -258,12 +329,11 @@ pub(crate) fn walk<'w>(
         let wi = frame.to_world(sample.wi);
         let [shading, geometric] = [frame.normal, at.point().normal].map(|normal| [from, wi].map(|w| w.dot(normal)));
         let adjoint = adjoint(shading, geometric);
-        let leaks = (geometric[0] * geometric[1] > 0.0) != (wo.z * sample.wi.z > 0.0);
         // Flux, unlike radiance, does not change with the density of the medium.
         let next = flux * sample.weight * (sample.eta * sample.eta * adjoint);
         // Photons of equal flux [Jensen 1996].
         let survival = (next.max_element() / flux.max_element()).min(1.0);
-        if leaks || !adjoint.is_finite() || survival.is_nan() || roulette >= survival {
+        if leaks([wo.z, sample.wi.z], geometric) || !adjoint.is_finite() || survival.is_nan() || roulette >= survival {
             return rays;
         }
         flux = next / survival;
@@ -283,4 +353,10 @@ pub(crate) fn adjoint(shading: [f32; 2], geometric: [f32; 2]) -> f32 {
         return 1.0;
     }
     ((shading[0] * geometric[1]) / (geometric[0] * shading[1])).abs()
+}
+
+/// Returns true if light passes through the geometric surface but not through that of the shading normal, or the reverse.
+/// Receives the cosines of both directions with either normal.
+pub(crate) fn leaks(shading: [f32; 2], geometric: [f32; 2]) -> bool {
+    (geometric[0] * geometric[1] > 0.0) != (shading[0] * shading[1] > 0.0)
 }

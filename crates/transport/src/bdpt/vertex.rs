@@ -1,8 +1,8 @@
 //! Vertices of camera and light paths: scattering in both directions, and densities per area.
 
-use crate::walk::adjoint;
-use dapple_geometry::SurfacePoint;
-use dapple_renderer::World;
+use crate::walk::{adjoint, leaks};
+use dapple_geometry::{PrimitiveId, SurfacePoint};
+use dapple_renderer::light::Target;
 use dapple_renderer::shading::{Bsdf, ShadingFrame};
 use glam::Vec3;
 
@@ -77,6 +77,11 @@ pub(crate) struct Connected {
 }
 
 impl<'w> Vertex<'w> {
+    /// Makes a vertex that its own path samples with the density `forward`.
+    pub(crate) fn new(kind: Kind<'w>, point: SurfacePoint, wo: Vec3, throughput: Vec3, forward: f32) -> Self {
+        Self { kind, point, wo, throughput, specular: false, forward, backward: 0.0, to_light: [0.0; 3] }
+    }
+
     /// Returns true if the vertex lies infinitely far away.
     pub(crate) fn is_far(&self) -> bool {
         matches!(self.kind, Kind::Sky | Kind::Delta { parallel: true, .. })
@@ -122,12 +127,6 @@ impl<'w> Vertex<'w> {
         if normal.dot(direction) < 0.0 { -normal } else { normal }
     }
 
-    /// Returns the radiance that the vertex's area light emits in a unit direction.
-    pub(crate) fn emitted(&self, world: &World, direction: Vec3) -> Vec3 {
-        let lamp = self.lamp().and_then(|light| world.lights().lamp(light));
-        lamp.map_or(Vec3::ZERO, |lamp| lamp.radiance(self.point.normal.dot(direction)))
-    }
-
     /// Samples the direction to the next vertex of a path from the camera or from a light. `u` in `[0, 1)^2` selects the
     /// direction, and `lobe` in `[0, 1)` the lobe. Returns `None` if the path ends here.
     pub(crate) fn scatter(&self, from: From, u: [f32; 2], lobe: f32) -> Option<Scattered> {
@@ -137,26 +136,23 @@ impl<'w> Vertex<'w> {
         let direction = frame.to_world(sample.wi);
         let [arriving, leaving] = [self.wo, direction].map(|w| self.point.normal.dot(w));
         // Light may not pass through the geometric surface, even if the shading normal would allow it.
-        if (arriving * leaving > 0.0) != (wo.z * sample.wi.z > 0.0) {
+        if leaks([wo.z, sample.wi.z], [arriving, leaving]) {
             return None;
         }
         let (specular, forward, eta) = (sample.specular, sample.pdf, sample.eta);
-        let (mut weight, mut backward) = (sample.weight, forward);
-        if specular {
-            // The opposite lobe has the same probability, in the measure of the directions before refraction.
-            backward *= wo.z.abs() / (eta * eta * sample.wi.z.abs());
-        }
-        match (from, specular) {
-            (From::Camera, true) => {}
-            (From::Camera, false) => backward = bsdf.pdf(sample.wi, wo),
+        let adjoint = || adjoint([wo.z, sample.wi.z], [arriving, leaving]);
+        // The opposite lobe has the same probability, in the measure of the directions before refraction.
+        let opposite = forward * (wo.z.abs() / (eta * eta * sample.wi.z.abs()));
+        let (weight, backward) = match (from, specular) {
+            (From::Camera, true) => (sample.weight, opposite),
+            (From::Camera, false) => (sample.weight, bsdf.pdf(sample.wi, wo)),
             // Radiance is scaled by the squared index on refraction; importance is not.
-            (From::Light, true) => weight *= eta * eta * adjoint([wo.z, sample.wi.z], [arriving, leaving]),
+            (From::Light, true) => (sample.weight * (eta * eta * adjoint()), opposite),
             (From::Light, false) => {
                 let (f, pdf) = bsdf.evaluate_and_pdf(sample.wi, wo);
-                let adjoint = adjoint([wo.z, sample.wi.z], [arriving, leaving]);
-                (weight, backward) = (f * (sample.wi.z.abs() * adjoint / forward), pdf);
+                (f * (sample.wi.z.abs() * adjoint() / forward), pdf)
             }
-        }
+        };
         let sound = weight.is_finite() && forward > 0.0;
         sound.then_some(Scattered { direction, weight, forward, backward, specular, eta })
     }
@@ -167,23 +163,30 @@ impl<'w> Vertex<'w> {
         let Kind::Surface { bsdf, frame, .. } = &self.kind else { return None };
         let [wo, wi] = [self.wo, direction].map(|w| frame.to_local(w));
         let [arriving, leaving] = [self.wo, direction].map(|w| self.point.normal.dot(w));
-        if (arriving * leaving > 0.0) != (wo.z * wi.z > 0.0) {
+        if leaks([wo.z, wi.z], [arriving, leaving]) {
             return None;
         }
-        let factor;
-        let (forward, backward);
-        match from {
-            From::Camera => {
-                let (f, pdf) = bsdf.evaluate_and_pdf(wo, wi);
-                factor = f * wi.z.abs();
-                (forward, backward) = (pdf, bsdf.pdf(wi, wo));
-            }
-            From::Light => {
-                let (f, pdf) = bsdf.evaluate_and_pdf(wi, wo);
-                factor = f * (wi.z.abs() * adjoint([wo.z, wi.z], [arriving, leaving]));
-                (forward, backward) = (bsdf.pdf(wo, wi), pdf);
-            }
-        }
+        let (eye, light) = if from == From::Camera { (wo, wi) } else { (wi, wo) };
+        let ((f, to_light), to_eye) = (bsdf.evaluate_and_pdf(eye, light), bsdf.pdf(light, eye));
+        let (factor, forward, backward) = match from {
+            From::Camera => (f * wi.z.abs(), to_light, to_eye),
+            From::Light => (f * (wi.z.abs() * adjoint([wo.z, wi.z], [arriving, leaving])), to_eye, to_light),
+        };
         (factor != Vec3::ZERO && factor.is_finite()).then_some(Connected { factor, forward, backward })
+    }
+}
+
+/// Returns a point in space, without a surface.
+pub(super) fn point_in_space(position: Vec3) -> SurfacePoint {
+    SurfacePoint { position, error: Vec3::ZERO, normal: Vec3::ZERO, primitive: PrimitiveId::NONE }
+}
+
+/// Returns the kind and the place of a vertex on light number `light`. `far` is the place of light from infinity.
+pub(super) fn on_light<'w>(light: u32, target: Target, is_delta: bool, far: Vec3) -> (Kind<'w>, SurfacePoint) {
+    match target {
+        Target::Surface(point) => (Kind::Lamp { light }, point),
+        Target::Point(position) => (Kind::Delta { parallel: false }, point_in_space(position)),
+        Target::Far if is_delta => (Kind::Delta { parallel: true }, point_in_space(far)),
+        Target::Far => (Kind::Sky, point_in_space(far)),
     }
 }

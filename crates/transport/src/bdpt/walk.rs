@@ -1,12 +1,12 @@
-//! Random walks: the vertices of camera and light paths.
+//! Random walks: the vertices of camera and light paths, and what the path tracer reports of camera paths too: features for
+//! filters, and emission seen directly.
 
 use super::Bdpt;
-use super::features::Seen;
-use super::vertex::{From, Kind, Vertex};
-use dapple_core::{Block, Draws, Estimate};
-use dapple_geometry::{PrimitiveId, Ray, SurfacePoint, spawn_ray};
+use super::vertex::{From, Kind, Vertex, on_light, point_in_space};
+use dapple_core::{Block, Draws, Estimate, SurfaceFeatures};
+use dapple_geometry::{Ray, spawn_ray};
 use dapple_renderer::light::Target;
-use dapple_renderer::{Interaction, blocks};
+use dapple_renderer::{CERTAIN_LOBE, Interaction, RARE_LOBE, World, blocks};
 use glam::Vec3;
 
 /// The number of scattering events after which Russian roulette starts.
@@ -38,8 +38,9 @@ pub(crate) const fn light_choose(vertex: u32) -> Block {
 struct Walk {
     ray: Ray,
     throughput: Vec3,
-    /// The solid-angle density of the ray's direction.
+    /// The density of the ray's direction: per solid angle, or per area across the ray.
     density: f32,
+    is_per_area: bool,
     /// The product of the squared indices of refraction crossed, by which the throughput of a camera path is scaled.
     eta_squared: f32,
     /// The throughput of which roulette counts the survivors.
@@ -49,6 +50,10 @@ struct Walk {
 }
 
 impl Walk {
+    fn new(ray: Ray, throughput: Vec3, unit: f32) -> Self {
+        Self { ray, throughput, density: 0.0, is_per_area: false, eta_squared: 1.0, unit, survival: 1.0 }
+    }
+
     /// Returns the share of light that the vertices so far pass on to the camera.
     fn tint(&self) -> Vec3 {
         self.throughput * (self.eta_squared * self.survival)
@@ -60,25 +65,18 @@ fn numbers(draws: &Draws<'_>, [first, second]: [Block; 2], goes_on: bool) -> [[f
     if goes_on { draws.two_blocks([first, second]) } else { [draws.block(first), [0.0; 4]] }
 }
 
-/// Returns a point in space, without a surface.
-pub(super) fn point_in_space(position: Vec3) -> SurfacePoint {
-    SurfacePoint { position, error: Vec3::ZERO, normal: Vec3::ZERO, primitive: PrimitiveId::NONE }
-}
-
 impl<'w> Bdpt<'w> {
-    /// Returns the vertex of a surface that a ray hits. `mix` in `[0, 1)` selects the material of a mix.
-    fn surface(&self, at: &Interaction<'w>, walk: &Walk, mix: f32) -> Vertex<'w> {
+    /// Returns the vertex of a surface that the ray of a walk hits, which comes from the vertex `before`. `mix` in `[0, 1)`
+    /// selects the material of a mix.
+    fn surface(&self, at: &Interaction<'w>, walk: &Walk, before: &Vertex<'_>, mix: f32) -> Vertex<'w> {
         let (bsdf, frame) = self.world.bsdf(at, mix);
-        Vertex {
-            kind: Kind::Surface { bsdf, frame, light: at.light() },
-            point: *at.point(),
-            wo: -walk.ray.direction,
-            throughput: walk.throughput,
-            specular: false,
-            forward: 0.0,
-            backward: 0.0,
-            to_light: [0.0; 3],
-        }
+        let kind = Kind::Surface { bsdf, frame, light: at.light() };
+        let vertex = Vertex::new(kind, *at.point(), -walk.ray.direction, walk.throughput, 0.0);
+        let forward = match walk.is_per_area {
+            true => walk.density * vertex.cosine(walk.ray.direction),
+            false => vertex.density_from(before.point.position, walk.density),
+        };
+        Vertex { forward, ..vertex }
     }
 
     /// Traces the camera path of a sample into `path`, from the camera on. Fills in the features of the estimate, and
@@ -91,49 +89,29 @@ impl<'w> Bdpt<'w> {
     ) -> (f32, usize) {
         let (world, most) = (self.world, self.depth);
         let (ray, time) = world.camera_ray(draws);
-        let mut walk = Walk { ray, throughput: Vec3::ONE, density: 0.0, eta_squared: 1.0, unit: 1.0, survival: 1.0 };
-        path.push(Vertex {
-            kind: Kind::Camera,
-            point: point_in_space(ray.origin),
-            wo: Vec3::ZERO,
-            throughput: Vec3::ONE,
-            specular: false,
-            forward: 1.0,
-            backward: 0.0,
-            to_light: [0.0; 3],
-        });
-        let mut seen = Seen::new(draws);
+        let mut walk = Walk::new(ray, Vec3::ONE, 1.0);
+        path.push(Vertex::new(Kind::Camera, point_in_space(ray.origin), Vec3::ZERO, Vec3::ONE, 1.0));
+        let mut seen = Seen::new(world, draws);
         for event in 0.. {
             estimate.cost += 1;
             let Some(at) = world.closest_hit(&walk.ray, time) else {
-                seen.background(world, (&walk.ray, time), walk.tint(), estimate);
+                seen.background((&walk.ray, time), walk.tint(), estimate);
                 if world.lights().has_environment() {
-                    path.push(Vertex {
-                        kind: Kind::Sky,
-                        point: point_in_space(walk.ray.origin),
-                        wo: walk.ray.direction,
-                        throughput: walk.throughput,
-                        specular: false,
-                        forward: walk.density,
-                        backward: 0.0,
-                        to_light: [0.0; 3],
-                    });
+                    let Walk { ray, throughput, density, .. } = walk;
+                    let origin = point_in_space(ray.origin);
+                    path.push(Vertex::new(Kind::Sky, origin, ray.direction, throughput, density));
                 }
                 break;
             };
             let [choices, scatter] = numbers(draws, [blocks::choose(event), blocks::scatter(event)], event < most);
-            seen.surface(world, (&walk.ray, &at, choices[3]), walk.tint(), estimate);
-            let mut vertex = self.surface(&at, &walk, choices[3]);
-            vertex.to_light = [choices[0], scatter[0], scatter[1]];
-            vertex.forward = match event {
-                0 => {
-                    let density = world.camera().density(ray.direction, at.distance(), time);
-                    density * vertex.cosine(ray.direction)
-                }
-                _ => vertex.density_from(path[path.len() - 1].point.position, walk.density),
-            };
-            path.push(vertex);
-            let [.., u, v] = scatter;
+            seen.surface((&walk.ray, &at, choices[3]), walk.tint(), estimate);
+            if event == 0 {
+                walk.density = world.camera().density(ray.direction, at.distance(), time);
+                walk.is_per_area = true;
+            }
+            let vertex = self.surface(&at, &walk, &path[path.len() - 1], choices[3]);
+            let [light_u, light_v, u, v] = scatter;
+            path.push(Vertex { to_light: [choices[0], light_u, light_v], ..vertex });
             if event >= most || !self.step(From::Camera, path, &mut walk, [u, v, choices[1], choices[2]], event) {
                 break;
             }
@@ -154,53 +132,31 @@ impl<'w> Bdpt<'w> {
         let lights = world.lights();
         let Some(mut emitted) = lights.sample_emission(choice, place, towards) else { return };
         let (mut start, light) = (emitted.pmf * emitted.pdf.position, emitted.light);
-        let (mut point, is_delta) = (point_in_space(emitted.position), lights.is_delta(light));
-        let kind = match emitted.source {
-            Target::Surface(on) => {
-                point = on;
-                Kind::Lamp { light }
-            }
-            Target::Point(_) => Kind::Delta { parallel: false },
-            Target::Far if is_delta => Kind::Delta { parallel: true },
-            Target::Far => {
-                // All environments together are one light.
-                start = lights.environment_emission_pdf(-emitted.direction);
-                emitted.radiance = lights.environment(-emitted.direction);
-                (emitted.pmf, emitted.pdf.direction) = (1.0, start);
-                Kind::Sky
-            }
-        };
+        let (kind, point) = on_light(light, emitted.source, lights.is_delta(light), emitted.position);
+        if matches!(kind, Kind::Sky) {
+            // All environments together are one light.
+            start = lights.environment_emission_pdf(-emitted.direction);
+            emitted.radiance = lights.environment(-emitted.direction);
+            (emitted.pmf, emitted.pdf.direction) = (1.0, start);
+        }
         let flux = emitted.flux();
         if !(flux.is_finite() && flux.max_element() > 0.0) {
             return;
         }
         let far = matches!(emitted.source, Target::Far);
-        path.push(Vertex {
-            kind,
-            point,
-            wo: if far { -emitted.direction } else { Vec3::ZERO },
-            throughput: Vec3::ONE,
-            specular: false,
-            forward: start,
-            backward: 0.0,
-            to_light: [0.0; 3],
-        });
-        let density = if far { emitted.pdf.position } else { emitted.pdf.direction };
-        let unit = flux.max_element();
-        let mut walk = Walk { ray: emitted.ray(), throughput: flux, density, eta_squared: 1.0, unit, survival: 1.0 };
+        let wo = if far { -emitted.direction } else { Vec3::ZERO };
+        path.push(Vertex::new(kind, point, wo, Vec3::ONE, start));
+        let mut walk = Walk::new(emitted.ray(), flux, flux.max_element());
+        walk.density = if far { emitted.pdf.position } else { emitted.pdf.direction };
+        // Parallel light has the density of its disk, seen at an angle.
+        walk.is_per_area = far;
         for event in 0.. {
             *rays += 1;
             let Some(at) = world.closest_hit(&walk.ray, time) else { break };
             // The vertex behind needs one event more to reach the camera.
             let goes_on = event + 1 < most;
             let [choices, scatter] = numbers(draws, [light_choose(event), light_scatter(event)], goes_on);
-            let mut vertex = self.surface(&at, &walk, choices[0]);
-            vertex.forward = match event {
-                // Parallel light has the density of its disk, seen at an angle.
-                0 if far => walk.density * vertex.cosine(walk.ray.direction),
-                _ => vertex.density_from(path[path.len() - 1].point.position, walk.density),
-            };
-            path.push(vertex);
+            path.push(self.surface(&at, &walk, &path[path.len() - 1], choices[0]));
             let [.., u, v] = scatter;
             if !goes_on || !self.step(From::Light, path, &mut walk, [u, v, choices[1], choices[2]], event) {
                 break;
@@ -229,8 +185,75 @@ impl<'w> Bdpt<'w> {
             walk.throughput /= survival;
             walk.survival *= survival;
         }
-        walk.density = next.forward;
+        (walk.density, walk.is_per_area) = (next.forward, false);
         walk.ray = spawn_ray(&path[last].point, next.direction);
         walk.throughput.max_element() > 0.0 && walk.throughput.is_finite()
+    }
+}
+
+/// The part of a camera path that mirrors, glass and smooth coats show.
+struct Seen<'a> {
+    world: &'a World,
+    draws: &'a Draws<'a>,
+    /// The number of surfaces so far.
+    surfaces: u32,
+    /// True while features are wanted and all scattering so far was smooth.
+    is_smooth: bool,
+    /// True if glass scattered the path by a lobe of less than [`RARE_LOBE`] of the light.
+    is_rare: bool,
+    /// True while all scattering so far was specular with a probability of at least [`CERTAIN_LOBE`].
+    is_direct: bool,
+    /// The number of vertices, the camera included, whose emission is seen directly.
+    direct: usize,
+}
+
+impl<'a> Seen<'a> {
+    fn new(world: &'a World, draws: &'a Draws<'a>) -> Self {
+        let (is_smooth, is_direct) = (draws.wants_features(), draws.wants_emission());
+        Self { world, draws, surfaces: 0, is_smooth, is_rare: false, is_direct, direct: if is_direct { 2 } else { 0 } }
+    }
+
+    /// Records a path that leaves the scene along a ray at a time. `tint` is the share of light that the surfaces so far
+    /// pass on.
+    fn background(&self, at: (&Ray, f32), tint: Vec3, estimate: &mut Estimate) {
+        if self.surfaces == 0 && self.draws.wants_trajectory() {
+            estimate.trajectory = self.world.background_trajectory(at.0, at.1);
+        }
+        if !self.is_smooth || self.surfaces == 0 {
+            return;
+        }
+        let last = estimate.features.or_else(|| estimate.first_hit.as_ref().map(SurfaceFeatures::from));
+        estimate.features = last.map(|last| {
+            let features = SurfaceFeatures::new(last.position, [0.0; 3], last.depth).with_rare(self.is_rare);
+            features.with_albedo(tint.min(Vec3::ONE).to_array())
+        });
+    }
+
+    /// Records a surface that a ray hits. `mix` selects the material of a mix.
+    fn surface(&mut self, (ray, at, mix): (&Ray, &Interaction<'_>, f32), tint: Vec3, estimate: &mut Estimate) {
+        let (world, draws) = (self.world, self.draws);
+        if self.surfaces == 0 && draws.wants_first_hit() {
+            estimate.first_hit = Some(world.first_hit(ray, at, mix));
+            if draws.wants_trajectory() {
+                estimate.trajectory = world.trajectory(at);
+            }
+        } else if self.surfaces > 0 && self.is_smooth {
+            let first = estimate.first_hit.map_or(0.0, |hit| hit.depth);
+            let length = estimate.features.map_or(first, |features| features.depth);
+            let features = world.surface_features(ray, at, mix, tint, length);
+            estimate.features = Some(features.with_rare(self.is_rare));
+        }
+        self.surfaces += 1;
+    }
+
+    /// Records that the path scattered at a vertex, by the lobe that `lobe` in `[0, 1)` selected with a `density`.
+    fn scattered(&mut self, vertex: &Vertex<'_>, density: f32, lobe: f32) {
+        let Kind::Surface { bsdf, frame, .. } = &vertex.kind else { return };
+        if self.is_smooth {
+            self.is_smooth = vertex.specular || bsdf.samples_narrow_lobe(frame.to_local(vertex.wo), lobe);
+            self.is_rare |= vertex.specular && density < RARE_LOBE && bsdf.transmits();
+        }
+        self.is_direct &= vertex.specular && density >= CERTAIN_LOBE;
+        self.direct += usize::from(self.is_direct);
     }
 }

@@ -5,6 +5,7 @@
 
 use super::{CutLight, Lit, Member, NodeId, Refinement};
 use crate::patches::Patches;
+pub(super) use crate::walk::grid;
 use dapple_core::Frame;
 use dapple_renderer::{GatherPoint, World};
 use rayon::prelude::*;
@@ -25,20 +26,9 @@ pub(super) struct CommonCuts {
 impl CommonCuts {
     /// The common cut at a surface point, empty where no probe lay.
     pub(super) fn at(&self, world: &World, vertex: &GatherPoint<'_>) -> &[NodeId] {
-        let key = side_of(&self.patches, world, vertex);
+        let key = self.patches.side_at(world, vertex.at, vertex.back);
         &self.nodes[self.starts[key] as usize..self.starts[key + 1] as usize]
     }
-
-    /// The bytes of all fields.
-    pub(super) fn bytes(&self) -> u64 {
-        self.patches.bytes() + (size_of_val(&*self.starts) + size_of_val(&*self.nodes)) as u64
-    }
-}
-
-/// The number of the side of a cluster that a point lies on.
-fn side_of(patches: &Patches, world: &World, vertex: &GatherPoint<'_>) -> usize {
-    let patch = patches.at(world, vertex.at);
-    2 * patch as usize + patches.side(patch, vertex.at, vertex.back)
 }
 
 impl CutLight<'_> {
@@ -47,7 +37,8 @@ impl CutLight<'_> {
         let side = f64::from(PROBES * self.options.clusters).sqrt().ceil() as u32;
         let mut probes: BTreeMap<usize, Vec<[u32; 2]>> = BTreeMap::new();
         for pixel in grid(frame, side) {
-            if let Some(key) = self.at_first_hit(pixel, |vertex| side_of(&patches, self.world, vertex)) {
+            let side = |vertex: &GatherPoint<'_>| patches.side_at(self.world, vertex.at, vertex.back);
+            if let Some(key) = self.at_first_hit(pixel, side) {
                 probes.entry(key).or_default().push(pixel);
             }
         }
@@ -59,7 +50,7 @@ impl CutLight<'_> {
             nodes.extend(cut);
             rays += more;
         }
-        starts.resize(2 * patches.len() + 1, nodes.len() as u32);
+        starts.resize(2 * patches.areas.len() + 1, nodes.len() as u32);
         (CommonCuts { patches, starts, nodes }, rays)
     }
 
@@ -93,11 +84,4 @@ impl CutLight<'_> {
         found.sort_unstable();
         found
     }
-}
-
-/// Pixels on a regular grid over an image, row by row.
-pub(super) fn grid(frame: &Frame, side: u32) -> impl Iterator<Item = [u32; 2]> {
-    let [width, height] = frame.resolution().map(u64::from);
-    let at = move |k: u32, length: u64| (u64::from(k) * length / u64::from(side)) as u32;
-    (0..side * side).map(move |i| [at(i % side, width), at(i / side, height)])
 }

@@ -89,13 +89,10 @@ impl LightTree {
         };
         let longest = (0..6).map(|axis| (width(axis), axis)).fold((-1.0, 0), |a, b| if b.0 > a.0 { b } else { a }).1;
         let middle = group.len() / 2;
-        let key = |light: &u32| (coordinate(*light, longest), *light);
-        group.select_nth_unstable_by(middle, |a, b| {
-            let (a, b) = (key(a), key(b));
-            a.0.total_cmp(&b.0).then(a.1.cmp(&b.1))
-        });
-        let placeholder = Node::leaf(group[0], &self.lights[group[0] as usize]);
-        self.nodes.push(placeholder);
+        let key = |light: &u32| coordinate(*light, longest);
+        group.select_nth_unstable_by(middle, |a, b| key(a).total_cmp(&key(b)).then(a.cmp(b)));
+        // A placeholder, whose number is below its children's.
+        self.nodes.push(Node::leaf(group[0], &self.lights[group[0] as usize]));
         let (first, second) = group.split_at_mut(middle);
         let children = [self.build(first, scene_radius), self.build(second, scene_radius)];
         self.nodes[number as usize] = self.around(number, children);
@@ -178,43 +175,33 @@ impl Node {
         if without_cosines <= 0.5 * enough {
             return without_cosines;
         }
-        let around = Around { low, high, squared, reach: self.reach };
-        let at_surface = around.largest_cosine(normal);
+        let at_surface = largest_cosine([low, high], squared, self.reach, normal);
         if at_surface <= 0.0 {
             return 0.0;
         }
         // The cosine towards the point is that of the opposite axis from it.
-        let all_sides = self.cone[0] <= -1.0;
-        let at_lights = if all_sides { 1.0 } else { widened(around.largest_cosine(-self.axis), self.cone) };
+        let at_lights = match self.cone[0] <= -1.0 {
+            true => 1.0,
+            false => widened(largest_cosine([low, high], squared, self.reach, -self.axis), self.cone),
+        };
         without_cosines * at_surface * at_lights
     }
 }
 
-/// A box around the origin or beside it.
-struct Around {
-    low: Vec3,
-    high: Vec3,
-    /// The least squared distance of its points from the origin.
-    squared: f32,
-    /// Half of its diagonal.
-    reach: f32,
-}
-
-impl Around {
-    /// The largest cosine between a unit axis and the vectors to the points of the box, at most 1.
-    #[inline]
-    fn largest_cosine(&self, axis: Vec3) -> f32 {
-        let best = (axis * self.low).max(axis * self.high);
-        let along = best.x + best.y + best.z;
-        if along <= 0.0 {
-            return 0.0;
-        }
-        // The least squared length across the axis that a point of the box may have: that of the box's least distance from
-        // the origin, if nothing better is known.
-        let middle = (self.low + self.high) * 0.5;
-        let across = ((middle - axis * middle.dot(axis)).length() - self.reach).max(0.0);
-        (along / (along * along + across * across).max(self.squared).sqrt()).min(1.0)
+/// The largest cosine between a unit axis and the vectors to the points of a box, at most 1. `squared` is the least squared
+/// distance of its points from the origin, and `reach` half of its diagonal.
+#[inline]
+fn largest_cosine([low, high]: [Vec3; 2], squared: f32, reach: f32, axis: Vec3) -> f32 {
+    let best = (axis * low).max(axis * high);
+    let along = best.x + best.y + best.z;
+    if along <= 0.0 {
+        return 0.0;
     }
+    // The least squared length across the axis that a point of the box may have: that of the box's least distance from the
+    // origin, if nothing better is known.
+    let middle = (low + high) * 0.5;
+    let across = ((middle - axis * middle.dot(axis)).length() - reach).max(0.0);
+    (along / (along * along + across * across).max(squared).sqrt()).min(1.0)
 }
 
 /// The largest cosine after turning by at most the half-angle of a cone.

@@ -25,12 +25,9 @@ pub(super) trait Target: Sync {
 }
 
 /// The groups of random numbers that a sample requested: of the camera path, of the light path, and others.
-#[derive(Clone, Debug, Default)]
-struct State {
-    blocks: [Vec<[f32; 4]>; 3],
-}
+type State = [Vec<[f32; 4]>; 3];
 
-/// Returns the list of [`State::blocks`] with a group, and its place there.
+/// Returns the list of a [`State`] with a group, and its place there.
 fn place_of(block: u32) -> (usize, u32) {
     const OTHERS: u32 = 2 * OF_LIGHT;
     match block {
@@ -64,15 +61,11 @@ fn moved(x: f32, u: f32) -> f32 {
     (x - x.floor()).clamp(0.0, BELOW_ONE)
 }
 
-impl<'a> Proposal<'a> {
-    fn new(current: &'a State, is_large: bool, key: u64, frame: &'a Frame) -> Self {
-        Self { current, is_large, key, frame, used: Default::default() }
-    }
-
+impl Proposal<'_> {
     fn coordinates(&self, list: usize, index: u32) -> [f32; 4] {
         let key = mix(self.key ^ (list as u64) << 60 ^ u64::from(index) << 2);
         let numbers = [0, 1, 2, 3].map(|lane| uniform(mix(key.wrapping_add(lane))));
-        match self.current.blocks[list].get(index as usize) {
+        match self.current[list].get(index as usize) {
             Some(current) if !self.is_large => std::array::from_fn(|lane| moved(current[lane], numbers[lane])),
             _ => numbers,
         }
@@ -93,11 +86,10 @@ impl<'a> Proposal<'a> {
 
     /// Returns the coordinates that were requested, as a state.
     fn into_state(self) -> State {
-        let blocks = std::array::from_fn(|list| {
+        std::array::from_fn(|list| {
             let used = self.used[list].load(Ordering::Relaxed);
             (0..used).map(|index| self.coordinates(list, index)).collect()
-        });
-        State { blocks }
+        })
     }
 }
 
@@ -129,6 +121,7 @@ struct Sample {
     light: Vec<Deposit>,
     /// The summed luminance of the light, the chains' target.
     brightness: f64,
+    rays: u64,
 }
 
 /// The inputs of the chains of one image.
@@ -142,44 +135,46 @@ pub(super) struct Chains<'a> {
 }
 
 impl Chains<'_> {
-    fn sample(&self, current: &State, is_large: bool, key: u64, rays: &mut u64) -> Sample {
-        let proposal = Proposal::new(current, is_large, key, self.frame);
+    fn sample(&self, current: &State, is_large: bool, key: u64) -> Sample {
+        let proposal = Proposal { current, is_large, key, frame: self.frame, used: Default::default() };
         let id = SampleId::new(proposal.pixel().0, streams::WHOLE, 0);
         let mut light = Vec::new();
-        *rays += u64::from(self.target.evaluate(&Draws::new(&proposal, id), &mut light));
+        let rays = u64::from(self.target.evaluate(&Draws::new(&proposal, id), &mut light));
         let sum = light.iter().fold(Vec3::ZERO, |sum, (_, light)| sum + *light);
         let brightness = dapple_core::luminance(sum.to_array().map(f64::from));
         let brightness = if brightness.is_finite() && brightness > 0.0 { brightness } else { 0.0 };
         // The place in the image belongs to the state, whether the camera ray was requested or not.
         proposal.used[0].fetch_max(1, Ordering::Relaxed);
-        Sample { state: proposal.into_state(), light, brightness }
+        Sample { state: proposal.into_state(), light, brightness, rays }
     }
 
-    /// Returns the brightness of independent sample number `i`, from which a chain may start.
-    pub(super) fn seed(&self, i: u64, rays: &mut u64) -> f64 {
-        self.sample(&State::default(), true, self.seed_key(i), rays).brightness
+    /// Returns the brightness and the rays of independent sample number `i`, from which a chain may start.
+    pub(super) fn brightness_of_seed(&self, i: u64) -> (f64, u64) {
+        let Sample { brightness, rays, .. } = self.seed(i);
+        (brightness, rays)
     }
 
-    fn seed_key(&self, i: u64) -> u64 {
-        mix(self.key ^ mix(2 * i))
+    fn seed(&self, i: u64) -> Sample {
+        self.sample(&State::default(), true, mix(self.key ^ mix(2 * i)))
     }
 
-    /// Runs chain number `chain` of `length` mutations from independent sample number `start`. Calls `add` with the light
-    /// of each state, divided by its brightness and weighted by its expected stay.
-    pub(super) fn run(&self, chain: u64, start: u64, length: u64, rays: &mut u64, mut add: impl FnMut(u32, Vec3)) {
-        let mut current = self.sample(&State::default(), true, self.seed_key(start), rays);
-        let mut stay = 0.0;
+    /// Runs chain number `chain` of `length` mutations from independent sample number `start`. Returns the light of each
+    /// state, divided by its brightness and weighted by its expected stay, and the number of rays.
+    pub(super) fn run(&self, chain: u64, start: u64, length: u64) -> (Vec<Deposit>, u64) {
+        let mut current = self.seed(start);
+        let (mut found, mut rays, mut stay) = (Vec::new(), current.rays, 0.0);
         let mut deposit = |sample: &Sample, weight: f64| {
             let scale = (weight / sample.brightness) as f32;
             if weight > 0.0 && scale.is_finite() {
-                sample.light.iter().for_each(|(pixel, light)| add(*pixel, *light * scale));
+                found.extend(sample.light.iter().map(|(pixel, light)| (*pixel, *light * scale)));
             }
         };
         let key = mix(self.key ^ mix(2 * chain + 1));
         for step in 0..length {
             let key = mix(key ^ mix(step));
             let [choice, accepted] = [1, 2].map(|salt| uniform(mix(key.wrapping_add(salt << 32))));
-            let next = self.sample(&current.state, choice < self.large, key, rays);
+            let next = self.sample(&current.state, choice < self.large, key);
+            rays += next.rays;
             let acceptance = (next.brightness / current.brightness).min(1.0);
             stay += 1.0 - acceptance;
             if f64::from(accepted) < acceptance {
@@ -190,5 +185,6 @@ impl Chains<'_> {
             }
         }
         deposit(&current, stay);
+        (found, rays)
     }
 }
