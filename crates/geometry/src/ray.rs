@@ -102,6 +102,14 @@ pub struct Hit {
     pub barycentrics: [f32; 2],
 }
 
+impl Hit {
+    /// Returns the surface point of a hit on a triangle, from its position, error and normal.
+    #[inline(always)]
+    pub(crate) fn on_triangle(&self, (position, error, normal): (Vec3, Vec3, Vec3)) -> SurfacePoint {
+        SurfacePoint { position, error, normal, primitive: PrimitiveId::triangle(self.shape, self.primitive) }
+    }
+}
+
 /// A point on a surface with a bound on the rounding error of its position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfacePoint {
