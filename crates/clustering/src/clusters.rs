@@ -126,17 +126,10 @@ impl Clusters {
         &self.clusters
     }
 
-    /// Reference-counted handles to the [labels](Self::labels) and [clusters](Self::clusters), made without copying the
-    /// arrays.
-    pub fn shared(&self) -> (Arc<[u32]>, Arc<[Cluster]>) {
-        (self.labels.clone(), self.clusters.clone())
-    }
-
     /// The indices of a cluster's triangles, ascending; empty if `cluster` is not below [`Clusters::len`].
     pub fn members(&self, cluster: u32) -> &[u32] {
-        let ends = (self.starts.get(cluster as usize), self.starts.get(cluster as usize + 1));
-        match ends {
-            (Some(&start), Some(&end)) => &self.members[start as usize..end as usize],
+        match self.starts.get(cluster as usize..) {
+            Some(&[start, end, ..]) => &self.members[start as usize..end as usize],
             _ => &[],
         }
     }
