@@ -72,10 +72,7 @@ impl Geometry {
         let mut scene = Self::build(shapes)?;
         let placements = Placements::new(scene.shapes.len() as u32, objects, instances)?;
         scene.triangle_count += placements.objects.iter().map(|object| object.geometry.triangle_count).sum::<usize>();
-        scene.bounds = match (scene.bounds, placements.bounds) {
-            (Some(base), Some(placed)) => Some(union(base, placed)),
-            (base, placed) => base.or(placed),
-        };
+        scene.bounds = scene.bounds.into_iter().chain(placements.bounds).reduce(union);
         let moving = scene.base_moves();
         scene.tree.way = WalkKind::placed(placements, moving);
         Ok(scene)

@@ -65,7 +65,7 @@ pub struct PlacedShape {
 }
 
 /// All instances of a scene, and the bounding volume hierarchy over their boxes.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Placements {
     /// The number of base shapes (those of no instance). The shapes of instances are numbered from here.
     base: u32,
@@ -175,15 +175,8 @@ impl Placements {
             known.push(Object::new(geometry, numbered(count)?));
             count += known[number].geometry.shapes().len();
         }
-        let mut all = Self {
-            base,
-            objects: known,
-            instances: Vec::with_capacity(instances.len()),
-            instance_of: Vec::new(),
-            top: Bvh::default(),
-            bounds: None,
-            moves: false,
-        };
+        let room = Vec::with_capacity(instances.len());
+        let mut all = Self { base, objects: known, instances: room, ..Self::default() };
         let mut boxes = Vec::with_capacity(instances.len());
         for (number, instance) in instances.into_iter().enumerate() {
             boxes.extend(all.place(number as u32, instance)?.map(|bounds| (number as u32, bounds)));
@@ -327,12 +320,11 @@ impl Placements {
 
     pub(crate) fn memory_bytes(&self) -> usize {
         let objects: usize = self.objects.iter().map(|object| object.geometry.memory_bytes()).sum();
-        let path =
-            |instance: &PlacedObject| if matches!(instance.place, Pose::Moving(_)) { Motion::PATH_BYTES } else { 0 };
+        let moving = self.instances.iter().filter(|instance| matches!(instance.place, Pose::Moving(_))).count();
         objects
             + size_of_val(&*self.objects)
             + size_of_val(&*self.instances)
-            + self.instances.iter().map(path).sum::<usize>()
+            + moving * Motion::PATH_BYTES
             + size_of_val(&*self.instance_of)
             + self.top.memory_bytes()
     }
