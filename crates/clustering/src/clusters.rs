@@ -126,6 +126,12 @@ impl Clusters {
         &self.clusters
     }
 
+    /// Reference-counted handles to the [labels](Self::labels) and [clusters](Self::clusters), made without copying the
+    /// arrays.
+    pub fn shared(&self) -> (Arc<[u32]>, Arc<[Cluster]>) {
+        (self.labels.clone(), self.clusters.clone())
+    }
+
     /// The indices of a cluster's triangles, ascending; empty if `cluster` is not below [`Clusters::len`].
     pub fn members(&self, cluster: u32) -> &[u32] {
         match self.starts.get(cluster as usize..) {
