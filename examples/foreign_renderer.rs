@@ -47,7 +47,7 @@ fn main() -> Result<()> {
     let positions: Vec<[f32; 3]> = scene.positions.iter().map(|p| p.0).collect();
     let triangles = Triangles::new(&positions, &scene.triangles).with_materials(&scene.materials);
     // Windings are consistent here, so signed normals separate the near and far side of a small ball.
-    let clusters = cluster(&triangles, &ClusterParams::for_count(CLUSTERS).with_sides(Sides::Signed))?;
+    let clusters = cluster(&triangles, &ClusterParams { sides: Sides::Signed, ..ClusterParams::for_count(CLUSTERS) })?;
 
     // First hits in; the sampler turns them into a sample count per pixel. `Centre` needs no points.
     let probes = probe(&frame, Placement::Centre, &Sobol::new(0), clusters.labels(), |ray| {

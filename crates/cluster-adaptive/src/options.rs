@@ -131,15 +131,8 @@ pub enum Error {
         vertices: usize,
     },
     /// A parameter outside its range.
-    #[error("{name} = {value} is out of range: {allowed}")]
-    OutOfRange {
-        /// The parameter's name on the command line.
-        name: &'static str,
-        /// The rejected value.
-        value: String,
-        /// The allowed range, in words.
-        allowed: &'static str,
-    },
+    #[error(transparent)]
+    OutOfRange(#[from] dapple_core::OutOfRange),
     /// Probes that were traced for another frame than the rendered one.
     #[error("the probes are those of {of}, but {wanted} is rendered: probe that frame, or let the sampler probe")]
     OtherFrame {
@@ -152,13 +145,7 @@ pub enum Error {
 
 impl Error {
     pub(crate) fn range(name: &'static str, value: impl ToString, allowed: &'static str) -> Self {
-        Self::OutOfRange { name, value: value.to_string(), allowed }
-    }
-}
-
-impl From<dapple_core::OutOfRange> for Error {
-    fn from(dapple_core::OutOfRange { name, value, allowed }: dapple_core::OutOfRange) -> Self {
-        Self::OutOfRange { name, value, allowed }
+        dapple_core::OutOfRange { name, value: value.to_string(), allowed }.into()
     }
 }
 
@@ -167,7 +154,7 @@ impl From<dapple_core::OutOfRange> for Error {
 impl From<Error> for dapple_core::Error {
     fn from(error: Error) -> Self {
         match error {
-            Error::OutOfRange { name, value, allowed } => Self::OutOfRange { name, value, allowed },
+            Error::OutOfRange(wrong) => wrong.into(),
             error => Self::other("cluster-thesis", error),
         }
     }

@@ -37,11 +37,6 @@ pub struct ProbeSource {
 pub struct ProbesHandle(Vec<Arc<Mutex<Option<Arc<Probes>>>>>);
 
 impl ProbesHandle {
-    /// The handle of a sampler that traces probes.
-    fn of_one() -> Self {
-        Self(vec![Arc::default()])
-    }
-
     /// The handle of a sampler that consists of others: this handle's sampler, then those of `others`.
     #[must_use]
     pub fn joined(mut self, others: Self) -> Self {
@@ -82,13 +77,11 @@ impl ProbesHandle {
 struct Prior {
     frame: Frame,
     weights: Vec<f64>,
-    replaced: usize,
 }
 
 impl Prior {
     fn new(frame: Frame, importance: Importance) -> Self {
-        let weights = importance.per_pixel.into_iter().map(f64::from).collect();
-        Self { frame, weights, replaced: importance.replaced }
+        Self { frame, weights: importance.per_pixel.into_iter().map(f64::from).collect() }
     }
 }
 
@@ -170,7 +163,7 @@ impl<P: PointSet> ClusterThesis<P> {
         if !(1..=256).contains(&placement.per_pixel()) {
             return Err(Error::range("probes", placement, "centre, or at least 1 and at most 256 per pixel"));
         }
-        let handle = ProbesHandle::of_one();
+        let handle = ProbesHandle(vec![Arc::default()]);
         Ok(Self { points, size, options, placement, probed: Some(probed), visible: None, handle, prior: None })
     }
 
@@ -185,25 +178,15 @@ impl<P: PointSet> ClusterThesis<P> {
         self.handle.clone()
     }
 
-    /// The number of probes whose cluster has no size; they get the largest rate of the other probes. 0 before the
-    /// first plan.
-    pub fn replaced(&self) -> usize {
-        self.prior.as_ref().map_or(0, |p| p.replaced)
-    }
-
     /// The sampling weights of the frame's pixels. Traces the probes of the frame first if there are none.
     fn weights(&mut self, frame: &Frame) -> Result<&[f64], Error> {
-        let fits = self.prior.as_ref().is_some_and(|p| p.frame == *frame);
-        if !fits {
-            let prior = match (&self.probed, &self.prior) {
-                (Some(probed), _) => self.prior_of(frame, probed)?,
-                (None, known) => {
-                    let name = |f: &Frame| format!("{:?} at {:?} of {:?}", f.size(), f.origin(), f.resolution());
-                    let of = known.as_ref().map_or_else(String::new, |p| name(&p.frame));
-                    return Err(Error::OtherFrame { of, wanted: name(frame) });
-                }
+        if self.prior.as_ref().is_none_or(|p| p.frame != *frame) {
+            let Some(probed) = &self.probed else {
+                let name = |f: &Frame| format!("{:?} at {:?} of {:?}", f.size(), f.origin(), f.resolution());
+                let of = self.prior.as_ref().map_or_else(String::new, |p| name(&p.frame));
+                return Err(Error::OtherFrame { of, wanted: name(frame) });
             };
-            self.prior = Some(prior);
+            self.prior = Some(self.prior_of(frame, probed)?);
         }
         Ok(self.prior.as_ref().map_or(&[], |p| &p.weights))
     }

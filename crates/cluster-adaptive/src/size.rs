@@ -98,8 +98,9 @@ pub fn rates(probes: &Probes, clusters: &[Cluster], size: &ClusterSize, pixel_ar
             of_hits(probes, |p| pixel_size(p, pixel_area) / boxes[p.cluster as usize].projected(p.direction))
         }
         ClusterSize::ProjectedTriangles(vectors) => {
-            if vectors.len() < clusters.len() {
-                return Err(Error::NoCluster { label: vectors.len() as u32, clusters: vectors.len() });
+            let known = vectors.clusters.len();
+            if known < clusters.len() {
+                return Err(Error::NoCluster { label: known as u32, clusters: known });
             }
             let size = |p: &Probe| vectors.projected(p.cluster, p.direction).max(EDGE_ON * vectors.area(p.cluster));
             of_hits(probes, |p| pixel_size(p, pixel_area) / size(p))
@@ -148,11 +149,8 @@ fn replace_infinite(rates: &mut [f64]) -> usize {
     let none = |r: f64| !r.is_finite() || r < 0.0;
     let largest = rates.iter().copied().filter(|&r| !none(r)).fold(0.0, f64::max);
     let largest = if largest > 0.0 { largest } else { 1.0 };
-    let mut replaced = 0;
-    for rate in rates.iter_mut().filter(|r| none(**r)) {
-        *rate = largest;
-        replaced += 1;
-    }
+    let replaced = rates.iter().filter(|r| none(**r)).count();
+    rates.iter_mut().filter(|r| none(**r)).for_each(|rate| *rate = largest);
     replaced
 }
 
@@ -341,16 +339,6 @@ impl AreaVectors {
         let start = self.vectors.len();
         self.vectors.extend(vectors);
         self.clusters.push(Bundle { range: start..self.vectors.len(), sum: total, axis, sine, area });
-    }
-
-    /// The number of clusters.
-    pub fn len(&self) -> usize {
-        self.clusters.len()
-    }
-
-    /// Returns `true` if there are no clusters.
-    pub fn is_empty(&self) -> bool {
-        self.clusters.is_empty()
     }
 
     /// The sum of the projected areas of a cluster's triangles along the unit direction `d`, in world units. Hidden

@@ -52,9 +52,9 @@ fn clustering(criterion: &mut Criterion) {
     let published = ClusterParams::published();
     let variants = [
         ("default", ClusterParams::default()),
-        ("unclamped", ClusterParams::default().with_clamp(1 << 20)),
-        ("bounding_box", ClusterParams::default().with_insertion(Insertion::BoundingBox)),
-        ("connected", ClusterParams::default().with_grouping(Grouping::Connected)),
+        ("unclamped", ClusterParams { clamp: 1 << 20, ..ClusterParams::default() }),
+        ("bounding_box", ClusterParams { insertion: Insertion::BoundingBox, ..ClusterParams::default() }),
+        ("connected", ClusterParams { grouping: Grouping::Connected, ..ClusterParams::default() }),
         ("published", published),
     ];
     // Eroded hills have a gain of about 0.4 per octave. At 0.5 every octave is equally steep, and most neighbours

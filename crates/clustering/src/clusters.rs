@@ -134,9 +134,8 @@ impl Clusters {
 
     /// The indices of a cluster's triangles, ascending; empty if `cluster` is not below [`Clusters::len`].
     pub fn members(&self, cluster: u32) -> &[u32] {
-        let ends = (self.starts.get(cluster as usize), self.starts.get(cluster as usize + 1));
-        match ends {
-            (Some(&start), Some(&end)) => &self.members[start as usize..end as usize],
+        match self.starts.get(cluster as usize..) {
+            Some(&[start, end, ..]) => &self.members[start as usize..end as usize],
             _ => &[],
         }
     }

@@ -2,7 +2,6 @@
 //! fit).
 
 use crate::params::{ClusterParams, Order};
-use std::cmp::Ordering;
 
 /// A triangle's unit normal and its index in the group (one material's triangles in a voxel).
 #[derive(Clone, Copy, Debug, Default)]
@@ -114,11 +113,6 @@ impl Classes {
             *slot += 1;
         }
     }
-
-    /// Ends the current class at index `joined` of `members`.
-    fn end(&mut self, joined: usize) {
-        self.ends.push(joined as u32);
-    }
 }
 
 /// Sorts facets into classes and empties `facets`. The numbers of the facets must ascend.
@@ -141,12 +135,8 @@ fn classify_by<const TWO_SIDED: bool, const CANONICAL: bool>(
     cosine: f32,
     classes: &mut Classes,
 ) {
-    let mut top = f32::NEG_INFINITY;
-    if CANONICAL {
-        for facet in facets.iter() {
-            top = higher(facet.normal[2], top);
-        }
-    }
+    let seen = if CANONICAL { &facets[..] } else { &[] };
+    let mut top = seen.iter().fold(f32::NEG_INFINITY, |top, facet| higher(facet.normal[2], top));
     let mut joined = 0;
     while let Some(&first) = facets.first() {
         if CANONICAL && classes.len() >= PASSES && facets.len() >= MANY {
@@ -155,7 +145,7 @@ fn classify_by<const TWO_SIDED: bool, const CANONICAL: bool>(
         let representative = if CANONICAL { first_at(facets, top) } else { first.normal };
         let room = &mut classes.members[joined..];
         joined += take::<TWO_SIDED, CANONICAL>(facets, representative, cosine, room, &mut top);
-        classes.end(joined);
+        classes.ends.push(joined as u32);
     }
 }
 
@@ -203,15 +193,7 @@ fn take<const TWO_SIDED: bool, const CANONICAL: bool>(
 /// Does the work of [`take`] for all remaining classes. Facets are sorted by z, so those like a representative lie
 /// within a short run.
 fn sweep<const TWO_SIDED: bool>(facets: &mut Vec<Facet>, cosine: f32, classes: &mut Classes, joined: usize) {
-    facets.sort_unstable_by(|a, b| {
-        if before(a.normal, b.normal) {
-            Ordering::Less
-        } else if before(b.normal, a.normal) {
-            Ordering::Greater
-        } else {
-            Ordering::Equal
-        }
-    });
+    facets.sort_unstable_by(|a, b| before(b.normal, a.normal).cmp(&before(a.normal, b.normal)));
     // Rounding of the cosine and of the normals widens the angle by less than this, unless it is tiny.
     const WIDEN: f32 = 1e-3;
     let angle = cosine.clamp(-1.0, 1.0).acos() + WIDEN;
@@ -236,7 +218,7 @@ fn sweep<const TWO_SIDED: bool>(facets: &mut Vec<Facet>, cosine: f32, classes: &
             i = skip(&mut next, i + 1);
         }
         classes.members[start..joined].sort_unstable();
-        classes.end(joined);
+        classes.ends.push(joined as u32);
         head = skip(&mut next, head);
     }
     facets.clear();
@@ -311,8 +293,7 @@ pub(crate) mod tests {
             for sides in [Sides::Signed, Sides::Either] {
                 let two_sided = sides == Sides::Either;
                 for order in [Order::Canonical, Order::Input] {
-                    let rule =
-                        Rule::new(&ClusterParams::default().with_angle(angle).with_sides(sides).with_order(order));
+                    let rule = Rule::new(&ClusterParams { angle, sides, order, ..ClusterParams::default() });
                     let normals = normals(count, two_sided);
                     let mut facets: Vec<Facet> =
                         normals.iter().zip(0..).map(|(&normal, number)| Facet { normal, number }).collect();

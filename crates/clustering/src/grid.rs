@@ -85,10 +85,7 @@ impl<'a> Mesh<'a> {
         if !mesh.materials.is_empty() && mesh.materials.len() != triangles {
             return Err(Error::BadMaterials { materials: mesh.materials.len(), triangles });
         }
-        let bounds = match mesh.bounds_of_vertices() {
-            Some(bounds) => bounds,
-            None => mesh.bounds_of_triangles()?,
-        };
+        let bounds = mesh.bounds_of_vertices().map_or_else(|| mesh.bounds_of_triangles(), Ok)?;
         Ok(Self { positions: mesh.positions, indices: mesh.indices, materials: mesh.materials, bounds })
     }
 

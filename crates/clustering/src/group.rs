@@ -129,14 +129,9 @@ fn measure(group: Members<'_>, members: &[u32], steep: f32, common: Cluster) -> 
     let numbers = || members.iter().map(|&i| i as usize);
     let mut sum = Surface::NOTHING;
     let lead = numbers().find(|&i| !group.normals.is_flat(i)).map_or([0.0, 0.0, 1.0], |i| group.normals.of(i));
-    if lead[2] >= steep {
-        for i in numbers() {
-            sum = sum.and(group.surfaces[i]);
-        }
-    } else {
-        for i in numbers() {
-            sum = sum.and(group.surfaces[i].turned(group.normals.dot(i, lead) < 0.0));
-        }
+    let turns = lead[2] < steep;
+    for i in numbers() {
+        sum = sum.and(group.surfaces[i].turned(turns && group.normals.dot(i, lead) < 0.0));
     }
     let normal = sum.normal();
     let cone = cone(normal, numbers().map(|i| group.normals.cosine(i, normal)), steep > f32::NEG_INFINITY);
@@ -149,12 +144,8 @@ fn cone(normal: [f32; 3], cosines: impl Iterator<Item = f32>, both: bool) -> f32
     if normal == [0.0; 3] {
         return -1.0;
     }
-    let mut cone = 1.0_f32;
-    for cosine in cosines {
-        let cosine = if both { cosine.abs() } else { cosine };
-        cone = if cosine < cone { cosine } else { cone };
-    }
-    cone.max(-1.0)
+    let cosines = cosines.map(|cosine| if both { cosine.abs() } else { cosine });
+    cosines.fold(1.0_f32, |cone, cosine| if cosine < cone { cosine } else { cone }).max(-1.0)
 }
 
 /// Marks the absence of a triangle or of a piece.
@@ -203,12 +194,7 @@ impl Connector {
     /// Returns the next free number.
     fn number(&mut self, group: Group<'_>, list: &[u32], class: &mut [u32], pieces: u32) -> u32 {
         self.join(group, list);
-        let mut roots: Vec<u32> = Vec::new();
-        for &triangle in list {
-            if self.root(triangle) == triangle {
-                roots.push(triangle);
-            }
-        }
+        let mut roots: Vec<u32> = list.iter().copied().filter(|&triangle| self.root(triangle) == triangle).collect();
         if roots.len() > 1 && group.order == Order::Canonical {
             self.order_by_place(group, list, &mut roots);
         }
@@ -224,10 +210,8 @@ impl Connector {
     /// Sorts the pieces' root triangles by the smallest centroid of each piece (by x, then y, then z). The result does
     /// not depend on the order of triangles.
     fn order_by_place(&mut self, group: Group<'_>, list: &[u32], roots: &mut [u32]) {
-        let mut first: Vec<(u32, [f64; 3])> = Vec::with_capacity(list.len());
-        for &triangle in list {
-            first.push((self.root(triangle), centroid_sum(group.corners(triangle))));
-        }
+        let place = |&triangle: &u32| (self.root(triangle), centroid_sum(group.corners(triangle)));
+        let mut first: Vec<(u32, [f64; 3])> = list.iter().map(place).collect();
         let compare =
             |a: &[f64; 3], b: &[f64; 3]| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])).then(a[2].total_cmp(&b[2]));
         first.sort_unstable_by(|a, b| compare(&a.1, &b.1).then(a.0.cmp(&b.0)));

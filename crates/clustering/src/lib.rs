@@ -12,7 +12,7 @@
 //! let triangles = Triangles::new(&positions, &indices);
 //!
 //! // One voxel for all; by default K N^(1/3) along the longest axis.
-//! let clusters = cluster(&triangles, &ClusterParams::default().with_clamp(1))?;
+//! let clusters = cluster(&triangles, &ClusterParams { clamp: 1, ..ClusterParams::default() })?;
 //! assert_eq!(clusters.labels(), [0, 0, 1]);
 //! assert_eq!(clusters.members(0), [0, 1]);
 //! let floor = clusters.clusters()[0];

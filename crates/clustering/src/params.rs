@@ -84,11 +84,10 @@ pub enum Connection {
 /// ```
 /// use dapple_clustering::{ClusterParams, Grouping};
 ///
-/// let params = ClusterParams::default().with_angle(5.0).with_grouping(Grouping::Connected);
+/// let params = ClusterParams { angle: 5.0, grouping: Grouping::Connected, ..ClusterParams::default() };
 /// assert_eq!(params.clamp, 64);
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[non_exhaustive]
 pub struct ClusterParams {
     /// The factor K, above 0 and at most 2^20; 3 by default, as in pbrt-v2.
     ///
@@ -167,70 +166,19 @@ impl ClusterParams {
         Self { count: Some(count), ..Self::default() }
     }
 
-    /// Sets the factor K, which scales the number of voxels.
-    pub const fn with_k(self, k: f64) -> Self {
-        Self { k, ..self }
-    }
-
-    /// Sets the largest number of voxels along an axis.
-    pub const fn with_clamp(self, clamp: u32) -> Self {
-        Self { clamp, ..self }
-    }
-
-    /// Sets the angle in degrees within which normals are alike.
-    pub const fn with_angle(self, angle: f64) -> Self {
-        Self { angle, ..self }
-    }
-
-    /// Sets the voxels that a triangle is put into.
-    pub const fn with_insertion(self, insertion: Insertion) -> Self {
-        Self { insertion, ..self }
-    }
-
-    /// Sets the method that divides a voxel's triangles of one material into clusters.
-    pub const fn with_grouping(self, grouping: Grouping) -> Self {
-        Self { grouping, ..self }
-    }
-
-    /// Sets the order in which a voxel's triangles are visited.
-    pub const fn with_order(self, order: Order) -> Self {
-        Self { order, ..self }
-    }
-
-    /// Sets the treatment of opposite normals when normals are compared.
-    pub const fn with_sides(self, sides: Sides) -> Self {
-        Self { sides, ..self }
-    }
-
-    /// Sets the rule by which two triangles are connected.
-    pub const fn with_connection(self, connection: Connection) -> Self {
-        Self { connection, ..self }
-    }
-
-    /// Sets the desired number of clusters, at least 1, in place of `k` and `clamp`.
-    pub const fn with_count(self, count: u32) -> Self {
-        Self { count: Some(count), ..self }
-    }
-
     /// Checks that all parameters are in range, as [`crate::cluster`] does.
     ///
     /// # Errors
     ///
     /// The error of the first parameter out of range.
     pub fn check(&self) -> Result<(), Error> {
-        if !(self.k > 0.0 && self.k <= MAX_K) {
-            return Err(Error::BadK { k: self.k });
+        match *self {
+            Self { k, .. } if !(k > 0.0 && k <= MAX_K) => Err(Error::BadK { k }),
+            Self { clamp, .. } if !(1..=MAX_CLAMP).contains(&clamp) => Err(Error::BadClamp { clamp }),
+            Self { angle, .. } if !(0.0..=MAX_ANGLE).contains(&angle) => Err(Error::BadAngle { angle }),
+            Self { count: Some(0), .. } => Err(Error::BadCount),
+            _ => Ok(()),
         }
-        if !(1..=MAX_CLAMP).contains(&self.clamp) {
-            return Err(Error::BadClamp { clamp: self.clamp });
-        }
-        if !(0.0..=MAX_ANGLE).contains(&self.angle) {
-            return Err(Error::BadAngle { angle: self.angle });
-        }
-        if self.count == Some(0) {
-            return Err(Error::BadCount);
-        }
-        Ok(())
     }
 
     /// Tests if opposite normals are alike.

@@ -12,37 +12,27 @@ pub(crate) trait Entry: Copy + Ord + Default + Send + Sync {
     fn triangle(self) -> u32;
 }
 
-/// Pairs of a voxel and a triangle in 64 bits, for grids of up to 2^32 voxels.
-impl Entry for u64 {
-    #[inline]
-    fn new(voxel: u64, triangle: u32) -> Self {
-        voxel << 32 | u64::from(triangle)
-    }
-    #[inline]
-    fn voxel(self) -> u64 {
-        self >> 32
-    }
-    #[inline]
-    fn triangle(self) -> u32 {
-        self as u32
-    }
+macro_rules! entries {
+    ($($bits:ty)*) => {$(
+        impl Entry for $bits {
+            #[inline]
+            fn new(voxel: u64, triangle: u32) -> Self {
+                Self::from(voxel) << 32 | Self::from(triangle)
+            }
+            #[inline]
+            fn voxel(self) -> u64 {
+                (self >> 32) as u64
+            }
+            #[inline]
+            fn triangle(self) -> u32 {
+                self as u32
+            }
+        }
+    )*};
 }
 
-/// Pairs of a voxel and a triangle in 128 bits, for any grid.
-impl Entry for u128 {
-    #[inline]
-    fn new(voxel: u64, triangle: u32) -> Self {
-        u128::from(voxel) << 32 | u128::from(triangle)
-    }
-    #[inline]
-    fn voxel(self) -> u64 {
-        (self >> 32) as u64
-    }
-    #[inline]
-    fn triangle(self) -> u32 {
-        self as u32
-    }
-}
+// Pairs in 64 bits are for grids of up to 2^32 voxels, those in 128 bits for any grid.
+entries! { u64 u128 }
 
 /// The intended number of entries per range of voxels. With the parts that they come from they fill a first-level cache of 32 KiB.
 const BUCKET: usize = 2048;

@@ -22,14 +22,14 @@ fn a_sparse_grid_takes_memory_for_occupied_voxels_only_k06() {
     let mut mesh = mesh;
     mesh.add([[0.0; 3], [0.0; 3], [1.0; 3]]);
     mesh.materials.push(0);
-    let params = ClusterParams::default().with_k(1e6).with_clamp(2000);
+    let params = ClusterParams { k: 1e6, clamp: 2000, ..ClusterParams::default() };
     let clusters = mesh.cluster(&params).unwrap();
     assert_eq!(clusters.report().requested(), 8_000_000_000);
     assert_eq!((clusters.len(), clusters.report().occupied), (11, 11));
-    let finest = mesh.cluster(&params.with_clamp(1 << 20)).unwrap();
+    let finest = mesh.cluster(&ClusterParams { clamp: 1 << 20, ..params }).unwrap();
     assert_eq!((finest.report().requested(), finest.len()), (1 << 60, 11));
     // Boxes that fill the grid would make 8e9 entries: an error.
-    let boxes = mesh.cluster(&params.with_insertion(Insertion::BoundingBox));
+    let boxes = mesh.cluster(&ClusterParams { insertion: Insertion::BoundingBox, ..params });
     assert!(matches!(boxes, Err(Error::TooManyEntries { entries, .. }) if entries >= 8_000_000_000), "{boxes:?}");
     match peak() {
         Some(peak) => assert!(peak < 64 << 10, "{peak} KiB"),

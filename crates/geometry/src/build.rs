@@ -10,7 +10,7 @@ use crate::bvh::{Bvh, LIMIT, Node8};
 use crate::{Error, Shape};
 use glam::DVec3;
 pub(crate) use items::{Bounds, union};
-use items::{Items, padded_by_ulps, too_many};
+use items::{Items, padded_by_ulps};
 
 /// Builds the bounding volume hierarchy over shapes. Returns it with its bounds and the number of triangles that can
 /// be hit.
@@ -24,7 +24,7 @@ pub(crate) fn build_tree(shapes: &[Shape]) -> Result<(Bvh, Option<Bounds>, usize
 /// Builds the bounding volume hierarchy over the boxes of instances, each with its index. Returns it with a box around
 /// all of them.
 pub(crate) fn build_top(boxes: &[(u32, [DVec3; 2])]) -> Result<(Bvh, Option<Bounds>), Error> {
-    too_many("instances", boxes.len(), LIMIT)?;
+    Error::too_many("instances", boxes.len(), LIMIT)?;
     let grown: Vec<Bounds> = boxes.iter().map(|&(_, bounds)| padded_by_ulps(bounds)).collect();
     let keys = boxes.iter().map(|&(number, _)| number.into()).collect();
     Ok(tree(&Items { shapes: &[], boxes: &grown, keys, still: false }))

@@ -67,9 +67,8 @@ impl Node8 {
 pub(crate) enum Child {
     Node(u32),
     Triangles(u32),
+    /// A sphere, a disk or, in the tree over instances, the box of one.
     Quadric(u32),
-    /// The index of an instance's box, in the tree over instances.
-    Box(u32),
 }
 
 impl Child {
@@ -77,7 +76,7 @@ impl Child {
         match self {
             Self::Node(number) => number,
             Self::Triangles(number) => number | TRIANGLES,
-            Self::Quadric(number) | Self::Box(number) => number | QUADRIC,
+            Self::Quadric(number) => number | QUADRIC,
         }
     }
 }

@@ -3,9 +3,8 @@ use crate::instance::Placements;
 #[cfg(test)]
 use crate::lanes::Vectors;
 use crate::ray::PreparedRay;
-use crate::shape::Quadric;
 use crate::traverse::{Best, Tree, WalkKind};
-use crate::{Error, Hit, Instance, PlacedShape, PrimitiveId, Ray, Shape, SurfacePoint};
+use crate::{Error, Hit, Instance, PlacedShape, Ray, Shape, SurfacePoint};
 use glam::{DAffine3, Vec3};
 use std::sync::Arc;
 
@@ -31,7 +30,7 @@ use std::sync::Arc;
 #[derive(Clone, Debug)]
 pub struct Geometry {
     shapes: Vec<Shape>,
-    tree: Tree,
+    pub(crate) tree: Tree,
     bounds: Option<[Vec3; 2]>,
     triangle_count: usize,
 }
@@ -73,10 +72,7 @@ impl Geometry {
         let mut scene = Self::build(shapes)?;
         let placements = Placements::new(scene.shapes.len() as u32, objects, instances)?;
         scene.triangle_count += placements.objects.iter().map(|object| object.geometry.triangle_count).sum::<usize>();
-        scene.bounds = match (scene.bounds, placements.bounds) {
-            (Some(base), Some(placed)) => Some(union(base, placed)),
-            (base, placed) => base.or(placed),
-        };
+        scene.bounds = scene.bounds.into_iter().chain(placements.bounds).reduce(union);
         let moving = scene.base_moves();
         scene.tree.way = WalkKind::placed(placements, moving);
         Ok(scene)
@@ -150,18 +146,10 @@ impl Geometry {
     #[inline(always)]
     pub fn surface_at(&self, ray: &Ray, hit: &Hit, time: f32) -> SurfacePoint {
         match self.shapes.get(hit.shape as usize) {
-            Some(Shape::Mesh(mesh)) => {
-                let (position, error, normal) = mesh.point(hit.primitive, hit.barycentrics);
-                let primitive = PrimitiveId::triangle(hit.shape, hit.primitive);
-                SurfacePoint { position, error, normal, primitive }
-            }
-            Some(Shape::Moving(mesh)) => {
-                let (position, error, normal) = mesh.point(hit.primitive, hit.barycentrics, time);
-                let primitive = PrimitiveId::triangle(hit.shape, hit.primitive);
-                SurfacePoint { position, error, normal, primitive }
-            }
-            Some(Shape::Sphere(sphere)) => Quadric::Sphere(*sphere).surface(ray, hit.t),
-            Some(Shape::Disk(disk)) => Quadric::Disk(*disk).surface(ray, hit.t),
+            Some(Shape::Mesh(mesh)) => hit.on_triangle(mesh.point(hit.primitive, hit.barycentrics)),
+            Some(Shape::Moving(mesh)) => hit.on_triangle(mesh.point(hit.primitive, hit.barycentrics, time)),
+            Some(Shape::Sphere(sphere)) => sphere.surface(ray, hit.t),
+            Some(Shape::Disk(disk)) => disk.surface(ray, hit.t),
             None => self.placements().surface(ray, hit, time),
         }
     }
@@ -174,8 +162,8 @@ impl Geometry {
     pub fn parametric_at(&self, hit: &Hit, position: Vec3, time: f32) -> [f32; 2] {
         match self.shapes.get(hit.shape as usize) {
             Some(Shape::Mesh(_) | Shape::Moving(_)) => hit.barycentrics,
-            Some(Shape::Sphere(sphere)) => Quadric::Sphere(*sphere).parametric(position),
-            Some(Shape::Disk(disk)) => Quadric::Disk(*disk).parametric(position),
+            Some(Shape::Sphere(sphere)) => sphere.parametric(position),
+            Some(Shape::Disk(disk)) => disk.parametric(position),
             None => self.placements().parametric(hit, position, time),
         }
     }
@@ -235,10 +223,6 @@ impl Geometry {
     /// at most 256.
     pub fn deepest(&self) -> usize {
         self.tree.bvh.stack
-    }
-
-    pub(crate) fn tree(&self) -> &Tree {
-        &self.tree
     }
 
     pub(crate) fn instances(&self) -> Option<&Placements> {

@@ -5,7 +5,6 @@ use bytemuck::Pod;
 use memmap2::{Advice, MmapMut};
 #[cfg(target_os = "linux")]
 use rayon::prelude::*;
-use std::fmt;
 use std::ops::{Deref, DerefMut};
 
 /// The size of a huge page on most machines. Arrays from this size on ask for huge pages.
@@ -14,8 +13,10 @@ const HUGE: usize = 1 << 21;
 
 /// An array of a fixed length. Linux gives huge pages only to memory that asks for them, which the allocator of a
 /// program does not. With small pages, a walk through a large tree waits for addresses as long as for their contents.
+#[derive(Debug)]
 pub(crate) struct Pages<T>(Memory<T>);
 
+#[derive(Debug)]
 enum Memory<T> {
     Allocated(Vec<T>),
     /// Memory, and the array's size in bytes.
@@ -94,12 +95,6 @@ impl<T: Pod> Clone for Pages<T> {
         let mut copy = Self::zeroed(self.len());
         copy.copy_from_slice(self);
         copy
-    }
-}
-
-impl<T: Pod + fmt::Debug> fmt::Debug for Pages<T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_list().entries(self.iter()).finish()
     }
 }
 

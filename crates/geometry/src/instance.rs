@@ -14,12 +14,12 @@
 
 use crate::build::{Bounds, build_top};
 use crate::bvh::{Bvh, key};
-use crate::mesh::{LARGEST, LOST_IN_F64, ROUNDING};
+use crate::mesh::ROUNDING;
 use crate::ray::PreparedRay;
-use crate::shape::Quadric;
+use crate::shape::Space;
 use crate::traverse::Best;
 use crate::{Error, Geometry, Hit, Motion, PrimitiveId, Ray, Shape, SurfacePoint};
-use glam::{DAffine3, DMat3, DVec3, Vec3};
+use glam::{DAffine3, DVec3, Vec3};
 use std::sync::Arc;
 
 /// A placement of an object in a scene by a map that may change over time.
@@ -65,7 +65,7 @@ pub struct PlacedShape {
 }
 
 /// All instances of a scene, and the bounding volume hierarchy over their boxes.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Placements {
     /// The number of base shapes (those of no instance). The shapes of instances are numbered from here.
     base: u32,
@@ -101,17 +101,8 @@ struct PlacedObject {
 
 #[derive(Clone, Debug)]
 enum Pose {
-    Still(Map),
+    Still(Space),
     Moving(Motion),
-}
-
-/// The maps from an object's space to world space and back.
-#[derive(Clone, Copy, Debug)]
-struct Map {
-    to_world: DAffine3,
-    /// The inverse of the matrix of `to_world`. The translation is subtracted from a point first, which keeps
-    /// precision far from the world's origin.
-    to_object: DMat3,
 }
 
 /// A ray in an object's space. A world-space parameter `t` corresponds to its parameter `(t - start) speed`.
@@ -145,26 +136,18 @@ impl Object {
 
 impl Pose {
     #[inline]
-    fn at(&self, time: f32) -> Map {
+    fn at(&self, time: f32) -> Space {
         match self {
-            Self::Still(map) => *map,
-            Self::Moving(motion) => Map::new(motion.at(time)),
+            Self::Still(space) => *space,
+            Self::Moving(motion) => Space::new(motion.at(time)),
         }
     }
 }
 
-impl Map {
-    fn new(to_world: DAffine3) -> Self {
-        Self { to_world, to_object: to_world.matrix3.inverse() }
-    }
-
-    fn point(&self, world: Vec3) -> DVec3 {
-        self.to_object * (world.as_dvec3() - self.to_world.translation)
-    }
-
+impl Space {
     /// Returns the ray in the object's space, starting where it enters a box; `None` if it misses the box.
     fn enter(&self, ray: &Ray, [low, high]: [DVec3; 2]) -> Option<Local> {
-        let (origin, direction) = (self.point(ray.origin), self.to_object * ray.direction.as_dvec3());
+        let (origin, direction) = self.ray_to_object(ray);
         // The reciprocals are finite, as in `PreparedRay`, so that no product of zero and infinity is formed.
         let inverse = direction.recip().clamp(DVec3::splat(-f64::MAX), DVec3::splat(f64::MAX));
         let (a, b) = ((low - origin) * inverse, (high - origin) * inverse);
@@ -192,15 +175,8 @@ impl Placements {
             known.push(Object::new(geometry, numbered(count)?));
             count += known[number].geometry.shapes().len();
         }
-        let mut all = Self {
-            base,
-            objects: known,
-            instances: Vec::with_capacity(instances.len()),
-            instance_of: Vec::new(),
-            top: Bvh::default(),
-            bounds: None,
-            moves: false,
-        };
+        let room = Vec::with_capacity(instances.len());
+        let mut all = Self { base, objects: known, instances: room, ..Self::default() };
         let mut boxes = Vec::with_capacity(instances.len());
         for (number, instance) in instances.into_iter().enumerate() {
             boxes.extend(all.place(number as u32, instance)?.map(|bounds| (number as u32, bounds)));
@@ -217,18 +193,10 @@ impl Placements {
         let shapes = known.geometry.shapes().len();
         let first = numbered(self.base as usize + self.instance_of.len())?;
         numbered(first as usize + shapes)?;
-        let start = Map::new(motion.at(0.0));
-        let determinant = start.to_world.matrix3.determinant();
-        if determinant == 0.0 || !start.to_world.is_finite() || !start.to_object.is_finite() {
-            let expected = "the map to world space must be finite and invertible";
-            return Err(Error::BadParameter { what: "an instance's determinant", value: determinant, expected });
-        }
+        let start = Space::checked(motion.at(0.0), "an instance's determinant")?;
         let bounds = known.bounds.map(|[low, high]| motion.bounds(low, high));
         if let Some([low, high]) = bounds {
-            let value = low.abs().max(high.abs()).max_element();
-            if value.is_nan() || value > LARGEST.into() {
-                return Err(Error::ScaleOutOfRange { what: "an instance's extent", value });
-            }
+            Error::out_of_range("an instance's extent", low.abs().max(high.abs()).max_element(), 0.0)?;
         }
         self.instance_of.resize(self.instance_of.len() + shapes, number);
         self.moves |= motion.moves() || known.geometry.moves();
@@ -252,7 +220,7 @@ impl Placements {
             let instance = &self.instances[number as usize];
             self.enter(instance, prepared, time)
                 .and_then(|local| PreparedRay::ordinary(&local.ray))
-                .is_some_and(|local| self.objects[instance.object as usize].geometry.tree().occluded(&local, time))
+                .is_some_and(|local| self.objects[instance.object as usize].geometry.tree.occluded(&local, time))
         };
         self.top.visit::<true>(prepared, &mut Best::new(prepared.ray.tmax), &mut visit)
     }
@@ -265,7 +233,7 @@ impl Placements {
         }
         let Some(inner) = PreparedRay::ordinary(&local.ray) else { return };
         let mut found = Best::new(((limit - local.start) * local.speed) as f32);
-        self.objects[instance.object as usize].geometry.tree().closest(&inner, time, &mut found);
+        self.objects[instance.object as usize].geometry.tree.closest(&inner, time, &mut found);
         if found.found {
             let t = (local.start + f64::from(found.t) / local.speed) as f32;
             let t = t.max(prepared.ray.tmin.next_up()).min(prepared.ray.tmax.next_down());
@@ -320,70 +288,49 @@ impl Placements {
     pub(crate) fn parametric(&self, hit: &Hit, position: Vec3, time: f32) -> [f32; 2] {
         let (instance, object, shape) = self.resolve(hit.shape);
         let inner = Hit { shape, ..*hit };
-        object.geometry.parametric_at(&inner, instance.place.at(time).point(position).as_vec3(), 0.0)
+        object.geometry.parametric_at(&inner, instance.place.at(time).point_to_object(position).as_vec3(), 0.0)
     }
 
     #[inline(never)]
     pub(crate) fn surface(&self, ray: &Ray, hit: &Hit, time: f32) -> SurfacePoint {
         let (instance, object, shape) = self.resolve(hit.shape);
-        let map = instance.place.at(time);
-        let shape = &object.geometry.shapes()[shape as usize];
-        let (point, error, normal, primitive) = match shape {
-            Shape::Mesh(mesh) => {
-                let (point, error, _) = mesh.point(hit.primitive, hit.barycentrics);
-                // The stored f32 normal is too coarse: a nearly flat map magnifies its rounding error.
-                let [a, b, c] = mesh.corners(hit.primitive).map(Vec3::as_dvec3);
-                let primitive = PrimitiveId::triangle(hit.shape, hit.primitive);
-                (point, error, (b - a).cross(c - a).normalize_or_zero(), primitive)
-            }
-            Shape::Moving(mesh) => {
-                let (point, error, _) = mesh.point(hit.primitive, hit.barycentrics, time);
-                let [a, b, c] = mesh.corners(hit.primitive, time).map(Vec3::as_dvec3);
-                let primitive = PrimitiveId::triangle(hit.shape, hit.primitive);
-                (point, error, (b - a).cross(c - a).normalize_or_zero(), primitive)
-            }
-            Shape::Sphere(sphere) => on_quadric(&Quadric::Sphere(*sphere), &map, ray, hit.t),
-            Shape::Disk(disk) => on_quadric(&Quadric::Disk(*disk), &map, ray, hit.t),
+        let space = instance.place.at(time);
+        let of_triangle = |(point, error, _): (Vec3, Vec3, Vec3), corners: [Vec3; 3]| {
+            // The stored f32 normal is too coarse: a nearly flat map magnifies its rounding error.
+            let [a, b, c] = corners.map(Vec3::as_dvec3);
+            let primitive = PrimitiveId::triangle(hit.shape, hit.primitive);
+            (point, error, (b - a).cross(c - a).normalize_or_zero(), primitive)
         };
-        let (matrix, translation) = (map.to_world.matrix3, map.to_world.translation);
-        let point = point.as_dvec3();
-        let exact = matrix * point + translation;
-        let magnitude = DMat3::from_cols(matrix.x_axis.abs(), matrix.y_axis.abs(), matrix.z_axis.abs());
-        let entered = magnitude * point.abs() + translation.abs();
-        let error = magnitude * (error.as_dvec3() + object.reach);
-        let error = error + exact.abs() * ROUNDING + entered * LOST_IN_F64;
-        SurfacePoint {
-            position: exact.as_vec3(),
-            error: error.as_vec3(),
-            normal: (map.to_object.transpose() * normal).normalize_or(DVec3::Z).as_vec3(),
-            primitive,
-        }
+        // The ray on which a sphere or disk is hit is moved to start near the hit, which then lies near `t` = 0.
+        let near = || {
+            let (origin, direction) = space.ray_to_object(ray);
+            let origin = (origin + direction * f64::from(hit.t)).as_vec3();
+            Ray::new(origin, direction.normalize_or(DVec3::Z).as_vec3())
+        };
+        let of_quadric = |on: SurfacePoint| (on.position, on.error, on.normal.as_dvec3(), PrimitiveId::NONE);
+        let (number, weights) = (hit.primitive, hit.barycentrics);
+        let (point, error, normal, primitive) = match &object.geometry.shapes()[shape as usize] {
+            Shape::Mesh(mesh) => of_triangle(mesh.point(number, weights), mesh.corners(number)),
+            Shape::Moving(mesh) => of_triangle(mesh.point(number, weights, time), mesh.corners(number, time)),
+            Shape::Sphere(sphere) => of_quadric(sphere.surface(&near(), 0.0)),
+            Shape::Disk(disk) => of_quadric(disk.surface(&near(), 0.0)),
+        };
+        space.surface(point.as_dvec3(), error.as_dvec3() + object.reach, normal, primitive)
     }
 
     pub(crate) fn memory_bytes(&self) -> usize {
         let objects: usize = self.objects.iter().map(|object| object.geometry.memory_bytes()).sum();
-        let path =
-            |instance: &PlacedObject| if matches!(instance.place, Pose::Moving(_)) { Motion::PATH_BYTES } else { 0 };
+        let moving = self.instances.iter().filter(|instance| matches!(instance.place, Pose::Moving(_))).count();
         objects
             + size_of_val(&*self.objects)
             + size_of_val(&*self.instances)
-            + self.instances.iter().map(path).sum::<usize>()
+            + moving * Motion::PATH_BYTES
             + size_of_val(&*self.instance_of)
             + self.top.memory_bytes()
     }
 }
 
-/// Returns a hit point of a sphere or disk in its object's space, with its error and normal. The identity is
-/// [`PrimitiveId::NONE`].
-fn on_quadric(quadric: &Quadric, map: &Map, ray: &Ray, t: f32) -> (Vec3, Vec3, DVec3, PrimitiveId) {
-    let (origin, direction) = (map.point(ray.origin), map.to_object * ray.direction.as_dvec3());
-    // The ray is moved to start near the hit, which then lies near `t` = 0.
-    let origin = (origin + direction * f64::from(t)).as_vec3();
-    let point = quadric.surface(&Ray::new(origin, direction.normalize_or(DVec3::Z).as_vec3()), 0.0);
-    (point.position, point.error, point.normal.as_dvec3(), PrimitiveId::NONE)
-}
-
 fn numbered(count: usize) -> Result<u32, Error> {
-    let limit = u32::MAX as usize;
-    if count < limit { Ok(count as u32) } else { Err(Error::TooMany { what: "shapes of instances", count, limit }) }
+    Error::too_many("shapes of instances", count, u32::MAX as usize)?;
+    Ok(count as u32)
 }

@@ -97,3 +97,21 @@ pub enum Error {
         object: u32,
     },
 }
+
+impl Error {
+    /// Fails with [`Error::BadParameter`] unless a parameter meets its requirement.
+    pub(crate) fn unless(met: bool, what: &'static str, value: f64, expected: &'static str) -> Result<(), Self> {
+        if met { Ok(()) } else { Err(Self::BadParameter { what, value, expected }) }
+    }
+
+    /// Fails with [`Error::TooMany`] unless `count` is below `limit`.
+    pub(crate) fn too_many(what: &'static str, count: usize, limit: usize) -> Result<(), Self> {
+        if count < limit { Ok(()) } else { Err(Self::TooMany { what, count, limit }) }
+    }
+
+    /// Fails with [`Error::ScaleOutOfRange`] unless a magnitude lies between `least` and the largest one allowed.
+    pub(crate) fn out_of_range(what: &'static str, value: f64, least: f32) -> Result<(), Self> {
+        let range = f64::from(least)..=f64::from(mesh::LARGEST);
+        if range.contains(&value) { Ok(()) } else { Err(Self::ScaleOutOfRange { what, value }) }
+    }
+}

@@ -1,7 +1,7 @@
 //! Triangle meshes, at rest and with moving vertices.
 
 use crate::Error;
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 
 /// The largest allowed magnitude of a coordinate, 2^59. Products of two coordinate differences then stay finite in
 /// f32.
@@ -34,7 +34,7 @@ pub struct Mesh {
     normals: Vec<Vec3>,
     degenerate: usize,
     /// The box around all triangles, degenerate ones included; empty without any.
-    around: [Vec3; 2],
+    pub(crate) around: [Vec3; 2],
     /// A bound on the rounding error of a point computed in f64 from three corners, in scene units, for the mesh's
     /// largest coordinate.
     lost: f32,
@@ -51,10 +51,7 @@ impl Mesh {
     ///   but not all are 0.
     /// * [`Error::TooMany`] if there are 2^32 - 1 triangles or more.
     pub fn new(positions: Vec<[f32; 3]>, triangles: Vec<[u32; 3]>) -> Result<Self, Error> {
-        let limit = u32::MAX as usize;
-        if triangles.len() >= limit {
-            return Err(Error::TooMany { what: "triangles of a mesh", count: triangles.len(), limit });
-        }
+        Error::too_many("triangles of a mesh", triangles.len(), u32::MAX as usize)?;
         let [mut low, mut high] = [Vec3::INFINITY, Vec3::NEG_INFINITY];
         for (number, corners) in triangles.iter().enumerate() {
             for &vertex in corners {
@@ -64,16 +61,15 @@ impl Mesh {
         }
         let largest = low.abs().max(high.abs()).max_element();
         let largest = if triangles.is_empty() { 0.0 } else { largest };
-        if largest > LARGEST || (largest > 0.0 && largest < SMALLEST) {
-            return Err(Error::ScaleOutOfRange { what: "a mesh's largest coordinate", value: largest.into() });
-        }
+        let least = if largest > 0.0 { SMALLEST } else { 0.0 };
+        Error::out_of_range("a mesh's largest coordinate", largest.into(), least)?;
         let mut mesh =
             Self { positions, triangles, normals: Vec::new(), degenerate: 0, around: [low, high], lost: 0.0 };
         mesh.lost = (3.0 * f64::from(largest) * LOST_IN_F64) as f32;
         let normal = |number: usize| {
             let corners = mesh.corners(number as u32);
             let [a, b, c] = corners.map(Vec3::as_dvec3);
-            if has_no_area(corners) { Vec3::ZERO } else { unit_normal(a, b, c) }
+            if has_no_area(corners) { Vec3::ZERO } else { (b - a).cross(c - a).normalize_or_zero().as_vec3() }
         };
         mesh.normals = (0..mesh.triangles.len()).map(normal).collect();
         mesh.degenerate = mesh.normals.iter().filter(|&&normal| normal == Vec3::ZERO).count();
@@ -98,11 +94,6 @@ impl Mesh {
     /// Returns true if the triangle has no area. The index must be below `triangles().len()`.
     pub fn is_degenerate(&self, triangle: u32) -> bool {
         self.normals[triangle as usize] == Vec3::ZERO
-    }
-
-    /// Returns the box around all triangles, degenerate ones included; an empty one without any.
-    pub(crate) fn around(&self) -> [Vec3; 2] {
-        self.around
     }
 
     /// Returns the positions of a triangle's three corners. The index must be below `triangles().len()`.
@@ -156,12 +147,6 @@ fn checked(positions: &[[f32; 3]], triangle: u32, vertex: u32) -> Result<Vec3, E
     if position.is_finite() { Ok(position) } else { Err(Error::NonFinite { triangle, vertex }) }
 }
 
-/// Returns the unit normal on the side from which `a`, `b`, `c` run counter-clockwise; the zero vector if there is
-/// none.
-fn unit_normal(a: DVec3, b: DVec3, c: DVec3) -> Vec3 {
-    (b - a).cross(c - a).normalize_or_zero().as_vec3()
-}
-
 /// An indexed triangle mesh with moving vertices. Each vertex moves in a straight line from its position at time 0 to
 /// its position at time 1, and is at rest before and after.
 ///
@@ -193,14 +178,9 @@ impl MovingMesh {
     /// The errors of [`Mesh::new`] for the positions at either time. [`Error::BadParameter`] if the numbers of
     /// positions differ.
     pub fn new(starts: Vec<[f32; 3]>, ends: Vec<[f32; 3]>, triangles: Vec<[u32; 3]>) -> Result<Self, Error> {
-        if starts.len() != ends.len() {
-            let expected = "there must be as many vertices at time 1 as at time 0";
-            return Err(Error::BadParameter {
-                what: "a moving mesh's vertices at time 1",
-                value: ends.len() as f64,
-                expected,
-            });
-        }
+        let expected = "there must be as many vertices at time 1 as at time 0";
+        let (same, count) = (starts.len() == ends.len(), ends.len() as f64);
+        Error::unless(same, "a moving mesh's vertices at time 1", count, expected)?;
         let end = Mesh::new(ends, triangles.clone())?;
         let start = Mesh::new(starts, triangles)?;
         let largest = |mesh: &Mesh| mesh.positions().iter().flatten().fold(0.0_f32, |most, x| most.max(x.abs()));

@@ -64,10 +64,9 @@ impl Motion {
         }
         let [(r0, s0), (r1, s1)] = [polar(&start)?, polar(&end)?];
         let determinants = [start, end].map(|m| m.matrix3.determinant());
-        if (determinants[0] < 0.0) != (determinants[1] < 0.0) {
-            let expected = "start and end of a motion must both mirror, or neither";
-            return Err(Error::BadParameter { what: "a motion's determinant", value: determinants[1], expected });
-        }
+        let alike = (determinants[0] < 0.0) == (determinants[1] < 0.0);
+        let expected = "start and end of a motion must both mirror, or neither";
+        Error::unless(alike, "a motion's determinant", determinants[1], expected)?;
         let turn = r0.inverse() * r1;
         // A rotation has two quaternions of opposite sign; this is the one with the smaller angle.
         let turn = if turn.w < 0.0 { -turn } else { turn };
@@ -163,12 +162,12 @@ const STEPS: usize = 100;
 fn polar(map: &DAffine3) -> Result<(DQuat, DMat3), Error> {
     let matrix = map.matrix3;
     let determinant = matrix.determinant();
-    let expected = "both ends of a motion must be finite and invertible";
-    let wrong = Error::BadParameter { what: "a motion's determinant", value: determinant, expected };
+    let check = |met: bool| {
+        let expected = "both ends of a motion must be finite and invertible";
+        Error::unless(met, "a motion's determinant", determinant, expected)
+    };
     let largest = matrix.to_cols_array().into_iter().fold(0.0_f64, |m, x| m.max(x.abs()));
-    if !map.is_finite() || determinant == 0.0 || !determinant.is_finite() {
-        return Err(wrong);
-    }
+    check(map.is_finite() && determinant != 0.0 && determinant.is_finite())?;
     // The orthogonal matrix nearest to a mirroring matrix is not a rotation, so the negative matrix is used.
     let mut rotation = matrix * (largest.recip() * determinant.signum());
     for _ in 0..STEPS {
@@ -184,7 +183,8 @@ fn polar(map: &DAffine3) -> Result<(DQuat, DMat3), Error> {
     let unit = DQuat::from_mat3(&rotation).normalize();
     let stretch = DMat3::from_quat(unit).transpose() * matrix;
     let stretch = (stretch + stretch.transpose()) * 0.5;
-    if unit.is_finite() && stretch.is_finite() { Ok((unit, stretch)) } else { Err(wrong) }
+    check(unit.is_finite() && stretch.is_finite())?;
+    Ok((unit, stretch))
 }
 
 fn norm(matrix: &DMat3) -> f64 {

@@ -102,6 +102,14 @@ pub struct Hit {
     pub barycentrics: [f32; 2],
 }
 
+impl Hit {
+    /// Returns the surface point of a hit on a triangle, from its position, error and normal.
+    #[inline(always)]
+    pub(crate) fn on_triangle(&self, (position, error, normal): (Vec3, Vec3, Vec3)) -> SurfacePoint {
+        SurfacePoint { position, error, normal, primitive: PrimitiveId::triangle(self.shape, self.primitive) }
+    }
+}
+
 /// A point on a surface with a bound on the rounding error of its position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfacePoint {
@@ -147,7 +155,8 @@ pub fn spawn_ray(from: &SurfacePoint, direction: Vec3) -> Ray {
 /// Both ends are moved off their surfaces by the error bounds; the far bound includes the rounding of `direction`.
 #[inline(always)]
 pub fn spawn_ray_to(from: &SurfacePoint, to: &SurfacePoint) -> Ray {
-    let error = to.error + aim_error(to.position, from.position);
+    // `target - origin` is rounded once per axis.
+    let error = to.error + (to.position - from.position).abs() * f32::EPSILON;
     let target = offset_origin(to.position, error, to.normal, from.position - to.position);
     Ray { ends: [from.primitive, to.primitive], ..aim(from, target, 1.0) }
 }
@@ -169,12 +178,6 @@ fn aim(from: &SurfacePoint, target: Vec3, tmax: f32) -> Ray {
     let turned = (back < 0.0) != (from.normal.dot(wanted) < 0.0);
     let direction = if turned { direction - from.normal * back } else { direction };
     Ray { origin, direction, tmin: 0.0, tmax, ends: [from.primitive, PrimitiveId::NONE] }
-}
-
-/// A bound per axis on the distance between a ray's end and its target: `target - origin` is rounded once per axis.
-#[inline(always)]
-fn aim_error(target: Vec3, origin: Vec3) -> Vec3 {
-    (target - origin).abs() * f32::EPSILON
 }
 
 /// The largest absolute coordinate of a valid ray's origin; rays from farther away hit nothing.

@@ -1,6 +1,6 @@
 //! The kinds of shapes in a geometry: meshes, spheres and disks.
 
-use crate::mesh::{LARGEST, LOST_IN_F64, ROUNDING, SMALLEST};
+use crate::mesh::{LOST_IN_F64, ROUNDING, SMALLEST};
 use crate::{Error, Mesh, MovingMesh, PrimitiveId, Ray, SurfacePoint};
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use std::f64::consts::{PI, TAU};
@@ -34,7 +34,7 @@ impl Shape {
     pub fn bounds(&self) -> Option<[Vec3; 2]> {
         let quadric = |quadric: Quadric| Some(quadric.bounds().map(DVec3::as_vec3));
         match self {
-            Self::Mesh(mesh) => (!mesh.triangles().is_empty()).then(|| mesh.around()),
+            Self::Mesh(mesh) => (!mesh.triangles().is_empty()).then_some(mesh.around),
             Self::Moving(mesh) => (0..mesh.start().triangles().len() as u32)
                 .flat_map(|n| [0.0, 1.0].map(|time| mesh.corners(n, time)))
                 .flatten()
@@ -94,7 +94,7 @@ impl Sphere {
     ///   [`Mesh::new`].
     pub fn transformed(to_world: DAffine3, radius: f64) -> Result<Self, Error> {
         positive("a sphere's radius", radius)?;
-        let sphere = Self { space: Space::new(to_world)?, radius };
+        let sphere = Self { space: Space::checked(to_world, "a transform's determinant")?, radius };
         check_range("a sphere's extent", sphere.space.bounds(DVec3::splat(radius), DVec3::ZERO))?;
         Ok(sphere)
     }
@@ -120,16 +120,16 @@ impl Sphere {
         Some(if middle >= 0.0 { [near, far] } else { [far, near] })
     }
 
-    fn surface(&self, ray: &Ray, t: f32) -> SurfacePoint {
+    pub(crate) fn surface(&self, ray: &Ray, t: f32) -> SurfacePoint {
         let (o, d) = self.space.ray_to_object(ray);
         let t = f64::from(t);
         let nearest = |roots: [f64; 2]| if (roots[0] - t).abs() <= (roots[1] - t).abs() { roots[0] } else { roots[1] };
         let point = o + d * self.roots(ray).map_or(t, nearest);
         let point = point.normalize_or(DVec3::Z) * self.radius;
-        self.space.surface(point, point)
+        self.space.surface(point, DVec3::ZERO, point, PrimitiveId::NONE)
     }
 
-    fn parametric(&self, point: Vec3) -> [f32; 2] {
+    pub(crate) fn parametric(&self, point: Vec3) -> [f32; 2] {
         let p = self.space.point_to_object(point);
         [longitude(p), (1.0 - (p.z / p.length()).clamp(-1.0, 1.0).acos() / PI) as f32]
     }
@@ -194,14 +194,12 @@ impl Disk {
     ///   [`Mesh::new`].
     pub fn transformed(to_world: DAffine3, height: f64, radius: f64, inner_radius: f64) -> Result<Self, Error> {
         positive("a disk's radius", radius)?;
-        if !(0.0..radius).contains(&inner_radius) {
-            let expected = "it must be at least 0 and below the outer radius";
-            return Err(Error::BadParameter { what: "a disk's inner radius", value: inner_radius, expected });
-        }
-        if !height.is_finite() {
-            return Err(Error::BadParameter { what: "a disk's height", value: height, expected: "it must be finite" });
-        }
-        let disk = Self { space: Space::new(to_world)?, height, radius, inner_radius };
+        let (within, expected) =
+            ((0.0..radius).contains(&inner_radius), "it must be at least 0 and below the outer radius");
+        Error::unless(within, "a disk's inner radius", inner_radius, expected)?;
+        Error::unless(height.is_finite(), "a disk's height", height, "it must be finite")?;
+        let space = Space::checked(to_world, "a transform's determinant")?;
+        let disk = Self { space, height, radius, inner_radius };
         check_range("a disk's extent", disk.bounds())?;
         Ok(disk)
     }
@@ -219,13 +217,14 @@ impl Disk {
         (d.z != 0.0 && inside).then_some(t)
     }
 
-    fn surface(&self, ray: &Ray, t: f32) -> SurfacePoint {
+    pub(crate) fn surface(&self, ray: &Ray, t: f32) -> SurfacePoint {
         let (o, d) = self.space.ray_to_object(ray);
         let point = o + d * self.root(ray).unwrap_or(t.into());
-        self.space.surface(DVec3::new(point.x, point.y, self.height), DVec3::Z)
+        let point = DVec3::new(point.x, point.y, self.height);
+        self.space.surface(point, DVec3::ZERO, DVec3::Z, PrimitiveId::NONE)
     }
 
-    fn parametric(&self, point: Vec3) -> [f32; 2] {
+    pub(crate) fn parametric(&self, point: Vec3) -> [f32; 2] {
         let p = self.space.point_to_object(point);
         let v = (self.radius - p.truncate().length()) / (self.radius - self.inner_radius);
         [longitude(p), v.clamp(0.0, 1.0) as f32]
@@ -277,13 +276,6 @@ impl Quadric {
         }
     }
 
-    pub(crate) fn surface(&self, ray: &Ray, t: f32) -> SurfacePoint {
-        match self {
-            Self::Sphere(sphere) => sphere.surface(ray, t),
-            Self::Disk(disk) => disk.surface(ray, t),
-        }
-    }
-
     /// Returns the exact lower and upper corner of the bounding box in world space, in f64.
     pub(crate) fn bounds(&self) -> [DVec3; 2] {
         match self {
@@ -291,45 +283,38 @@ impl Quadric {
             Self::Disk(disk) => disk.bounds(),
         }
     }
-
-    /// Returns the surface parameters `(u, v)` of a world-space point, each in `[0, 1]`, as pbrt-v4 defines them.
-    pub(crate) fn parametric(&self, point: Vec3) -> [f32; 2] {
-        match self {
-            Self::Sphere(sphere) => sphere.parametric(point),
-            Self::Disk(disk) => disk.parametric(point),
-        }
-    }
 }
 
-/// The own space of a sphere or disk, given by the maps to world space and back.
+/// The own space of a sphere, a disk or an object, given by the maps to world space and back.
 #[derive(Clone, Copy, Debug)]
-struct Space {
-    to_world: DAffine3,
-    to_object: DAffine3,
+pub(crate) struct Space {
+    pub(crate) to_world: DAffine3,
+    /// The inverse of the matrix of `to_world`. The translation is subtracted from a point first, which keeps
+    /// precision far from the world's origin.
+    to_object: DMat3,
 }
 
 impl Space {
-    fn new(to_world: DAffine3) -> Result<Self, Error> {
-        let determinant = to_world.matrix3.determinant();
-        let to_object = to_world.inverse();
-        if determinant == 0.0 || !to_world.is_finite() || !to_object.is_finite() {
-            let expected = "the map to world space must be finite and invertible";
-            return Err(Error::BadParameter { what: "a transform's determinant", value: determinant, expected });
-        }
-        Ok(Self { to_world, to_object })
+    pub(crate) fn new(to_world: DAffine3) -> Self {
+        Self { to_world, to_object: to_world.matrix3.inverse() }
+    }
+
+    /// Makes a space whose map must be finite and invertible. `what` names its determinant.
+    pub(crate) fn checked(to_world: DAffine3, what: &'static str) -> Result<Self, Error> {
+        let (space, determinant) = (Self::new(to_world), to_world.matrix3.determinant());
+        let invertible = determinant != 0.0 && to_world.is_finite() && space.to_object.is_finite();
+        Error::unless(invertible, what, determinant, "the map to world space must be finite and invertible")?;
+        Ok(space)
     }
 
     #[inline]
-    fn ray_to_object(&self, ray: &Ray) -> (DVec3, DVec3) {
-        // Subtracting the translation first is exact. Adding the inverse's own translation would lose precision far
-        // from the world's origin.
-        let origin = self.point_to_object(ray.origin);
-        (origin, self.to_object.matrix3 * ray.direction.as_dvec3())
+    pub(crate) fn ray_to_object(&self, ray: &Ray) -> (DVec3, DVec3) {
+        (self.point_to_object(ray.origin), self.to_object * ray.direction.as_dvec3())
     }
 
     #[inline]
-    fn point_to_object(&self, point: Vec3) -> DVec3 {
-        self.to_object.matrix3 * (point.as_dvec3() - self.to_world.translation)
+    pub(crate) fn point_to_object(&self, point: Vec3) -> DVec3 {
+        self.to_object * (point.as_dvec3() - self.to_world.translation)
     }
 
     /// Maps derivatives of a point from object space to world space.
@@ -347,19 +332,19 @@ impl Space {
         [centre - reach, centre + reach]
     }
 
-    /// Returns the surface point in world space for a point and a normal in object space.
-    fn surface(&self, point: DVec3, normal: DVec3) -> SurfacePoint {
-        let m = self.to_world.matrix3;
-        let exact = m * point + self.to_world.translation;
-        let entered = DMat3::from_cols(m.x_axis.abs(), m.y_axis.abs(), m.z_axis.abs()) * point.abs();
-        let magnitudes = entered + self.to_world.translation.abs();
-        let error = exact.abs() * ROUNDING + magnitudes * LOST_IN_F64;
-        let normal = self.to_object.matrix3.transpose() * normal;
+    /// Returns the surface point in world space for a point, a bound on its error and a normal in object space.
+    pub(crate) fn surface(&self, point: DVec3, error: DVec3, normal: DVec3, primitive: PrimitiveId) -> SurfacePoint {
+        let DAffine3 { matrix3: m, translation } = self.to_world;
+        let exact = m * point + translation;
+        let magnitude = DMat3::from_cols(m.x_axis.abs(), m.y_axis.abs(), m.z_axis.abs());
+        let entered = magnitude * point.abs() + translation.abs();
+        let error = magnitude * error + exact.abs() * ROUNDING + entered * LOST_IN_F64;
+        let normal = self.to_object.transpose() * normal;
         SurfacePoint {
             position: exact.as_vec3(),
             error: error.as_vec3(),
             normal: normal.normalize_or(DVec3::Z).as_vec3(),
-            primitive: PrimitiveId::NONE,
+            primitive,
         }
     }
 }
@@ -372,16 +357,9 @@ fn longitude(p: DVec3) -> f32 {
 }
 
 fn positive(what: &'static str, value: f64) -> Result<(), Error> {
-    if value > 0.0 && value.is_finite() {
-        return Ok(());
-    }
-    Err(Error::BadParameter { what, value, expected: "it must be positive and finite" })
+    Error::unless(value > 0.0 && value.is_finite(), what, value, "it must be positive and finite")
 }
 
 fn check_range(what: &'static str, [low, high]: [DVec3; 2]) -> Result<(), Error> {
-    let largest = low.abs().max(high.abs()).max_element();
-    if largest <= f64::from(LARGEST) && largest >= f64::from(SMALLEST) {
-        return Ok(());
-    }
-    Err(Error::ScaleOutOfRange { what, value: largest })
+    Error::out_of_range(what, low.abs().max(high.abs()).max_element(), SMALLEST)
 }

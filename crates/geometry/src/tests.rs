@@ -139,7 +139,7 @@ fn stacks_of_each_size_hold_what_a_ray_puts_aside() {
     {
         let mesh = shrinking(levels, count);
         let scene = geometry(&mesh);
-        let stack = scene.tree().bvh.stack;
+        let stack = scene.tree.bvh.stack;
         assert!(sizes.contains(&stack), "{stack} for {levels} and {count}");
         let mut rng = Pcg64Mcg::seed_from_u64(2);
         let mut ray = Ray::new(Vec3::splat(-1.0), Vec3::new(1.0, 1.0, 1.0));
@@ -153,7 +153,7 @@ fn stacks_of_each_size_hold_what_a_ray_puts_aside() {
 
 /// A hash of a tree, node by node and leaf by leaf.
 fn hash_of(geometry: &Geometry) -> u64 {
-    let tree = &geometry.tree().bvh;
+    let tree = &geometry.tree.bvh;
     let nodes = tree.nodes.iter().flat_map(|node| {
         let bounds = node.bounds.as_flattened().iter().flat_map(|bounds| bounds.0.map(f32::to_bits));
         bounds.chain(node.children.0)

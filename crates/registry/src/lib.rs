@@ -117,14 +117,16 @@ fn clustering(p: &Parameters) -> Result<ClusterParams, RegistryError> {
     let groupings = [("greedy", Grouping::Greedy), ("connected", Grouping::Connected)];
     let orders = [("input", Order::Input), ("canonical", Order::Canonical)];
     let sides = [("1", Sides::Signed), ("2", Sides::Either)];
-    let params = ClusterParams::default()
-        .with_k(p.number("k")?)
-        .with_clamp(p.number("clamp")?)
-        .with_angle(p.number("normals")?)
-        .with_insertion(p.choice("insertion", &insertions)?)
-        .with_grouping(p.choice("grouping", &groupings)?)
-        .with_order(p.choice("order", &orders)?)
-        .with_sides(p.choice("sides", &sides)?);
+    let params = ClusterParams {
+        k: p.number("k")?,
+        clamp: p.number("clamp")?,
+        angle: p.number("normals")?,
+        insertion: p.choice("insertion", &insertions)?,
+        grouping: p.choice("grouping", &groupings)?,
+        order: p.choice("order", &orders)?,
+        sides: p.choice("sides", &sides)?,
+        ..ClusterParams::default()
+    };
     p.made(params.check())?;
     Ok(params)
 }

@@ -1,5 +1,6 @@
 //! Errors of a study.
 
+use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 /// An error that stops a study. Each message names the remedy.
@@ -12,50 +13,12 @@ pub enum StudyError {
     /// A scene that cannot be read or built.
     #[error(transparent)]
     Load(#[from] dapple_job::JobError),
-    /// A scene that cannot be rendered as the plan describes: the message.
-    #[error("{0}")]
-    Scene(String),
-    /// A reference image that cannot be read, or does not fit the study: another scene, size or setting.
-    #[error("{file}: not a reference for {scene}: {why}", file = file.display())]
-    Reference {
-        /// The path of the reference image.
-        file: PathBuf,
-        /// The name of the reference's scene.
-        scene: String,
-        /// The problem with the reference, and the remedy.
-        why: String,
-    },
-    /// A folder that already holds a study with other settings.
-    #[error(
-        "{}: the folder holds another study; choose another folder, or use the settings of that study\n{}",
-        folder.display(), differences.join("\n")
-    )]
-    AnotherStudy {
-        /// The study's folder.
-        folder: PathBuf,
-        /// The settings that differ, one line each.
-        differences: Vec<String>,
-    },
-    /// A folder without a study.
-    #[error("{}/study.json: there is no study; pass the folder that `dapple study -o` wrote to", folder.display())]
-    NoStudy {
-        /// The folder.
-        folder: PathBuf,
-    },
-    /// A folder that another process is using.
-    #[error("{}: another process is at work on the study in this folder; wait for it, or choose another folder", folder.display())]
-    Busy {
-        /// The study's folder.
-        folder: PathBuf,
-    },
-    /// A line of `runs.jsonl` that is not a finished run, or a `study.json` that is not a study.
-    #[error("{}:{line}: {why}; correct it, or remove the line to repeat that run", file.display())]
-    Line {
-        /// The path of the file.
-        file: PathBuf,
-        /// The number of the line, from 1.
-        line: usize,
-        /// The problem with the line.
+    /// A scene, a reference, a run or a record that the study cannot use: its name or place, and why, with the remedy.
+    #[error("{what}: {why}")]
+    Refused {
+        /// The name of the scene or run, or the path of the file, with its line if it is one.
+        what: String,
+        /// The problem, and the remedy.
         why: String,
     },
     /// A file or folder that cannot be read or written.
@@ -79,17 +42,24 @@ pub enum StudyError {
     /// An error of the HTML template.
     #[error("report.html: {0}")]
     Page(#[from] askama::Error),
-    /// A run that failed.
-    #[error("{what}: {why}")]
-    Run {
-        /// The run: scene, method, seed and samples.
-        what: String,
-        /// The cause of the failure.
-        why: String,
-    },
 }
 
 impl StudyError {
+    pub(crate) fn refused(what: impl ToString, why: impl ToString) -> Self {
+        Self::Refused { what: what.to_string(), why: why.to_string() }
+    }
+
+    /// Refuses a line of `runs.jsonl` that is not a finished run, or a `study.json` that is not a study.
+    pub(crate) fn line(file: &Path, line: usize, why: impl Display) -> Self {
+        let why = format!("{why}; correct it, or remove the line to repeat that run");
+        Self::refused(format_args!("{}:{line}", file.display()), why)
+    }
+
+    /// Refuses a reference image that does not fit the study: another scene, size or setting.
+    pub(crate) fn reference(file: &Path, scene: &str, why: impl ToString) -> Self {
+        Self::refused(format_args!("{}: not a reference for {scene}", file.display()), why)
+    }
+
     pub(crate) fn file(path: &Path, action: &'static str, source: std::io::Error) -> Self {
         let kept = match source.kind() {
             std::io::ErrorKind::StorageFull | std::io::ErrorKind::QuotaExceeded => "free some space and try again",

@@ -1,9 +1,12 @@
 //! Filters (denoisers) that are external programs.
 
-use dapple_core::{Film, Filter, Filtered, Needs, Unfiltered};
+use dapple_core::{Film, Filter, Filtered, Unfiltered};
 use dapple_job::output::layers;
 use dapple_scene::image::{Encoding, encode_exr, read_image};
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::error::Error;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::Instant;
@@ -55,22 +58,11 @@ fn command<'de, D: serde::Deserializer<'de>>(from: D) -> Result<Vec<String>, D::
     })
 }
 
-/// The last line of a program's output, as JSON, if the program reports its own time in seconds.
-#[derive(Deserialize)]
-struct ReportedTime {
-    seconds: f64,
-}
-
 impl External {
     /// Makes a filter called `name` that runs `command`, a program and its arguments, in the current folder.
     pub fn new(name: &str, command: &[&str]) -> Self {
         let command = command.iter().map(|argument| (*argument).to_owned()).collect();
         Self { name: name.to_owned(), command, folder: PathBuf::new() }
-    }
-
-    /// The per-pixel statistics that the film must record for the program's input image.
-    pub(crate) fn needs(&self) -> Needs {
-        Needs::none().with_features()
     }
 
     /// Runs the program on the film; returns the filtered image, and the seconds that filtering took. `unit` is the
@@ -124,32 +116,27 @@ fn encode(film: &Film, unit: f64) -> Result<Vec<u8>, String> {
 fn seconds(stdout: &[u8], wall: f64) -> Result<f64, String> {
     let text = String::from_utf8_lossy(stdout);
     let Some(last) = text.lines().rev().find(|line| !line.trim().is_empty()) else { return Ok(wall) };
-    match serde_json::from_str::<ReportedTime>(last) {
-        Ok(ReportedTime { seconds }) if seconds.is_finite() && seconds >= 0.0 => Ok(seconds),
-        Ok(ReportedTime { seconds }) => Err(format!("reports {seconds} seconds; print 0 or more")),
-        Err(_) => Ok(wall),
+    match serde_json::from_str::<Value>(last).ok().and_then(|report| report.get("seconds")?.as_f64()) {
+        Some(seconds) if seconds < 0.0 => Err(format!("reports {seconds} seconds; print 0 or more")),
+        reported => Ok(reported.unwrap_or(wall)),
     }
 }
 
 /// Reads the program's output image, which must be `w` x `h` pixels.
 fn read(path: &Path, [w, h]: [u32; 2]) -> Result<Vec<[f32; 3]>, String> {
-    let bytes = match std::fs::read(path) {
-        Ok(bytes) => bytes,
-        Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
-            return Err("wrote no image; write it to the path that {output} stands for".into());
-        }
-        Err(e) => return Err(format!("wrote an image that cannot be read: {e}")),
-    };
-    let image = read_image(&bytes, "{output}", Encoding::Auto)
-        .map_err(|e| format!("wrote an image that cannot be read: {e}"))?;
+    let unreadable = |e: &dyn Error| format!("wrote an image that cannot be read: {e}");
+    let bytes = std::fs::read(path).map_err(|e| match e.kind() {
+        ErrorKind::NotFound => "wrote no image; write it to the path that {output} stands for".to_owned(),
+        _ => unreadable(&e),
+    })?;
+    let image = read_image(&bytes, "{output}", Encoding::Auto).map_err(|e| unreadable(&e))?;
     let [pw, ph] = image.size;
     if [pw, ph] != [w, h] {
         return Err(format!("wrote an image of {pw}x{ph} pixels; write {w}x{h}"));
     }
     if let Some((count, [x, y])) = image.non_finite() {
-        return Err(format!(
-            "wrote {count} pixels that are NaN or infinite, the first at column {x}, row {y}; write finite values"
-        ));
+        let first = format!("the first at column {x}, row {y}; write finite values");
+        return Err(format!("wrote {count} pixels that are NaN or infinite, {first}"));
     }
     Ok(image.pixels)
 }

@@ -40,6 +40,10 @@ impl PlanError {
     fn at(place: String, message: impl ToString) -> Self {
         Self { place: Some(place), ..Self::new("", message) }
     }
+
+    fn unless(holds: bool, key: &str, message: impl ToString) -> Result<(), Self> {
+        if holds { Ok(()) } else { Err(Self::new(key, message)) }
+    }
 }
 
 /// A scene of a study, with its reference image and the settings that are its own.
@@ -382,12 +386,8 @@ impl PlanSettings {
         }
         let seeds = self.seeds.clone().unwrap_or_else(|| (1..=if self.quick { 4 } else { 8 }).collect());
         filled("seeds", &seeds)?;
-        if seeds.iter().collect::<BTreeSet<_>>().len() < seeds.len() {
-            return Err(PlanError::new(
-                "seeds",
-                "a seed is given twice and would make the same image again; remove one",
-            ));
-        }
+        let twice = "a seed is given twice and would make the same image again; remove one";
+        PlanError::unless(seeds.iter().collect::<BTreeSet<_>>().len() == seeds.len(), "seeds", twice)?;
         let time_of = equal_time_budget(self.time_of, &spp)?;
         self.check_numbers()?;
         self.reference_spp = self.reference_spp.next_multiple_of(2);
@@ -421,25 +421,19 @@ impl PlanSettings {
             filled(key, list)?;
         }
         let mut methods = Vec::new();
-        for sampler in &samplers {
-            for points in &self.points {
-                methods.extend(self.filters.iter().map(|filter| Method::new(sampler, points, filter)));
-            }
+        for (sampler, points) in samplers.iter().flat_map(|one| self.points.iter().map(move |points| (one, points))) {
+            methods.extend(self.filters.iter().map(|filter| Method::new(sampler, points, filter)));
         }
         methods.extend(self.methods.iter().cloned());
         Ok(methods)
     }
 
     fn check_numbers(&self) -> Result<(), PlanError> {
-        let spp = self.reference_spp;
-        if !(2..=1 << 32).contains(&spp) {
-            let message = format!("{spp} is out of range; use 2 to 2^32, half of them for each half of the reference");
-            return Err(PlanError::new("reference_spp", message));
-        }
-        let threads = self.threads;
-        if threads > 1024 {
-            return Err(PlanError::new("threads", format!("{threads} is out of range; use 0 (one per core) to 1024")));
-        }
+        let Self { reference_spp: spp, threads, .. } = *self;
+        let message = format!("{spp} is out of range; use 2 to 2^32, half of them for each half of the reference");
+        PlanError::unless((2..=1 << 32).contains(&spp), "reference_spp", message)?;
+        let message = format!("{threads} is out of range; use 0 (one per core) to 1024");
+        PlanError::unless(threads <= 1024, "threads", message)?;
         for integrator in self.scenes.iter().filter_map(|scene| scene.integrator.as_deref()) {
             dapple_job::check_integrator(integrator).map_err(|e| PlanError::of_value("scenes", integrator, e))?;
         }
@@ -456,33 +450,27 @@ fn check_method(method: &Method, spp: u64, external: &[External]) -> Result<(), 
     }
     let refuse = |message: String| PlanError::of_value("points", points, message);
     let made = registry::points(points, Setting { seed: 0, spp: Some(spp) }).map_err(|e| refuse(e.to_string()))?;
-    if spp > made.capacity() {
-        let capacity = made.capacity();
-        return Err(refuse(format!(
-            "\"{points}\" has {capacity} points per pixel, and {spp} spp need more; lower spp"
-        )));
-    }
-    Ok(())
+    let capacity = made.capacity();
+    let needs = || refuse(format!("\"{points}\" has {capacity} points per pixel, and {spp} spp need more; lower spp"));
+    if spp <= capacity { Ok(()) } else { Err(needs()) }
 }
 
 /// Checks that names of external programs are unique, and that their commands contain `{input}` and `{output}`.
 fn check_external(external: &[External]) -> Result<(), PlanError> {
     for (at, one) in external.iter().enumerate() {
-        let refuse = |what: &str| Err(PlanError::of_value("external", &one.name, format!("{:?}: {what}", one.name)));
-        if one.name.is_empty() || one.name.contains(|c: char| "/:,=".contains(c) || c.is_whitespace()) {
-            return refuse("not a name; use one without spaces and / : , =");
-        }
+        let name = &one.name;
+        let refuse = |what: &str| PlanError::of_value("external", name, format!("{name:?}: {what}"));
+        let require = |holds: bool, what: &str| if holds { Ok(()) } else { Err(refuse(what)) };
+        let odd = name.contains(|c: char| "/:,=".contains(c) || c.is_whitespace());
+        require(!name.is_empty() && !odd, "not a name; use one without spaces and / : , =")?;
         // A filter of an optional feature gives way, so that a plan means the same in every program.
-        if registry::FILTERS.iter().any(|entry| entry.feature.is_none() && entry.name == one.name) {
-            return refuse("a built-in filter has this name; choose another");
-        }
-        if external[..at].iter().any(|other| other.name == one.name) {
-            return refuse("two external filters have this name; rename one");
-        }
+        let built_in = registry::FILTERS.iter().any(|entry| entry.feature.is_none() && entry.name == *name);
+        require(!built_in, "a built-in filter has this name; choose another")?;
+        let twice = external[..at].iter().any(|other| other.name == *name);
+        require(!twice, "two external filters have this name; rename one")?;
         let holds = |mark: &str| one.command.iter().skip(1).any(|argument| argument.contains(mark));
-        if !(holds("{input}") && holds("{output}")) {
-            return refuse("the command lacks its images; write \"PROGRAM {input} {output}\"");
-        }
+        let lacks = "the command lacks its images; write \"PROGRAM {input} {output}\"";
+        require(holds("{input}") && holds("{output}"), lacks)?;
     }
     Ok(())
 }
@@ -503,22 +491,19 @@ fn equal_time_budget(time_of: Option<u64>, spp: &[u64]) -> Result<Option<u64>, P
 }
 
 fn filled<T>(key: &str, list: &[T]) -> Result<(), PlanError> {
-    if list.is_empty() {
-        return Err(PlanError::new(key, "the list is empty; leave the key out for the default"));
-    }
-    Ok(())
+    PlanError::unless(!list.is_empty(), key, "the list is empty; leave the key out for the default")
 }
 
 fn ascending(mut spp: Vec<u64>) -> Result<Vec<u64>, PlanError> {
     filled("spp", &spp)?;
     spp.sort_unstable();
-    if spp.windows(2).any(|pair| pair[0] == pair[1]) {
-        return Err(PlanError::new("spp", "a number is given twice; remove one"));
+    let twice = spp.windows(2).any(|pair| pair[0] == pair[1]);
+    PlanError::unless(!twice, "spp", "a number is given twice; remove one")?;
+    for n in &spp {
+        let message = format!("{n} is out of range; use 1 to 2^32 - 1 samples per pixel");
+        PlanError::unless((1..=u64::from(u32::MAX)).contains(n), "spp", message)?;
     }
-    match spp.iter().find(|n| !(1..=u64::from(u32::MAX)).contains(*n)) {
-        Some(n) => Err(PlanError::new("spp", format!("{n} is out of range; use 1 to 2^32 - 1 samples per pixel"))),
-        None => Ok(spp),
-    }
+    Ok(spp)
 }
 
 #[cfg(test)]

@@ -120,21 +120,16 @@ impl fmt::Display for Method {
     }
 }
 
-/// A function that returns the seconds of one phase of a run.
-type OfPhases = fn(&Phases) -> f64;
-
-/// The name of each phase of a run and the function that returns its seconds, in the order of the phases.
-pub(crate) const PHASES: [(&str, OfPhases); 7] = [
-    ("load", |p| p.load),
-    ("bvh", |p| p.bvh),
-    ("cluster", |p| p.cluster),
-    ("probe", |p| p.probe),
-    ("plan", |p| p.plan),
-    ("trace", |p| p.trace),
-    ("filter", |p| p.filter),
-];
+/// The names of the phases of a run, in their order.
+pub(crate) const PHASES: [&str; 7] = ["load", "bvh", "cluster", "probe", "plan", "trace", "filter"];
 
 impl Phases {
+    /// The wall seconds of each of [`PHASES`].
+    pub(crate) fn each(&self) -> [f64; 7] {
+        let Self { load, bvh, cluster, probe, plan, trace, filter } = *self;
+        [load, bvh, cluster, probe, plan, trace, filter]
+    }
+
     /// Sums the wall seconds of the phases that do not grow with the number of samples: clustering, probe rays and
     /// filter.
     pub fn fixed(&self) -> f64 {
@@ -341,10 +336,23 @@ pub struct Manifest {
     pub fresh: bool,
 }
 
+impl Manifest {
+    /// All budgets: those in samples per pixel, then equal time.
+    pub(crate) fn budgets(&self) -> impl DoubleEndedIterator<Item = RunBudget> {
+        self.spp.iter().copied().map(RunBudget::Spp).chain(self.time_of.map(RunBudget::TimeOf))
+    }
+}
+
 /// Replaces characters that are unsafe in a file name by `-`, and cuts `name` to 80 characters.
 pub(crate) fn safe_file_name(name: &str) -> String {
     let plain = |c: char| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '-' };
     name.chars().map(plain).take(80).collect()
+}
+
+/// A free name: `name`, or the first of `NAME-2`, `NAME-3`, … that is free.
+pub(crate) fn numbered(name: &str, is_free: impl Fn(&str) -> bool) -> String {
+    let mut names = std::iter::once(name.to_owned()).chain((2..).map(|n| format!("{name}-{n}")));
+    names.find(|name| is_free(name)).unwrap_or_default()
 }
 
 /// Unique names of all methods for files, such as `adaptive-cluster-regression`: sampler, point set if methods differ
@@ -356,26 +364,16 @@ pub(crate) fn method_file_names(methods: &[Method]) -> Vec<String> {
         let points = differ.then_some(&method.points);
         let parts = [Some(&method.sampler), points, Some(&method.filter)];
         let parts: Vec<&str> = parts.into_iter().flatten().map(String::as_str).collect();
-        let name = safe_file_name(&parts.join("-"));
-        let numbered = (2..).map(|n| format!("{name}-{n}"));
-        let free = std::iter::once(name.clone()).chain(numbered).find(|n| !names.contains(n));
-        names.push(free.unwrap_or(name));
+        names.push(numbered(&safe_file_name(&parts.join("-")), |name| !names.iter().any(|known| known == name)));
     }
     names
-}
-
-/// A budget in a file name: `16spp` or `time-of-16spp`.
-pub(crate) fn budget_file_name(budget: RunBudget) -> String {
-    match budget {
-        RunBudget::Spp(n) => format!("{n}spp"),
-        RunBudget::TimeOf(n) => format!("time-of-{n}spp"),
-    }
 }
 
 /// The path of a run's image without extension, relative to the study's folder. `method` is the method's name from
 /// [`method_file_names`].
 pub(crate) fn image_stem(scene: &str, method: &str, budget: RunBudget) -> String {
-    format!("images/{}/{method}-{}", safe_file_name(scene), budget_file_name(budget))
+    let budget = budget.to_string().replace(" spp", "spp").replace(' ', "-");
+    format!("images/{}/{method}-{budget}", safe_file_name(scene))
 }
 
 #[cfg(test)]

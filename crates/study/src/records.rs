@@ -1,6 +1,6 @@
 //! The files of a study's folder: `study.json`, the settings, and `runs.jsonl`, one complete line per finished run.
 
-use crate::{Machine, Manifest, Method, Plan, Run, RunBudget, SceneRecord, StudyError};
+use crate::{Machine, Manifest, Method, Plan, Run, SceneRecord, StudyError};
 use serde::Deserialize;
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
@@ -46,7 +46,7 @@ impl RunLog {
     ///
     /// # Errors
     ///
-    /// [`StudyError::Busy`] if another process uses the file, [`StudyError::Line`] for a complete line that is not a
+    /// [`StudyError::Refused`] if another process uses the file, and for a complete line that is not a
     /// run, [`StudyError::File`] for an error of the disk.
     pub(crate) fn open(path: &Path) -> Result<Self, StudyError> {
         let wrong = |action| move |e| StudyError::file(path, action, e);
@@ -55,8 +55,10 @@ impl RunLog {
         match file.try_lock() {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => {
-                let folder = path.parent().unwrap_or(Path::new("")).to_owned();
-                return Err(StudyError::Busy { folder });
+                let folder = path.parent().unwrap_or(Path::new("")).display();
+                let why =
+                    "another process is at work on the study in this folder; wait for it, or choose another folder";
+                return Err(StudyError::refused(folder, why));
             }
             // Some file systems have no locks; the study then runs without one.
             Err(TryLockError::Error(_)) => {}
@@ -67,8 +69,7 @@ impl RunLog {
         for (at, run) in runs.iter().enumerate() {
             let is_same = |earlier: &Run| earlier.is_of(&run.scene, &run.method, run.budget, run.seed);
             if let Some(first) = runs[..at].iter().position(is_same) {
-                let why = format!("the same run as line {}", first + 1);
-                return Err(StudyError::Line { file: path.to_owned(), line: at + 1, why });
+                return Err(StudyError::line(path, at + 1, format_args!("the same run as line {}", first + 1)));
             }
         }
         let length = whole as u64;
@@ -114,8 +115,7 @@ impl RunLog {
 fn parse(bytes: &[u8], path: &Path) -> Result<(Vec<Run>, usize), StudyError> {
     let whole = bytes.iter().rposition(|b| *b == b'\n').map_or(0, |at| at + 1);
     let run = |(number, line): (usize, &[u8])| {
-        let why = |e: serde_json::Error| format!("not a run: {e}");
-        let refuse = |e| StudyError::Line { file: path.to_owned(), line: number + 1, why: why(e) };
+        let refuse = |e| StudyError::line(path, number + 1, format_args!("not a run: {e}"));
         serde_json::from_slice(line).map_err(refuse)
     };
     let lines = bytes[..whole].split(|b| *b == b'\n').enumerate().filter(|(_, line)| !line.trim_ascii().is_empty());
@@ -154,10 +154,12 @@ impl RecordedStudy {
     /// # Errors
     /// [`StudyError`], which names the file and, for invalid contents, the line.
     pub fn read(folder: &Path) -> Result<Self, StudyError> {
-        let manifest = read_manifest(folder)?.ok_or_else(|| StudyError::NoStudy { folder: folder.to_owned() })?;
+        let file = folder.join("study.json");
+        let manifest = read_manifest(folder)?.ok_or_else(|| {
+            StudyError::refused(file.display(), "there is no study; pass the folder that `dapple study -o` wrote to")
+        })?;
         if !manifest.methods.contains(&manifest.baseline) {
-            let why = "the baseline is not one of the methods; add it to them".into();
-            return Err(StudyError::Line { file: folder.join("study.json"), line: 1, why });
+            return Err(StudyError::line(&file, 1, "the baseline is not one of the methods; add it to them"));
         }
         let path = folder.join("runs.jsonl");
         let bytes = match std::fs::read(&path) {
@@ -179,16 +181,12 @@ impl RecordedStudy {
     /// The number of planned runs.
     pub fn expected(&self) -> usize {
         let m = &self.manifest;
-        m.scenes.len() * m.seeds.len() * m.methods.len() * (m.spp.len() + usize::from(m.time_of.is_some()))
+        m.scenes.len() * m.seeds.len() * m.methods.len() * m.budgets().count()
     }
 }
 
 fn plans(manifest: &Manifest, run: &Run) -> bool {
-    let budget = match run.budget {
-        RunBudget::Spp(spp) => manifest.spp.contains(&spp),
-        RunBudget::TimeOf(spp) => manifest.time_of == Some(spp),
-    };
-    budget
+    manifest.budgets().any(|budget| budget == run.budget)
         && manifest.scenes.iter().any(|scene| scene.name == run.scene)
         && manifest.methods.contains(&run.method)
         && manifest.seeds.contains(&run.seed)
@@ -219,12 +217,10 @@ pub(crate) fn manifest_of(plan: &Plan, scenes: Vec<SceneRecord>, command: &[Stri
 
 fn machine(threads: usize) -> Machine {
     let cpuinfo = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let named = |line: &str| {
-        let (key, name) = line.split_once(':')?;
-        (key.trim() == "model name").then(|| name.trim().to_owned())
-    };
+    let mut entries = cpuinfo.lines().filter_map(|line| line.split_once(':'));
+    let model = entries.find(|(key, _)| key.trim() == "model name");
     Machine {
-        processor: cpuinfo.lines().find_map(named),
+        processor: model.map(|(_, name)| name.trim().to_owned()),
         threads: if threads == 0 { rayon::current_num_threads() } else { threads },
         cores: std::thread::available_parallelism().ok().map(usize::from),
         system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
@@ -253,7 +249,7 @@ pub(crate) fn read_manifest(folder: &Path) -> Result<Option<Manifest>, StudyErro
         Err(e) if e.kind() == ErrorKind::NotFound => return Ok(None),
         Err(e) => return Err(StudyError::file(&file, "read the study's settings", e)),
     };
-    let refuse = |e: serde_json::Error| StudyError::Line { line: e.line(), why: format!("not a study: {e}"), file };
+    let refuse = |e: serde_json::Error| StudyError::line(&file, e.line(), format_args!("not a study: {e}"));
     serde_json::from_slice(&bytes).map(Some).map_err(refuse)
 }
 
@@ -268,7 +264,7 @@ pub(crate) fn manifest_bytes(manifest: &Manifest) -> Vec<u8> {
 /// Lists the settings that differ between two manifests, one line each. Start time, command line, number of cores, and
 /// the references' paths and variance are ignored, and a commit if one of the two is unknown.
 pub(crate) fn differences(there: &Manifest, here: &Manifest) -> Vec<String> {
-    let plain = |manifest: &Manifest| {
+    let values = |manifest: &Manifest| {
         let mut plain = manifest.clone();
         (plain.command, plain.began, plain.machine.cores) = (Vec::new(), String::new(), None);
         if there.commit.is_none() || here.commit.is_none() {
@@ -279,11 +275,16 @@ pub(crate) fn differences(there: &Manifest, here: &Manifest) -> Vec<String> {
             (scene.reference.file, scene.reference.relmse) = (String::new(), None);
             scene.source = String::new();
         }
-        serde_json::to_value(plain).unwrap_or_default()
+        let mut value = serde_json::to_value(&plain).unwrap_or_default();
+        for scene in &plain.scenes {
+            value[format!("scene {}", scene.name)] = serde_json::to_value(scene).unwrap_or_default();
+        }
+        value["scenes"] = plain.scenes.iter().map(|scene| scene.name.clone()).collect();
+        let mut values = BTreeMap::new();
+        add_values("", value, &mut values);
+        values
     };
-    let [mut there_values, mut here_values] = [BTreeMap::new(), BTreeMap::new()];
-    add_values("", plain(there), &mut there_values);
-    add_values("", plain(here), &mut here_values);
+    let [there_values, here_values] = [values(there), values(here)];
     let keys: BTreeSet<&String> = there_values.keys().chain(here_values.keys()).collect();
     let pairs = keys.into_iter().map(|key| (key, [&there_values, &here_values].map(|values| values.get(key))));
     let words = |value: Option<&Value>| readable(value.unwrap_or(&Value::Null));
@@ -294,23 +295,15 @@ pub(crate) fn differences(there: &Manifest, here: &Manifest) -> Vec<String> {
     pairs.filter(|(_, [there, here])| there != here).map(line).collect()
 }
 
-/// Collects the values in objects by their keys; lists but that of scenes are one value each.
+/// Collects the values in objects by their keys; lists are one value each.
 fn add_values(place: &str, value: Value, found: &mut BTreeMap<String, Value>) {
-    match value {
-        Value::Object(all) => {
-            let inner = |key: &str| if place.is_empty() { key.to_owned() } else { format!("{place}.{key}") };
-            all.into_iter().for_each(|(key, value)| add_values(&inner(&key), value, found));
-        }
-        Value::Array(scenes) if place == "scenes" => {
-            let names = scenes.iter().map(|scene| scene["name"].clone()).collect();
-            let _ = found.insert(place.to_owned(), Value::Array(names));
-            scenes
-                .into_iter()
-                .for_each(|scene| add_values(&format!("scene {}", readable(&scene["name"])), scene, found));
-        }
-        _ => {
-            let _ = found.insert(place.to_owned(), value);
-        }
+    let Value::Object(all) = value else {
+        let _ = found.insert(place.to_owned(), value);
+        return;
+    };
+    for (key, value) in all {
+        let inner = if place.is_empty() { key } else { format!("{place}.{key}") };
+        add_values(&inner, value, found);
     }
 }
 

@@ -69,16 +69,13 @@ impl ReferenceImage {
             return None;
         }
         let averaged = |values: &[[f32; 3]]| downsample(Pixels::new(self.size, values).ok()?, size).ok();
-        let mean = averaged(&self.mean)?;
-        let variance = match &self.variance {
-            None => None,
+        let pixels = (self.size[0] / size[0] * (self.size[1] / size[1])) as f32;
+        let mut reduced = Self { size, mean: averaged(&self.mean)?, variance: None };
+        if let Some(variance) = &self.variance {
             // The variance of the mean of independent pixels.
-            Some(variance) => {
-                let pixels = (self.size[0] / size[0] * (self.size[1] / size[1])) as f32;
-                Some(averaged(variance)?.into_iter().map(|v| v.map(|v| v / pixels)).collect())
-            }
-        };
-        Some(Self { size, mean, variance })
+            reduced.variance = Some(averaged(variance)?.into_iter().map(|v| v.map(|v| v / pixels)).collect());
+        }
+        Some(reduced)
     }
 
     /// The relMSE that the reference's own variance causes; `None` if the variance is unknown.
@@ -134,13 +131,11 @@ fn place(study: &Path, shared: Option<&Path>, name: &str) -> Result<(String, Pat
     let folder = shared.unwrap_or(&own);
     let wrong = |e| StudyError::file(folder, "make the folder of references", e);
     std::fs::create_dir_all(folder).map_err(wrong)?;
-    match shared {
-        None => Ok((format!("references/{name}"), folder.join(name))),
-        Some(shared) => {
-            let path = std::path::absolute(shared).map_err(wrong)?.join(name);
-            Ok((path.display().to_string(), path))
-        }
+    if shared.is_none() {
+        return Ok((format!("references/{name}"), folder.join(name)));
     }
+    let path = std::path::absolute(folder).map_err(wrong)?.join(name);
+    Ok((path.display().to_string(), path))
 }
 
 /// Decides from which file, or by which settings, a scene gets its reference. Returns an error for a user's file that
@@ -267,7 +262,7 @@ fn keep(
 /// Checks the size, the pixels and the header of a reference file given by the user, and returns its record.
 fn given(plan: &Plan, file: &Path, subject: &Subject) -> Result<ReferenceRecord, StudyError> {
     let (whole, about) = ReferenceImage::read(file)?;
-    let refuse = |why: String| StudyError::Reference { file: file.to_owned(), scene: subject.view.name.clone(), why };
+    let refuse = |why: String| StudyError::reference(file, &subject.view.name, why);
     let ([w, h], [rw, rh]) = (subject.view.resolution, whole.size);
     let Some(truth) = whole.averaged_to([w, h]) else {
         return Err(refuse(format!(
@@ -281,15 +276,12 @@ fn given(plan: &Plan, file: &Path, subject: &Subject) -> Result<ReferenceRecord,
     }
     differences(plan, &about, subject).map_or(Ok(()), |why| Err(refuse(why)))?;
     let number = |key: &str| about.attribute(key).and_then(|text| text.parse().ok());
-    let seeds = about.attribute("study-seeds").and_then(|text| {
-        let (a, b) = text.split_once(',')?;
-        Some([a.parse().ok()?, b.parse().ok()?])
-    });
+    let seeds = about.attribute("study-seeds").and_then(|text| text.split_once(','));
     Ok(ReferenceRecord {
         file: std::path::absolute(file).unwrap_or_else(|_| file.to_owned()).display().to_string(),
         spp: number("study-spp"),
         points: about.attribute("study-points").or(about.attribute("points")).map(str::to_owned),
-        seeds,
+        seeds: seeds.and_then(|(a, b)| Some([a.parse().ok()?, b.parse().ok()?])),
         relmse: truth.own_relmse(),
         hash: about.digest.hex(),
     })

@@ -6,10 +6,10 @@ mod gallery;
 mod page;
 mod tables;
 
-use crate::record::{PHASES, Run};
+use crate::record::{Method, PHASES, Run};
 use crate::summary::{Summary, number};
 use crate::{RecordedStudy, StudyError};
-use dapple_metrics::METRICS;
+use dapple_metrics::{METRICS, Metric};
 use dapple_scene::image::write_file;
 use std::path::Path;
 
@@ -50,38 +50,43 @@ fn runs_csv(recorded: &RecordedStudy) -> Result<Vec<u8>, csv::Error> {
     let manifest = &recorded.manifest;
     let names = chart::names(&manifest.methods);
     let mut writer = csv::Writer::from_writer(Vec::new());
-    let mut head: Vec<String> =
-        ["scene", "lights", "method", "sampler", "points", "filter", "budget", "budget_spp", "seed"]
-            .map(str::to_owned)
-            .to_vec();
-    head.extend(["asked", "samples", "spp", "rays", "seconds", "cpu_seconds"].map(str::to_owned));
-    head.extend(PHASES.iter().map(|(name, _)| format!("seconds_{name}")));
-    head.extend(METRICS.iter().map(|metric| metric.name.to_owned()));
-    head.extend(
-        ["predicted_relmse", "corrected", "reference_limited", "rejected", "load", "fresh", "image"].map(str::to_owned),
-    );
-    writer.write_record(&head)?;
+    let head = columns(&Run::default(), "", "");
+    writer.write_record(head.iter().map(|(name, _)| name))?;
     for run in &recorded.runs {
         let method = manifest.methods.iter().position(|m| *m == run.method).map_or("", |i| &names[i]);
-        let lights =
-            manifest.scenes.iter().find(|scene| scene.name == run.scene).map_or("", |scene| scene.lights.name());
-        writer.write_record(line(run, lights, &method.replace('\u{a0}', " ")))?;
+        let scene = manifest.scenes.iter().find(|scene| scene.name == run.scene);
+        let lights = scene.map_or("", |scene| scene.lights.name());
+        let line = columns(run, lights, &method.replace('\u{a0}', " "));
+        writer.write_record(line.iter().map(|(_, value)| value))?;
     }
     writer.into_inner().map_err(|e| e.into_error().into())
 }
 
-fn line(run: &Run, lights: &str, method: &str) -> Vec<String> {
+/// The columns of `runs.csv` for a run: name and value.
+fn columns(run: &Run, lights: &str, method: &str) -> Vec<(String, String)> {
     let known = |value: Option<f64>| value.map_or_else(String::new, number);
+    let measured = |metric: &Metric| Some(run.errors.get(metric.name)).filter(|v| !v.is_nan());
+    let Method { sampler, points, filter } = &run.method;
     let budget = if run.budget.is_timed() { "time" } else { "spp" };
-    let mut line = [&run.scene, lights, method, &run.method.sampler, &run.method.points, &run.method.filter, budget]
-        .map(str::to_owned)
-        .to_vec();
-    line.extend([run.budget.spp(), run.seed, run.asked, run.samples].map(|n| n.to_string()));
-    line.extend([number(run.spp), run.rays.to_string(), number(run.render_s), known(run.cpu_s)]);
-    line.extend(PHASES.iter().map(|(_, of)| number(of(&run.seconds))));
-    line.extend(METRICS.iter().map(|metric| known(Some(run.errors.get(metric.name)).filter(|v| !v.is_nan()))));
-    line.extend([known(run.predicted_relmse), run.corrected.to_string(), run.reference_limited.to_string()]);
-    line.extend([run.rejected.to_string(), known(run.load), run.fresh.to_string()]);
-    line.push(run.image.clone().unwrap_or_default());
-    line
+    let texts = [("scene", &*run.scene), ("lights", lights), ("method", method), ("sampler", sampler)];
+    let texts = texts.into_iter().chain([("points", &**points), ("filter", filter), ("budget", budget)]);
+    let counts = [("budget_spp", run.budget.spp()), ("seed", run.seed), ("asked", run.asked), ("samples", run.samples)];
+    let mut all: Vec<(String, String)> = texts.map(|(name, text)| (name.to_owned(), text.to_owned())).collect();
+    let mut add = |name: &str, value: String| all.push((name.to_owned(), value));
+    counts.into_iter().for_each(|(name, count)| add(name, count.to_string()));
+    add("spp", number(run.spp));
+    add("rays", run.rays.to_string());
+    add("seconds", number(run.render_s));
+    add("cpu_seconds", known(run.cpu_s));
+    let phases = PHASES.into_iter().zip(run.seconds.each());
+    phases.for_each(|(name, seconds)| add(&format!("seconds_{name}"), number(seconds)));
+    METRICS.iter().for_each(|metric| add(metric.name, known(measured(metric))));
+    add("predicted_relmse", known(run.predicted_relmse));
+    add("corrected", run.corrected.to_string());
+    add("reference_limited", run.reference_limited.to_string());
+    add("rejected", run.rejected.to_string());
+    add("load", known(run.load));
+    add("fresh", run.fresh.to_string());
+    add("image", run.image.clone().unwrap_or_default());
+    all
 }

@@ -71,16 +71,32 @@ impl InProcess {
     }
 
     fn subject(&mut self, view: &View) -> Result<&Subject, StudyError> {
-        if self.subject.as_ref().is_none_or(|s| s.view != *view) {
-            // Frees the previous scene first.
-            self.subject = None;
-            let subject = Subject::load(view)?;
-            if !self.fresh {
-                warm_up(&subject)?;
+        // Frees the previous scene first.
+        let subject = match self.subject.take().filter(|subject| subject.view == *view) {
+            Some(subject) => subject,
+            None => {
+                let subject = Subject::load(view)?;
+                if !self.fresh {
+                    warm_up(&subject)?;
+                }
+                subject
             }
-            self.subject = Some(subject);
-        }
-        self.subject.as_ref().ok_or_else(|| StudyError::Scene(view.source.clone()))
+        };
+        Ok(self.subject.insert(subject))
+    }
+
+    /// The request's reference, averaged to the size of the images.
+    fn truth(&mut self, RunRequest { view, reference, .. }: &RunRequest) -> Result<&ReferenceImage, StudyError> {
+        let [w, h] = view.resolution;
+        let known = self.truth.take().filter(|(file, truth)| file == reference && truth.size == [w, h]);
+        let truth = match known {
+            Some((_, truth)) => truth,
+            None => ReferenceImage::read(reference)?.0.averaged_to([w, h]).ok_or_else(|| {
+                let why = format!("its size is not {w}x{h} pixels or a multiple; render it again");
+                StudyError::reference(reference, &view.name, why)
+            })?,
+        };
+        Ok(&self.truth.insert((reference.clone(), truth)).1)
     }
 }
 
@@ -95,39 +111,27 @@ const WARM_UP_SPP: u64 = 2;
 
 impl Runner for InProcess {
     fn run(&mut self, request: &RunRequest) -> Result<Run, StudyError> {
-        if self.truth.as_ref().is_none_or(|(file, _)| *file != request.reference) {
-            self.truth = Some((request.reference.clone(), ReferenceImage::read(&request.reference)?.0));
-        }
-        let size = request.view.resolution;
-        if let Some((file, truth)) = self.truth.take_if(|(_, truth)| truth.size != size) {
-            let scene = request.view.name.clone();
-            let why = format!("its size is not {}x{} pixels or a multiple; render it again", size[0], size[1]);
-            let averaged = truth.averaged_to(size).ok_or(StudyError::Reference { file: file.clone(), scene, why })?;
-            self.truth = Some((file, averaged));
-        }
+        self.truth(request)?;
         let load = load_average();
         let (cpu, fresh) = (self.cpu, self.fresh);
         let RunRequest { method, seed, asked: samples, threads, .. } = request;
         let external = request.external.as_ref();
         let order = Order { method, seed: *seed, samples: *samples, external, threads: *threads };
         let shot = shoot(self.subject(&request.view)?, order, &mut NoMonitor, cpu)?;
-        let what = || format!("{}, {}, seed {}", request.view.name, request.method, request.seed);
-        let Some((_, truth)) = &self.truth else {
-            return Err(StudyError::Run { what: what(), why: "the reference is missing; open the study again".into() });
-        };
+        let truth = self.truth(request)?;
         let measured = truth.measure(&shot.filtered.radiance);
-        let (errors, reference_limited) = measured.map_err(|e| StudyError::Run { what: what(), why: e.to_string() })?;
+        let wrong = |e| StudyError::refused(format_args!("{}, {method}, seed {seed}", request.view.name), e);
+        let (errors, reference_limited) = measured.map_err(wrong)?;
         let corrected = truth.variance.is_some();
         let map = sample_map(&shot.film);
         if let Some(stem) = &request.image {
             let file = |extension: &str| request.folder.join(format!("{stem}.{extension}"));
-            if let Some(folder) = file("exr").parent() {
-                std::fs::create_dir_all(folder)
-                    .map_err(|e| StudyError::file(folder, "make the folder of images", e))?;
-            }
+            let exr = file("exr");
+            let folder = exr.parent().unwrap_or(&request.folder);
+            std::fs::create_dir_all(folder).map_err(|e| StudyError::file(folder, "make the folder of images", e))?;
             let filtered = &shot.filtered;
             let image = Layer::of_image("", &Image::new(filtered.size, filtered.radiance.clone())?);
-            write_file(&file("exr"), &encode_exr(filtered.size, &[image], &attributes(request))?.bytes)?;
+            write_file(&exr, &encode_exr(filtered.size, &[image], &attributes(request))?.bytes)?;
             write_file(&file("png"), &map.png()?)?;
         }
         let record = shot.film.record();
@@ -192,9 +196,8 @@ impl Processes {
 impl Runner for Processes {
     fn run(&mut self, request: &RunRequest) -> Result<Run, StudyError> {
         let refuse = |why: String| {
-            let what =
-                format!("{}, {}, seed {}, in a process of its own", request.view.name, request.method, request.seed);
-            StudyError::Run { what, why }
+            let RunRequest { view, method, seed, .. } = request;
+            StudyError::refused(format_args!("{}, {method}, seed {seed}, in a process of its own", view.name), why)
         };
         let mut command = Command::new(&self.program);
         command.args(&self.words).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());

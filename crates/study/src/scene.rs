@@ -4,8 +4,8 @@ use crate::{External, Method, Phases, StudyError};
 use dapple_core::{Film, Filtered, Monitor, Needs};
 use dapple_job::memory::MemoryLimit;
 use dapple_job::{
-    BudgetSpec, ContentHash, CropSpec, JobError, LoadOptions, LoadedScene, PixelFilterSpec, PreparedScene,
-    RenderMonitor, RenderSpec, Warning,
+    BudgetSpec, ContentHash, CropSpec, JobError, LoadOptions, LoadedScene, PhaseSeconds, PixelFilterSpec,
+    PreparedScene, RenderMonitor, RenderSpec, Warning,
 };
 use dapple_renderer::light::LightSelection;
 use dapple_scene::Scene;
@@ -123,7 +123,7 @@ impl Subject {
         let spec = self.view.spec().sampler("uniform").points("random").filter("none").seed(1);
         let spec = RenderSpec { crop: CropSpec::Window([x0, y0, x1, y1]), ..spec.budget(BudgetSpec::Spp(CANARY_SPP)) };
         let image = self.prepared.job(&spec).and_then(|mut job| job.render());
-        let film = image.map_err(|e| StudyError::Scene(format!("{}: {e}", self.view.name)))?.film;
+        let film = image.map_err(|e| StudyError::refused(&self.view.name, e))?.film;
         let mut digest = ContentHash::new();
         film.image().as_flattened().iter().for_each(|v| digest.add(&v.to_bits().to_le_bytes()));
         Ok(digest)
@@ -166,17 +166,16 @@ pub(crate) fn shoot(
     cpu: fn() -> Option<f64>,
 ) -> Result<Shot, StudyError> {
     let Order { method, seed, samples, external, threads } = order;
-    let wrong = |why: String| {
-        let what = format!("{}, {method}, seed {seed}, {samples} samples", subject.view.name);
-        StudyError::Run { what, why }
-    };
+    let run = || format!("{}, {method}, seed {seed}, {samples} samples", subject.view.name);
+    let wrong = |why: String| StudyError::refused(run(), why);
     let job = |e: JobError| wrong(e.to_string());
     let before = cpu();
     let filter = if external.is_some() { "none" } else { &method.filter };
     let spec = subject.view.spec().sampler(&method.sampler).points(&method.points).filter(filter);
     let spec = spec.seed(seed).budget(BudgetSpec::Samples(samples));
     let mut render = subject.prepared.job(&spec).map_err(job)?;
-    render.record(external.map_or(Needs::none(), External::needs));
+    let features = |_| Needs::none().with_features();
+    render.record(external.map_or(Needs::none(), features));
     let traced = render.run(None, &mut RenderMonitor(monitor)).map_err(job)?;
     if let Some(panicked) = traced.failure {
         return Err(wrong(panicked));
@@ -190,21 +189,12 @@ pub(crate) fn shoot(
             render.finished(traced.film, filtered, external.name.clone(), seconds)
         }
     };
-    let seconds = image.seconds;
+    let PhaseSeconds { load, bvh, cluster, probe, plan, trace, filter, .. } = image.seconds;
     // The time of an external program is its reported time, or else its wall time.
-    let finished = if external.is_none() { cpu() } else { rendered.map(|cpu| cpu + seconds.filter) };
+    let finished = if external.is_none() { cpu() } else { rendered.map(|cpu| cpu + filter) };
     let cpu_s = finished.zip(before).map(|(after, before)| after - before);
-    let phases = Phases {
-        load: seconds.load,
-        bvh: seconds.bvh,
-        cluster: seconds.cluster,
-        probe: seconds.probe,
-        plan: seconds.plan,
-        trace: seconds.trace,
-        filter: seconds.filter,
-    };
-    let rays = image.rays();
-    Ok(Shot { film: image.film, filtered: image.filtered, seconds: phases, rays, cpu_s })
+    let (seconds, rays) = (Phases { load, bvh, cluster, probe, plan, trace, filter }, image.rays());
+    Ok(Shot { film: image.film, filtered: image.filtered, seconds, rays, cpu_s })
 }
 
 #[cfg(test)]

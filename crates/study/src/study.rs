@@ -2,7 +2,7 @@
 
 mod equal_time;
 
-use crate::record::{image_stem, method_file_names, safe_file_name};
+use crate::record::{image_stem, method_file_names, numbered, safe_file_name};
 use crate::records::{RunLog, differences, manifest_bytes, manifest_of, read_manifest};
 use crate::reference::{ReferenceImage, ReferenceSource, load_or_render, plan_reference};
 use crate::runner::{RunRequest, Runner};
@@ -93,7 +93,7 @@ impl Study {
     ///
     /// # Errors
     ///
-    /// [`StudyError::AnotherStudy`] if the settings differ from the recorded ones; other errors for an unusable scene
+    /// [`StudyError::Refused`] if the settings differ from the recorded ones; other errors for an unusable scene
     /// or reference, and for the disk.
     pub fn open(
         plan: Plan,
@@ -102,11 +102,14 @@ impl Study {
         monitor: &mut dyn StudyMonitor,
     ) -> Result<Option<Self>, StudyError> {
         std::fs::create_dir_all(folder).map_err(|e| StudyError::file(folder, "make the folder", e))?;
+        let another = |differences: Vec<String>| {
+            let why = "the folder holds another study; choose another folder, or use the settings of that study";
+            Err(StudyError::refused(folder.display(), format_args!("{why}\n{}", differences.join("\n"))))
+        };
         let earlier = read_manifest(folder)?;
         let runs = folder.join("runs.jsonl");
         if earlier.is_none() && runs.metadata().is_ok_and(|m| m.len() > 0) {
-            let differences = vec!["runs.jsonl has runs, but their study.json is missing".into()];
-            return Err(StudyError::AnotherStudy { folder: folder.to_owned(), differences });
+            return another(vec!["runs.jsonl has runs, but their study.json is missing".into()]);
         }
         let log = RunLog::open(&runs)?;
         let views = views(&plan)?;
@@ -123,7 +126,7 @@ impl Study {
         if let Some(earlier) = &earlier {
             let differences = differences(earlier, &manifest);
             if !differences.is_empty() {
-                return Err(StudyError::AnotherStudy { folder: folder.to_owned(), differences });
+                return another(differences);
             }
         }
         let mut meter = WorkMeter::new(&plan, &views, &sources, &log);
@@ -220,7 +223,7 @@ impl Study {
     fn keep(&mut self, run: Run) -> Result<(), StudyError> {
         let cost = run.asked as f64;
         self.log.append(run)?;
-        self.meter.add(cost);
+        self.meter.done += cost;
         Ok(())
     }
 }
@@ -267,7 +270,7 @@ fn load_references(
         let cost = meter.of_reference(&source, &views[at]);
         let mut look = |share: f64| monitor.progress(&meter.progress(&doing, cost * share));
         let Some(record) = load_or_render(source, &subject, &mut look)? else { return Ok(false) };
-        meter.add(cost);
+        meter.done += cost;
         manifest.scenes[at].reference = record;
     }
     Ok(true)
@@ -278,18 +281,12 @@ fn views(plan: &Plan) -> Result<Vec<View>, StudyError> {
     let mut views: Vec<View> = Vec::new();
     for scene in &plan.scenes {
         let taken = |name: &str| views.iter().any(|v| safe_file_name(&v.name) == safe_file_name(name));
-        let name = match &scene.name {
-            Some(name) if name.trim().is_empty() || taken(name) => {
-                let what = format!("scene name {name:?} is empty or used twice; give each scene its own name");
-                return Err(PlanError::new("scenes", what).into());
-            }
-            Some(name) => name.clone(),
-            None => {
-                let name = name_of(&scene.source);
-                let numbered = (2..).map(|n| format!("{name}-{n}"));
-                std::iter::once(name.clone()).chain(numbered).find(|n| !taken(n)).unwrap_or(name)
-            }
-        };
+        let given = scene.name.clone();
+        if let Some(name) = given.as_ref().filter(|name| name.trim().is_empty() || taken(name)) {
+            let what = format!("scene name {name:?} is empty or used twice; give each scene its own name");
+            return Err(PlanError::new("scenes", what).into());
+        }
+        let name = given.unwrap_or_else(|| numbered(&name_of(&scene.source), |name| !taken(name)));
         views.push(View {
             name,
             source: scene.source.clone(),
@@ -336,10 +333,6 @@ impl WorkMeter {
     fn of_reference(&self, wanted: &ReferenceSource, view: &View) -> f64 {
         let missing = wanted.rendered.as_ref().is_some_and(|path| !path.exists());
         if missing { (wanted.record.spp.unwrap_or(0) * view.pixels()) as f64 } else { 0.0 }
-    }
-
-    fn add(&mut self, samples: f64) {
-        self.done += samples;
     }
 
     fn progress<'a>(&self, doing: &'a str, within: f64) -> StudyProgress<'a> {

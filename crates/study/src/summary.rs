@@ -149,8 +149,7 @@ type Seeds<'a> = BTreeMap<u64, &'a Run>;
 struct RunTable<'a> {
     manifest: &'a Manifest,
     baseline: usize,
-    cells: BTreeMap<(usize, usize, RunBudget), Seeds<'a>>,
-    none: Seeds<'a>,
+    cells: BTreeMap<([usize; 2], RunBudget), Seeds<'a>>,
 }
 
 impl<'a> RunTable<'a> {
@@ -161,16 +160,11 @@ impl<'a> RunTable<'a> {
             let scene = manifest.scenes.iter().position(|s| s.name == run.scene);
             let method = manifest.methods.iter().position(|m| *m == run.method);
             if let (Some(scene), Some(method)) = (scene, method) {
-                let _ = cells.entry((scene, method, run.budget)).or_default().insert(run.seed, run);
+                let _ = cells.entry(([scene, method], run.budget)).or_default().insert(run.seed, run);
             }
         }
         let baseline = manifest.methods.iter().position(|m| *m == manifest.baseline).unwrap_or(0);
-        Self { manifest, baseline, cells, none: BTreeMap::new() }
-    }
-
-    /// The runs of a scene and method (by index) at a budget, by seed; possibly none.
-    fn at(&self, [scene, method]: [usize; 2], budget: RunBudget) -> &Seeds<'a> {
-        self.cells.get(&(scene, method, budget)).unwrap_or(&self.none)
+        Self { manifest, baseline, cells }
     }
 
     /// The indices of every pair of scene and method, scene by scene.
@@ -179,27 +173,18 @@ impl<'a> RunTable<'a> {
         (0..scenes).flat_map(move |scene| (0..methods).map(move |method| [scene, method]))
     }
 
-    /// All budgets: those in samples per pixel, then the equal-time budget.
-    fn budgets(&self) -> Vec<RunBudget> {
-        let spp = self.manifest.spp.iter().copied().map(RunBudget::Spp);
-        spp.chain(self.manifest.time_of.map(RunBudget::TimeOf)).collect()
-    }
-
     /// The runs of two methods on one scene at one budget, paired by seed.
     fn pairs(&self, scene: usize, methods: [usize; 2], budget: RunBudget) -> Vec<[&'a Run; 2]> {
-        let [a, b] = methods.map(|method| self.at([scene, method], budget));
-        a.iter().filter_map(|(seed, run)| Some([*run, *b.get(seed)?])).collect()
+        let [a, b] = methods.map(|method| self.cells.get(&([scene, method], budget)));
+        a.into_iter().flatten().filter_map(|(seed, run)| Some([*run, *b?.get(seed)?])).collect()
     }
 }
 
 /// Adds errors, times and error predictions of each method at each budget.
 fn add_budgets(summary: &mut Summary, grid: &RunTable<'_>) {
     for at in grid.all() {
-        for budget in grid.budgets() {
-            let runs = grid.at(at, budget);
-            if runs.is_empty() {
-                continue;
-            }
+        for budget in grid.manifest.budgets() {
+            let Some(runs) = grid.cells.get(&(at, budget)) else { continue };
             let values = |of: &dyn Fn(&Run) -> f64| -> Vec<f64> { runs.values().map(|run| of(run)).collect() };
             let mut put = |metric: &str, figure| summary.add(grid, at, budget, metric, figure);
             for metric in METRICS {
@@ -213,9 +198,8 @@ fn add_budgets(summary: &mut Summary, grid: &RunTable<'_>) {
             }
             put("spp", SeedStatistic::arithmetic(&values(&|run| run.spp)));
             put("seconds", SeedStatistic::bare(median(values(&|run| run.render_s)), runs.len()).noted("median"));
-            for (name, phase) in PHASES {
-                let figure = SeedStatistic::arithmetic(&values(&|run| phase(&run.seconds)));
-                put(&format!("seconds {name}"), figure);
+            for (at, name) in PHASES.into_iter().enumerate() {
+                put(&format!("seconds {name}"), SeedStatistic::arithmetic(&values(&|run| run.seconds.each()[at])));
             }
             let predicted: Vec<f64> = predictions(runs);
             if !predicted.is_empty() {
@@ -227,26 +211,18 @@ fn add_budgets(summary: &mut Summary, grid: &RunTable<'_>) {
 
 /// The ratio of predicted to measured relMSE of each run that has a prediction.
 fn predictions(runs: &Seeds<'_>) -> Vec<f64> {
-    let ratio = |run: &&Run| {
-        let found = run.predicted_relmse? / run.errors.get("relmse");
-        found.is_finite().then_some(found)
-    };
-    runs.values().filter_map(ratio).collect()
+    let ratio = |run: &&Run| Some(run.predicted_relmse? / run.errors.get("relmse"));
+    runs.values().filter_map(ratio).filter(|ratio| ratio.is_finite()).collect()
 }
 
 /// A note on the reference's own noise: the number of runs whose error it limits, or from whose error it was
 /// subtracted. Empty if it does not matter.
 fn marks(runs: &Seeds<'_>) -> String {
     let count = |of: fn(&Run) -> bool| runs.values().filter(|run| of(run)).count();
-    let [limited, corrected] = [count(|run| run.reference_limited), count(|run| run.corrected)];
-    let mut notes = Vec::new();
-    if limited > 0 {
-        notes.push(format!("reference-limited in {limited} of {}", runs.len()));
-    }
-    if corrected > 0 {
-        notes.push(format!("corrected for the reference in {corrected} of {}", runs.len()));
-    }
-    notes.join("; ")
+    let limited = ("reference-limited", count(|run| run.reference_limited));
+    let corrected = ("corrected for the reference", count(|run| run.corrected));
+    let noted = [limited, corrected].into_iter().filter(|(_, count)| *count > 0);
+    noted.map(|(words, count)| format!("{words} in {count} of {}", runs.len())).collect::<Vec<_>>().join("; ")
 }
 
 /// The median; for an even number of values, the mean of the middle two; NaN without values.

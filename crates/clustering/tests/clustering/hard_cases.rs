@@ -5,7 +5,7 @@ use crate::support::{Mesh, Random, groups, hills, parts, soup};
 use dapple_clustering::{ClusterParams, Error, Grouping, Insertion, Order, Sides};
 
 fn connected() -> ClusterParams {
-    ClusterParams::default().with_grouping(Grouping::Connected)
+    ClusterParams { grouping: Grouping::Connected, ..ClusterParams::default() }
 }
 
 /// The six orders of three axes.
@@ -54,7 +54,7 @@ fn few_triangles_have_clusters_k03() {
         }
         assert_eq!(mesh.cluster(&ClusterParams::for_count(0)), Err(Error::BadCount));
         for count in [1, 2, n, n + 1, 1_000_000] {
-            for params in [ClusterParams::for_count(count), connected().with_count(count)] {
+            for params in [ClusterParams::for_count(count), ClusterParams { count: Some(count), ..connected() }] {
                 let clusters = mesh.cluster(&params).unwrap();
                 check(&mesh, &params, &clusters).unwrap();
                 // Each triangle here has its own place and normal.
@@ -66,7 +66,7 @@ fn few_triangles_have_clusters_k03() {
     }
     // The materials and normals of one voxel are the lower bound.
     let mesh = hills(100, 3);
-    let fewest = mesh.cluster(&ClusterParams::default().with_clamp(1)).unwrap();
+    let fewest = mesh.cluster(&ClusterParams { clamp: 1, ..ClusterParams::default() }).unwrap();
     assert!(fewest.len() > 10);
     assert_eq!(mesh.cluster(&ClusterParams::for_count(10)).unwrap(), fewest);
     // Larger counts are met within a factor of 1.5 on this surface.
@@ -113,7 +113,7 @@ fn on_faces() -> (Mesh, Vec<[u32; 3]>) {
 #[test]
 fn centroids_on_faces_keep_their_voxels_at_any_scale_k05() {
     let (mesh, voxels) = on_faces();
-    let params = ClusterParams::default().with_clamp(8).with_angle(90.0);
+    let params = ClusterParams { clamp: 8, angle: 90.0, ..ClusterParams::default() };
     let clusters = mesh.cluster(&params).unwrap();
     assert_eq!(clusters.report().resolution, [8; 3]);
     let numbers: Vec<u32> = voxels.iter().map(|[x, y, z]| (z * 8 + y) * 8 + x).collect();
@@ -123,7 +123,7 @@ fn centroids_on_faces_keep_their_voxels_at_any_scale_k05() {
         let scale = 2_f64.powi(k);
         let scaled = mesh.map(|p| p.map(|x| (f64::from(x) * scale) as f32));
         assert_eq!(scaled.cluster(&params).unwrap().labels(), clusters.labels(), "2^{k}");
-        let all = connected().with_angle(10.0);
+        let all = ClusterParams { angle: 10.0, ..connected() };
         assert_eq!(scaled.cluster(&all).unwrap().labels(), mesh.cluster(&all).unwrap().labels(), "2^{k}");
     }
 }
@@ -136,7 +136,7 @@ fn a_scene_far_from_the_origin_has_clusters_k05() {
         let place = [(1 << 23) + i % 16, (1 << 23) + i / 16].map(|x| x as f32);
         mesh.add([[place[0], place[1], 0.0]; 3]);
     }
-    let clusters = mesh.cluster(&ClusterParams::default().with_k(100.0).with_clamp(15)).unwrap();
+    let clusters = mesh.cluster(&ClusterParams { k: 100.0, clamp: 15, ..ClusterParams::default() }).unwrap();
     // 15 voxels: the last place is on the upper bound, together with the one before it.
     assert_eq!((clusters.report().resolution, clusters.len()), ([15, 15, 1], 225));
 }
@@ -163,8 +163,10 @@ fn huge_and_tiny_triangles_have_clusters_k05() {
 #[test]
 fn order_and_threads_change_no_label_k07() {
     for (number, mesh) in [hills(60, 7), soup(4000, 0.1, 7), soup(500, 0.5, 8)].into_iter().enumerate() {
-        let boxes = ClusterParams::default().with_insertion(Insertion::BoundingBox);
-        for params in [ClusterParams::default(), connected(), boxes, connected().with_sides(Sides::Signed)] {
+        let boxes = ClusterParams { insertion: Insertion::BoundingBox, ..ClusterParams::default() };
+        for params in
+            [ClusterParams::default(), connected(), boxes, ClusterParams { sides: Sides::Signed, ..connected() }]
+        {
             let clusters = mesh.cluster(&params).unwrap();
             let mut random = Random(number as u64);
             for _ in 0..20 {
@@ -198,7 +200,7 @@ fn order_and_threads_change_no_label_k07() {
 #[test]
 fn published_clusters_depend_on_the_order_of_triangles_k07() {
     let mesh = hills(60, 7);
-    for params in [ClusterParams::default().with_order(Order::Input), ClusterParams::published()] {
+    for params in [ClusterParams { order: Order::Input, ..ClusterParams::default() }, ClusterParams::published()] {
         let clusters = mesh.cluster(&params).unwrap();
         let mut random = Random(7);
         let mut differ = 0;

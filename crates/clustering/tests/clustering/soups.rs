@@ -31,17 +31,18 @@ fn params() -> impl Strategy<Value = ClusterParams> {
     let counts = prop_oneof![4 => Just(None), 1 => (1_u32..200).prop_map(Some)];
     (0.01_f64..20.0, 1_u32..40, 0.0_f64..=90.0, choices, counts).prop_map(
         |(k, clamp, angle, [boxes, connected, input, two_sided, weld], count)| {
-            let params = ClusterParams::default()
-                .with_k(k)
+            ClusterParams {
+                k,
                 // Boxes as large as the grid go into all of its voxels.
-                .with_clamp(if boxes { clamp.div_ceil(4) } else { clamp })
-                .with_angle(angle)
-                .with_insertion(if boxes { Insertion::BoundingBox } else { Insertion::Centroid })
-                .with_grouping(if connected { Grouping::Connected } else { Grouping::Greedy })
-                .with_order(if input { Order::Input } else { Order::Canonical })
-                .with_sides(if two_sided { Sides::Either } else { Sides::Signed })
-                .with_connection(if weld { Connection::Place } else { Connection::Vertex });
-            count.map_or(params, |count| params.with_count(count))
+                clamp: if boxes { clamp.div_ceil(4) } else { clamp },
+                angle,
+                insertion: if boxes { Insertion::BoundingBox } else { Insertion::Centroid },
+                grouping: if connected { Grouping::Connected } else { Grouping::Greedy },
+                order: if input { Order::Input } else { Order::Canonical },
+                sides: if two_sided { Sides::Either } else { Sides::Signed },
+                connection: if weld { Connection::Place } else { Connection::Vertex },
+                count,
+            }
         },
     )
 }

@@ -22,8 +22,8 @@ fn scaling_by_a_thousand_keeps_the_clusters() {
     for (number, mesh) in meshes.iter().enumerate() {
         for params in [
             ClusterParams::default(),
-            ClusterParams::default().with_grouping(Grouping::Connected),
-            ClusterParams::default().with_order(Order::Input),
+            ClusterParams { grouping: Grouping::Connected, ..ClusterParams::default() },
+            ClusterParams { order: Order::Input, ..ClusterParams::default() },
             ClusterParams::published(),
         ] {
             let snapped = mesh.map(|p| p.map(|x| (x * 4096.0).round() / 4096.0));
@@ -52,7 +52,7 @@ fn k_is_almost_meaningless_in_the_published_grid() {
     let longest = |n: u32, k: f64, clamp: u32| {
         let mesh = soup(n, 0.1, 9).map(|[x, y, z]| [x, 0.25 * y, 0.25 * z]);
         let clusters =
-            mesh.cluster(&ClusterParams::published().with_k(k).with_clamp(clamp).with_insertion(Insertion::Centroid));
+            mesh.cluster(&ClusterParams { k, clamp, insertion: Insertion::Centroid, ..ClusterParams::published() });
         clusters.unwrap().report().resolution
     };
     for (k, saturated) in [(3.0, 1158), (9.0, 43), (30.0, 2)] {
@@ -62,7 +62,8 @@ fn k_is_almost_meaningless_in_the_published_grid() {
     // K = 9 and K = 30 of the thesis: the grids of a cube are equal from 45 triangles on.
     for n in [45, 100, 3000] {
         let mesh = soup(n, 0.1, 9);
-        let [nine, thirty] = [9.0, 30.0].map(|k| mesh.cluster(&ClusterParams::published().with_k(k)).unwrap());
+        let [nine, thirty] =
+            [9.0, 30.0].map(|k| mesh.cluster(&ClusterParams { k, ..ClusterParams::published() }).unwrap());
         assert!(nine.report().resolution[0] == 32 || nine.report().resolution[1] == 32);
         if n >= 100 {
             assert_eq!(nine, thirty);
@@ -87,7 +88,8 @@ fn boxes_make_phantoms_and_the_last_voxel_wins() {
     assert!(report.insertions >= 1000 + x * y, "the floor alone is in every voxel of its layer");
     // The floor keeps its cluster only in the last voxel. Few other triangles are like it.
     assert!(report.phantoms >= x * y * 9 / 10, "{report:?}");
-    let centroid = mesh.cluster(&ClusterParams::published().with_insertion(Insertion::Centroid)).unwrap().report();
+    let centroid =
+        mesh.cluster(&ClusterParams { insertion: Insertion::Centroid, ..ClusterParams::published() }).unwrap().report();
     assert_eq!((centroid.insertions, centroid.phantoms), (1001, 0));
     // Two voxels, with a triangle in each and one over both. The third is in the cluster of the second voxel, not of
     // the first.
@@ -95,7 +97,7 @@ fn boxes_make_phantoms_and_the_last_voxel_wins() {
     row.add([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0]]);
     row.add([[0.9, 0.0, 0.0], [1.0, 0.0, 0.0], [0.9, 0.1, 0.0]]);
     row.add([[0.1, 0.0, 0.0], [0.9, 0.0, 0.0], [0.1, 0.1, 0.0]]);
-    let params = ClusterParams::published().with_clamp(2);
+    let params = ClusterParams { clamp: 2, ..ClusterParams::published() };
     assert_eq!(row.cluster(&params).unwrap().labels(), [0, 1, 1]);
     assert_eq!(row.cluster(&params).unwrap().clusters()[0].bounds, [[0.0; 3], [0.1, 0.1, 0.0]]);
     assert_eq!(row.cluster(&params).unwrap().report().insertions, 4);
@@ -109,7 +111,7 @@ fn flipped_windings_split_one_sided_clusters_only() {
     for triangle in flipped.indices.iter_mut().step_by(3) {
         triangle.swap(0, 1);
     }
-    let count = |mesh: &Mesh, sides| mesh.cluster(&ClusterParams::default().with_sides(sides)).unwrap();
+    let count = |mesh: &Mesh, sides| mesh.cluster(&ClusterParams { sides, ..ClusterParams::default() }).unwrap();
     assert_eq!(count(&mesh, Sides::Either).labels(), count(&flipped, Sides::Either).labels());
     assert_eq!(count(&mesh, Sides::Either).len(), count(&mesh, Sides::Signed).len());
     let [whole, split] = [&mesh, &flipped].map(|mesh| count(mesh, Sides::Signed).len());
@@ -135,9 +137,9 @@ fn connected_grouping_separates_sheets() {
         }
         mesh
     };
-    let greedy = ClusterParams::default().with_clamp(1);
-    let connected = greedy.with_grouping(Grouping::Connected);
-    let by_number = connected.with_connection(Connection::Vertex);
+    let greedy = ClusterParams { clamp: 1, ..ClusterParams::default() };
+    let connected = ClusterParams { grouping: Grouping::Connected, ..greedy };
+    let by_number = ClusterParams { connection: Connection::Vertex, ..connected };
     assert_eq!(sheets(false).cluster(&greedy).unwrap().len(), 1);
     let two = [[0; 6], [1; 6]].concat();
     assert_eq!(sheets(false).cluster(&connected).unwrap().labels(), two);
@@ -158,13 +160,13 @@ fn triangles_without_normals_join_clusters() {
     mesh.add([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
     // Three points on a line that no f32 meets exactly.
     mesh.add([[0.1, 0.7, 0.3], [0.2, 1.4, 0.6], [0.4, 2.8, 1.2]]);
-    let params = ClusterParams::default().with_clamp(1);
+    let params = ClusterParams { clamp: 1, ..ClusterParams::default() };
     let clusters = mesh.cluster(&params).unwrap();
     assert_eq!(clusters.labels(), [0; 4]);
     assert_eq!((clusters.clusters()[0].area, clusters.clusters()[0].normal), (0.5, [0.0, 0.0, 1.0]));
     assert_eq!(clusters.clusters()[0].cone, 1.0);
     // The first two touch the third; nothing touches the last.
-    let connected = params.with_grouping(Grouping::Connected);
+    let connected = ClusterParams { grouping: Grouping::Connected, ..params };
     assert_eq!(mesh.cluster(&connected).unwrap().labels(), [0, 0, 0, 1]);
     let last = mesh.cluster(&connected).unwrap().clusters()[1];
     assert_eq!((last.area, last.normal, last.cone), (0.0, [0.0; 3], -1.0));
@@ -175,13 +177,13 @@ fn errors_tell_what_to_do() {
     let mesh = soup(100, 0.1, 12);
     let default = ClusterParams::default();
     for k in [0.0, -1.0, f64::NAN, f64::INFINITY, 2e6] {
-        assert!(matches!(mesh.cluster(&default.with_k(k)), Err(Error::BadK { .. })));
+        assert!(matches!(mesh.cluster(&ClusterParams { k, ..default }), Err(Error::BadK { .. })));
     }
     for clamp in [0, (1 << 20) + 1, u32::MAX] {
-        assert_eq!(mesh.cluster(&default.with_clamp(clamp)), Err(Error::BadClamp { clamp }));
+        assert_eq!(mesh.cluster(&ClusterParams { clamp, ..default }), Err(Error::BadClamp { clamp }));
     }
     for angle in [-1.0, 90.1, f64::NAN, f64::INFINITY] {
-        assert!(matches!(mesh.cluster(&default.with_angle(angle)), Err(Error::BadAngle { .. })));
+        assert!(matches!(mesh.cluster(&ClusterParams { angle, ..default }), Err(Error::BadAngle { .. })));
     }
     let refused = |edit: &dyn Fn(&mut Mesh), error: Error| {
         let mut mesh = mesh.clone();

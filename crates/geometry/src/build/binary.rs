@@ -136,12 +136,8 @@ fn cut(items: &mut [ItemBox], extent: &Extent, rules: Rules) -> (usize, [Extent;
     let span = extent.centres.diagonal();
     let widest = span.max_position();
     if rules.levels > 0 && items.len() > rules.small && span[widest] > 0.0 {
-        let plane = if items.len() > COARSE {
-            Plane::best::<16>(items, extent, rules)
-        } else {
-            Plane::best::<8>(items, extent, rules)
-        };
-        if let Some(plane) = plane {
+        let best = if items.len() > COARSE { Plane::best::<16> } else { Plane::best::<8> };
+        if let Some(plane) = best(items, extent, rules) {
             return part(items, &plane);
         }
     }

@@ -41,9 +41,9 @@ impl<'a> Items<'a> {
     /// Collects the primitives that can be hit: triangles with an area, spheres and disks. Fails if there are too
     /// many.
     pub(super) fn of_shapes(shapes: &'a [Shape]) -> Result<Self, Error> {
-        too_many("shapes", shapes.len(), u32::MAX as usize)?;
+        Error::too_many("shapes", shapes.len(), u32::MAX as usize)?;
         let count = shapes.iter().map(|shape| shape.mesh().map_or(1, |mesh| mesh.triangles().len())).sum();
-        too_many("primitives", count, leaf::LIMIT)?;
+        Error::too_many("primitives", count, leaf::LIMIT)?;
         let mut keys = Vec::with_capacity(count);
         for (number, shape) in (0..).zip(shapes) {
             let triangles = 0..shape.mesh().map_or(1, |mesh| mesh.triangles().len()) as u32;
@@ -96,7 +96,7 @@ impl<'a> Items<'a> {
             return None;
         }
         if self.still {
-            return self.shapes.iter().filter_map(|shape| shape.mesh().map(Mesh::around)).reduce(union);
+            return self.shapes.iter().filter_map(|shape| shape.mesh().map(|mesh| mesh.around)).reduce(union);
         }
         let items = (0..self.keys.len() as u32).into_par_iter().with_min_len(FEW);
         items.map(|number| self.bounds(number)).reduce_with(union)
@@ -135,8 +135,8 @@ const LEAST: f32 = 1.0 / (1u64 << 57) as f32;
 
 /// Returns the box around a triangle, padded for rounding.
 #[inline(always)]
-fn padded(triangle: [Vec3; 3]) -> Bounds {
-    let [low, high] = enclose(triangle);
+fn padded([a, b, c]: [Vec3; 3]) -> Bounds {
+    let [low, high] = [a.min(b).min(c), a.max(b).max(c)];
     grow([low, high], (high - low).max_element() * GROWTH)
 }
 
@@ -145,14 +145,6 @@ fn padded(triangle: [Vec3; 3]) -> Bounds {
 pub(super) fn padded_by_ulps(bounds: [DVec3; 2]) -> Bounds {
     let [low, high] = bounds.map(DVec3::as_vec3);
     grow([low, high], (high - low).max_element() * ULPS)
-}
-
-pub(super) fn too_many(what: &'static str, count: usize, limit: usize) -> Result<(), Error> {
-    if count < limit { Ok(()) } else { Err(Error::TooMany { what, count, limit }) }
-}
-
-fn enclose([a, b, c]: [Vec3; 3]) -> Bounds {
-    [a.min(b).min(c), a.max(b).max(c)]
 }
 
 fn grow([low, high]: Bounds, by: f32) -> Bounds {

@@ -154,7 +154,7 @@ impl Wide<'_> {
                     part.quadric_keys.push(key);
                     Child::Quadric(part.quadrics.len() as u32 - 1)
                 }
-                _ => Child::Box(key as u32),
+                _ => Child::Quadric(key as u32),
             };
             (child, self.items.bounds(number))
         };

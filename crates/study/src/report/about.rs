@@ -39,21 +39,16 @@ pub(super) fn busy(recorded: &RecordedStudy) -> Option<String> {
 
 /// Sentences about unusual records: foreign, repeated or incomplete lines of `runs.jsonl`, and rejected samples.
 pub(super) fn remarks(recorded: &RecordedStudy) -> Vec<String> {
-    let mut remarks = Vec::new();
-    let mut remark = |count: usize, words: &str| {
-        if count > 0 {
-            remarks.push(format!("{count} {words}"));
-        }
-    };
-    remark(
-        recorded.foreign,
-        "lines of runs.jsonl belong to no scene, method, budget or seed of this study and were left out.",
-    );
-    remark(recorded.repeated, "runs were made twice; the last one counts.");
-    remark(usize::from(recorded.torn), "line of runs.jsonl was cut off at its end and was left out.");
     let rejected = recorded.runs.iter().filter(|run| run.rejected > 0).count();
-    remark(rejected, "runs had samples that were NaN, infinite or negative.");
-    remarks
+    let foreign = "lines of runs.jsonl belong to no scene, method, budget or seed of this study and were left out.";
+    let counts = [
+        (recorded.foreign, foreign),
+        (recorded.repeated, "runs were made twice; the last one counts."),
+        (usize::from(recorded.torn), "line of runs.jsonl was cut off at its end and was left out."),
+        (rejected, "runs had samples that were NaN, infinite or negative."),
+    ];
+    let found = counts.into_iter().filter(|(count, _)| *count > 0);
+    found.map(|(count, words)| format!("{count} {words}")).collect()
 }
 
 /// The range of the load averages before the runs.

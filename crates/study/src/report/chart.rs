@@ -27,48 +27,35 @@ const FILLED: usize = 6;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct MethodStyle {
     colour: usize,
-    mark: usize,
-    dash: usize,
+    mark: &'static str,
+    is_filled: bool,
+    dashes: &'static str,
 }
 
 impl MethodStyle {
-    fn dashes(&self) -> &'static str {
-        DASHES[self.dash]
-    }
-
-    fn shape(&self) -> &'static str {
-        MARKS[self.mark]
-    }
-
-    fn is_filled(&self) -> bool {
-        self.mark < FILLED
-    }
-
     /// An SVG of a short piece of a method's line with its marker, for legends.
     pub(super) fn swatch(&self) -> String {
-        let (colour, dashes) = (format!("var(--c{})", self.colour), self.dashes());
-        let fill = if self.is_filled() { colour.as_str() } else { "none" };
+        let Self { mark, is_filled, dashes, .. } = self;
+        let colour = format!("var(--c{})", self.colour);
+        let fill = if *is_filled { colour.as_str() } else { "none" };
         format!(
             "<svg aria-hidden=\"true\" focusable=\"false\" width=\"34\" height=\"16\" viewBox=\"-17 -8 34 16\">\
              <path d=\"M-16 0H16\" stroke=\"{colour}\" stroke-dasharray=\"{dashes}\" stroke-width=\"2\"/>\
-             <path d=\"{}\" fill=\"{fill}\" stroke=\"{colour}\" stroke-width=\"1.5\"/></svg>",
-            self.shape()
+             <path d=\"{mark}\" fill=\"{fill}\" stroke=\"{colour}\" stroke-width=\"1.5\"/></svg>"
         )
     }
 }
 
 /// Chooses the styles of all methods, in the order of the methods.
-pub(super) fn styles(methods: &[Method]) -> Vec<MethodStyle> {
-    let mut samplers: Vec<(&str, &str)> = Vec::new();
-    let mut filters: Vec<&str> = Vec::new();
-    let mut found = Vec::new();
-    for method in methods {
-        let sampler = index(&mut samplers, (&method.sampler, &method.points));
-        let dash = index(&mut filters, &method.filter) % DASHES.len();
+pub(super) fn styles<'a>(methods: &'a [Method]) -> Vec<MethodStyle> {
+    let (mut samplers, mut filters): (Vec<(&str, &str)>, Vec<&str>) = (Vec::new(), Vec::new());
+    let style = |method: &'a Method| {
+        let sampler = index(&mut samplers, (&*method.sampler, &*method.points));
+        let dashes = DASHES[index(&mut filters, &*method.filter) % DASHES.len()];
         let mark = (sampler + sampler / COLOURS) % MARKS.len();
-        found.push(MethodStyle { colour: sampler % COLOURS, mark, dash });
-    }
-    found
+        MethodStyle { colour: sampler % COLOURS, mark: MARKS[mark], is_filled: mark < FILLED, dashes }
+    };
+    methods.iter().map(style).collect()
 }
 
 fn index<T: PartialEq>(known: &mut Vec<T>, one: T) -> usize {
@@ -94,9 +81,11 @@ pub(super) fn names(methods: &[Method]) -> Vec<String> {
 #[derive(Clone, Debug)]
 pub(super) struct PlottedCurve {
     pub(super) style: MethodStyle,
-    /// The points: x, y, and the 95 % interval of y if there is one.
-    pub(super) points: Vec<(f64, f64, Option<[f64; 2]>)>,
+    pub(super) points: Vec<PlottedPoint>,
 }
+
+/// A point of a curve: x, y, and the 95 % interval of y if there is one.
+pub(super) type PlottedPoint = (f64, f64, Option<[f64; 2]>);
 
 /// The ends of the axes in pixels: left and right, then bottom and top.
 const X: [f64; 2] = [74.0, 464.0];
@@ -175,15 +164,13 @@ pub(super) fn log_log(curves: &[PlottedCurve], title: &str, at: Option<&[f64]>) 
     let join =
         |places: &[(String, String)]| places.iter().map(|(x, y)| format!("{x},{y}")).collect::<Vec<_>>().join(" ");
     let drawn = |curve: &PlottedCurve| {
-        let side = |of: &dyn Fn([f64; 2]) -> f64| -> Vec<_> {
-            let y_of = |p: &(f64, f64, Option<[f64; 2]>)| p.2.map_or(p.1, of);
+        let along = |y_of: &dyn Fn(&PlottedPoint) -> f64| -> Vec<_> {
             curve.points.iter().map(|p| (place(&x, p.0), place(&y, y_of(p)))).collect()
         };
-        let places: Vec<_> = curve.points.iter().map(|p| (place(&x, p.0), place(&y, p.1))).collect();
-        let outline: Vec<_> =
-            side(&|ends| ends[0]).into_iter().chain(side(&|ends| ends[1]).into_iter().rev()).collect();
+        let side = |end: usize| along(&|p| p.2.map_or(p.1, |ends| ends[end]));
+        let outline: Vec<_> = side(0).into_iter().chain(side(1).into_iter().rev()).collect();
         let has_band = curve.points.iter().any(|p| p.2.is_some());
-        let band = if has_band { join(&outline) } else { String::new() };
+        let (places, band) = (along(&|p| p.1), if has_band { join(&outline) } else { String::new() });
         DrawnCurve { style: curve.style, line: join(&places), places, band }
     };
     let own = |at: &[f64]| at.iter().copied().filter(|v| (x.logs[0]..=x.logs[1]).contains(&libm::log10(*v))).collect();

@@ -32,9 +32,8 @@ pub(super) struct SceneImages {
     pub(super) tiles: Vec<MethodTile>,
     /// The whole images that the viewer compares, the reference last; empty without a method's image.
     pub(super) whole: Vec<WholeImage>,
-    /// The ticks of the colour scales, as text with their places in percent.
+    /// The ticks of the colour scale of samples, as text with their places in percent.
     pub(super) sample_ticks: Vec<(String, f64)>,
-    pub(super) error_ticks: Vec<(String, f64)>,
     /// One message for each image that cannot be shown, with the reason.
     pub(super) problems: Vec<String>,
     /// PNG files at full resolution for the viewer: paths relative to the study's folder, and contents.
@@ -66,7 +65,7 @@ impl ReportPage<'_> {
     pub(super) fn images(&self, scene: &SceneRecord) -> SceneImages {
         let manifest = &self.recorded.manifest;
         let side = side_for(ROOM / 6.5, manifest.scenes.len() * manifest.methods.len()).clamp(32.0, 96.0) as u32;
-        let mut found = SceneImages { error_ticks: error_ticks(), ..SceneImages::default() };
+        let mut found = SceneImages::default();
         let budget = budget(self.recorded, scene);
         let run = |method| budget.and_then(|budget| run(self.recorded, scene, method, budget));
         let runs: Vec<Option<&Run>> = (0..manifest.methods.len()).map(run).collect();
@@ -91,6 +90,7 @@ impl ReportPage<'_> {
                 coloured(&map, side, &|share| sample_colour(share * white, most))
             });
             let image = images[method].as_ref();
+            let errors = image.zip(reference.as_ref()).and_then(|(image, reference)| relative_errors(image, reference));
             let row = self.summary.find(&scene.name, &manifest.methods[method], &words, "relmse ratio");
             let files = [("EXR", &run.image), ("sample map", &run.sample_map)];
             found.tiles.push(MethodTile {
@@ -99,9 +99,7 @@ impl ReportPage<'_> {
                 ratio: row.map(|row| TableCell::of(Some(row))),
                 baseline: manifest.methods[method] == manifest.baseline,
                 image: image.and_then(|image| embed_shrunk(image, side, stops)),
-                error_map: image
-                    .zip(reference.as_ref())
-                    .and_then(|(image, reference)| coloured(&relative_errors(image, reference)?, side, &error_colour)),
+                error_map: errors.and_then(|errors| coloured(&errors, side, &error_colour)),
                 sample_map: map,
                 files: files.into_iter().filter_map(|(name, file)| Some((name, link(file.as_deref()?)))).collect(),
             });
@@ -289,10 +287,8 @@ fn colour(colours: &Colours, share: f64) -> [u8; 3] {
 }
 
 /// The ticks of the error scale: text, and place in percent.
-fn error_ticks() -> Vec<(String, f64)> {
-    [("≤ 10⁻⁴", 1e-4), ("0.01", 1e-2), ("≥ 1", 1.0)]
-        .map(|(text, error)| (text.to_owned(), 100.0 * error_place(error)))
-        .to_vec()
+pub(super) fn error_ticks() -> [(&'static str, f64); 3] {
+    [("≤ 10⁻⁴", 1e-4), ("0.01", 1e-2), ("≥ 1", 1.0)].map(|(text, error)| (text, 100.0 * error_place(error)))
 }
 
 /// The ticks of a sample scale from 0 to `most`: text, and place in percent. Besides the ends, powers of 4 that leave

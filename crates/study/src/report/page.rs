@@ -2,7 +2,7 @@
 
 use super::about::{busy, commit, lights, load, quoted, remarks};
 use super::chart::{MethodStyle, PlottedCurve, log_log, names, styles};
-use super::gallery::SceneImages;
+use super::gallery::{SceneImages, error_ticks};
 use super::tables::{Line, TableCell, headline, lines, short, tally};
 use crate::RecordedStudy;
 use crate::record::{Manifest, PHASES, RunBudget, SceneRecord};
@@ -110,11 +110,10 @@ impl ReportPage<'_> {
         let table = |budgets: &[RunBudget], key: &str, metrics: &[String]| {
             lines(self.summary, scene, &methods, budgets, (key, metrics))
         };
-        let spp = manifest.spp.iter().map(|&spp| RunBudget::Spp(spp));
-        let budgets: Vec<RunBudget> = spp.chain(manifest.time_of.map(RunBudget::TimeOf)).collect();
+        let budgets: Vec<RunBudget> = manifest.budgets().collect();
         let errors = METRICS.iter().map(|metric| metric.name);
         let metrics = ["spp", "seconds"].into_iter().chain(errors).chain(["predicted over true relmse"]);
-        let phases = table(&[self.phases_budget()], "seconds load", &PHASES.map(|(name, _)| format!("seconds {name}")));
+        let phases = table(&[self.phases_budget()], "seconds load", &PHASES.map(|name| format!("seconds {name}")));
         let total = |line: &Line| line.cells.iter().map(|cell| cell.number).sum();
         let ticks: Vec<f64> = manifest.spp.iter().map(|&spp| spp as f64).collect();
         SceneSection {

@@ -47,7 +47,7 @@ impl TableCell {
             text: row.value.map_or_else(|| "–".into(), write),
             interval: row.interval().map_or_else(String::new, interval),
             note: row.note.clone(),
-            class: RatioVerdict::of(row).map_or("", RatioVerdict::words),
+            class: RatioVerdict::of(row).map_or("", RatioVerdict::name),
             mark: marks.iter().find(|(words, _)| row.note.contains(words)).map_or("", |(_, mark)| mark),
         }
     }
@@ -96,7 +96,7 @@ impl Line {
     /// Empty for a win or a loss.
     pub(super) fn why(&self) -> String {
         let mut notes = self.note.split("; ").skip(1);
-        if self.class != RatioVerdict::Undecided.words() {
+        if self.class != RatioVerdict::Undecided.name() {
             String::new()
         } else if let Some(note) = notes.clone().find(|note| note.contains(UNFAIR)) {
             format!("{note}; equal is within {:.0} %", 100.0 * TIME_TOLERANCE)
@@ -127,7 +127,7 @@ pub(super) fn lines(
                 method: name.clone(),
                 cells: metrics.iter().map(|metric| TableCell::of(find(metric))).collect(),
                 note: row.note.clone(),
-                class: RatioVerdict::of(row).map_or("", RatioVerdict::words),
+                class: RatioVerdict::of(row).map_or("", RatioVerdict::name),
                 budget,
             });
         }
@@ -138,10 +138,7 @@ pub(super) fn lines(
 /// The budget of the report's first comparison: equal time if there are such runs, else the largest spp; `None` without
 /// runs to compare.
 pub(super) fn headline(recorded: &RecordedStudy, summary: &Summary) -> Option<RunBudget> {
-    let manifest = &recorded.manifest;
-    let spp = manifest.spp.iter().rev().map(|&spp| RunBudget::Spp(spp));
-    let budgets = manifest.time_of.map(RunBudget::TimeOf).into_iter().chain(spp);
-    budgets.into_iter().find(|budget| tally(summary, *budget, "relmse ratio") != [0; 3])
+    recorded.manifest.budgets().rev().find(|budget| tally(summary, *budget, "relmse ratio") != [0; 3])
 }
 
 /// Counts the wins, losses and undecided comparisons of a metric at one budget.

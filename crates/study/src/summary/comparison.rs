@@ -2,6 +2,7 @@
 
 use super::{CONFIDENCE, Row, RunTable, Summary, TIME_TOLERANCE, compared};
 use crate::record::{Run, RunBudget};
+use dapple_core::OptionValue;
 use dapple_metrics::{Interval, StatisticsError, geometric_mean_interval, mean_interval, ratio_interval};
 
 /// The verdict on a method, from the confidence interval of the ratio of its error to the baseline's.
@@ -17,20 +18,13 @@ pub enum RatioVerdict {
     Loss,
 }
 
-impl RatioVerdict {
-    /// The verdict's name, with which the note of a row begins.
-    pub fn words(self) -> &'static str {
-        match self {
-            Self::Win => "win",
-            Self::Undecided => "undecided",
-            Self::Loss => "loss",
-        }
-    }
+dapple_core::choices!(RatioVerdict { Win = "win", Undecided = "undecided", Loss = "loss" });
 
+impl RatioVerdict {
     /// The verdict in a row's note; `None` for rows without a verdict.
     pub fn of(row: &Row) -> Option<Self> {
-        let first = row.note.split(';').next()?;
-        [Self::Win, Self::Undecided, Self::Loss].into_iter().find(|v| v.words() == first)
+        // The note begins with the verdict's name.
+        Self::from_text(row.note.split(';').next()?)
     }
 }
 
@@ -42,13 +36,10 @@ pub(crate) const HOLDS: &str = "holds for all together";
 pub(crate) const UNFAIR: &str = "times the time";
 
 pub(super) fn add(summary: &mut Summary, grid: &RunTable<'_>) {
-    for budget in grid.budgets() {
-        let pairs: Vec<[usize; 2]> = grid
-            .all()
-            .filter(|&[scene, method]| {
-                method != grid.baseline && !grid.pairs(scene, [method, grid.baseline], budget).is_empty()
-            })
-            .collect();
+    for budget in grid.manifest.budgets() {
+        let others = grid.all().filter(|[_, method]| *method != grid.baseline);
+        let is_paired = |at: &[usize; 2]| !grid.pairs(at[0], [at[1], grid.baseline], budget).is_empty();
+        let pairs: Vec<[usize; 2]> = others.filter(is_paired).collect();
         // The confidence level that each interval needs so that all of them hold together with 95 % confidence [after
         // Šidák 1967].
         let together = libm::pow(CONFIDENCE, 1.0 / pairs.len().max(1) as f64);
@@ -60,19 +51,15 @@ pub(super) fn add(summary: &mut Summary, grid: &RunTable<'_>) {
 
 fn compare(summary: &mut Summary, grid: &RunTable<'_>, at: [usize; 2], budget: RunBudget, together: f64) {
     let pairs = grid.pairs(at[0], [at[1], grid.baseline], budget);
-    let of =
-        |value: &dyn Fn(&Run) -> f64| -> Vec<(f64, f64)> { pairs.iter().map(|[a, b]| (value(a), value(b))).collect() };
+    let of = |value: &dyn Fn(&Run) -> f64| pairs.iter().map(|[a, b]| (value(a), value(b))).collect::<Vec<_>>();
     let seconds = SeedStatistic::ratio(&of(&|run| run.render_s));
     let timed = matches!(budget, RunBudget::TimeOf(_)).then_some(seconds.value).flatten();
     for metric in compared() {
         let values = of(&|run| run.errors.get(metric.name));
         let limited = metric.name == "relmse" && pairs.iter().any(|pair| pair.iter().any(|run| run.reference_limited));
         let wide = SeedStatistic::ratio_at(&values, together);
-        let figure = judge(SeedStatistic::ratio(&values), wide.ends, timed).noted(if limited {
-            "reference-limited"
-        } else {
-            ""
-        });
+        let note = if limited { "reference-limited" } else { "" };
+        let figure = judge(SeedStatistic::ratio(&values), wide.ends, timed).noted(note);
         summary.add(grid, at, budget, &format!("{} ratio", metric.name), figure);
     }
     summary.add(grid, at, budget, "seconds ratio", seconds);
@@ -88,27 +75,25 @@ fn judge(figure: SeedStatistic, wide: Option<[f64; 2]>, seconds: Option<f64>) ->
         [low, _] if low > 1.0 => RatioVerdict::Loss,
         _ => RatioVerdict::Undecided,
     };
-    let Some(ends) = figure.ends else {
-        return with_first(figure, RatioVerdict::Undecided.words().to_owned());
-    };
+    let Some(ends) = figure.ends else { return with_first(figure, RatioVerdict::Undecided.name()) };
     let verdict = side(ends);
     let unfair = seconds.is_some_and(|ratio| match verdict {
         RatioVerdict::Win => ratio > 1.0 + TIME_TOLERANCE,
         RatioVerdict::Loss => ratio < 1.0 / (1.0 + TIME_TOLERANCE),
         RatioVerdict::Undecided => false,
     });
-    let mut notes = vec![if unfair { RatioVerdict::Undecided } else { verdict }.words().to_owned()];
     if unfair {
-        notes.push(format!("it took {:.2} {UNFAIR}", seconds.unwrap_or(1.0)));
+        let note = format!("{}; it took {:.2} {UNFAIR}", RatioVerdict::Undecided.name(), seconds.unwrap_or(1.0));
+        with_first(figure, &note)
     } else if verdict != RatioVerdict::Undecided && wide.is_some_and(|wide| side(wide) == verdict) {
-        notes.push(HOLDS.to_owned());
+        with_first(figure, &format!("{}; {HOLDS}", verdict.name()))
+    } else {
+        with_first(figure, verdict.name())
     }
-    with_first(figure, notes.join("; "))
 }
 
-fn with_first(figure: SeedStatistic, first: String) -> SeedStatistic {
-    let rest = figure.note;
-    SeedStatistic { note: first, ..figure }.noted(&rest)
+fn with_first(figure: SeedStatistic, first: &str) -> SeedStatistic {
+    SeedStatistic { note: first.to_owned(), ..figure.clone() }.noted(&figure.note)
 }
 
 /// A statistic over the runs of several seeds: value, confidence interval and note.
@@ -161,18 +146,18 @@ impl SeedStatistic {
     }
 
     fn missing(n: usize, note: &str) -> Self {
-        Self { value: None, ends: None, n, note: note.into() }
+        Self { n, note: note.into(), ..Self::default() }
     }
 
     /// A value without an interval, computed from `n` seeds.
     pub(super) fn bare(value: f64, n: usize) -> Self {
-        Self { value: Some(value), ends: None, n, note: String::new() }
+        Self { value: Some(value), n, ..Self::default() }
     }
 
     fn from_interval(found: Result<Interval, StatisticsError>, n: usize) -> Self {
         match found {
             Ok(i) if i.value.is_finite() && i.low.is_finite() && i.high.is_finite() => {
-                Self { value: Some(i.value), ends: Some([i.low, i.high]), n, note: String::new() }
+                Self { ends: Some([i.low, i.high]), ..Self::bare(i.value, n) }
             }
             Ok(i) if i.value.is_finite() => Self::bare(i.value, n).noted("the interval has no end"),
             Ok(_) => Self::missing(n, "beyond the range of numbers"),
