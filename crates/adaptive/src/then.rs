@@ -26,7 +26,6 @@ use std::sync::Arc;
 /// # impl PointSet for Centre {
 /// #     fn describe(&self) -> String { "centre".into() }
 /// #     fn block(&self, _: SampleId, _: u32) -> [f32; 4] { [0.5; 4] }
-/// #     fn capacity(&self) -> u64 { u64::MAX }
 /// # }
 /// use dapple_core::Sampler;
 /// use dapple_adaptive::Then;

@@ -106,10 +106,6 @@ impl PointSet for Origin {
     fn block(&self, _: SampleId, _: u32) -> [f32; 4] {
         [0.0; 4]
     }
-
-    fn capacity(&self) -> u64 {
-        u64::MAX
-    }
 }
 
 /// The value of the blue noise at a pixel, in `[0, 1)`. The pixels below any threshold are evenly spread.

@@ -60,10 +60,6 @@ impl<F: Fn(SampleId, u32) -> [f32; 4] + Send + Sync> PointSet for Points<F> {
     fn block(&self, id: SampleId, block: u32) -> [f32; 4] {
         (self.0)(id, block)
     }
-
-    fn capacity(&self) -> u64 {
-        u64::MAX
-    }
 }
 
 /// An integrator from a closure of the random numbers and the worker.

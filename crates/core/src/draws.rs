@@ -1,6 +1,7 @@
 //! Random numbers of one sample, by named blocks.
 
 use crate::{Needs, PointSet, Rng, SampleId, streams};
+use std::borrow::Cow;
 use std::cell::Cell;
 
 /// A named group of four dimensions of a sample's random numbers, for one use of randomness such as the lens.
@@ -51,7 +52,6 @@ impl Block {
 /// # impl PointSet for Centre {
 /// #     fn describe(&self) -> String { "centre".into() }
 /// #     fn block(&self, _: SampleId, _: u32) -> [f32; 4] { [0.5; 4] }
-/// #     fn capacity(&self) -> u64 { u64::MAX }
 /// # }
 /// const LENS: Block = Block::new(0);
 ///
@@ -68,7 +68,7 @@ pub struct Draws<'a> {
     points: &'a dyn PointSet,
     id: SampleId,
     /// The sample's place among those of its pixel in this round.
-    turn: u32,
+    pub(crate) turn: u32,
     needs: Needs,
     requested: Cell<u32>,
     /// The number of the next block for a cursor.
@@ -86,18 +86,6 @@ impl<'a> Draws<'a> {
     #[inline]
     pub fn for_film(points: &'a dyn PointSet, id: SampleId, needs: Needs) -> Self {
         Self { points, id, turn: 0, needs, requested: Cell::new(0), cursor: Cell::new(0) }
-    }
-
-    /// Sets the sample's place among those of its pixel in this round.
-    #[inline]
-    pub(crate) fn with_turn(self, turn: u32) -> Self {
-        Self { turn, ..self }
-    }
-
-    /// The sample's place among those of its pixel in this round.
-    #[inline]
-    pub(crate) fn turn(&self) -> u32 {
-        self.turn
     }
 
     /// The four coordinates of `block`, each in `[0, 1)`: two 2-D pairs.
@@ -121,14 +109,14 @@ impl<'a> Draws<'a> {
     /// A renderer that also names blocks lets the cursor start behind them, by [`Rng::skip_to`].
     #[inline]
     pub fn rng(&self) -> Rng<'_> {
-        Rng::new(self)
+        Rng::new(Cow::Borrowed(self))
     }
 
     /// A cursor that owns the sample, for renderers whose generator outlives the place where the sample was made. Clone the
     /// sample before if its result is to be added.
     #[inline]
     pub fn into_rng(self) -> Rng<'a> {
-        Rng::owning(self)
+        Rng::new(Cow::Owned(self))
     }
 
     /// The number of the next block for a cursor, which then moves on.
@@ -153,12 +141,9 @@ impl<'a> Draws<'a> {
     /// themselves.
     #[inline]
     pub fn sample_number(&self) -> u64 {
-        let half = match self.id.stream {
-            first if first == streams::HALVES[0] || first == streams::DISCARDED_HALVES[0] => 0,
-            second if second == streams::HALVES[1] || second == streams::DISCARDED_HALVES[1] => 1,
-            _ => return self.id.index,
-        };
-        2 * self.id.index + half
+        let SampleId { stream, index, .. } = self.id;
+        let is_of = |half: &usize| [streams::HALVES[*half], streams::DISCARDED_HALVES[*half]].contains(&stream);
+        (0..2).find(is_of).map_or(index, |half| 2 * index + half as u64)
     }
 
     /// Column and row of the pixel in the full frame.

@@ -12,7 +12,7 @@ pub(crate) use add::{Strip, record_first_hit};
 use estimates::EmissionAlone;
 pub use parts::PixelStatistics;
 pub(crate) use planes::{Beside, Half, Layout, Window};
-pub(crate) use record::{REJECTED_LISTED, keep_first, reason_to_reject};
+pub(crate) use record::{REJECTED_LISTED, keep_first};
 pub use record::{Record, Rejected, RejectedReason, RoundRecord};
 pub(crate) use splats::Splats;
 
@@ -181,7 +181,7 @@ impl Film {
     }
 
     pub(crate) fn layout(&self) -> Layout {
-        Layout { needs: self.needs, recorders: self.recorders.names().len() }
+        Layout { needs: self.needs, recorders: self.recorders.names.len() }
     }
 
     /// The bytes per pixel of a film that records `needs`, before any sample is discarded and without the words of recorders.
@@ -198,7 +198,7 @@ impl Film {
 
     /// The names of the film's recorders.
     pub fn recorder_names(&self) -> &[String] {
-        self.recorders.names()
+        &self.recorders.names
     }
 
     /// The words that the recorder of this name has recorded; `None` if the film has no such recorder.
@@ -422,7 +422,7 @@ impl<'a> Recorded<'a> {
     }
 
     fn of(&self, planes: &'a Half, i: usize) -> &'a [u32] {
-        &planes.words[i * self.film.recorders.names().len() + self.number]
+        &planes.words[i * self.film.recorders.names.len() + self.number]
     }
 }
 

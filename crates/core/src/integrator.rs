@@ -436,7 +436,7 @@ impl TrainingSum {
 /// any number of threads.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TrainingData {
-    entries: Vec<TrainingSum>,
+    pub(crate) entries: Vec<TrainingSum>,
 }
 
 impl TrainingData {
@@ -460,10 +460,6 @@ impl TrainingData {
         // Kept for the whole render, and mostly much shorter now.
         entries.shrink_to_fit();
         Self { entries }
-    }
-
-    pub(crate) fn into_entries(self) -> Vec<TrainingSum> {
-        self.entries
     }
 
     /// The sums per key, in ascending order of key.

@@ -254,12 +254,10 @@ macro_rules! options {
 
             fn set(&mut self, name: &str, value: &str) -> Result<bool, $crate::OptionError> {
                 match name {
-                    $(stringify!($field) => self.$field = $crate::OptionValue::parse_as(stringify!($field), value, {
-                        #[allow(unused_mut, unused_assignments, reason = "not every parameter has a range")]
-                        let mut allowed: Option<&str> = None;
-                        $(allowed = Some($allowed);)?
-                        allowed
-                    })?,)*
+                    $(stringify!($field) => {
+                        let range: &[&str] = &[$($allowed)?];
+                        self.$field = $crate::OptionValue::parse_as(stringify!($field), value, range.first().copied())?;
+                    })*
                     _ => return Ok(false),
                 }
                 Ok(true)

@@ -85,8 +85,18 @@ impl Plan {
 
     /// The number of planned samples, summed over pixels and halves.
     pub fn total(&self) -> u64 {
-        let sum = |c: &[u32]| c.iter().map(|&n| u64::from(n)).sum::<u64>();
-        sum(&self.counts) + self.second_half.as_deref().map_or(0, sum)
+        self.halves().flatten().map(|&n| u64::from(n)).sum()
+    }
+
+    /// The counts of all samples, or of each half.
+    pub(crate) fn halves(&self) -> impl Iterator<Item = &[u32]> {
+        [Some(&self.counts[..]), self.second_half.as_deref()].into_iter().flatten()
+    }
+
+    /// A plan with other counts that withdraws no samples.
+    pub(crate) fn with_counts(&self, of: impl Fn(&[u32]) -> Vec<u32>) -> Self {
+        let second_half = self.second_half.as_deref().map(&of);
+        Self { counts: of(&self.counts), second_half, withdraw: None, ..*self }
     }
 }
 

@@ -84,10 +84,6 @@ pub mod streams {
 ///             (y >> 40) as f32 / (1 << 24) as f32
 ///         })
 ///     }
-///
-///     fn capacity(&self) -> u64 {
-///         u64::MAX
-///     }
 /// }
 ///
 /// let id = SampleId::new([3, 5], 0, 12);
@@ -112,8 +108,10 @@ pub trait PointSet: Send + Sync {
     }
 
     /// The number of samples per pixel and stream before the points repeat. The render loop refuses a longer round with
-    /// [`Error::SequenceExhausted`](crate::Error::SequenceExhausted).
-    fn capacity(&self) -> u64;
+    /// [`Error::SequenceExhausted`](crate::Error::SequenceExhausted). `u64::MAX` by default: points never repeat.
+    fn capacity(&self) -> u64 {
+        u64::MAX
+    }
 
     /// The smallest count that is at least `n` and well stratified; by default `n` itself.
     fn preferred_count(&self, n: u64) -> u64 {
@@ -163,10 +161,6 @@ impl PointSet for HostNumbers {
         let first = name.into_iter().fold(0, |x, part| mix(x ^ part));
         let unit = |x: u64| (x >> 40) as f32 / (1 << 24) as f32;
         [0, 1, 2, 3].map(|k| unit(mix(first ^ k)))
-    }
-
-    fn capacity(&self) -> u64 {
-        u64::MAX
     }
 
     fn is_independent(&self) -> bool {

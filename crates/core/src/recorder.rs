@@ -65,7 +65,7 @@ pub struct RecordedSample<'a> {
 /// The recorders of a film, by name.
 #[derive(Clone, Default, Serialize, Deserialize)]
 pub(crate) struct Recorders {
-    names: Vec<String>,
+    pub(crate) names: Vec<String>,
     /// As many as names; none in a film read from bytes, until a render resumes it.
     #[serde(skip)]
     pub(crate) active: Vec<Arc<dyn Recorder>>,
@@ -82,10 +82,6 @@ impl Recorders {
             }
         }
         united
-    }
-
-    pub(crate) fn names(&self) -> &[String] {
-        &self.names
     }
 
     pub(crate) fn position(&self, name: &str) -> Option<usize> {

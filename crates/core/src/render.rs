@@ -35,7 +35,6 @@ use std::sync::Arc;
 /// # impl PointSet for Centre {
 /// #     fn describe(&self) -> String { "centre".into() }
 /// #     fn block(&self, _: SampleId, _: u32) -> [f32; 4] { [0.5; 4] }
-/// #     fn capacity(&self) -> u64 { u64::MAX }
 /// # }
 /// use dapple_core::samplers::Uniform;
 /// use dapple_core::{Control, Draws, Estimate, Frame, Integrator, Limits, Needs, Render, Status, Worker};
@@ -157,15 +156,9 @@ impl<'a> Render<'a> {
     ) -> Result<Film, Error> {
         let mut unwatched = NoMonitor;
         let needs = self.needs.and(integrator.needs());
-        let methods = Methods { needs, recorders: self.recorders, ..Methods::from(sampler) };
-        let methods = match self.filter {
-            Some(filter) => methods.with_filter(filter),
-            None => methods,
-        };
-        let monitor: &mut dyn Monitor = match self.monitor {
-            Some(monitor) => monitor,
-            None => &mut unwatched,
-        };
+        let filter = self.filter.map(|filter| Box::new(filter) as Box<dyn Filter>);
+        let methods = Methods { needs, filter, recorders: self.recorders, ..Methods::from(sampler) };
+        let monitor: &mut dyn Monitor = self.monitor.unwrap_or(&mut unwatched);
         let mut session = Session::of_render(self.frame, self.limits, methods, snapshot)?;
         session.teach(integrator);
         while session.open()? {

@@ -1,7 +1,7 @@
 //! A cursor over a sample's random numbers, for renderers that draw "the next number".
 
-use crate::mix;
-use crate::{Block, Draws};
+use crate::{Block, Draws, mix};
+use std::borrow::Cow;
 
 /// A cursor that hands out the random numbers of one sample one after the other; made by [`Draws::rng`].
 ///
@@ -20,7 +20,6 @@ use crate::{Block, Draws};
 /// # impl PointSet for Count {
 /// #     fn describe(&self) -> String { "count".into() }
 /// #     fn block(&self, _: SampleId, block: u32) -> [f32; 4] { [0, 1, 2, 3].map(|k| (4 * block + k) as f32 / 64.0) }
-/// #     fn capacity(&self) -> u64 { u64::MAX }
 /// # }
 /// # let points = Count;
 /// let draws = Draws::new(&points, SampleId::new([3, 5], 0, 12));
@@ -42,7 +41,8 @@ use crate::{Block, Draws};
 /// a varying count, such as rejection sampling, shifts what comes after it: the result stays correct, and loses the
 /// advantage over independent numbers. [`Rng::skip_to`] restores the order behind such a loop.
 pub struct Rng<'a> {
-    draws: Held<'a>,
+    /// The sample, borrowed or the cursor's own.
+    draws: Cow<'a, Draws<'a>>,
     /// The number of the block that `values` came from.
     block: u32,
     values: [f32; 4],
@@ -50,27 +50,9 @@ pub struct Rng<'a> {
     taken: usize,
 }
 
-/// The sample of a cursor, borrowed or its own.
-enum Held<'a> {
-    Borrowed(&'a Draws<'a>),
-    Own(Draws<'a>),
-}
-
 impl<'a> Rng<'a> {
-    pub(crate) fn new(draws: &'a Draws<'a>) -> Self {
-        Self { draws: Held::Borrowed(draws), block: 0, values: [0.0; 4], taken: 4 }
-    }
-
-    pub(crate) fn owning(draws: Draws<'a>) -> Self {
-        Self { draws: Held::Own(draws), block: 0, values: [0.0; 4], taken: 4 }
-    }
-
-    #[inline]
-    fn draws(&self) -> &Draws<'a> {
-        match &self.draws {
-            Held::Borrowed(draws) => draws,
-            Held::Own(draws) => draws,
-        }
+    pub(crate) fn new(draws: Cow<'a, Draws<'a>>) -> Self {
+        Self { draws, block: 0, values: [0.0; 4], taken: 4 }
     }
 
     /// The next number, in `[0, 1)`.
@@ -101,7 +83,7 @@ impl<'a> Rng<'a> {
     #[inline]
     pub fn next_u64(&mut self) -> u64 {
         let high = (self.next_f32() * (1 << 24) as f32) as u64;
-        let id = self.draws().id();
+        let id = self.draws.id();
         let place = u64::from(self.block) << 2 | self.taken as u64;
         let [column, row] = id.pixel.map(u64::from);
         let low = [column | row << 32, u64::from(id.stream), id.index].into_iter().fold(place, |x, y| mix(x ^ y));
@@ -118,16 +100,15 @@ impl<'a> Rng<'a> {
     /// Continues at the first number of this block, so that what follows has the same dimensions in every sample. Does
     /// nothing if the cursor is beyond it. Each block has four numbers.
     pub fn skip_to(&mut self, block: Block) {
-        if self.draws().skip_to(block) {
+        if self.draws.skip_to(block) {
             self.taken = 4;
         }
     }
 
     #[inline]
     fn refill(&mut self) {
-        let draws = self.draws();
-        let block = draws.next_block();
-        (self.values, self.block, self.taken) = (draws.block(block), block.number(), 0);
+        let block = self.draws.next_block();
+        (self.values, self.block, self.taken) = (self.draws.block(block), block.number(), 0);
     }
 }
 

@@ -115,7 +115,6 @@ impl<'a> Feedback<'a> {
 /// # impl PointSet for Half {
 /// #     fn describe(&self) -> String { "half".into() }
 /// #     fn block(&self, _: dapple_core::SampleId, _: u32) -> [f32; 4] { [0.5; 4] }
-/// #     fn capacity(&self) -> u64 { u64::MAX }
 /// # }
 /// # use dapple_core::{BudgetLeft, Film, Frame, Needs};
 /// # let film = Film::new(Frame::new(4, 2)?, Needs::none());

@@ -19,7 +19,6 @@ use crate::{
 /// # impl PointSet for Centre {
 /// #     fn describe(&self) -> String { "centre".into() }
 /// #     fn block(&self, _: SampleId, _: u32) -> [f32; 4] { [0.5; 4] }
-/// #     fn capacity(&self) -> u64 { u64::MAX }
 /// # }
 /// use dapple_core::samplers::Uniform;
 /// use dapple_core::{Block, Draws, Estimate, Frame, Integrator, Limits, Render, Worker};

@@ -5,41 +5,28 @@ use crate::recorder::Recorders;
 use crate::render::filtered_error::FilteredError;
 use crate::render::state::{OpenRound, Stage, State};
 use crate::{
-    Combine, Error, Film, Frame, Integrator, Limits, Needs, Record, Rejected, Retention, Sampler, TrainingData,
-    container,
+    Combine, Error, Film, Frame, Limits, Needs, Record, Rejected, Retention, Sampler, TrainingData, container,
 };
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize, Serializer};
 
 /// The reason why bytes are not a snapshot, as the end of a sentence.
-#[derive(Debug)]
-pub(crate) struct Broken(pub(crate) &'static str);
-
-impl From<Broken> for Error {
-    fn from(Broken(what): Broken) -> Self {
-        Self::BadSnapshot { what }
-    }
-}
-
-impl From<postcard::Error> for Broken {
-    fn from(error: postcard::Error) -> Self {
-        Self(match error {
-            postcard::Error::DeserializeUnexpectedEnd => "they end too early",
-            _ => "they hold something else than they should",
-        })
-    }
+fn broken<T>(what: &'static str) -> Result<T, Error> {
+    Err(Error::BadSnapshot { what })
 }
 
 /// A value as about so many bytes.
-pub(crate) fn encoded(value: &impl Serialize, size: usize) -> Vec<u8> {
+fn encoded(value: &impl Serialize, size: usize) -> Vec<u8> {
     postcard::to_extend(value, Vec::with_capacity(size)).expect("memory takes any state")
 }
 
 /// Reads a value that takes all of the bytes. Memory is made as values are read.
-pub(crate) fn decoded<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Broken> {
-    match postcard::take_from_bytes(bytes)? {
-        (value, []) => Ok(value),
-        _ => Err(Broken("there are bytes after the end")),
+fn decoded<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Error> {
+    match postcard::take_from_bytes(bytes) {
+        Ok((value, [])) => Ok(value),
+        Ok(_) => broken("there are bytes after the end"),
+        Err(postcard::Error::DeserializeUnexpectedEnd) => broken("they end too early"),
+        Err(_) => broken("they hold something else than they should"),
     }
 }
 
@@ -109,7 +96,6 @@ impl View<'_> {
 /// # impl PointSet for Centre {
 /// #     fn describe(&self) -> String { "centre".into() }
 /// #     fn block(&self, _: SampleId, _: u32) -> [f32; 4] { [0.5; 4] }
-/// #     fn capacity(&self) -> u64 { u64::MAX }
 /// # }
 /// # use dapple_core::{Draws, Estimate, Integrator, Worker};
 /// # struct Ramp;
@@ -159,14 +145,10 @@ impl Snapshot {
     ///
     /// [`Error::BadSnapshot`] for bytes of another kind or version, truncated or inconsistent.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, Error> {
-        Ok(Self::read(bytes)?)
-    }
-
-    fn read(bytes: &[u8]) -> Result<Self, Broken> {
-        let found = container::sections(bytes).map_err(|fault| Broken(fault.text()))?;
+        let found = container::sections(bytes).or_else(|fault| broken(fault.text()))?;
         let section = |name: &str| found.iter().find(|(known, _)| *known == name).map(|(_, section)| *section);
         let (Some(course), Some(film)) = (section("render"), section("film")) else {
-            return Err(Broken("they hold no state of a render"));
+            return broken("they hold no state of a render");
         };
         let course: Course = decoded(course)?;
         let (sampler, bounds, total, seconds, round, open, passes, filtered_error, stage) = course;
@@ -187,11 +169,6 @@ impl Snapshot {
             None => Ok(self),
             Some(_) => Err(Error::OtherRender { what: "it has rows of a stage alone; trace and join them".into() }),
         }
-    }
-
-    /// Makes an integrator learn the training passes so far.
-    pub fn teach(&self, integrator: &mut dyn Integrator) {
-        self.state.passes.iter().for_each(|pass| integrator.learn(pass));
     }
 
     /// Restores the sampler's state, and checks that the snapshot belongs to a render with this sampler, frame and limits, and records these `needs`.
@@ -232,7 +209,7 @@ impl Snapshot {
         if differ.is_empty() { Ok(()) } else { Err(Error::OtherRender { what: differ.join("; ") }) }
     }
 
-    fn check(&self) -> Result<(), Broken> {
+    fn check(&self) -> Result<(), Error> {
         let State { film, open, passes, filtered_error, stage, .. } = &self.state;
         let is_ascending = |pass: &TrainingData| pass.entries().is_sorted_by(|a, b| a.key < b.key);
         require(is_time(self.seconds), "a time is not a number of seconds")?;
@@ -246,11 +223,10 @@ impl Snapshot {
 
 impl OpenRound {
     /// Checks the round beside the film that it came with.
-    fn check(&self, film: &Film) -> Result<(), Broken> {
+    fn check(&self, film: &Film) -> Result<(), Error> {
         let ([width, height], pixels) = (film.frame.size(), film.frame.pixels());
         let Self { plan, cursor, .. } = self;
-        let mut counts = [Some(&plan.counts), plan.second_half.as_ref()].into_iter().flatten();
-        require(counts.all(|counts| counts.len() == pixels), "a plan has another number of pixels")?;
+        require(plan.halves().all(|counts| counts.len() == pixels), "a plan has another number of pixels")?;
         require(is_sound(plan.combine), "the rule to combine halves is unknown")?;
         let fits = plan.second_half.is_none() || film.kept.len() == 2;
         require(fits, "a plan is for two halves, but the film has one")?;
@@ -264,8 +240,8 @@ impl OpenRound {
     }
 }
 
-fn require(holds: bool, otherwise: &'static str) -> Result<(), Broken> {
-    if holds { Ok(()) } else { Err(Broken(otherwise)) }
+fn require(holds: bool, otherwise: &'static str) -> Result<(), Error> {
+    if holds { Ok(()) } else { broken(otherwise) }
 }
 
 fn is_time(seconds: f64) -> bool {
@@ -291,7 +267,7 @@ type Head = (Frame, Needs, Recorders, Combine, Record, Vec<Rejected>);
 /// The planes of a film.
 type Planes = (Vec<Half>, Vec<Half>, Vec<Vec<u64>>, Beside, Splats, u64);
 
-fn film_of(bytes: &[u8]) -> Result<Film, Broken> {
+fn film_of(bytes: &[u8]) -> Result<Film, Error> {
     let (head, planes): (Head, Planes) = decoded(bytes)?;
     let (frame, needs, recorders, combine, record, rejected) = head;
     let (kept, discarded, withdrawn, beside, splats, unreported) = planes;
@@ -301,7 +277,7 @@ fn film_of(bytes: &[u8]) -> Result<Film, Broken> {
     Ok(film)
 }
 
-fn check_film(film: &Film) -> Result<(), Broken> {
+fn check_film(film: &Film) -> Result<(), Error> {
     let Film { kept, discarded, withdrawn, beside, record, .. } = film;
     let (pixels, layout, halves) = (film.frame.pixels(), film.layout(), if film.needs.halves { 2 } else { 1 });
     let are_sound = |all: &[Half]| all.len() == halves && all.iter().all(|planes| planes.is_sound(pixels, &layout));
@@ -315,7 +291,7 @@ fn check_film(film: &Film) -> Result<(), Broken> {
     require(is_time(record.prepare_seconds) && seconds.all(is_time), "a time is not a number of seconds")?;
     require(film.rejected.len() <= REJECTED_LISTED, "the list of rejected samples is too long")?;
     let mut counts = kept.iter().chain(discarded).flat_map(|planes| &planes.counts);
-    let samples = counts.try_fold(0_u64, |sum, n| sum.checked_add(*n)).ok_or(Broken("counts overflow"))?;
+    let samples = counts.try_fold(0_u64, |sum, n| sum.checked_add(*n)).map_or_else(|| broken("counts overflow"), Ok)?;
     require(film.unreported <= samples, "more samples report no hits than there are")?;
     let fits = withdrawn.is_empty() || withdrawn.len() == discarded.len();
     require(fits, "samples are withdrawn, but the film has no place for them")?;

@@ -2,7 +2,6 @@
 
 use crate::TrainingSum;
 use std::any::Any;
-use std::fmt;
 
 /// The memory of one task of the render loop, passed to [`Integrator::estimate`](crate::Integrator::estimate).
 ///
@@ -25,11 +24,12 @@ use std::fmt;
 ///     }
 /// }
 /// ```
-#[derive(Default)]
+#[derive(Debug, Default)]
 pub struct Worker {
-    notes: Vec<(u64, f32)>,
+    pub(crate) notes: Vec<(u64, f32)>,
     scratch: Option<Box<dyn Any + Send>>,
-    splats: Vec<([u32; 2], [f32; 3])>,
+    /// The splats of the last sample.
+    pub(crate) splats: Vec<([u32; 2], [f32; 3])>,
 }
 
 impl Worker {
@@ -63,23 +63,6 @@ impl Worker {
         }
     }
 
-    /// Drops notes that no training pass reads.
-    pub(crate) fn forget_notes(&mut self) {
-        self.notes.clear();
-    }
-
-    /// Returns `true` if the last sample has splats.
-    #[inline]
-    pub(crate) fn has_splats(&self) -> bool {
-        !self.splats.is_empty()
-    }
-
-    /// Takes the splats of the last sample.
-    #[inline]
-    pub(crate) fn take_splats(&mut self) -> std::vec::Drain<'_, ([u32; 2], [f32; 3])> {
-        self.splats.drain(..)
-    }
-
     /// Returns the sums of the notes by key, added in the order of noting, and clears the log.
     pub(crate) fn summarise(&mut self) -> Vec<TrainingSum> {
         self.notes.sort_by_key(|n| n.0);
@@ -94,11 +77,5 @@ impl Worker {
         }
         self.notes.clear();
         sums
-    }
-}
-
-impl fmt::Debug for Worker {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Worker").field("notes", &self.notes.len()).finish_non_exhaustive()
     }
 }

@@ -82,11 +82,6 @@ impl PointSet for LowDiscrepancy {
         [a, b, c, d]
     }
 
-    /// Returns `u64::MAX`, since each further net is scrambled anew.
-    fn capacity(&self) -> u64 {
-        u64::MAX
-    }
-
     /// Returns the next multiple of [`LowDiscrepancy::count`] from `n` on.
     fn preferred_count(&self, n: u64) -> u64 {
         n.max(1).checked_next_multiple_of(u64::from(self.count())).unwrap_or(n)
@@ -184,11 +179,6 @@ impl PointSet for ZSobol {
         let [scramble_x1, scramble_y1] = halves(nth_key(key, 3));
         let scrambled = |reversed, key| unit(owen_reversed(reversed, key).reverse_bits());
         [scrambled(x0, scramble_x0), scrambled(y0, scramble_y0), scrambled(x1, scramble_x1), scrambled(y1, scramble_y1)]
-    }
-
-    /// Returns `u64::MAX`, since further samples begin a new sequence.
-    fn capacity(&self) -> u64 {
-        u64::MAX
     }
 
     /// Returns the next multiple of [`ZSobol::count`] from `n` on.

@@ -116,11 +116,6 @@ impl PointSet for Sequences {
         [a, b, c, d]
     }
 
-    /// Returns `u64::MAX`, since further samples start other sequences.
-    fn capacity(&self) -> u64 {
-        u64::MAX
-    }
-
     /// Returns the next power of two from `n` on, or the next multiple of 1024.
     fn preferred_count(&self, n: u64) -> u64 {
         let n = n.max(1);

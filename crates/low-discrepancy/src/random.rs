@@ -52,11 +52,6 @@ impl PointSet for Random {
         [unit(a), unit(b), unit(c), unit(d)]
     }
 
-    /// Returns `u64::MAX`, since samples repeat only by chance.
-    fn capacity(&self) -> u64 {
-        u64::MAX
-    }
-
     fn is_independent(&self) -> bool {
         true
     }
@@ -149,11 +144,6 @@ impl PointSet for Stratified {
         let [a, b] = self.point(permute(within, self.cells(), order[0]), jitter[0]);
         let [c, d] = self.point(permute(within, self.cells(), order[1]), jitter[1]);
         [a, b, c, d]
-    }
-
-    /// Returns `u64::MAX`, since each further grid is a new one.
-    fn capacity(&self) -> u64 {
-        u64::MAX
     }
 
     /// Returns the next multiple of `strata²` from `n` on.

@@ -1,7 +1,7 @@
 //! Samples added to a film: by the render loop, to the planes of some pixels, or one by one.
 
 use super::planes::{BesideRows, Half, HalfRows};
-use super::{FeatureMoments, Film, Rejected, RejectedReason, reason_to_reject};
+use super::{FeatureMoments, Film, Rejected, RejectedReason};
 use crate::recorder::{RecordedSample, Recorder};
 use crate::{Estimate, FirstHit, Needs, Retention, SampleId, SurfaceFeatures, streams};
 use std::sync::Arc;
@@ -117,7 +117,7 @@ impl HalfRows<'_> {
         estimate: &Estimate,
         recorders: &[Arc<dyn Recorder>],
     ) -> Option<RejectedReason> {
-        let reason = reason_to_reject(estimate.radiance);
+        let reason = RejectedReason::of(estimate.radiance);
         let radiance = if reason.is_some() { [0.0; 3] } else { estimate.radiance };
         self.push(local, radiance);
         if !recorders.is_empty() {
@@ -126,13 +126,10 @@ impl HalfRows<'_> {
         // A part of the radiance is at least 0, and at most the radiance.
         let part = |of: [f32; 3]| [0, 1, 2].map(|c: usize| of[c].max(0.0).min(radiance[c]));
         if let Some(mean) = self.emission.get_mut(local) {
-            let (share, emission) = (1.0 / self.counts[local] as f32, part(estimate.emission));
-            (0..3).for_each(|c| mean[c] += (emission[c] - mean[c]) * share);
+            add_part(mean, None, self.counts[local], part(estimate.emission));
         }
-        if !self.indirect.is_empty() {
-            let means = self.indirect[local].iter_mut();
-            let m2 = self.indirect_m2.get_mut(local).map_or(&mut [][..], |m2| m2);
-            add_values(means, m2, self.counts[local], part(estimate.indirect));
+        if let Some(mean) = self.indirect.get_mut(local) {
+            add_part(mean, self.indirect_m2.get_mut(local), self.counts[local], part(estimate.indirect));
         }
         reason
     }
@@ -164,21 +161,15 @@ impl HalfRows<'_> {
     }
 }
 
-/// Adds values to means and, if there are some, to squared deviations. A value that is not finite counts as 0.
+/// Adds a part of a sample's radiance to its mean over `count` samples, and to squared deviations, if there are some.
 #[inline]
-fn add_values<'m>(
-    means: impl Iterator<Item = &'m mut f32>,
-    m2: &mut [f32],
-    count: u64,
-    values: impl IntoIterator<Item = f32>,
-) {
+fn add_part(mean: &mut [f32; 3], mut m2: Option<&mut [f32; 3]>, count: u64, part: [f32; 3]) {
     let share = 1.0 / count as f32;
-    for (k, (mean, value)) in means.zip(values).enumerate() {
-        let value = if value.is_finite() { value } else { 0.0 };
-        let apart = value - *mean;
-        *mean += apart * share;
-        if let Some(m2) = m2.get_mut(k) {
-            *m2 += apart * (value - *mean);
+    for c in 0..3 {
+        let apart = part[c] - mean[c];
+        mean[c] += apart * share;
+        if let Some(m2) = &mut m2 {
+            m2[c] += apart * (part[c] - mean[c]);
         }
     }
 }
@@ -227,7 +218,7 @@ impl Film {
     ///
     /// If `pixel` is outside the window.
     pub fn push_estimate(&mut self, pixel: usize, half: usize, estimate: &Estimate) {
-        let half = self.half_or_whole(half);
+        let half = half % self.kept.len();
         self.record.samples += 1;
         self.record.rays += u64::from(estimate.cost);
         let rejected = self.strip(Retention::Keep).add(half, pixel, estimate);
@@ -252,17 +243,12 @@ impl Film {
     ///
     /// If `pixel` is outside the window.
     pub fn push_with_emission(&mut self, pixel: usize, half: usize, radiance: [f32; 3], emission: [f32; 3]) {
-        let half = self.half_or_whole(half);
+        let half = half % self.kept.len();
         let estimate = Estimate::new(radiance).with_emission(emission);
         let rejected = self.kept[half].rows().add(pixel, &estimate, &self.recorders.active);
         self.record.samples += 1;
         self.unreported += 1;
         self.list_pushed(half, pixel, rejected);
-    }
-
-    /// The half to which a pushed sample belongs: 0 in a film without halves.
-    fn half_or_whole(&self, half: usize) -> usize {
-        if self.kept.len() == 2 { half & 1 } else { 0 }
     }
 
     /// Lists the pixel's last sample if it was rejected.

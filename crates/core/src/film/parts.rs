@@ -107,7 +107,7 @@ impl Film {
         if self.kept.len() != 2 {
             return Err(Error::NotRecorded { who: "half_film".into(), what: "independent halves" });
         }
-        let half = half & 1;
+        let (half, needs) = (half & 1, Needs { halves: false, feature_halves: false, cost: false, ..self.needs });
         let kept = vec![self.kept[half].clone()];
         let discarded: Vec<_> = self.discarded.get(half).cloned().into_iter().collect();
         let mut features = match self.beside.half_features.as_chunks().0 {
@@ -131,10 +131,7 @@ impl Film {
             record: Record { samples, rejected: rejected.len() as u64, ..Record::default() },
             rejected,
             half_of: Some(half),
-            ..Self::without_planes(
-                self.frame,
-                Needs { halves: false, feature_halves: false, cost: false, ..self.needs },
-            )
+            ..Self::without_planes(self.frame, needs)
         })
     }
 }

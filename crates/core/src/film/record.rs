@@ -19,8 +19,14 @@ pub enum RejectedReason {
 impl RejectedReason {
     /// The reason why a film rejects this radiance; `None` for a valid one.
     #[inline]
-    pub fn of(radiance: [f32; 3]) -> Option<Self> {
-        reason_to_reject(radiance)
+    pub fn of([r, g, b]: [f32; 3]) -> Option<Self> {
+        if r >= 0.0 && g >= 0.0 && b >= 0.0 && r < f32::INFINITY && g < f32::INFINITY && b < f32::INFINITY {
+            None
+        } else if r.is_finite() && g.is_finite() && b.is_finite() {
+            Some(Self::Negative)
+        } else {
+            Some(Self::NotFinite)
+        }
     }
 }
 
@@ -88,18 +94,6 @@ impl Record {
     /// Wall seconds of tracing, summed over rounds.
     pub fn trace_seconds(&self) -> f64 {
         self.rounds.iter().map(|r| r.trace_seconds).sum()
-    }
-}
-
-/// The reason why a film rejects this radiance; `None` for a valid one.
-#[inline]
-pub(crate) fn reason_to_reject([r, g, b]: [f32; 3]) -> Option<RejectedReason> {
-    if r >= 0.0 && g >= 0.0 && b >= 0.0 && r < f32::INFINITY && g < f32::INFINITY && b < f32::INFINITY {
-        None
-    } else if r.is_finite() && g.is_finite() && b.is_finite() {
-        Some(RejectedReason::Negative)
-    } else {
-        Some(RejectedReason::NotFinite)
     }
 }
 

@@ -59,10 +59,8 @@ impl Splats {
 
     /// The reason why a splat is rejected; `None` for a valid one.
     pub(crate) fn reason_to_reject(radiance: [f32; 3]) -> Option<RejectedReason> {
-        if radiance.iter().any(|&x| x > LARGEST) {
-            return Some(RejectedReason::NotFinite);
-        }
-        RejectedReason::of(radiance)
+        let is_large = radiance.iter().any(|&x| x > LARGEST);
+        if is_large { Some(RejectedReason::NotFinite) } else { RejectedReason::of(radiance) }
     }
 
     /// Adds a splat at column and row of the full image. Drops it outside the window, and if it is rejected.

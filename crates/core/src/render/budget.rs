@@ -13,8 +13,8 @@ pub(super) struct Meter {
     min_spp: u32,
     max_spp: u32,
     total: u64,
-    /// The seconds of a time limit that are reserved for the filter; `None` before they are measured.
-    filter_seconds: Option<f64>,
+    /// The seconds of a time limit that are reserved for the filter, and that samples do not get; `None` before they are measured.
+    pub(super) filter_seconds: Option<f64>,
 }
 
 /// The fraction of the remaining time that the plan after the first round reserves for a last round, when the sampling
@@ -64,25 +64,16 @@ impl Meter {
     }
 
     pub(super) fn needs(&self) -> Needs {
-        match self.budget {
-            Budget::Error { .. } => Needs::none().with_halves(),
-            _ => Needs::none(),
-        }
+        Needs { halves: self.goal().is_some(), ..Needs::none() }
     }
 
     /// The relMSE of an error limit.
     pub(super) fn goal(&self) -> Option<f64> {
-        match self.budget {
-            Budget::Error { relmse, .. } => Some(relmse),
-            _ => None,
-        }
+        if let Budget::Error { relmse, .. } = self.budget { Some(relmse) } else { None }
     }
 
     pub(super) fn seconds(&self) -> Option<f64> {
-        match self.budget {
-            Budget::Seconds(s) => Some(s),
-            _ => None,
-        }
+        if let Budget::Seconds(seconds) = self.budget { Some(seconds) } else { None }
     }
 
     /// Returns when features are sampled alone. A time limit sees the cost of samples first: the second round begins with
@@ -93,16 +84,6 @@ impl Meter {
             1 if self.total >= BESIDE_FEATURES * self.pixels => Turn::Now,
             _ => Turn::Never,
         }
-    }
-
-    /// The seconds reserved for the filter, if they are measured.
-    pub(super) fn filter_seconds(&self) -> Option<f64> {
-        self.filter_seconds
-    }
-
-    /// Reserves time for a filter: a part of a time limit that samples do not get.
-    pub(super) fn reserve(&mut self, filter_seconds: f64) {
-        self.filter_seconds = Some(filter_seconds);
     }
 
     /// Restores the budget from a snapshot. A budget of time or error continues with the sample total at the snapshot.

@@ -76,17 +76,20 @@ pub(super) fn add(
         cost.blocks += u64::from(draws.blocks_requested());
         Some(estimate.emission)
     };
-    let mut edge = Edge::default();
+    // The emission of the first sample, summed over channels.
+    let (mut first, mut is_edge) = (None, false);
     for index in 0..MOST.min(points.capacity()) {
-        if !moments.wants_more() || edge.is_found {
+        if !moments.wants_more() || is_edge {
             break;
         }
         let Some(emission) = next(moments, streams::FEATURES, index) else { break };
         if wanted.emission {
-            edge.search(emission);
+            let sum: f32 = emission.iter().sum();
+            let first = *first.get_or_insert(sum);
+            is_edge = first.max(sum) > EDGE * first.min(sum);
         }
     }
-    if edge.is_found {
+    if is_edge {
         for index in 0..EMISSION.min(points.capacity()) {
             for (half, stream) in streams::EMISSION.into_iter().enumerate() {
                 let Some(emission) = next(moments, stream, index) else { return cost };
@@ -95,20 +98,4 @@ pub(super) fn add(
         }
     }
     cost
-}
-
-/// The search for an edge of a lamp within a pixel.
-#[derive(Default)]
-struct Edge {
-    /// The emission of the first sample, summed over channels.
-    first: Option<f32>,
-    is_found: bool,
-}
-
-impl Edge {
-    fn search(&mut self, emission: [f32; 3]) {
-        let sum: f32 = emission.iter().sum();
-        let first = *self.first.get_or_insert(sum);
-        self.is_found |= first.max(sum) > EDGE * first.min(sum);
-    }
 }

@@ -33,7 +33,7 @@ const FALLS: [f64; 2] = [0.4, 1.2];
 const FALL: f64 = 0.8;
 
 /// A predicted relMSE.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Prediction {
     pub(super) relmse: f64,
     /// The exponent by which the error falls with the number of samples.
@@ -53,11 +53,9 @@ impl Prediction {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct FilteredError {
     samples: u64,
-    /// The relMSE by the filter's own estimate, and the corrected one.
+    /// The relMSE by the filter's own estimate.
     own: f64,
-    relmse: f64,
-    fall: f64,
-    confirmed: bool,
+    pub(super) prediction: Prediction,
     /// The true error over the filter's own estimate, and the variance of this ratio.
     ratio: f64,
     variance: f64,
@@ -81,7 +79,7 @@ impl FilteredError {
         let (mut ratio, mut variance, mut fall, mut confirmed) = (1.0, PRIOR * PRIOR, FALL, false);
         if let Some(before) = before {
             let growth = samples as f64 / before.samples.max(1) as f64;
-            (ratio, variance, confirmed) = (before.ratio, before.variance, before.confirmed);
+            (ratio, variance, confirmed) = (before.ratio, before.variance, before.prediction.confirmed);
             variance += (ratio * DRIFT * growth.log2()).powi(2);
             if let Some((measured, spread)) = before.measure(film, size) {
                 let spread = if measured < ratio { LOW * spread } else { spread };
@@ -91,17 +89,14 @@ impl FilteredError {
                 confirmed = true;
             }
             let fell = (before.own / own).ln() / growth.ln();
-            fall = if fell.is_finite() { fell.clamp(FALLS[0], FALLS[1]) } else { before.fall };
+            fall = if fell.is_finite() { fell.clamp(FALLS[0], FALLS[1]) } else { before.prediction.fall };
         }
         let counts =
             [first, second].map(|planes| planes.counts.iter().map(|&n| n.try_into().unwrap_or(u32::MAX)).collect());
         let means = [first, second].map(|planes| planes.means.iter().map(|m| m.map(|x| x as f32)).collect());
         let (image, relmse) = (image.radiance, own * (ratio + CAUTION * variance.sqrt()));
-        Ok(Some(Self { samples, own, relmse, fall, confirmed, ratio, variance, image, error, counts, means }))
-    }
-
-    pub(super) fn prediction(&self) -> Prediction {
-        Prediction { relmse: self.relmse, fall: self.fall, confirmed: self.confirmed }
+        let prediction = Prediction { relmse, fall, confirmed };
+        Ok(Some(Self { samples, own, prediction, ratio, variance, image, error, counts, means }))
     }
 
     /// The true error of the image over the filter's own estimate, by the samples that the film has gained since, and

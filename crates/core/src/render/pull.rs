@@ -133,14 +133,14 @@ impl<'s> Round<'s> {
         let State { film, open, .. } = &mut *shared.state;
         let Some(open) = open else { return bad("its round is over".into()) };
         let pixels: Vec<_> = Window::new(&film.frame, &tile.film.frame).runs(1).flatten().collect();
-        let mut counts: Vec<_> =
-            [Some(&mut open.plan.counts), open.plan.second_half.as_mut()].into_iter().flatten().collect();
-        let (all, of) =
-            (tile.tally.total(), |counts: &[u32]| pixels.iter().map(|&i| u64::from(counts[i])).sum::<u64>());
-        if counts.iter().map(|counts| of(counts)).sum::<u64>() != all {
+        let all = tile.tally.total();
+        let of = |counts: &[u32]| pixels.iter().map(|&i| u64::from(counts[i])).sum::<u64>();
+        if open.plan.halves().map(of).sum::<u64>() != all {
             return bad("some of its pixels were submitted already; trace each pixel once in a round".into());
         }
-        counts.iter_mut().for_each(|counts| pixels.iter().for_each(|&i| counts[i] = 0));
+        for counts in [Some(&mut open.plan.counts), open.plan.second_half.as_mut()].into_iter().flatten() {
+            pixels.iter().for_each(|&i| counts[i] = 0);
+        }
         open.submitted += all;
         let retention = tile.retention;
         film.put_back(tile.film, retention);

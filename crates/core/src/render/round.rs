@@ -38,13 +38,11 @@ struct Inputs<'a> {
 }
 
 impl Inputs<'_> {
-    fn take_worker(&self) -> Worker {
-        self.workers.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default()
-    }
-
-    fn give_back(&self, mut worker: Worker) {
-        worker.forget_notes();
-        self.workers.lock().unwrap_or_else(PoisonError::into_inner).push(worker);
+    /// Returns `true` if pixel `i` has samples in the slice.
+    #[inline]
+    fn has(&self, i: usize) -> bool {
+        let is_above = |counts: &Vec<u32>| counts[i] > self.samples[0];
+        is_above(&self.plan.counts) || self.plan.second_half.as_ref().is_some_and(is_above)
     }
 }
 
@@ -61,10 +59,10 @@ pub(super) fn trace(
     session: &mut Session<'_>,
     monitor: &mut dyn Monitor,
 ) -> Result<Stopped, Error> {
-    let began = session.began();
+    let began = session.began;
     loop {
-        let seconds = session.seconds() - began;
-        let Session { state, sampler, limits, meter, .. } = &mut *session;
+        let Session { state, sampler, limits, meter, clock, .. } = &mut *session;
+        let seconds = clock.seconds() - began;
         let features = meter.features(state.round);
         let Some(open) = &mut state.open else { return Ok(Stopped::AtEnd) };
         let (points, height) = (sampler.points(), state.film.frame.size()[1]);
@@ -86,10 +84,9 @@ pub(super) fn trace(
         let begins = begins && state.stage.as_ref().is_none_or(|stage| stage.rows().start == 0);
         prepare(&mut *integrator, points, &mut *state, begins)?;
         let State { film, open: Some(open), passes, stage, .. } = state else { return Ok(Stopped::AtEnd) };
+        let rows = [open.cursor.row, open.cursor.row.saturating_add(rows).min(height)];
+        let bands = slice(&*integrator, points, open, film, limits, (rows, features));
         let cursor = &mut open.cursor;
-        let rows = [cursor.row, cursor.row.saturating_add(rows).min(height)];
-        let range = Slice { samples: [cursor.start, cursor.end], rows };
-        let bands = slice(&*integrator, points, &open.plan, film, limits, (range, features));
         add_up(film, bands, (limits, points), (open.plan.retention, &mut open.pending))?;
         cursor.row = rows[1] % height;
         if cursor.row == 0 {
@@ -101,8 +98,7 @@ pub(super) fn trace(
             }
         }
         let more = cursor.start < longest;
-        let seconds = session.seconds();
-        session.set_traced(seconds - began);
+        open.traced_seconds = clock.seconds() - began;
         if session.show_to(monitor) == Control::Stop {
             return Ok(if more { Stopped::Within } else { Stopped::AtEnd });
         }
@@ -232,21 +228,15 @@ fn next_slice(
     (length, if wants_training { rows.next_multiple_of(BLOCK as u32) } else { rows })
 }
 
-/// The range of samples of each pixel, and the range of pixel rows, that are traced between two calls of the monitor.
-#[derive(Clone, Copy)]
-struct Slice {
-    samples: [u32; 2],
-    rows: [u32; 2],
-}
-
-/// Traces the samples of a slice in parallel, and returns what its bands report, from the top.
+/// Traces a slice in parallel: what is traced between two calls of the monitor, the samples at the cursor in some rows. Returns
+/// what its bands report, from the top.
 fn slice(
     integrator: &dyn Integrator,
     points: &dyn PointSet,
-    plan: &Plan,
+    OpenRound { plan, cursor, .. }: &OpenRound,
     film: &mut Film,
     limits: &Limits,
-    (Slice { samples, rows }, features): (Slice, Turn),
+    (rows, features): ([u32; 2], Turn),
 ) -> Vec<Traced> {
     let (width, halves) = (film.frame.size()[0] as usize, film.kept.len() == 2);
     let round = Inputs {
@@ -255,7 +245,7 @@ fn slice(
         plan,
         width,
         origin: film.frame.origin(),
-        samples,
+        samples: [cursor.start, cursor.end],
         streams: streams_of(plan.retention, halves),
         order: Order::of(plan, halves),
         needs: film.needs,
@@ -291,17 +281,20 @@ struct Band<'a> {
 
 fn trace_band(round: &Inputs<'_>, mut band: Band<'_>) -> Traced {
     let (mut tally, mut training) = (Tally::default(), Vec::new());
-    let current = Cell::new(None);
+    let (current, first) = (Cell::new(None), band.first);
     let caught = catch_unwind(AssertUnwindSafe(|| {
-        let mut worker = round.take_worker();
+        let workers = || round.workers.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut worker = workers().pop().unwrap_or_default();
         if round.wants_training {
             training = trace_blocks(round, &mut band, &mut tally, &mut worker, &current);
         } else {
-            for local in 0..band.strip.pixels() {
+            for local in (0..band.strip.pixels()).filter(|local| round.has(first + local)) {
                 trace_pixel(round, &mut band, local, &mut tally, &mut worker, &current);
             }
         }
-        round.give_back(worker);
+        // No training pass reads the notes that are left.
+        worker.notes.clear();
+        workers().push(worker);
     }));
     let panicked = caught.err().map(|payload| {
         let nowhere = SampleId::new([0; 2], 0, 0);
@@ -338,7 +331,7 @@ fn trace_blocks(
             }
             blocks.push(worker.summarise());
         }
-        ((first_row + top) / BLOCK, TrainingData::merge(&blocks, true).into_entries())
+        ((first_row + top) / BLOCK, TrainingData::merge(&blocks, true).entries)
     };
     (0..rows).step_by(BLOCK).map(of_row).collect()
 }
@@ -383,9 +376,9 @@ fn trace_pixel(
         if let Some(reason) = strip.add(half, local, &estimate) {
             tally.reject(Rejected { sample: id, reason }, estimate.radiance);
         }
-        if worker.has_splats() {
+        if !worker.splats.is_empty() {
             let wanted = round.needs.splats && round.plan.retention == Retention::Keep;
-            let splats = worker.take_splats().filter(|_| wanted);
+            let splats = worker.splats.drain(..).filter(|_| wanted);
             splats.for_each(|(to, radiance)| tally.splat(id, half, to, radiance));
         }
         tally.count(half, estimate.cost, draws.blocks_requested());

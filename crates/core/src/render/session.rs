@@ -76,7 +76,7 @@ pub struct Session<'a> {
     pub(super) meter: Meter,
     pub(super) clock: Clock,
     /// The reading of the clock at which the open round would have begun without interruption.
-    began: f64,
+    pub(super) began: f64,
     /// True when no round is left.
     pub(super) over: bool,
     /// The samples that were left in the open round when it was last given out.
@@ -172,10 +172,8 @@ impl<'a> Session<'a> {
     fn finish_round(&mut self) -> Result<(), Error> {
         self.given_out = None;
         self.close(Stopped::No)?;
-        match &self.filter {
-            Some(filter) => self.state.film.require(filter.name(), &filter.needs()),
-            None => Ok(()),
-        }
+        let Some(filter) = &self.filter else { return Ok(()) };
+        self.state.film.require(filter.name(), &filter.needs())
     }
 
     /// Sets the side, in pixels, of the square tiles that [`Round::next_tile`] hands out; 32 by default, at least 1.
@@ -195,10 +193,7 @@ impl<'a> Session<'a> {
     ///
     /// The errors of [`Filter::apply`].
     pub fn image(&self) -> Result<Filtered, Error> {
-        match &self.filter {
-            Some(filter) => filter.apply(&self.state.film),
-            None => Unfiltered.apply(&self.state.film),
-        }
+        self.filter.as_deref().unwrap_or(&Unfiltered).apply(&self.state.film)
     }
 
     /// Ends the session and returns its image. Before the limits are met it is the image of the samples so far.
@@ -235,22 +230,6 @@ impl<'a> Session<'a> {
     /// Makes an integrator learn the training passes so far.
     pub fn teach(&self, integrator: &mut dyn Integrator) {
         self.state.passes.iter().for_each(|pass| integrator.learn(pass));
-    }
-
-    pub(super) fn seconds(&self) -> f64 {
-        self.clock.seconds()
-    }
-
-    /// The reading of the clock at which the open round would have begun without interruption.
-    pub(super) fn began(&self) -> f64 {
-        self.began
-    }
-
-    /// Notes the seconds that the open round has taken to trace.
-    pub(super) fn set_traced(&mut self, seconds: f64) {
-        if let Some(open) = &mut self.state.open {
-            open.traced_seconds = seconds;
-        }
     }
 
     /// Opens a round to trace: the one that is open already, or the next. Returns `false` at the end of the render.
@@ -297,7 +276,7 @@ impl<'a> Session<'a> {
             expected: view.total,
             seconds,
             seconds_limit: self.meter.seconds(),
-            filter_seconds: self.meter.filter_seconds(),
+            filter_seconds: self.meter.filter_seconds,
             view,
         };
         let answer = show(monitor, &status);
@@ -350,7 +329,7 @@ impl Session<'_> {
     pub(super) fn reserve_for_filter(&mut self) -> Result<(), Error> {
         let film = &self.state.film;
         let Some(limit) = self.meter.seconds().filter(|_| film.record.samples > 0) else { return Ok(()) };
-        if self.meter.filter_seconds().is_some() {
+        if self.meter.filter_seconds.is_some() {
             return Ok(());
         }
         let mut seconds = 0.0;
@@ -361,7 +340,7 @@ impl Session<'_> {
             let traced: f64 = film.record.rounds.iter().map(|round| round.trace_seconds).sum();
             seconds = measured * budget::growth(filter, &film.needs, spp, limit / traced);
         }
-        self.meter.reserve(seconds);
+        self.meter.filter_seconds = Some(seconds);
         Ok(())
     }
 
@@ -375,7 +354,7 @@ impl Session<'_> {
         if let Some(filter) = self.filter.as_ref().filter(|_| self.judged) {
             *filtered_error = FilteredError::next(filtered_error.take(), film, filter)?;
             if let Some(filtered_error) = filtered_error {
-                let prediction = filtered_error.prediction();
+                let prediction = filtered_error.prediction;
                 film.record.filtered_relmse = Some(prediction.relmse);
                 return Ok(Some(prediction));
             }
@@ -416,7 +395,6 @@ fn continued(
 /// # impl PointSet for Centre {
 /// #     fn describe(&self) -> String { "centre".into() }
 /// #     fn block(&self, _: SampleId, _: u32) -> [f32; 4] { [0.5; 4] }
-/// #     fn capacity(&self) -> u64 { u64::MAX }
 /// # }
 /// use dapple_core::samplers::Uniform;
 /// use dapple_core::{Methods, Unfiltered};
@@ -457,9 +435,7 @@ impl<'a> Methods<'a> {
     pub fn with_needs(self, needs: Needs) -> Self {
         Self { needs: self.needs.and(needs), ..self }
     }
-}
 
-impl<'a> Methods<'a> {
     /// Adds recorders, such as those of a filter that is applied later.
     #[must_use]
     pub fn with_recorders(mut self, recorders: impl IntoIterator<Item = Arc<dyn Recorder>>) -> Self {

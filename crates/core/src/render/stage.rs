@@ -8,7 +8,7 @@ use super::state::{Cursor, OpenRound, Stage, State, Stopped};
 use super::{Methods, Monitor, NoMonitor, Render, Session};
 use crate::film::keep_first;
 use crate::snapshot::View;
-use crate::{Error, Film, Frame, Integrator, Plan, Record, Sampler, Snapshot};
+use crate::{Error, Film, Frame, Integrator, Record, Sampler, Snapshot};
 use std::ops::Range;
 
 /// The training passes that an integrator has learned and the pass that it is prepared for, from one [`Render::trace_rows`]
@@ -95,10 +95,8 @@ impl Session<'_> {
         let film = self.state.film.rows_of(frame);
         let width = stage.frame.size()[0] as usize;
         let cut = |counts: &[u32]| counts[rows.start as usize * width..rows.end as usize * width].to_vec();
-        let Plan { counts, second_half, retention, combine, .. } = &open.plan;
-        let second_half = second_half.as_deref().map(cut);
         let mut open = OpenRound {
-            plan: Plan { counts: cut(counts), second_half, retention: *retention, combine: *combine, withdraw: None },
+            plan: open.plan.with_counts(cut),
             cursor: Cursor { start: open.cursor.start, end: open.cursor.start, row: 0 },
             pending: Vec::new(),
             before: film.record.samples,
@@ -198,7 +196,7 @@ impl Session<'_> {
     ///
     /// [`Error::OtherRender`] if rows are missing.
     pub fn end_stage(&mut self, stage: &Stage, integrator: &mut dyn Integrator) -> Result<(), Error> {
-        let seconds = self.seconds() - self.began();
+        let seconds = self.clock.seconds() - self.began;
         let Some(open) = &mut self.state.open else { return Ok(()) };
         if self.state.film.record.samples != open.before + open.submitted + open.before(stage.end()) {
             return Err(Error::OtherRender { what: "rows of the stage are missing; join all of them first".into() });
@@ -264,11 +262,8 @@ impl Render<'_> {
 /// The samples of some rows in a stage.
 fn planned(open: &OpenRound, stage: &Stage, rows: &Range<u32>) -> u64 {
     let width = stage.frame.size()[0] as usize;
-    let to_come = |counts: &Vec<u32>| -> u64 {
-        let own = &counts[rows.start as usize * width..rows.end as usize * width];
-        own.iter().map(|n| u64::from((*n).min(stage.end()).saturating_sub(open.cursor.start))).sum()
-    };
-    to_come(&open.plan.counts) + open.plan.second_half.as_ref().map_or(0, to_come)
+    let own = open.plan.halves().flat_map(|counts| &counts[rows.start as usize * width..rows.end as usize * width]);
+    own.map(|n| u64::from((*n).min(stage.end()).saturating_sub(open.cursor.start))).sum()
 }
 
 fn no_round() -> Error {

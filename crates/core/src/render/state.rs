@@ -50,22 +50,17 @@ pub(crate) struct OpenRound {
 impl OpenRound {
     /// The largest number of samples of a pixel.
     pub(crate) fn longest(&self) -> u32 {
-        self.counts().max().unwrap_or(0)
+        self.plan.halves().flatten().copied().max().unwrap_or(0)
     }
 
     /// The samples among the first `start` of each pixel.
     pub(crate) fn before(&self, start: u32) -> u64 {
-        self.counts().map(|count| u64::from(count.min(start))).sum()
+        self.plan.halves().flatten().map(|&count| u64::from(count.min(start))).sum()
     }
 
     /// The number of pixels with more than `start` samples; those of both halves count twice.
     pub(crate) fn above(&self, start: u32) -> u64 {
-        self.counts().filter(|count| *count > start).count() as u64
-    }
-
-    /// The counts in the plan, of both halves.
-    fn counts(&self) -> impl Iterator<Item = u32> + '_ {
-        self.plan.counts.iter().chain(self.plan.second_half.iter().flatten()).copied()
+        self.plan.halves().flatten().map(|&count| u64::from(count > start)).sum()
     }
 
     /// The number of this round's samples already traced in each pixel of `row`.
@@ -88,9 +83,7 @@ impl OpenRound {
         let left = |counts: &[u32]| -> Vec<u32> {
             counts.iter().enumerate().map(|(i, n)| n.saturating_sub(self.done(i / width))).collect()
         };
-        let Plan { counts, second_half, retention, combine, withdraw: _ } = &self.plan;
-        let second_half = second_half.as_deref().map(left);
-        Plan { counts: left(counts), second_half, retention: *retention, combine: *combine, withdraw: None }
+        self.plan.with_counts(left)
     }
 }
 

@@ -20,12 +20,8 @@ pub(super) struct Planned<'r> {
 }
 
 impl<'r> Planned<'r> {
-    fn width(&self) -> usize {
-        (self.area[2] - self.area[0]) as usize
-    }
-
     fn pixel(&self, local: usize) -> [u32; 2] {
-        let width = self.width();
+        let width = (self.area[2] - self.area[0]) as usize;
         [self.area[0] + (local % width) as u32, self.area[1] + (local / width) as u32]
     }
 
@@ -45,7 +41,9 @@ impl<'r> Planned<'r> {
 
     #[inline]
     fn draws(&self, local: usize, turn: u32) -> Draws<'r> {
-        Draws::for_film(self.points, self.id(local, turn), self.needs).with_turn(turn)
+        let mut draws = Draws::for_film(self.points, self.id(local, turn), self.needs);
+        draws.turn = turn;
+        draws
     }
 
     fn total(&self) -> u64 {
@@ -143,7 +141,7 @@ impl<'r> Tile<'r> {
     /// [`Round::submit`](crate::Round::submit) reports.
     #[inline]
     pub fn add(&mut self, sample: &Draws<'_>, estimate: impl Into<Estimate>) {
-        let (id, turn) = (sample.id(), sample.turn());
+        let (id, turn) = (sample.id(), sample.turn);
         let local = self.planned.local(id.pixel);
         match local.filter(|&local| turn < self.planned.pixels[local].total() && self.planned.id(local, turn) == id) {
             Some(local) => self.place(local, turn, &estimate.into(), sample.blocks_requested()),
