@@ -147,10 +147,7 @@ fn refusal(estimate: &MemoryEstimate, limit: MemoryLimit, advice: &str) -> Strin
 }
 
 fn other_render(path: &std::path::Path, differences: &[String]) -> String {
-    let path = path.display();
-    let mut lines = vec![format!(
-        "{path}: the file is of another render; give the arguments that it was made with, or another file:"
-    )];
-    lines.extend(differences.iter().map(|line| format!("{path}: {line}")));
-    lines.join("\n")
+    let first = "the file is of another render; give the arguments that it was made with, or another file:";
+    let lines = std::iter::once(first).chain(differences.iter().map(String::as_str));
+    lines.map(|line| format!("{}: {line}", path.display())).collect::<Vec<_>>().join("\n")
 }

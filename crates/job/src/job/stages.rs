@@ -61,9 +61,9 @@ impl RowsFiles {
             match StateFile::read(path, Kind::Rows) {
                 Ok(file) => {
                     if let Some((first, known)) = files.first() {
+                        let (path, first) = (path.display(), first.display());
                         let differ = common(&known.identity).differences(&common(&file.identity));
-                        let of =
-                            |d| format!("{}: it is of another render than {}: {d}", path.display(), first.display());
+                        let of = |d| format!("{path}: it is of another render than {first}: {d}");
                         troubles.extend(differ.into_iter().map(of));
                     }
                     files.push((path.clone(), file));
@@ -71,15 +71,12 @@ impl RowsFiles {
                 Err(e) => troubles.push(e.to_string()),
             }
         }
-        match files.first().filter(|_| troubles.is_empty()) {
-            Some((_, first)) => {
-                let spec = RenderSpec::from_json(first.identity.value(SPEC).unwrap_or_default())?;
-                // Shards have another default light selection than whole images.
-                let spec = RenderSpec { light_selection: Some(spec.selection()), shard: None, ..spec };
-                Ok(Self { spec, files })
-            }
-            None => Err(JobError::Shards(troubles)),
-        }
+        let first = files.first().filter(|_| troubles.is_empty());
+        let Some((_, first)) = first else { return Err(JobError::Shards(troubles)) };
+        let spec = RenderSpec::from_json(first.identity.value(SPEC).unwrap_or_default())?;
+        // Shards have another default light selection than whole images.
+        let spec = RenderSpec { light_selection: Some(spec.selection()), shard: None, ..spec };
+        Ok(Self { spec, files })
     }
 
     /// The plan file of which they are rows, as it was named then; `None` for shards.
@@ -130,18 +127,15 @@ impl Job {
         monitor: &mut dyn JobMonitor,
     ) -> Result<Option<Vec<u8>>, JobError> {
         let mut pairs = self.identity()?.pairs().to_vec();
-        if let Some(plan) = plan {
-            self.check(&plan.path, &plan.file.identity, compared)?;
-            pairs.push((PLAN.into(), plan.path.to_string_lossy().into_owned()));
-        }
+        pairs.extend(plan.map(|plan| (PLAN.into(), plan.path.to_string_lossy().into_owned())));
         pairs.push((PART.into(), shard.to_string()));
         let identity = Identity::new(pairs);
         // This one learns its training passes from the rows, the other from the plan.
         let world = self.prepared.world.clone();
         let mut integrator = make_integrator(&self.integrator, &world)?;
         let (mut session, planning) = self.open(&world, plan)?;
-        let stage = session.next_stage(&*planning)?;
-        let Some(stage) = stage else { return Err(Error::other("the plan", "all samples are traced").into()) };
+        let stage =
+            session.next_stage(&*planning)?.ok_or_else(|| Error::other("the plan", "all samples are traced"))?;
         if plan.is_none() {
             only_stage(&session, &stage, &*planning, shard)?;
         }
@@ -150,8 +144,7 @@ impl Job {
         let runs = runs.into_iter().map(cut).collect::<Result<Vec<_>, _>>()?;
         drop(session);
         let began = checkpoints.as_ref().map(|c| c.state(&identity, monitor)).transpose()?.flatten();
-        let mut done: Vec<Vec<u8>> =
-            began.iter().flat_map(|file| file.rows().map(<[u8]>::to_vec).collect::<Vec<_>>()).collect();
+        let mut done: Vec<Vec<u8>> = began.iter().flat_map(StateFile::rows).map(<[u8]>::to_vec).collect();
         let mut watched = Watched::new(monitor, None, Identity::default(), self.limits.min_spp);
         let mut ready = Readiness::default();
         for run in &runs[done.len().min(runs.len())..] {
@@ -170,7 +163,6 @@ impl Job {
     ///
     /// [`JobError::Shards`] for rows that do not make a stage together.
     pub fn next_plan(&mut self, plan: &PlanFile, rows: &RowsFiles) -> Result<(Vec<u8>, bool), JobError> {
-        self.check(&plan.path, &plan.file.identity, compared)?;
         self.check_rows(rows)?;
         let identity = self.identity()?;
         let world = self.prepared.world.clone();
@@ -186,7 +178,6 @@ impl Job {
     ///
     /// [`JobError::NotDone`] for a plan of which samples are left to trace.
     pub fn finish_plan(&mut self, plan: &PlanFile) -> Result<Traced, JobError> {
-        self.check(&plan.path, &plan.file.identity, compared)?;
         let world = self.prepared.world.clone();
         let (mut session, integrator) = self.open(&world, Some(plan))?;
         match session.next_stage(&*integrator)? {
@@ -215,6 +206,7 @@ impl Job {
         world: &'w Arc<World>,
         plan: Option<&PlanFile>,
     ) -> Result<(Session<'_>, Box<dyn Integrator + 'w>), JobError> {
+        plan.map_or(Ok(()), |plan| self.check(&plan.path, &plan.file.identity, compared))?;
         self.need_any_image();
         let mut integrator = make_integrator(&self.integrator, world)?;
         let session = self.session(plan.map(PlanFile::snapshot).transpose()?)?;
@@ -241,14 +233,8 @@ impl Job {
         let begun = begun.and_then(|(identity, snapshot)| {
             Ok((identity, make_integrator(&self.integrator, &world)?, self.session(snapshot)?))
         });
-        let (identity, mut integrator, mut session) = match begun {
-            Ok(begun) => begun,
-            Err(error) => {
-                // The error that came first counts.
-                let _ = dismiss(processes);
-                return Err(error);
-            }
-        };
+        // The error that came first counts.
+        let (identity, mut integrator, mut session) = begun.inspect_err(|_| drop(dismiss(processes)))?;
         let mut watched = Watched::new(monitor, checkpoints, identity, min_spp);
         if !coordinate(&mut session, &mut *integrator, processes, &mut watched, stop)? {
             session.show_to(&mut |status: &Status<'_>| {
