@@ -11,10 +11,8 @@ use dapple_core::{
     TracedRows, container,
 };
 use dapple_distributed::{Processes, coordinate, dismiss, rows_of_part, serve};
-use dapple_renderer::World;
 use dapple_transport::make_integrator;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 /// A plan file: the state of a render with a stage whose rows machines trace.
 pub struct PlanFile {
@@ -106,8 +104,7 @@ impl Job {
     /// As [`Job::run`].
     pub fn first_plan(&mut self) -> Result<Vec<u8>, JobError> {
         let identity = self.identity()?;
-        let world = self.prepared.world.clone();
-        let (mut session, integrator) = self.open(&world, None)?;
+        let (mut session, integrator) = self.open(None)?;
         session.next_stage(&*integrator)?;
         Ok(StateFile::new(Kind::Plan, identity, session.snapshot()).into_bytes())
     }
@@ -133,7 +130,7 @@ impl Job {
         // This one learns its training passes from the rows, the other from the plan.
         let world = self.prepared.world.clone();
         let mut integrator = make_integrator(&self.integrator, &world)?;
-        let (mut session, planning) = self.open(&world, plan)?;
+        let (mut session, planning) = self.open(plan)?;
         let stage =
             session.next_stage(&*planning)?.ok_or_else(|| Error::other("the plan", "all samples are traced"))?;
         if plan.is_none() {
@@ -142,7 +139,7 @@ impl Job {
         let cut = |rows| session.rows_of(&stage, rows);
         let runs = rows_of_part(&session, &stage, shard.index(), shard.of());
         let runs = runs.into_iter().map(cut).collect::<Result<Vec<_>, _>>()?;
-        drop(session);
+        drop((session, planning));
         let began = checkpoints.as_ref().map(|c| c.state(&identity, monitor)).transpose()?.flatten();
         let mut done: Vec<Vec<u8>> = began.iter().flat_map(StateFile::rows).map(<[u8]>::to_vec).collect();
         let mut watched = Watched::new(monitor, None, Identity::default(), self.limits.min_spp);
@@ -165,8 +162,7 @@ impl Job {
     pub fn next_plan(&mut self, plan: &PlanFile, rows: &RowsFiles) -> Result<(Vec<u8>, bool), JobError> {
         self.check_rows(rows)?;
         let identity = self.identity()?;
-        let world = self.prepared.world.clone();
-        let (mut session, mut integrator) = self.open(&world, Some(plan))?;
+        let (mut session, mut integrator) = self.open(Some(plan))?;
         join(&mut session, &mut *integrator, rows)?;
         let is_done = session.next_stage(&*integrator)?.is_none();
         Ok((StateFile::new(Kind::Plan, identity, session.snapshot()).into_bytes(), is_done))
@@ -178,8 +174,7 @@ impl Job {
     ///
     /// [`JobError::NotDone`] for a plan of which samples are left to trace.
     pub fn finish_plan(&mut self, plan: &PlanFile) -> Result<Traced, JobError> {
-        let world = self.prepared.world.clone();
-        let (mut session, integrator) = self.open(&world, Some(plan))?;
+        let (mut session, integrator) = self.open(Some(plan))?;
         match session.next_stage(&*integrator)? {
             None => Ok(Traced::of(session.into_film())),
             Some(_) => Err(JobError::NotDone { path: plan.path.clone() }),
@@ -193,23 +188,17 @@ impl Job {
     /// [`JobError::Shards`] for shards that do not make an image together.
     pub fn merge(&mut self, shards: &RowsFiles) -> Result<Traced, JobError> {
         self.check_rows(shards)?;
-        let world = self.prepared.world.clone();
-        let (mut session, mut integrator) = self.open(&world, None)?;
+        let (mut session, mut integrator) = self.open(None)?;
         join(&mut session, &mut *integrator, shards)?;
         session.next_stage(&*integrator)?;
         Ok(Traced::of(session.into_film()))
     }
 
     /// The session of a plan or of a new render, for any image of it, and an integrator that knows its training passes.
-    fn open<'w>(
-        &mut self,
-        world: &'w Arc<World>,
-        plan: Option<&PlanFile>,
-    ) -> Result<(Session<'_>, Box<dyn Integrator + 'w>), JobError> {
+    fn open(&mut self, plan: Option<&PlanFile>) -> Result<(Session<'_>, Box<dyn Integrator + '_>), JobError> {
         plan.map_or(Ok(()), |plan| self.check(&plan.path, &plan.file.identity, compared))?;
         self.need_any_image();
-        let mut integrator = make_integrator(&self.integrator, world)?;
-        let session = self.session(plan.map(PlanFile::snapshot).transpose()?)?;
+        let (session, mut integrator) = self.session(plan.map(PlanFile::snapshot).transpose()?)?;
         session.teach(&mut *integrator);
         Ok((session, integrator))
     }
@@ -227,14 +216,11 @@ impl Job {
         processes: &mut dyn Processes,
         stop: &mut dyn FnMut() -> bool,
     ) -> Result<Traced, JobError> {
-        let world = self.prepared.world.clone();
         let min_spp = self.limits.min_spp;
         let begun = checkpoints.as_ref().map_or_else(|| Ok((self.identity()?, None)), |c| self.begun(c, monitor));
-        let begun = begun.and_then(|(identity, snapshot)| {
-            Ok((identity, make_integrator(&self.integrator, &world)?, self.session(snapshot)?))
-        });
+        let begun = begun.and_then(|(identity, snapshot)| Ok((identity, self.session(snapshot)?)));
         // The error that came first counts.
-        let (identity, mut integrator, mut session) = begun.inspect_err(|_| drop(dismiss(processes)))?;
+        let (identity, (mut session, mut integrator)) = begun.inspect_err(|_| drop(dismiss(processes)))?;
         let mut watched = Watched::new(monitor, checkpoints, identity, min_spp);
         if !coordinate(&mut session, &mut *integrator, processes, &mut watched, stop)? {
             session.show_to(&mut |status: &Status<'_>| {
@@ -289,17 +275,19 @@ impl Job {
         Ok(render.monitor(monitor).trace_rows(rows, ready, integrator, &mut *self.sampler)?)
     }
 
-    /// The session of this render, new or resumed.
-    fn session(&mut self, snapshot: Option<Snapshot>) -> Result<Session<'_>, JobError> {
+    /// The session of this render, new or resumed, and its integrator.
+    fn session(&mut self, snapshot: Option<Snapshot>) -> Result<(Session<'_>, Box<dyn Integrator + '_>), JobError> {
         let judged = self.is_error_of_filtered() || matches!(self.limits.budget, Budget::Seconds(_));
+        let integrator = make_integrator(&self.integrator, &self.prepared.world)?;
         let methods = Methods::from(&mut *self.sampler).with_needs(self.needs);
         let methods = methods.with_recorders(self.filter.recorders());
         let methods = if judged { methods.with_filter(&*self.filter) } else { methods };
         let (frame, limits) = (self.frame, self.limits.clone());
-        Ok(match snapshot {
+        let session = match snapshot {
             None => Session::new(frame, limits, methods)?,
             Some(snapshot) => Session::resume(frame, limits, methods, snapshot)?,
-        })
+        };
+        Ok((session, integrator))
     }
 
     /// Refuses rows of another scene, or of other settings.

@@ -124,22 +124,19 @@ fn descriptions_are_words() {
         keys.sort();
         keys
     };
+    let check = |name: &str, parameters: Vec<&Parameter>, describe: &dyn Fn(&str) -> String| {
+        let words = format!("{name}:{}", said(parameters));
+        assert_eq!(describe(&words), describe(name));
+        assert_eq!(describe(&describe(name)), describe(name));
+        assert_eq!(keys(&describe(name)), keys(&words));
+    };
     for entry in SAMPLERS {
         let describe = |words: &str| sampler(words, sobol(), &inputs).unwrap().sampler.describe();
-        let words = format!("{}:{}", entry.name, said(entry.parameters().collect()));
-        assert_eq!(describe(&words), describe(entry.name));
-        assert_eq!(describe(&describe(entry.name)), describe(entry.name));
-        assert_eq!(keys(&describe(entry.name)), keys(&words));
+        check(entry.name, entry.parameters().collect(), &describe);
     }
-    for entry in FILTERS {
-        if available(entry.name, &inputs).is_none() {
-            continue;
-        }
+    for entry in FILTERS.iter().filter(|entry| available(entry.name, &inputs).is_some()) {
         let describe = |words: &str| filter(words, &inputs).unwrap().filter.describe();
-        let words = format!("{}:{}", entry.name, said(entry.parameters().collect()));
-        assert_eq!(describe(&words), describe(entry.name));
-        assert_eq!(describe(&describe(entry.name)), describe(entry.name));
-        assert_eq!(keys(&describe(entry.name)), keys(&words));
+        check(entry.name, entry.parameters().collect(), &describe);
     }
 }
 
@@ -187,10 +184,10 @@ fn wrong_cluster_words_are_refused_without_a_world() {
     for words in wrong.split(' ') {
         assert_ne!(refusal(check_sampler(&format!("cluster-thesis:{words}"))), "", "{words}");
     }
-    for words in ["by=guess", "pilot=1", "rounds=65", "pool=sea", "prior=-1", "gain=2", "policy=maybe"] {
+    for words in "by=guess pilot=1 rounds=65 pool=sea prior=-1 gain=2 policy=maybe".split(' ') {
         assert_ne!(refusal(check_sampler(&format!("adaptive:{words}"))), "", "{words}");
     }
-    for words in ["outside=2", "hits=0", "hits=9", "alpha=0", "radius=-1", "k=NaN", "order=random"] {
+    for words in "outside=2 hits=0 hits=9 alpha=0 radius=-1 k=NaN order=random".split(' ') {
         assert_ne!(refusal(check_filter(&format!("cluster-gaussian:{words}"))), "", "{words}");
     }
     assert!(check_sampler("cluster-thesis").is_ok() && check_filter("cluster-gaussian").is_ok());
