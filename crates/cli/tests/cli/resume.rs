@@ -1,7 +1,6 @@
 //! Renders that are killed, stopped and resumed, and images made in shards, as their user meets them (X01, X04 to X08).
 
-use crate::common::{Folder, Said};
-use std::process::{Child, Stdio};
+use crate::common::{Folder, Said, signal};
 use std::time::{Duration, Instant};
 
 /// Some seconds of work on one thread; counts that adapt need the state between rounds.
@@ -9,10 +8,6 @@ const WORK: &str = "render tiny.pbrt --resolution 96x64 --max-depth 4";
 const ADAPTIVE: &str = "--sampler mitchell --points random";
 
 impl Folder {
-    fn start(&self, words: &str) -> Child {
-        self.command(words).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the program starts")
-    }
-
     /// Waits until there is such a file, other than `before`.
     fn wait_for(&self, name: &str, before: &Option<Vec<u8>>) -> bool {
         let start = Instant::now();
@@ -28,11 +23,6 @@ impl Folder {
     fn same(&self, a: &str, b: &str) {
         assert!(self.read(a) == self.read(b), "{a} and {b} differ");
     }
-}
-
-fn signal(child: &Child, name: &str) {
-    let sent = std::process::Command::new("kill").args([&format!("-{name}"), &child.id().to_string()]).status();
-    assert!(sent.expect("kill").success());
 }
 
 /// Kills a render again and again, at moments that depend on nothing but `moments`, and goes on each time with other threads.
@@ -122,7 +112,7 @@ fn another_render_is_refused_x04() {
         let said = folder.says(&format!("{words} {other} --resume c"), 1, &expected);
         assert!(said.err.contains("error: c: the file is of another render; give the arguments"), "{}", said.err);
     }
-    let scene = String::from_utf8(folder.read("tiny.pbrt")).unwrap().replace("[ 4 4 4 ]", "[ 4 4 5 ]");
+    let scene = folder.text("tiny.pbrt").replace("[ 4 4 4 ]", "[ 4 4 5 ]");
     folder.write("tiny.pbrt", scene);
     folder.says(&format!("{words} --resume c"), 1, &["c: scene files: "]);
     folder.write("tiny.pbrt", crate::common::TINY);
@@ -311,7 +301,7 @@ fn shards_that_make_no_image_x07() {
     std::fs::rename(folder.path("tiny.pbrt"), folder.path("new/tiny.pbrt")).unwrap();
     folder.says(&format!("merge {a} {b} {c} -q -o p.pfm"), 1, &["tiny.pbrt: there is no such file"]);
     folder.done(&format!("merge {a} {b} {c} -q -o p.pfm --scene new/tiny.pbrt"));
-    let scene = String::from_utf8(folder.read("new/tiny.pbrt")).unwrap().replace("[ 4 4 4 ]", "[ 4 4 5 ]");
+    let scene = folder.text("new/tiny.pbrt").replace("[ 4 4 4 ]", "[ 4 4 5 ]");
     folder.write("new/tiny.pbrt", scene);
     folder.says(&format!("merge {a} {b} {c} -q -o p.pfm --scene new/tiny.pbrt"), 1, &["scene files: "]);
 }
