@@ -135,7 +135,7 @@ pub(crate) fn run(args: &FarmArgs) -> Result<Outcome> {
     let job = Job::new(options, render, folder)?;
     let mut files = Files::new(folder)?;
     files.add("render.json", &job.spec.to_json_pretty().map_err(Failure::new)?)?;
-    files.add_script("stage.sh", &job.filled(include_str!("farm/stage.sh")))?;
+    files.add("stage.sh", &job.filled(include_str!("farm/stage.sh")))?;
     let next = match options.system {
         System::Slurm => systems::slurm(&job, &mut files)?,
         System::Openjd => systems::openjd(&job, &mut files)?,

@@ -81,11 +81,8 @@ fn samples_64_and_64_make_128_x06() {
     folder.done(&format!("{words} --spp 128 -o all.pfm --resume c"));
     folder.same("all.pfm", "whole.pfm");
     assert!(folder.read("half.pfm") != folder.read("whole.pfm"));
-    folder.says(
-        &format!("{words} --spp 32 -o less.pfm --resume c"),
-        1,
-        &["49152 samples are traced or planned already"],
-    );
+    let fewer = format!("{words} --spp 32 -o less.pfm --resume c");
+    folder.says(&fewer, 1, &["49152 samples are traced or planned already"]);
 }
 
 #[test]
@@ -203,11 +200,8 @@ fn a_full_disk_is_tried_again_x08() {
     folder.same("a.pfm", "b.pfm");
     // If every try fails, the image is written, and the status tells scripts that nothing can be resumed.
     std::fs::create_dir(folder.path("full/d.part")).unwrap();
-    folder.says(
-        &format!("{words} -o c.pfm --checkpoint full/d --checkpoint-every 0.01"),
-        3,
-        &["full/d: cannot make a file beside it"],
-    );
+    let words = format!("{words} -o c.pfm --checkpoint full/d --checkpoint-every 0.01");
+    folder.says(&words, 3, &["full/d: cannot make a file beside it"]);
     folder.same("a.pfm", "c.pfm");
 }
 
