@@ -481,13 +481,10 @@ mod names {
     /// Serialisation of a shard as `I/N`, with I from 1.
     pub(super) mod shard {
         use super::Shard;
-        use serde::{Deserialize, Deserializer, Serializer, de::Error};
+        use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
 
         pub(crate) fn serialize<S: Serializer>(shard: &Option<Shard>, to: S) -> Result<S::Ok, S::Error> {
-            match shard {
-                Some(shard) => to.serialize_some(&shard.to_string()),
-                None => to.serialize_none(),
-            }
+            shard.map(|shard| shard.to_string()).serialize(to)
         }
 
         pub(crate) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Shard>, D::Error> {

@@ -34,10 +34,8 @@ impl Contents {
             // A copy of the image, all layers, the file and the rows being encoded.
             Self::Image(Format::Exr) => {
                 let layers = bytes_per_pixel(needs, filtered);
-                let [width, height] = frame.size().map(|n| n as usize);
-                let batch =
-                    frame.bytes(layers).min((layers * width * rows_at_a_time()) as u64) / (width * height) as u64;
-                RGB + 2 * layers + batch as usize
+                let rows = rows_at_a_time() * frame.size()[0] as usize * layers;
+                RGB + 2 * layers + (frame.bytes(layers).min(rows as u64) / frame.pixels() as u64) as usize
             }
             Self::Image(Format::Pfm) => RGB + RGB,
             Self::Image(_) => RGB + png(3),

@@ -74,12 +74,8 @@ fn every_entry_is_made_by_its_name() {
         let Some(filter) = available(entry.name, &inputs) else { continue };
         assert_eq!(filter.name(), entry.name);
     }
-    let names = [
-        POINTS.iter().map(|e| e.name).collect::<Vec<_>>(),
-        SAMPLERS.iter().map(|e| e.name).collect(),
-        FILTERS.iter().map(|e| e.name).collect(),
-    ];
-    for names in names {
+    let [points, samplers] = [POINTS.iter().map(|e| e.name).collect(), SAMPLERS.iter().map(|e| e.name).collect()];
+    for names in [points, samplers, FILTERS.iter().map(|e| e.name).collect::<Vec<_>>()] {
         assert!(names.iter().enumerate().all(|(i, n)| !names[..i].contains(n)), "{names:?}");
     }
 }
@@ -441,10 +437,7 @@ fn tlfr_moves_samples_to_where_the_renderer_sees_them() {
             let film = render(1, 8.0, Some(&*tlfr), reports);
             error(&tlfr.apply(&film).unwrap().radiance) / error(&film.image())
         });
-        assert!(
-            share < 0.8 && control > 2.0 * share,
-            "{moves}: {share} of the error is left, {control} in the control"
-        );
+        assert!(share < 0.8 && control > 2.0 * share, "{moves}: {share} is left, {control} in the control");
     }
 }
 
@@ -474,7 +467,6 @@ fn clusters_see_the_triangles_of_instances_as_those_of_copies() {
     assert_eq!(instances.indices, copies.indices);
     assert_eq!(instances.indices.len(), 6);
     assert_eq!(instances.positions.len(), 14);
-    for (p, q) in of_instances.iter().zip(&of_copies) {
-        assert!(p.iter().zip(q).all(|(a, b)| (a - b).abs() < 1e-5), "{p:?} {q:?}");
-    }
+    let pairs = of_instances.as_flattened().iter().zip(of_copies.as_flattened());
+    pairs.for_each(|(a, b)| assert!((a - b).abs() < 1e-5, "{a} {b}"));
 }
