@@ -2,14 +2,12 @@
 //! methods with their parameters or describe one, `schemas`, `completions` and `man`.
 
 use crate::output::tell;
-use crate::render::values::resolution;
+use crate::render::values::{self, resolution};
 use crate::{Arguments, Failure, Outcome, Result, failure};
 use clap::{Command, CommandFactory};
 use clap_complete::Shell;
 use dapple_core::{Parameter, PointSet, SampleId};
-use dapple_job::registry::{
-    self, Entry, FILTERS, NOT_BUILT, POINTS, SAMPLERS, Setting, check_filter, check_points, check_sampler,
-};
+use dapple_job::registry::{self, Entry, FILTERS, NOT_BUILT, POINTS, SAMPLERS, Setting};
 use dapple_scene::image::write_file;
 use std::path::{Path, PathBuf};
 
@@ -56,18 +54,16 @@ impl<Make> From<&Entry<Make>> for Described {
 }
 
 pub(crate) fn samplers(args: &ListArgs) -> Result<Outcome> {
-    let check = |name: &str| check_sampler(name).map_err(|e| failure::sampler(name, &e));
-    list(args, "sampler", SAMPLERS.iter().map(Described::from).collect(), &check)
+    list(args, "sampler", SAMPLERS.iter().map(Described::from).collect(), values::sampler)
 }
 
 pub(crate) fn points(args: &PointsArgs) -> Result<Outcome> {
-    let check = |name: &str| check_points(name).map_err(|e| failure::points(name, &e));
     match (&args.list.name, args.csv) {
         (Some(name), Some(count)) => {
-            check(name).map_err(Failure::new)?;
+            values::points(name).map_err(Failure::new)?;
             print_points(name, count, args.pixels)
         }
-        _ => list(&args.list, "points", POINTS.iter().map(Described::from).collect(), &check),
+        _ => list(&args.list, "points", POINTS.iter().map(Described::from).collect(), values::points),
     }
 }
 
@@ -95,8 +91,7 @@ fn print_points(name: &str, count: u64, [width, height]: [u32; 2]) -> Result<Out
 const PRINTED_SEED: u64 = 1;
 
 pub(crate) fn filters(args: &ListArgs) -> Result<Outcome> {
-    let check = |name: &str| check_filter(name).map_err(|e| failure::filter(name, &e));
-    list(args, "filter", FILTERS.iter().map(Described::from).collect(), &check)?;
+    list(args, "filter", FILTERS.iter().map(Described::from).collect(), values::filter)?;
     for (name, feature) in NOT_BUILT.iter().filter(|_| args.name.is_none()) {
         tell(format!("{name:<19}not in this program; build it with the feature \"{feature}\""))?;
     }
@@ -114,15 +109,15 @@ pub(crate) fn integrators(args: &ListArgs) -> Result<Outcome> {
     });
     let check =
         |name: &str| dapple_transport::check_integrator(name).map_err(|e| failure::integrator(name, &e.to_string()));
-    list(args, "integrator", described.collect(), &check)
+    list(args, "integrator", described.collect(), check)
 }
 
 /// Lists all methods, or describes the one that is named. `check` makes the message for an unknown name.
-fn list(
+fn list<T>(
     args: &ListArgs,
     option: &str,
     all: Vec<Described>,
-    check: &dyn Fn(&str) -> std::result::Result<(), String>,
+    check: impl Fn(&str) -> std::result::Result<T, String>,
 ) -> Result<Outcome> {
     match &args.name {
         None => all.iter().try_for_each(|method| {
@@ -191,13 +186,12 @@ const SCHEMAS: [(&str, &str, &str); 7] = [
 pub(crate) fn schemas(args: &SchemasArgs) -> Result<Outcome> {
     match &args.name {
         None => SCHEMAS.iter().try_for_each(|(name, what, _)| tell(format!("{name:<10}{what}")))?,
-        Some(requested) => match SCHEMAS.iter().find(|(name, ..)| name == requested) {
-            Some((_, _, text)) => tell(text.trim_end())?,
-            None => {
-                let known = SCHEMAS.map(|(name, ..)| name).join(", ");
-                return Err(Failure::new(format!("there is no schema \"{requested}\"; choose among {known}")));
-            }
-        },
+        Some(requested) => {
+            let known = || SCHEMAS.map(|(name, ..)| name).join(", ");
+            let unknown = || Failure::new(format!("there is no schema \"{requested}\"; choose among {}", known()));
+            let (_, _, text) = SCHEMAS.iter().find(|(name, ..)| name == requested).ok_or_else(unknown)?;
+            tell(text.trim_end())?;
+        }
     }
     Ok(Outcome::Done)
 }

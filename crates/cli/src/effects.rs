@@ -98,7 +98,10 @@ fn measure(options: &EffectsArgs, mut scene: Scene, report: &mut Report<'_>, sto
         warn("the scene's crop window is not followed: the figures are of the whole image");
     }
     (report.resolution, report.spp, report.seeds) = (Some(frame.size()), Some(options.spp), Some(options.seeds));
-    Studio::new(frame, options, stop).measure(&scene, report)
+    let mut studio = Studio::new(frame, options, stop);
+    report.interrupted = studio.measure(&scene, report)?.is_none();
+    studio.bar.finish_and_clear();
+    Ok(())
 }
 
 /// Shrinks a size in pixels to the same aspect ratio with sides of at most [`LONGEST`].
@@ -145,16 +148,9 @@ impl Studio {
         Self { size: frame.size(), seeds: u64::from(options.seeds), spec, stop: stop.clone(), bar }
     }
 
-    /// Measures every effect of the report by leaving it out. Images with and without the effect alternate, and their
-    /// order changes with the seed, so that a slower machine favours neither.
-    fn measure(mut self, whole: &Scene, report: &mut Report<'_>) -> Result<()> {
-        report.interrupted = self.measure_all(whole, report)?.is_none();
-        self.bar.finish_and_clear();
-        Ok(())
-    }
-
-    /// Fills in the report's figures; `None` if the user stopped it.
-    fn measure_all(&mut self, whole: &Scene, report: &mut Report<'_>) -> Result<Option<()>> {
+    /// Fills in the report's figures: measures every effect by leaving it out. Images with and without the effect alternate, and
+    /// their order changes with the seed, so that a slower machine favours neither. `None` if the user stopped it.
+    fn measure(&mut self, whole: &Scene, report: &mut Report<'_>) -> Result<Option<()>> {
         let endless = Scene { max_depth: None, ..whole.clone() };
         // Without interreflection, paths scatter at most once, and no depth limit cuts them.
         let cut = whole.max_depth.is_some() && Effects::of(&endless).has(Effect::Interreflection);
@@ -203,9 +199,9 @@ impl Studio {
         let mut pairs = Vec::new();
         for seed in 1..=self.seeds {
             let turned = seed % 2 == 0;
-            let worlds = if turned { [without, with] } else { [with, without] };
-            let Some(first) = self.render(worlds[0], seed)? else { return Ok(None) };
-            let Some(second) = self.render(worlds[1], seed)? else { return Ok(None) };
+            let [first, second] = if turned { [without, with] } else { [with, without] };
+            let Some(first) = self.render(first, seed)? else { return Ok(None) };
+            let Some(second) = self.render(second, seed)? else { return Ok(None) };
             pairs.push(if turned { [second, first] } else { [first, second] });
         }
         Ok(Some(pairs))

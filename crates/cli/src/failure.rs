@@ -114,11 +114,9 @@ pub(crate) fn add_to(mut error: clap::Error) -> clap::Error {
     if error.kind() != ErrorKind::UnknownArgument {
         return error;
     }
-    let hint = match error.get(ContextKind::InvalidArg) {
-        Some(ContextValue::String(option)) => option_hint(option),
-        _ => None,
-    };
-    if let Some(hint) = hint {
+    if let Some(ContextValue::String(option)) = error.get(ContextKind::InvalidArg)
+        && let Some(hint) = option_hint(option)
+    {
         // The option with the most similar letters would only mislead.
         error.remove(ContextKind::SuggestedArg);
         error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![StyledStr::from(hint)]));
@@ -147,16 +145,12 @@ pub(crate) fn sampler(given: &str, error: &RegistryError) -> String {
 /// The message for a wrong point set; a sampler leads to `--sampler`, and other renderers' names to the nearest of ours.
 pub(crate) fn points(given: &str, error: &RegistryError) -> String {
     let name = name(given);
-    if !is_unknown(error) {
-        return error.to_string();
-    }
-    if let Some(entry) = SAMPLERS.iter().find(|entry| entry.is_called(&name)) {
-        let sampler = entry.name;
-        return format!("\"{name}\" decides how many samples each pixel gets; use --sampler {sampler}");
-    }
-    match nearest(POINT_SETS, &name) {
-        Some(points) => format!("{error}; the nearest to \"{name}\" is {points}"),
-        None => error.to_string(),
+    let sampler = SAMPLERS.iter().find(|entry| entry.is_called(&name)).map(|entry| entry.name);
+    match (sampler, nearest(POINT_SETS, &name)) {
+        _ if !is_unknown(error) => error.to_string(),
+        (Some(sampler), _) => format!("\"{name}\" decides how many samples each pixel gets; use --sampler {sampler}"),
+        (None, Some(points)) => format!("{error}; the nearest to \"{name}\" is {points}"),
+        (None, None) => error.to_string(),
     }
 }
 
@@ -172,14 +166,9 @@ pub(crate) fn filter(given: &str, error: &RegistryError) -> String {
         }
         "openimagedenoise" | "optix" | "nlmeans" if is_unknown(error) => {
             let ours = if name == "nlmeans" { "nlm" } else { "oidn" };
-            match NOT_BUILT.iter().find(|(absent, _)| *absent == ours) {
-                Some((_, feature)) => {
-                    format!(
-                        "{error}; the nearest to \"{name}\" is {ours}, which needs a build with --features {feature}"
-                    )
-                }
-                None => format!("{error}; the nearest to \"{name}\" is {ours}"),
-            }
+            let absent = NOT_BUILT.iter().find(|(absent, _)| *absent == ours);
+            let build = |(_, feature): &(_, &str)| format!(", which needs a build with --features {feature}");
+            format!("{error}; the nearest to \"{name}\" is {ours}{}", absent.map_or_else(String::new, build))
         }
         _ => error.to_string(),
     }

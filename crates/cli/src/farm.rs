@@ -90,12 +90,8 @@ impl Args for FarmArgs {
         let command = command.mut_arg("outputs", |output| {
             let help =
                 "Folder for the job's files; it may exist, and files of an earlier job with the same arguments stay";
-            output
-                .value_parser(clap::value_parser!(PathBuf))
-                .value_name("DIR")
-                .required(true)
-                .help(help)
-                .long_help(help)
+            let output = output.value_parser(clap::value_parser!(PathBuf)).value_name("DIR").required(true);
+            output.help(help).long_help(help)
         });
         let mut command = command.after_help(include_str!("help/farm.txt").trim_end());
         for id in REFUSED.split(' ') {
@@ -139,7 +135,7 @@ pub(crate) fn run(args: &FarmArgs) -> Result<Outcome> {
     let job = Job::new(options, render, folder)?;
     let mut files = Files::new(folder)?;
     files.add("render.json", &job.spec.to_json_pretty().map_err(Failure::new)?)?;
-    files.add_script("stage.sh", &job.filled(include_str!("farm/stage.sh")))?;
+    files.add("stage.sh", &job.filled(include_str!("farm/stage.sh")))?;
     let next = match options.system {
         System::Slurm => systems::slurm(&job, &mut files)?,
         System::Openjd => systems::openjd(&job, &mut files)?,
@@ -175,8 +171,8 @@ impl<'a> Job<'a> {
             let wrong = "tasks of a job do not share a clock; give --spp or --error (mpirun takes --time)";
             return Err(Failure::usage("farm", wrong));
         }
-        let name =
-            Path::new(&spec.scene).file_stem().map_or("render".into(), |stem| stem.to_string_lossy().into_owned());
+        let stem = Path::new(&spec.scene).file_stem();
+        let name = stem.map_or("render".into(), |stem| stem.to_string_lossy().into_owned());
         if !bundled::names().contains(&spec.scene.as_str()) {
             let scene = std::path::absolute(&spec.scene).map_err(Failure::new)?;
             if !scene.exists() {
@@ -239,9 +235,8 @@ fn filled(text: &str, values: &[(&str, &str)]) -> String {
 /// A path as text, which files of jobs can hold.
 fn text(path: &Path) -> Result<String> {
     let text = path.to_str().filter(|text| !text.contains(['\n', '\0']));
-    text.map(str::to_owned).ok_or_else(|| {
-        Failure::new(format!("{}: the path is not UTF-8 or has line breaks; rename the file", path.display()))
-    })
+    let wrong = "the path is not UTF-8 or has line breaks; rename the file";
+    text.map(str::to_owned).ok_or_else(|| Failure::new(format!("{}: {wrong}", path.display())))
 }
 
 /// The name of an image file.

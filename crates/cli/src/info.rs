@@ -54,7 +54,7 @@ fn memory(spec: &RenderSpec, prepared: &PreparedScene) -> std::result::Result<Me
 }
 
 fn facts(scene: &Scene, world: &World) -> Vec<(&'static str, String)> {
-    let [w, h] = scene.film.resolution;
+    let ([w, h], spp) = (scene.film.resolution, scene.film.spp);
     let geometry = world.geometry();
     let depth = scene.max_depth.map_or("unlimited".into(), |d| d.to_string());
     let triangles = match world.dropped_triangles() {
@@ -64,13 +64,7 @@ fn facts(scene: &Scene, world: &World) -> Vec<(&'static str, String)> {
     vec![
         ("scene", scene.name.clone()),
         ("image", format!("{w}x{h}, {}, {}", crop(scene), pixel_filter(&scene.film.pixel_filter))),
-        (
-            "spp",
-            scene
-                .film
-                .spp
-                .map_or("the file suggests none".into(), |n| format!("the file suggests {n}; render takes --spp")),
-        ),
+        ("spp", spp.map_or("the file suggests none".into(), |n| format!("the file suggests {n}; render takes --spp"))),
         ("max depth", depth),
         ("triangles", triangles),
         ("shapes", count(scene.shapes.iter().map(|shape| shape.geometry.name()))),

@@ -199,21 +199,17 @@ pub(crate) struct Progress {
     /// The number of rounds, if it is known.
     rounds: Option<u32>,
     goal: Option<f64>,
-    predicted: Predicted,
-}
-
-/// The predicted relMSE of the image so far, and the time at which the next prediction is due. A prediction reads the
-/// whole film.
-struct Predicted {
-    relmse: Option<f64>,
+    /// The predicted relMSE of the image so far.
+    predicted: Option<f64>,
+    /// The time at which the next prediction is due. A prediction reads the whole film.
     due: Instant,
 }
 
 impl Progress {
     pub(crate) fn new(show: &Show<'_>, stop: Stop, live: Live) -> Self {
         let display = Display::new(show.json || show.quiet, show.progress_every);
-        let predicted = Predicted { relmse: None, due: Instant::now() };
-        Self { display, live, stop, pixels: 1.0, is_adaptive: false, rounds: None, goal: None, predicted }
+        let (predicted, due) = (None, Instant::now());
+        Self { display, live, stop, pixels: 1.0, is_adaptive: false, rounds: None, goal: None, predicted, due }
     }
 
     /// Shows the name of the present phase.
@@ -226,10 +222,7 @@ impl Progress {
         self.pixels = job.frame().pixels() as f64;
         self.is_adaptive = !job.is_a_priori();
         self.rounds = job.rounds();
-        self.goal = match job.limits().budget {
-            Budget::Error { relmse, .. } => Some(relmse),
-            _ => None,
-        };
+        self.goal = if let Budget::Error { relmse, .. } = job.limits().budget { Some(relmse) } else { None };
         self.live.begin(job);
         self.display.begin();
     }
@@ -253,8 +246,8 @@ impl Progress {
             _ => format!("round {round}"),
         };
         message += &format!(", {:.1} spp", status.samples as f64 / self.pixels);
-        self.predicted.update(status);
-        match (self.predicted.relmse, self.goal) {
+        self.predict(status);
+        match (self.predicted, self.goal) {
             (Some(now), Some(goal)) => message += &format!(", relMSE {now:.2e} of {goal:.2e}"),
             (None, Some(goal)) => message += &format!(", the goal is relMSE {goal:.2e}"),
             (Some(now), None) => message += &format!(", relMSE {now:.2e} unfiltered"),
@@ -267,18 +260,16 @@ impl Progress {
         }
         self.display.update(share, message);
     }
-}
 
-impl Predicted {
-    fn update(&mut self, status: &Status<'_>) {
+    fn predict(&mut self, status: &Status<'_>) {
         let now = Instant::now();
         if now < self.due {
             return;
         }
         let relmse = status.film.record().filtered_relmse.or_else(|| status.film.predicted_relmse());
         // The prediction is infinite until each pixel has two samples.
-        self.relmse = relmse.filter(|relmse| relmse.is_finite());
-        let rest = if self.relmse.is_some() { Duration::from_secs(1) } else { Duration::ZERO };
+        self.predicted = relmse.filter(|relmse| relmse.is_finite());
+        let rest = if self.predicted.is_some() { Duration::from_secs(1) } else { Duration::ZERO };
         self.due = now + now.elapsed().div_f64(PREDICTING).max(rest);
     }
 }

@@ -254,14 +254,13 @@ fn end(
     (checkpoint, written): (Option<std::result::Result<PathBuf, JobError>>, u64),
 ) -> Result<Outcome> {
     let has_none = matches!(checkpoint, Some(Err(_))) && written == 0;
-    let resume = match checkpoint {
-        Some(Err(trouble)) if interrupted => return Err(failure::of_job(&trouble)),
-        Some(Err(trouble)) => {
+    let resume = match checkpoint.transpose() {
+        Err(trouble) if interrupted => return Err(failure::of_job(&trouble)),
+        Err(trouble) => {
             warn(trouble.to_string());
             None
         }
-        Some(Ok(path)) => Some(path),
-        None => None,
+        Ok(resume) => resume,
     };
     match panicked {
         Some(message) => Err(Failure::new(message + "; the samples before it are saved")),

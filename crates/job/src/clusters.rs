@@ -195,13 +195,9 @@ pub(crate) fn lens_probes(world: Arc<World>) -> LensProbes {
         let time = world.time(0.0);
         let camera = world.camera();
         let ray = camera.ray_at(camera.place(pixel, Vec2::ZERO), [0.5; 2], time);
-        match world.closest_hit(&ray, time) {
-            Some(at) => {
-                let blur = camera.circle_of_confusion(Some(at.point().position), time);
-                (Some(world.first_hit(&ray, &at, 0.5)), blur)
-            }
-            None => (None, camera.circle_of_confusion(None, time)),
-        }
+        let hit = world.closest_hit(&ray, time);
+        let blur = camera.circle_of_confusion(hit.as_ref().map(|at| at.point().position), time);
+        (hit.map(|at| world.first_hit(&ray, &at, 0.5)), blur)
     };
     LensProbes { trace: Arc::new(trace), has_lens }
 }

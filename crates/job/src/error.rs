@@ -140,17 +140,13 @@ fn list(effects: &[Effect]) -> String {
 
 fn refusal(estimate: &MemoryEstimate, limit: MemoryLimit, advice: &str) -> String {
     let of = if limit.is_given() { "the limit" } else { "all there is" };
-    match limit.bytes().filter(|bytes| estimate.peak() > *bytes) {
-        Some(bytes) => format!("this render takes {estimate}, and {} is {of}; {advice}", size(bytes)),
-        None => format!("this render takes {estimate}; {advice}"),
-    }
+    let bytes = limit.bytes().filter(|bytes| estimate.peak() > *bytes);
+    let exceeded = bytes.map_or_else(String::new, |bytes| format!(", and {} is {of}", size(bytes)));
+    format!("this render takes {estimate}{exceeded}; {advice}")
 }
 
 fn other_render(path: &std::path::Path, differences: &[String]) -> String {
-    let path = path.display();
-    let mut lines = vec![format!(
-        "{path}: the file is of another render; give the arguments that it was made with, or another file:"
-    )];
-    lines.extend(differences.iter().map(|line| format!("{path}: {line}")));
-    lines.join("\n")
+    let first = "the file is of another render; give the arguments that it was made with, or another file:";
+    let lines = std::iter::once(first).chain(differences.iter().map(String::as_str));
+    lines.map(|line| format!("{}: {line}", path.display())).collect::<Vec<_>>().join("\n")
 }

@@ -222,8 +222,7 @@ impl Job {
         let filter = (&*self.filter, self.is_error_of_filtered());
         let memory = ImageMemory::new(&*self.sampler, filter, needs, frame, limits);
         let files = self.outputs.memory(frame, &memory.needs, self.filter.name() != Unfiltered.name());
-        let before = &self.prepared.loaded.memory;
-        let estimate = MemoryEstimate::of_render(before, &memory, files, keeps, self.integrator_bytes);
+        let estimate = self.prepared.loaded.memory.of_render(&memory, files, keeps, self.integrator_bytes);
         (estimate, memory.snapshot())
     }
 
@@ -247,14 +246,9 @@ impl Job {
             Some(snapshot) => render.resume(snapshot, &mut *integrator, &mut *self.sampler),
         };
         let (checkpoint, checkpoints_written) = watched.into_checkpoint();
-        let (film, failure) = match film {
-            Ok(film) => (film, None),
-            Err(error) => {
-                let message = error.to_string();
-                let Error::Panicked { film, .. } = error else { return Err(error.into()) };
-                (*film, Some(message))
-            }
-        };
+        let failure = film.as_ref().err().map(ToString::to_string);
+        let film =
+            film.or_else(|error| if let Error::Panicked { film, .. } = error { Ok(*film) } else { Err(error) })?;
         Ok(Traced { film, failure, checkpoint, checkpoints_written })
     }
 

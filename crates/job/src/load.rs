@@ -97,9 +97,7 @@ impl LoadedScene {
         spec.check()?;
         let bounds = [spec.min_spp, spec.max_spp.unwrap_or(u32::MAX)];
         let spec = &RenderSpec { budget: spec.budget.of_scene(scene.film.spp, bounds), ..spec.clone() };
-        if let Some(depth) = spec.max_depth {
-            scene.max_depth = Some(depth);
-        }
+        scene.max_depth = spec.max_depth.or(scene.max_depth);
         if spec.pixel_filter == PixelFilterSpec::Box {
             scene.film.pixel_filter = PixelFilter::default();
         }
@@ -173,8 +171,8 @@ fn notices(spec: &RenderSpec, scene: &Scene) -> Vec<Warning> {
     if bundle(&spec.scene).is_none() {
         warnings.extend(scene.notices.iter().cloned().map(Warning::Notice));
     }
-    warnings
-        .extend(scene.shapes.iter().filter(|s| is_dark_lamp(s)).map(|s| Warning::LampWithoutArea(s.source.clone())));
+    let dark = scene.shapes.iter().filter(|shape| is_dark_lamp(shape));
+    warnings.extend(dark.map(|shape| Warning::LampWithoutArea(shape.source.clone())));
     warnings
 }
 
@@ -254,13 +252,11 @@ fn called_for(asked: &[Effect], scene: &Scene) -> Result<Vec<Effect>, JobError> 
     // `SeveralLights` comes last, so that the strongest of the lights that other removals leave is kept.
     without.sort_by_key(|&effect| (effect == Effect::SeveralLights, effect));
     without.dedup();
-    match without.iter().find(|&&effect| !effects.has(effect)) {
-        None => Ok(without),
-        Some(&effect) => {
-            let called = effects.called().iter().map(|called| called.effect).collect();
-            Err(JobError::NotCalledFor { effect, called })
-        }
+    if let Some(&effect) = without.iter().find(|&&effect| !effects.has(effect)) {
+        let called = effects.called().iter().map(|called| called.effect).collect();
+        return Err(JobError::NotCalledFor { effect, called });
     }
+    Ok(without)
 }
 
 pub(crate) fn frame(spec: &RenderSpec, scene: &Scene) -> Result<Frame, JobError> {
@@ -269,21 +265,15 @@ pub(crate) fn frame(spec: &RenderSpec, scene: &Scene) -> Result<Frame, JobError>
     let scaled = |side: u32| spec.scale.map_or(side, |scale| (f64::from(side) * scale).round().max(1.0) as u32);
     let [w, h] = spec.resolution.unwrap_or(full.map(scaled));
     let frame = Frame::new(w, h)?;
-    let scaled = |[x0, y0, x1, y1]: [u32; 4]| {
-        // At another resolution, the file's window covers the same part of the image, as in pbrt.
-        let part =
-            |at: u32, from: u32, to: u32| (u64::from(at) * u64::from(to)).div_ceil(u64::from(from.max(1))) as u32;
-        [part(x0, full[0], w), part(y0, full[1], h), part(x1, full[0], w), part(y1, full[1], h)]
-    };
+    // At another resolution, the file's window covers the same part of the image, as in pbrt.
+    let part = |at: u32, from: u32, to: u32| (u64::from(at) * u64::from(to)).div_ceil(u64::from(from.max(1))) as u32;
+    let scaled = |corners: [u32; 4]| std::array::from_fn(|i| part(corners[i], full[i % 2], [w, h][i % 2]));
     let window = match spec.crop {
         CropSpec::Window(window) => Some(window),
         CropSpec::Scene => scene.film.crop.map(scaled),
         CropSpec::Whole => None,
     };
-    match window {
-        Some([x0, y0, x1, y1]) => Ok(frame.crop(x0, y0, x1, y1)?),
-        None => Ok(frame),
-    }
+    Ok(window.map_or(Ok(frame), |[x0, y0, x1, y1]| frame.crop(x0, y0, x1, y1))?)
 }
 
 /// The settings of a point set: the seed, and the mean samples per pixel (`None` for budgets of error or time).
@@ -299,16 +289,14 @@ pub(crate) fn setting(spec: &RenderSpec, frame: Frame) -> Setting {
 
 /// The budget in samples, error or seconds, and the bounds of samples per pixel, from a description.
 pub(crate) fn limits(spec: &RenderSpec, frame: Frame) -> Limits {
-    let pixels = frame.pixels() as u64;
+    let at_most = frame.pixels() as u64 * u64::from(spec.max_spp.unwrap_or(ERROR_SPP));
     let per_pixel = |spp| Budget::Samples(Budget::PerPixel(spp).samples(&frame).unwrap_or(1));
     let budget = match spec.budget {
         BudgetSpec::Scene => per_pixel(DEFAULT_SPP),
         // At least one sample in total; the bounds refuse a mean that is too small for one sample per pixel.
         BudgetSpec::Spp(spp) => per_pixel(spp),
         BudgetSpec::Samples(samples) => Budget::Samples(samples),
-        BudgetSpec::Error(relmse) => {
-            Budget::Error { relmse, at_most: pixels * u64::from(spec.max_spp.unwrap_or(ERROR_SPP)) }
-        }
+        BudgetSpec::Error(relmse) => Budget::Error { relmse, at_most },
         BudgetSpec::Seconds(seconds) => Budget::Seconds(seconds),
     };
     let mut limits = Limits::new(budget);
@@ -321,13 +309,11 @@ pub(crate) fn limits(spec: &RenderSpec, frame: Frame) -> Limits {
 fn check_capacity(spec: &RenderSpec, frame: Frame) -> Result<(), JobError> {
     let setting = setting(spec, frame);
     let points = registry::points(&spec.points, setting)?;
-    match setting.spp {
-        Some(asked) if asked > points.capacity() => {
-            let (points, capacity) = (points.describe(), points.capacity());
-            Err(Error::SequenceExhausted { points, capacity, requested: asked }.into())
-        }
-        _ => Ok(()),
+    let (capacity, requested) = (points.capacity(), setting.spp.unwrap_or(0));
+    if requested > capacity {
+        return Err(Error::SequenceExhausted { points: points.describe(), capacity, requested }.into());
     }
+    Ok(())
 }
 
 /// Checks a request for an integrator: `auto`, or its name and the names of its parameters.

@@ -4,14 +4,11 @@
 //! lights are too small to matter. Memory already in use is measured if the system reports it, else estimated. While a scene is
 //! read, only the length of each of its files is limited.
 
-mod image;
-
-pub(crate) use image::ImageMemory;
-
 use crate::JobError;
-use dapple_core::{Film, Frame, Needs};
+use dapple_core::{Budget, Film, Filter, FilterMemory, Frame, Limits, Needs, Recorder, Render, Sampler, SamplerMemory};
 use dapple_scene::image::Image;
 use dapple_scene::{EnvironmentRadiance, Geometry, LightKind, MeshData, Scene, Shape, TextureKind};
+use std::collections::BTreeMap;
 use std::fmt;
 use std::sync::Arc;
 
@@ -23,15 +20,6 @@ const BUILDING: u64 = 160;
 /// Bytes per pixel of an environment map's sampling tables.
 const ENVIRONMENT: u64 = 16;
 
-/// The memory of a world (a scene built for tracing) in bytes, not counting the scene itself.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct WorldMemory {
-    /// The size of the finished world in bytes.
-    pub built: u64,
-    /// The peak memory in bytes while the world is built.
-    pub building: u64,
-}
-
 /// Returns the bytes of a scene's meshes and images; shared ones count once.
 pub fn of_scene(scene: &Scene) -> u64 {
     let meshes = once(meshes(scene)).into_iter().map(|mesh| {
@@ -41,9 +29,9 @@ pub fn of_scene(scene: &Scene) -> u64 {
     meshes.chain(images).sum()
 }
 
-/// Estimates the memory of the world that [`World::new`](dapple_renderer::World::new) builds for a scene, to within 10
-/// % for large meshes.
-pub fn of_world(scene: &Scene) -> WorldMemory {
+/// Estimates the memory in bytes of the world that [`World::new`](dapple_renderer::World::new) builds for a scene, to within
+/// 10 % for large meshes: of the finished world, then the peak while it is built. The scene itself is not counted.
+pub fn of_world(scene: &Scene) -> [u64; 2] {
     // Positions are stored in single precision; normals, texture coordinates and triangles are copied; each triangle
     // gets a normal.
     let copied = |mesh: &Arc<MeshData>| {
@@ -53,8 +41,7 @@ pub fn of_world(scene: &Scene) -> WorldMemory {
     let copies: u64 = meshes(scene).map(copied).sum();
     let triangles: u64 = meshes(scene).map(|mesh| mesh.triangles.len() as u64).sum();
     let tables: u64 = environments(scene).map(|image| ENVIRONMENT * image.pixels.len() as u64).sum();
-    let kept = copies + tables;
-    WorldMemory { built: kept + TREE * triangles, building: kept + BUILDING * triangles }
+    [TREE, BUILDING].map(|tree| copies + tables + tree * triangles)
 }
 
 fn of_slice<T>(values: &[T]) -> u64 {
@@ -64,16 +51,14 @@ fn of_slice<T>(values: &[T]) -> u64 {
 /// The meshes of all shapes. An object's meshes occur once, however many instances it has.
 fn meshes(scene: &Scene) -> impl Iterator<Item = &Arc<MeshData>> {
     let shapes = scene.shapes.iter().chain(scene.objects.iter().flat_map(|object| &object.shapes));
-    shapes.filter_map(|shape: &Shape| match &shape.geometry {
-        Geometry::Mesh(mesh) => Some(mesh),
-        _ => None,
-    })
+    shapes.filter_map(|shape: &Shape| if let Geometry::Mesh(mesh) = &shape.geometry { Some(mesh) } else { None })
 }
 
 fn environments(scene: &Scene) -> impl Iterator<Item = &Arc<Image>> {
     scene.lights.iter().filter_map(|light| match &light.kind {
-        LightKind::Infinite { radiance: EnvironmentRadiance::LatLong { image, .. } } => Some(image),
-        LightKind::Infinite { radiance: EnvironmentRadiance::EqualArea { image, .. } } => Some(image),
+        LightKind::Infinite {
+            radiance: EnvironmentRadiance::LatLong { image, .. } | EnvironmentRadiance::EqualArea { image, .. },
+        } => Some(image),
         _ => None,
     })
 }
@@ -98,6 +83,61 @@ fn once<'a, T>(all: impl Iterator<Item = &'a Arc<T>>) -> Vec<&'a Arc<T>> {
 const THREAD: u64 = 1 << 20;
 /// The assumed memory of the program itself in bytes, used if the system does not report it.
 const PROGRAM: u64 = 16 << 20;
+
+/// The bytes of a render's film, plans and filter, computed from the planes that each part holds at its peak.
+///
+/// Machines with the same number of threads agree on them. Under a limit of time or error, the figures hold for a render of
+/// more than one round; one round takes less.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct ImageMemory {
+    /// The statistics that the film records.
+    pub(crate) needs: Needs,
+    /// The film, with discarded samples, and the filtered image that an error limit keeps.
+    pub(crate) film: u64,
+    /// The state of the sampler between rounds.
+    pub(crate) sampler: u64,
+    /// The peak while a round is planned, besides film and state.
+    pub(crate) planning: u64,
+    /// The plan of the round that is traced.
+    pub(crate) tracing: u64,
+    pub(crate) filter: FilterMemory,
+}
+
+impl ImageMemory {
+    /// The memory of a render with these arguments, and of `filter` applied to its film. An error limit concerns the filtered
+    /// image if `judged`.
+    ///
+    /// [Recorders](Recorder) take the words of as many samples per pixel and half as the budget has in the mean.
+    pub(crate) fn new(
+        sampler: &dyn Sampler,
+        (filter, judged): (&dyn Filter, bool),
+        needs: Needs,
+        frame: &Frame,
+        limits: &Limits,
+    ) -> Self {
+        let is_error = matches!(limits.budget, Budget::Error { .. });
+        let needs = needs.and(sampler.needs());
+        let needs = if is_error { needs.with_halves() } else { needs };
+        let SamplerMemory { discarded, state, planning, plan, .. } = sampler.memory(frame, &needs, limits);
+        // One sample per pixel goes to the first half. The other's zeros are never written, so they take no memory.
+        let single = limits.budget.samples(frame).is_some_and(|total| total <= frame.pixels() as u64);
+        let unwritten = if needs.halves && single { Film::halves_bytes_per_pixel(&needs) / 2 } else { 0 };
+        let kept = frame.bytes(if is_error && judged { Render::ERROR_OF_BYTES } else { 0 });
+        let film = frame.bytes(Film::bytes_per_pixel(&needs) - unwritten).saturating_add(discarded);
+        let recorders = sampler.recorders().into_iter().chain(filter.recorders());
+        let recorders: BTreeMap<String, Arc<dyn Recorder>> = recorders.map(|one| (one.name().into(), one)).collect();
+        let (pixels, halves) = (frame.pixels() as u64, if needs.halves { 2 } else { 1 });
+        let each = limits.expected_samples(frame).div_ceil(pixels).div_ceil(halves);
+        let words = recorders.values().map(|one| one.bytes(each) + size_of::<Vec<u32>>() as u64).sum::<u64>();
+        let film = film.saturating_add((pixels * halves).saturating_mul(words)).saturating_add(kept);
+        Self { needs, film, sampler: state, planning, tracing: plan, filter: filter.memory(frame, &needs) }
+    }
+
+    /// The bytes of a snapshot. A resumed render holds as many besides the film at first.
+    pub(crate) fn snapshot(&self) -> u64 {
+        self.film.saturating_add(self.tracing)
+    }
+}
 
 /// A limit on the memory of a render.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -150,23 +190,17 @@ pub struct MemoryEstimate {
 impl MemoryEstimate {
     /// The least memory of a render of `scene`, estimated before the world is built.
     pub fn of_scene(scene: &Scene, frame: &Frame) -> Self {
-        let WorldMemory { built, building } = of_world(scene);
+        let [built, building] = of_world(scene);
         let now = resident().map_or_else(|| PROGRAM + of_scene(scene), |[now, _]| now);
         let film = frame.bytes(Film::bytes_per_pixel(&Needs::none()));
         Self { scene: now + built, film, others: [("", 0); 3], stages: Vec::new(), before: now + building }
     }
 
-    /// The memory of a prepared render. `before` is the estimate from its scene. `files` is the peak in bytes for
-    /// writing a file, besides film and image. `keeps` states that the film is also encoded as bytes, for a checkpoint
-    /// or shard. `light` and `training` are the bytes of light that the integrator prepares and of what it learns, at most.
-    pub(crate) fn of_render(
-        before: &Self,
-        memory: &ImageMemory,
-        files: u64,
-        keeps: bool,
-        [light, training]: [u64; 2],
-    ) -> Self {
-        let [now, most] = resident().unwrap_or([before.scene, 0]);
+    /// The memory of a prepared render. `files` is the peak in bytes for writing a file, besides film and image. `keeps` states
+    /// that the film is also encoded as bytes, for a checkpoint or shard. `light` and `training` are the bytes of light that the
+    /// integrator prepares and of what it learns, at most. `self` is the estimate from the scene.
+    pub(crate) fn of_render(&self, memory: &ImageMemory, files: u64, keeps: bool, [light, training]: [u64; 2]) -> Self {
+        let [now, most] = resident().unwrap_or([self.scene, 0]);
         let snapshot = if keeps { memory.snapshot() } else { 0 };
         let stages = vec![
             ("planning", memory.planning),
@@ -176,7 +210,7 @@ impl MemoryEstimate {
         ];
         let scene = now + THREAD * rayon::current_num_threads() as u64;
         let others = [("sampler", memory.sampler), ("light", light), ("light selection at most", training)];
-        Self { scene, film: memory.film, others, stages, before: before.before.max(most) }
+        Self { scene, film: memory.film, others, stages, before: self.before.max(most) }
     }
 
     /// Adds the copy of the image of `frame` that is shown while the render goes on: radiance, counts and errors, and their
@@ -296,6 +330,8 @@ fn kibibytes(text: &str, name: &str) -> Option<u64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use dapple_core::samplers::Uniform;
+    use dapple_core::{HostNumbers, RecordedSample, Unfiltered};
     use dapple_renderer::World;
     use dapple_scene::bundled;
 
@@ -307,7 +343,70 @@ mod tests {
         assert_eq!(triangles, world.geometry().triangle_count() as u64);
         let (tree, foreseen) = (world.geometry().memory_bytes() as f64, (TREE * triangles) as f64);
         assert!((0.85..=1.0).contains(&(tree / foreseen)), "{foreseen} estimated, {tree} bytes");
-        let (meshes, world) = (of_scene(&scene), of_world(&scene));
-        assert!(meshes > 24 * triangles && world.built > meshes && world.building > world.built);
+        let (meshes, [built, building]) = (of_scene(&scene), of_world(&scene));
+        assert!(meshes > 24 * triangles && built > meshes && building > built);
+    }
+
+    fn of(frame: &Frame, budget: Budget) -> ImageMemory {
+        let (sampler, limits) = (Uniform::new(HostNumbers), Limits::new(budget));
+        ImageMemory::new(&sampler, (&Unfiltered, true), Needs::none(), frame, &limits)
+    }
+
+    #[test]
+    fn the_forecast_counts_every_recorded_statistic() {
+        let frame = Frame::new(100, 50).unwrap();
+        let uniform = of(&frame, Budget::Samples(20_000));
+        assert_eq!((uniform.film, uniform.filter.image), (5000 * 32, 5000 * 12));
+        let halves = of(&frame, Budget::Error { relmse: 0.1, at_most: 20_000 });
+        assert_eq!((halves.film, halves.filter.image), (5000 * (64 + 48), 5000 * 16));
+        assert_eq!(halves.snapshot(), halves.film + halves.tracing);
+    }
+
+    #[test]
+    fn the_largest_image_does_not_wrap_z03() {
+        let frame = Frame::new(65535, 65537).unwrap();
+        assert_eq!(of(&frame, Budget::Samples(1 << 40)).film, 32 * u64::from(u32::MAX));
+        assert_eq!(frame.bytes(usize::MAX), u64::MAX);
+    }
+
+    /// Keeps a word of each sample.
+    struct Words(&'static str);
+
+    impl Recorder for Words {
+        fn name(&self) -> &str {
+            self.0
+        }
+
+        fn record(&self, words: &mut Vec<u32>, _: &RecordedSample<'_>) {
+            words.push(0);
+        }
+
+        fn bytes(&self, samples: u64) -> u64 {
+            4 * samples
+        }
+    }
+
+    impl Filter for Words {
+        fn name(&self) -> &str {
+            self.0
+        }
+
+        fn recorders(&self) -> Vec<Arc<dyn Recorder>> {
+            ["a", "a", "b"].map(|name| Arc::new(Words(name)) as Arc<dyn Recorder>).to_vec()
+        }
+
+        fn apply(&self, film: &Film) -> Result<dapple_core::Filtered, dapple_core::Error> {
+            Unfiltered.apply(film)
+        }
+    }
+
+    #[test]
+    fn recorders_count_once_with_their_words() {
+        let (frame, sampler) = (Frame::new(7, 5).unwrap(), Uniform::new(HostNumbers));
+        for (needs, halves) in [(Needs::none(), 1), (Needs::none().with_halves(), 2)] {
+            let memory = ImageMemory::new(&sampler, (&Words("words"), false), needs, &frame, &Limits::spp(8.0));
+            let words = 2 * (4 * 8 / halves + size_of::<Vec<u32>>() as u64);
+            assert_eq!(memory.film, 35 * halves * (32 + words));
+        }
     }
 }

@@ -164,10 +164,7 @@ fn domain(world: &World) -> Option<Domain> {
     let roles =
         [(Role::Place, found.place), (Role::Lens, found.lens), (Role::Time, found.time), (Role::Light, found.light)];
     let domain = Domain::new(roles.into_iter().flat_map(axes)).ok()?;
-    Some(match found.outside {
-        Some(what) => domain.with_outside(what),
-        None => domain,
-    })
+    Some(found.outside.into_iter().fold(domain, Domain::with_outside))
 }
 
 /// The points of a film of this world that is rendered with `points`; `None` if their coordinates have no meaning.

@@ -1,6 +1,7 @@
 //! The description of a render.
 
 use crate::check_integrator;
+use dapple_registry::{DEFAULT_FILTER, DEFAULT_POINTS, DEFAULT_SAMPLER};
 use dapple_renderer::light::LightSelection;
 use dapple_scene::Effect;
 use serde::{Deserialize, Serialize};
@@ -31,67 +32,57 @@ pub const DEFAULT_INTEGRATOR: &str = "auto";
 /// # Ok::<(), dapple_job::SpecError>(())
 /// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, default = "RenderSpec::unnamed")]
 pub struct RenderSpec {
     /// The version of the JSON format: [`SPEC_VERSION`].
     pub version: u32,
     /// The scene: the path of a scene or model file, or the name of a bundled scene.
     pub scene: String,
     /// The sampler (how many samples each pixel gets), `NAME` or `NAME:key=value,…`.
-    #[serde(default = "names::sampler")]
     pub sampler: String,
     /// The point set (where samples lie), `NAME` or `NAME:key=value,…`.
-    #[serde(default = "names::points")]
     pub points: String,
     /// The filter (denoiser), `NAME` or `NAME:key=value,…`; `none` leaves each pixel the mean of its samples.
-    #[serde(default = "names::filter")]
     pub filter: String,
     /// The integrator, `NAME` or `NAME:key=value,…`. `auto` takes `photons` if the scene calls for it, else `path`.
-    #[serde(default = "names::integrator")]
     pub integrator: String,
     /// The rule by which light sampling selects one of several lights. `None` stands for the default that
     /// [`RenderSpec::selection`] returns.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub light_selection: Option<LightSelection>,
     /// The condition that ends the render.
-    #[serde(default)]
     pub budget: BudgetSpec,
     /// The image that a [`BudgetSpec::Error`] concerns.
-    #[serde(default, skip_serializing_if = "ErrorOf::is_default")]
+    #[serde(skip_serializing_if = "ErrorOf::is_default")]
     pub error_of: ErrorOf,
     /// The smallest number of samples that each pixel gets.
-    #[serde(default = "names::one")]
     pub min_spp: u32,
     /// Largest number of samples per pixel. `None` sets no bound, or [`ERROR_SPP`] if the budget is
     /// [`BudgetSpec::Error`].
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub max_spp: Option<u32>,
     /// Width and height of the full image in pixels; `None` takes the resolution in the scene.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub resolution: Option<[u32; 2]>,
     /// A factor of the width and height in the scene, instead of `resolution`: 0.5 renders a quarter of the pixels.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub scale: Option<f64>,
     /// The part of the image to render.
-    #[serde(default)]
     pub crop: CropSpec,
     /// Seed of all random numbers.
-    #[serde(default = "names::seed")]
     pub seed: u64,
     /// The largest number of scattering events between camera and light; `None` takes the limit in the scene.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub max_depth: Option<u32>,
     /// The pixel filter: the scene's, or a box one pixel wide.
-    #[serde(default)]
     pub pixel_filter: PixelFilterSpec,
     /// Effects (kinds of light transport) that are left out of the scene.
-    #[serde(default, with = "names::effects", skip_serializing_if = "Vec::is_empty")]
+    #[serde(with = "names::effects", skip_serializing_if = "Vec::is_empty")]
     pub without: Vec<Effect>,
     /// If `true`, unsupported directives of a scene are warnings instead of errors.
-    #[serde(default)]
     pub allow_unsupported: bool,
     /// The shard (a run of rows of the image) to render; `None` renders the whole image.
-    #[serde(default, with = "names::shard", skip_serializing_if = "Option::is_none")]
+    #[serde(with = "names::shard", skip_serializing_if = "Option::is_none")]
     pub shard: Option<Shard>,
 }
 
@@ -218,10 +209,10 @@ impl RenderSpec {
         Self {
             version: SPEC_VERSION,
             scene: scene.into(),
-            sampler: names::sampler(),
-            points: names::points(),
-            filter: names::filter(),
-            integrator: names::integrator(),
+            sampler: DEFAULT_SAMPLER.into(),
+            points: DEFAULT_POINTS.into(),
+            filter: DEFAULT_FILTER.into(),
+            integrator: DEFAULT_INTEGRATOR.into(),
             light_selection: None,
             budget: BudgetSpec::default(),
             error_of: ErrorOf::Filtered,
@@ -230,13 +221,18 @@ impl RenderSpec {
             resolution: None,
             scale: None,
             crop: CropSpec::Scene,
-            seed: names::seed(),
+            seed: 1,
             max_depth: None,
             pixel_filter: PixelFilterSpec::Scene,
             without: Vec::new(),
             allow_unsupported: false,
             shard: None,
         }
+    }
+
+    /// The values of fields that JSON lacks; it never lacks the scene.
+    fn unnamed() -> Self {
+        Self::new("")
     }
 
     /// Sets the sampler, `NAME` or `NAME:key=value,…`.
@@ -319,10 +315,16 @@ impl RenderSpec {
         struct Version {
             version: u64,
         }
+        #[derive(Deserialize)]
+        struct Named {
+            #[serde(rename = "scene")]
+            _scene: String,
+        }
         let Version { version } = serde_json::from_str(json)?;
         if version != u64::from(SPEC_VERSION) {
             return Err(SpecError::Version { found: version });
         }
+        let _: Named = serde_json::from_str(json)?;
         let spec: Self = serde_json::from_str(json)?;
         spec.check()?;
         Ok(spec)
@@ -458,34 +460,9 @@ impl std::fmt::Display for Shard {
     }
 }
 
-/// Default values of fields, and the serialisation of values that are names in JSON.
+/// The serialisation of values that are names in JSON.
 mod names {
-    use super::{DEFAULT_INTEGRATOR, Shard};
-    use dapple_registry::{DEFAULT_FILTER, DEFAULT_POINTS, DEFAULT_SAMPLER};
-
-    pub(super) fn sampler() -> String {
-        DEFAULT_SAMPLER.into()
-    }
-
-    pub(super) fn points() -> String {
-        DEFAULT_POINTS.into()
-    }
-
-    pub(super) fn filter() -> String {
-        DEFAULT_FILTER.into()
-    }
-
-    pub(super) fn integrator() -> String {
-        DEFAULT_INTEGRATOR.into()
-    }
-
-    pub(super) const fn one() -> u32 {
-        1
-    }
-
-    pub(super) const fn seed() -> u64 {
-        1
-    }
+    use super::Shard;
 
     /// Serialisation of effects as a list of their names.
     pub(super) mod effects {
@@ -504,13 +481,10 @@ mod names {
     /// Serialisation of a shard as `I/N`, with I from 1.
     pub(super) mod shard {
         use super::Shard;
-        use serde::{Deserialize, Deserializer, Serializer, de::Error};
+        use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
 
         pub(crate) fn serialize<S: Serializer>(shard: &Option<Shard>, to: S) -> Result<S::Ok, S::Error> {
-            match shard {
-                Some(shard) => to.serialize_some(&shard.to_string()),
-                None => to.serialize_none(),
-            }
+            shard.map(|shard| shard.to_string()).serialize(to)
         }
 
         pub(crate) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Shard>, D::Error> {

@@ -245,12 +245,10 @@ const TABLE: &str = include_str!("verdicts.tsv");
 /// assert_eq!(dapple_registry::verdicts("sampler", "none of ours").count(), 0);
 /// ```
 pub fn verdicts<'a>(kind: &'a str, name: &'a str) -> impl Iterator<Item = (&'static str, &'static str)> + 'a {
-    let rows = TABLE.lines().filter_map(|line| {
+    TABLE.lines().filter_map(move |line| {
         let (of, rest) = line.split_once('\t')?;
         let (description, result) = rest.split_once('\t')?;
-        Some((of, description, result))
-    });
-    let is_meant = move |of: &str, description: &str| of == kind && description.split([':', ' ']).next() == Some(name);
-    rows.filter(move |(of, description, _)| is_meant(of, description))
-        .map(|(_, description, result)| (description, result))
+        let is_meant = of == kind && description.split([':', ' ']).next() == Some(name);
+        is_meant.then_some((description, result))
+    })
 }

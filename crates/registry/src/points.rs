@@ -170,17 +170,16 @@ fn count(p: &Parameters, s: Setting) -> Result<u32, RegistryError> {
 }
 
 fn blue_noise(p: &Parameters, s: Setting) -> Result<AnyPoints, RegistryError> {
+    let of = p.value("of");
     if p.options::<BlueNoiseOptions>()?.keys == Keys::Optimised {
-        return match p.value("of") {
+        return match of {
             "sobol" => Ok(Box::new(BlueNoiseKeys::new(s.seed))),
             of => Err(p.refuse(format!("of = \"{of}\": optimised keys are made for sobol only; use keys=shifts"))),
         };
     }
-    let inner = crate::points(p.value("of"), s)?;
+    let inner = crate::points(of, s)?;
     if inner.couples_pixels() {
-        return Err(
-            p.refuse(format!("of = \"{}\" spreads errors over pixels already; use it by itself", p.value("of")))
-        );
+        return Err(p.refuse(format!("of = \"{of}\" spreads errors over pixels already; use it by itself")));
     }
     Ok(Box::new(BlueNoise::new(s.seed, inner)))
 }

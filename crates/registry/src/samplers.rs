@@ -266,10 +266,8 @@ const A_PRIORI: &[Parameter] =
 
 fn adaptive(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs) -> Result<MadeSampler, RegistryError> {
     let sampler = p.made(Adaptive::with_options(points, p.options()?))?;
-    Ok(match error_map(p, inputs)? {
-        Some(map) => p.made(sampler.with_error_map(map))?.into(),
-        None => sampler.into(),
-    })
+    let Some(map) = error_map(p, inputs)? else { return Ok(sampler.into()) };
+    Ok(p.made(sampler.with_error_map(map))?.into())
 }
 
 /// Both samplers take their samples from the same points, as one sequence.
@@ -337,14 +335,12 @@ fn cluster_thesis(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs)
     };
     let ClusterProbes { labels, clusters, shoot } = probes;
     let source = ProbeSource { labels, clusters, shoot, placement, described: p.described(CLUSTERING) };
-    let sampler = p.made(ClusterThesis::probing(points, source, size, options))?;
-    let sampler = match options.lights {
-        0 => sampler,
-        _ => {
-            let visible = inputs.visibility().map_err(|e| e.of(p.of()))?;
-            sampler.with_visibility(visible.ok_or(lacks("shadow rays to the scene's lights (lights=0 needs none)"))?)
-        }
-    };
+    let mut sampler = p.made(ClusterThesis::probing(points, source, size, options))?;
+    if options.lights > 0 {
+        let visible = inputs.visibility().map_err(|e| e.of(p.of()))?;
+        let visible = visible.ok_or(lacks("shadow rays to the scene's lights (lights=0 needs none)"))?;
+        sampler = sampler.with_visibility(visible);
+    }
     let probes = sampler.handle();
     Ok(MadeSampler { probes, ..sampler.into() })
 }

@@ -8,7 +8,7 @@ use std::path::Path;
 
 /// The effects of a scene and their measurements. Its JSON line has the order of the fields; a missing measurement is
 /// null.
-#[derive(Serialize)]
+#[derive(Default, Serialize)]
 pub(super) struct Report<'a> {
     scene: &'a str,
     max_depth: Option<u32>,
@@ -104,15 +104,10 @@ impl<'a> Report<'a> {
         Self {
             scene: &scene.name,
             max_depth: effects.max_depth(),
-            resolution: None,
-            spp: None,
-            seeds: None,
-            seconds: None,
-            interrupted: false,
             effects: effects.called().iter().map(row).collect(),
             found_by_chance: by_chance.map(reason),
-            beyond_depth: None,
             by_chance,
+            ..Self::default()
         }
     }
 
@@ -125,11 +120,12 @@ impl<'a> Report<'a> {
     /// Formats the report as a table.
     pub(super) fn table(&self) -> String {
         let depth = self.max_depth.map_or("unlimited".into(), |d| d.to_string());
-        let mut lines = vec![match self.effects.len() {
-            0 => format!("{}: no effects, depth {depth}", self.scene),
-            1 => format!("{}: 1 effect, depth {depth}", self.scene),
-            n => format!("{}: {n} effects, depth {depth}", self.scene),
-        }];
+        let count = match self.effects.len() {
+            0 => "no effects".to_owned(),
+            1 => "1 effect".to_owned(),
+            n => format!("{n} effects"),
+        };
+        let mut lines = vec![format!("{}: {count}, depth {depth}", self.scene)];
         let measured = self.effects.iter().any(|row| row.kept.is_some() || row.figures.time_ratio.is_some());
         if let (true, Some([w, h]), Some(spp), Some(seeds)) = (measured, self.resolution, self.spp, self.seeds) {
             let seconds = self.seconds.map_or(String::new(), |s| format!(", {s:.3} s of tracing an image"));
@@ -140,15 +136,13 @@ impl<'a> Report<'a> {
             lines.extend(self.rows());
         }
         if let Some(Figures { time_ratio: Some(ratio), relmse, radiance_lost, .. }) = &self.beyond_depth {
-            lines.push(String::new());
             lines.push(format!(
-                "beyond depth {depth}: {} of the radiance is cut off, relMSE {}; unlimited depth takes {:.2} times as long ±{:.2}",
+                "\nbeyond depth {depth}: {} of the radiance is cut off, relMSE {}; unlimited depth takes {:.2} times as long ±{:.2}",
                 cell(*radiance_lost, percent), cell(*relmse, scientific), ratio.value, ratio.noise
             ));
         }
         if let Some(called) = self.by_chance {
-            lines.push(String::new());
-            lines.push(format!("{}: {}; by default, photons carry it", called.source, found_by_chance(called)));
+            lines.push(format!("\n{}: {}; by default, photons carry it", called.source, found_by_chance(called)));
         }
         lines.join("\n")
     }
@@ -215,10 +209,9 @@ fn scientific(Figure { value, noise }: Figure) -> String {
 }
 
 fn times(Figure { value, noise }: Figure) -> String {
-    if value >= 1.0 {
-        format!("{value:.2}x faster ±{noise:.2}")
-    } else {
-        format!("{:.2}x slower ±{:.2}", 1.0 / value, noise / value / value)
+    match value >= 1.0 {
+        true => format!("{value:.2}x faster ±{noise:.2}"),
+        false => format!("{:.2}x slower ±{:.2}", 1.0 / value, noise / value / value),
     }
 }
 

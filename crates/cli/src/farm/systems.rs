@@ -11,9 +11,9 @@ use std::path::{Path, PathBuf};
 ///
 /// At the time limit and before a requeue, Slurm sends SIGTERM to all processes of a task: time for a checkpoint.
 pub(super) fn slurm(job: &Job<'_>, files: &mut Files) -> Result<String> {
-    files.add_script("render.sbatch", &job.filled(include_str!("render.sbatch")))?;
-    files.add_script("plan.sbatch", &job.filled(include_str!("plan.sbatch")))?;
-    files.add_script("submit.sh", &job.filled(include_str!("submit.sh")))?;
+    files.add("render.sbatch", &job.filled(include_str!("render.sbatch")))?;
+    files.add("plan.sbatch", &job.filled(include_str!("plan.sbatch")))?;
+    files.add("submit.sh", &job.filled(include_str!("submit.sh")))?;
     Ok(format!("sh {}/submit.sh", quoted(&job.folder)))
 }
 
@@ -107,18 +107,16 @@ pub(super) fn kubernetes(job: &Job<'_>, files: &mut Files) -> Result<String> {
 /// The files of a job, to be written together once all are made.
 pub(super) struct Files {
     folder: PathBuf,
-    all: Vec<(PathBuf, String, bool)>,
+    all: Vec<(PathBuf, String)>,
 }
 
 impl Files {
     /// Files for this folder, which is created.
     pub(super) fn new(folder: &Path) -> Result<Self> {
-        let make = |folder: &Path| {
-            std::fs::create_dir_all(folder)
-                .map_err(|e| Failure::new(format!("{}: cannot make the folder: {e}", folder.display())))
-        };
-        make(folder)?;
-        make(&folder.join("log"))?;
+        for folder in [folder, &folder.join("log")] {
+            let cannot = |e| Failure::new(format!("{}: cannot make the folder: {e}", folder.display()));
+            std::fs::create_dir_all(folder).map_err(cannot)?;
+        }
         Ok(Self { folder: folder.to_owned(), all: Vec::new() })
     }
 
@@ -134,24 +132,15 @@ impl Files {
                 "{folder} holds a job of another render, whose finished parts would be taken; choose another --output"
             )));
         }
-        self.all.push((path, text.trim_end().to_owned() + "\n", false));
+        self.all.push((path, text.trim_end().to_owned() + "\n"));
         Ok(())
     }
 
-    /// Adds a shell script.
-    pub(super) fn add_script(&mut self, name: &str, text: &str) -> Result<()> {
-        self.add(name, text)?;
-        if let Some((_, _, script)) = self.all.last_mut() {
-            *script = true;
-        }
-        Ok(())
-    }
-
-    /// Writes all files.
+    /// Writes all files; shell scripts may be executed.
     pub(super) fn finish(self) -> Result<()> {
-        for (path, text, script) in self.all {
+        for (path, text) in self.all {
             write_file(&path, text.as_bytes()).map_err(Failure::new)?;
-            if script {
+            if path.extension().is_some_and(|kind| kind == "sh" || kind == "sbatch") {
                 make_executable(&path).map_err(|e| Failure::new(format!("{}: {e}", path.display())))?;
             }
         }

@@ -265,13 +265,10 @@ const LONGEST_SPEC: u64 = 1 << 20;
 impl RenderArgs {
     /// Makes the description of the render, from `--spec` or from the other options.
     pub(crate) fn spec(&self) -> Result<RenderSpec> {
-        let spec = match &self.spec {
-            Some(path) if self.shard.is_some() && self.from.is_none() => {
-                RenderSpec { shard: self.shard, ..described_in(path)? }
-            }
-            Some(path) => described_in(path)?,
-            None => self.described(),
-        };
+        let mut spec = self.spec.as_deref().map_or_else(|| Ok(self.described()), described_in)?;
+        if self.shard.is_some() && self.from.is_none() {
+            spec.shard = self.shard;
+        }
         spec.check().map_err(|e| failure::of_spec(&e))?;
         if self.shard.is_none() {
             self.check().map_err(|wrong| Failure::usage("render", wrong))?;
@@ -355,13 +352,7 @@ impl RenderArgs {
         {
             return Err(format!("{option} is about the layers of EXR files; add --output FILE.exr"));
         }
-        let mut seen: Vec<&PathBuf> = Vec::new();
-        for output in &self.outputs {
-            if seen.contains(&output) {
-                return Err(format!("--output {} is given twice", output.display()));
-            }
-            seen.push(output);
-        }
-        Ok(())
+        let twice = (1..self.outputs.len()).find(|&i| self.outputs[..i].contains(&self.outputs[i]));
+        twice.map_or(Ok(()), |i| Err(format!("--output {} is given twice", self.outputs[i].display())))
     }
 }

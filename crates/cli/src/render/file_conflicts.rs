@@ -36,12 +36,8 @@ pub(super) fn check(args: &RenderArgs, loaded: &LoadedScene, files: &OutputFiles
     for (i, (option, path)) in written.iter().enumerate() {
         let first = (0..i).find(|&j| identities[j].is_same(&identities[i]) && !is_resumption(written[j].0, option));
         wrong.extend(first.map(|j| {
-            let (other, first) = written[j];
-            format!(
-                "{option} {}: this is the file of {other} {}; give each its own file",
-                path.display(),
-                first.display()
-            )
+            let (other, first, path) = (written[j].0, written[j].1.display(), path.display());
+            format!("{option} {path}: this is the file of {other} {first}; give each its own file")
         }));
     }
     if wrong.is_empty() { Ok(()) } else { Err(Failure(wrong)) }

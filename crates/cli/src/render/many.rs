@@ -85,11 +85,8 @@ fn next_plan(parts: &[PathBuf], from: Option<&Path>, output: &Path, options: &Pl
     write_file(output, &bytes).map_err(Failure::new)?;
     drop(progress);
     if !options.quiet {
-        let path = output.display();
-        tell(match done {
-            true => format!("{path}: done; dapple merge makes the image"),
-            false => format!("{path}: the next plan"),
-        })?;
+        let what = if done { "done; dapple merge makes the image" } else { "the next plan" };
+        tell(format!("{}: {what}", output.display()))?;
     }
     Ok(Outcome::Done)
 }
@@ -120,9 +117,8 @@ pub(super) fn part(args: &RenderArgs, shard: Shard) -> Result<Outcome> {
     write_file(&output, &bytes).map_err(Failure::new)?;
     drop(progress);
     if !args.quiet {
-        let next =
-            if plan.is_some() { "dapple plan joins all parts" } else { "dapple merge makes the image of all shards" };
-        tell(format!("{}: part {shard}; {next}", output.display()))?;
+        let next = if plan.is_some() { "plan joins all parts" } else { "merge makes the image of all shards" };
+        tell(format!("{}: part {shard}; dapple {next}", output.display()))?;
     }
     Ok(Outcome::Done)
 }
@@ -355,11 +351,11 @@ fn check_fits(shards: &[PathBuf], limit: MemoryLimit) -> Result<()> {
     let lengths: Vec<u64> = shards.iter().map(|path| std::fs::metadata(path).map_or(0, |found| found.len())).collect();
     let sum = lengths.iter().fold(0_u64, |sum, length| sum.saturating_add(*length));
     let needed = sum.saturating_mul(2).saturating_add(lengths.iter().copied().max().unwrap_or(0));
-    match limit.bytes().filter(|limit| needed > *limit) {
-        None => Ok(()),
-        Some(limit) => {
-            let (needed, limit) = (size(needed), size(limit));
-            Err(Failure::new(format!("merging these shards takes {needed}, and {limit} is the limit; raise --memory")))
-        }
+    if let Some(limit) = limit.bytes().filter(|limit| needed > *limit) {
+        let (needed, limit) = (size(needed), size(limit));
+        return Err(Failure::new(format!(
+            "merging these shards takes {needed}, and {limit} is the limit; raise --memory"
+        )));
     }
+    Ok(())
 }

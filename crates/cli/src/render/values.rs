@@ -37,24 +37,18 @@ pub(crate) fn light_selection(name: &str) -> Parsed<LightSelection> {
 }
 
 pub(crate) fn above_zero(text: &str) -> Parsed<f64> {
-    match text.parse::<f64>() {
-        Ok(x) if x.is_finite() && x > 0.0 => Ok(x),
-        _ => Err("a finite number above zero is required".into()),
-    }
+    let given = text.parse().ok().filter(|x: &f64| x.is_finite() && *x > 0.0);
+    given.ok_or_else(|| "a finite number above zero is required".into())
 }
 
 pub(crate) fn seconds(text: &str) -> Parsed<f64> {
-    match above_zero(text)? {
-        x if x <= MOST_SECONDS => Ok(x),
-        _ => Err(format!("at most {MOST_SECONDS} (a year) is allowed")),
-    }
+    let given = Some(above_zero(text)?).filter(|x| *x <= MOST_SECONDS);
+    given.ok_or_else(|| format!("at most {MOST_SECONDS} (a year) is allowed"))
 }
 
 pub(crate) fn stops(text: &str) -> Parsed<f32> {
-    match text.parse::<f32>() {
-        Ok(x) if x.is_finite() => Ok(x),
-        _ => Err("a finite number is required, 0 to leave the image as it is".into()),
-    }
+    let given = text.parse().ok().filter(|x: &f32| x.is_finite());
+    given.ok_or_else(|| "a finite number is required, 0 to leave the image as it is".into())
 }
 
 pub(crate) fn resolution(text: &str) -> Parsed<[u32; 2]> {
@@ -75,10 +69,9 @@ pub(crate) enum ImageSize {
 pub(crate) fn size_of_image(text: &str) -> Parsed<ImageSize> {
     match text.strip_suffix('%') {
         None => resolution(text).map(ImageSize::Pixels).map_err(|e| e.replace("640x360", "640x360 or 50%")),
-        Some(percent) => match above_zero(percent.trim()) {
-            Ok(percent) => Ok(ImageSize::Scale(percent / 100.0)),
-            Err(_) => Err("a percentage above zero is required, such as 50%".into()),
-        },
+        Some(percent) => above_zero(percent.trim())
+            .map(|percent| ImageSize::Scale(percent / 100.0))
+            .map_err(|_| "a percentage above zero is required, such as 50%".into()),
     }
 }
 
@@ -87,15 +80,9 @@ pub(crate) fn size_of_image(text: &str) -> Parsed<ImageSize> {
 pub(crate) struct EachLayer(pub(crate) Option<&'static str>);
 
 pub(crate) fn layer(text: &str) -> Parsed<EachLayer> {
-    let known = layer_names().find(|name| *name == text.trim());
-    match (known, text.trim()) {
-        (Some(name), _) => Ok(EachLayer(Some(name))),
-        (None, "none") => Ok(EachLayer(None)),
-        _ => Err(format!(
-            "there is no layer \"{text}\"; choose among {}, or none",
-            layer_names().collect::<Vec<_>>().join(", ")
-        )),
-    }
+    let known = layer_names().map(Some).chain([None]).find(|name| name.unwrap_or("none") == text.trim());
+    let all = || layer_names().collect::<Vec<_>>().join(", ");
+    known.map(EachLayer).ok_or_else(|| format!("there is no layer \"{text}\"; choose among {}, or none", all()))
 }
 
 pub(crate) fn crop(text: &str) -> Parsed<[u32; 4]> {
@@ -117,10 +104,8 @@ pub(crate) fn output(text: &str) -> Parsed<PathBuf> {
 }
 
 pub(crate) fn preview(text: &str) -> Parsed<PathBuf> {
-    match Format::from_path(Path::new(text)) {
-        Ok(Format::Png) => Ok(text.into()),
-        _ => Err("a file name that ends in .png is required".into()),
-    }
+    let is_png = matches!(Format::from_path(Path::new(text)), Ok(Format::Png));
+    if is_png { Ok(text.into()) } else { Err("a file name that ends in .png is required".into()) }
 }
 
 /// Returns `true` for a file name with this extension, in lower or upper case.
@@ -139,29 +124,24 @@ pub(crate) fn size(text: &str) -> Parsed<u64> {
         "T" | "TB" | "TIB" => 1u64 << 40,
         _ => 0,
     };
-    match number.parse::<f64>() {
-        Ok(x) if x.is_finite() && x > 0.0 && unit > 0 => Ok((x * unit as f64) as u64),
-        _ => Err("a size above zero is required, such as 2G, 500M or 1000000 (1024 bytes are a K)".into()),
-    }
+    let number = above_zero(number).ok().filter(|_| unit > 0).map(|x| (x * unit as f64) as u64);
+    number.ok_or_else(|| "a size above zero is required, such as 2G, 500M or 1000000 (1024 bytes are a K)".into())
 }
 
 /// Checks the name of a sampler by making one, so that a wrong name is reported before the scene is read.
 pub(crate) fn sampler(name: &str) -> Parsed<String> {
-    registry::check_sampler(name).map_err(|e| failure::sampler(name, &e))?;
-    Ok(name.to_owned())
+    registry::check_sampler(name).map(|()| name.to_owned()).map_err(|e| failure::sampler(name, &e))
 }
 
 pub(crate) fn points(name: &str) -> Parsed<String> {
-    registry::check_points(name).map_err(|e| failure::points(name, &e))?;
-    Ok(name.to_owned())
+    registry::check_points(name).map(|()| name.to_owned()).map_err(|e| failure::points(name, &e))
 }
 
 pub(crate) fn filter(name: &str) -> Parsed<String> {
-    registry::check_filter(name).map_err(|e| failure::filter(name, &e))?;
-    Ok(name.to_owned())
+    registry::check_filter(name).map(|()| name.to_owned()).map_err(|e| failure::filter(name, &e))
 }
 
 pub(crate) fn integrator(name: &str) -> Parsed<String> {
-    dapple_job::check_integrator(name).map_err(|e| failure::integrator(name, &e.to_string()))?;
-    Ok(name.to_owned())
+    let checked = dapple_job::check_integrator(name).map(|()| name.to_owned());
+    checked.map_err(|e| failure::integrator(name, &e.to_string()))
 }

@@ -3,7 +3,7 @@
 
 use dapple_scene::image::{Channels, read_attributes, read_channels};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Child, Command, Output, Stdio};
 use tempfile::TempDir;
 
 /// A box of light over a grey floor: small, quick, with an edge for samplers to find.
@@ -69,6 +69,24 @@ impl Folder {
         said
     }
 
+    /// The same by a shell with these limits, such as `-f 4`.
+    pub(crate) fn limited(&self, limits: &str, words: &str) -> Said {
+        let program = assert_cmd::cargo::cargo_bin!("dapple").display().to_string();
+        let script = format!("ulimit {limits}; exec {program} {words}");
+        let output = Command::new("sh").args(["-c", &script]).current_dir(self.0.path()).output();
+        Said::of(output.expect("a shell"))
+    }
+
+    /// Starts the program, with its output in pipes.
+    pub(crate) fn start(&self, words: &str) -> Child {
+        self.command(words).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the program starts")
+    }
+
+    /// A file as text.
+    pub(crate) fn text(&self, name: &str) -> String {
+        String::from_utf8(self.read(name)).expect("UTF-8")
+    }
+
     pub(crate) fn write(&self, name: &str, bytes: impl AsRef<[u8]>) {
         std::fs::write(self.path(name), bytes).unwrap_or_else(|e| panic!("{name}: {e}"));
     }
@@ -116,6 +134,12 @@ impl Said {
         let text = |bytes| String::from_utf8(bytes).expect("UTF-8");
         Self { status: output.status.code(), out: text(output.stdout), err: text(output.stderr) }
     }
+}
+
+/// Sends a signal to a process.
+pub(crate) fn signal(child: &Child, name: &str) {
+    let sent = Command::new("kill").args([&format!("-{name}"), &child.id().to_string()]).status();
+    assert!(sent.expect("kill").success());
 }
 
 pub(crate) fn names(folder: &Path) -> Vec<String> {

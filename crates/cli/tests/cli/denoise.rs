@@ -163,8 +163,7 @@ fn layers_of_other_renderers_are_found() {
     ];
     for (style, layers, words, read) in cases {
         save(&folder, "in.exr", &layers, &[]);
-        let said = folder.run(&format!("denoise in.exr -o out.exr {words}"));
-        assert_eq!(said.status, Some(0), "{style}: {}", said.err);
+        let said = folder.says(&format!("denoise in.exr -o out.exr {words}"), 0, &[]);
         assert!(said.out.starts_with(&format!("read {read}\n")), "{style}: {}", said.out);
         let [before, after] = ["in.exr", "out.exr"].map(|name| error(&folder, name));
         assert!(after < 0.15 * before, "{style}: {after} of {before}");
@@ -233,8 +232,7 @@ fn two_renders_of_cycles_are_halves() {
 fn a_render_of_ours_is_denoised_from_its_own_layers() {
     let folder = Folder::new();
     folder.done("render tiny.pbrt --spp 8 --sampler uniform --filter none -o tiny.exr");
-    let said = folder.run("denoise tiny.exr -o out.exr --filter nlm");
-    assert_eq!(said.status, Some(0), "{}", said.err);
+    let said = folder.says("denoise tiny.exr -o out.exr --filter nlm", 0, &[]);
     assert!(said.out.starts_with("read color (R, G, B), variance (variance), count (count)"), "{}", said.out);
     assert!(said.err.contains("no normal, no albedo, no position was found"), "{}", said.err);
 }
@@ -285,9 +283,7 @@ fn what_cannot_be_denoised_is_refused_with_advice() {
         ("in.exr -o out.exr --spp 8 --filter bilateral:outside=0.5", 1, &["reads clusters of a scene", "outside=1"]),
     ];
     for (words, status, parts) in cases {
-        let said = folder.run(&format!("denoise {words}"));
-        assert_eq!(said.status, Some(status), "{words}: {}", said.err);
-        assert!(parts.iter().all(|part| said.err.contains(part)), "{words}: {}", said.err);
+        folder.says(&format!("denoise {words}"), status, parts);
     }
     assert!(!folder.names().iter().any(|name| name.starts_with("out")), "{:?}", folder.names());
     assert_eq!(folder.read("in.exr"), before);

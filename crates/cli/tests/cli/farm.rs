@@ -62,7 +62,7 @@ fn the_scripts_for_slurm_render_stage_by_stage_to_the_bits_of_one_machine() {
         assert!(is_shell(&folder.path("job").join(script)), "{script}");
     }
     done(&folder, &["job/submit.sh", "--partition=all"]);
-    let log = String::from_utf8(folder.read("bin/log")).expect("UTF-8");
+    let log = folder.text("bin/log");
     assert!(log.contains("stages-3/1.plan: the next plan") && log.contains(": done; "), "{log}");
     assert_same_image(&folder);
     // Again, all is there: only the image is made.
@@ -90,7 +90,7 @@ fn a_job_in_stages_goes_on_where_it_failed() {
     assert!(!early.status.success() && !folder.path("job/image.pfm").exists());
     let out = done(&folder, &["job/submit.sh"]);
     assert!(out.contains("stage 1"), "{out}");
-    let log = String::from_utf8(folder.read("bin/log")).expect("UTF-8");
+    let log = folder.text("bin/log");
     assert!(log.contains("part 2 of stage 1 is there already"), "{log}");
     assert_same_image(&folder);
 }
@@ -103,7 +103,7 @@ fn a_part_that_cannot_be_rendered_is_tried_again_and_nothing_is_merged() {
     std::fs::remove_file(folder.path("tiny.pbrt")).expect("the scene");
     done(&folder, &["-c", "mkdir job/stages-3 && cp 0.plan job/stages-3"]);
     let output = shell(&folder, &["job/submit.sh"]);
-    let log = String::from_utf8(folder.read("bin/log")).expect("UTF-8");
+    let log = folder.text("bin/log");
     assert!(!output.status.success(), "the next stage was submitted after parts had failed");
     assert!(log.contains("failed 2 times: render 1") && log.contains("tiny.pbrt"), "{log}");
     assert!(!folder.path("job/image.pfm").exists());
@@ -143,7 +143,7 @@ fn templates_of_open_job_description_have_its_form_and_commands_that_run() {
 #[test]
 fn specifications_of_opencue_have_its_form_and_commands_that_run() {
     let folder = farm("opencue", "--show film_1");
-    let text = String::from_utf8(folder.read("job/job.xml")).expect("UTF-8");
+    let text = folder.text("job/job.xml");
     let options = roxmltree::ParsingOptions { allow_dtd: true, ..Default::default() };
     let document = roxmltree::Document::parse_with_options(&text, options).expect("XML");
     let names = |node: roxmltree::Node<'_, '_>| -> Vec<String> {

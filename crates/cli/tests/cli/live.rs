@@ -1,6 +1,6 @@
 //! The live image and the progress of `dapple render`: `--preview`, `--view` and plain lines.
 
-use crate::common::Folder;
+use crate::common::{Folder, signal};
 use std::io::Read;
 use std::net::{TcpListener, TcpStream};
 use std::thread::JoinHandle;
@@ -132,8 +132,7 @@ fn without_a_viewer_nothing_is_rendered() {
     let folder = Folder::new();
     // A port that was free a moment ago.
     let port = TcpListener::bind("127.0.0.1:0").expect("a port").local_addr().expect("an address").port();
-    let said = folder.run(&format!("render tiny.pbrt --view tev:127.0.0.1:{port}"));
-    assert_eq!(said.status, Some(1));
+    let said = folder.says(&format!("render tiny.pbrt --view tev:127.0.0.1:{port}"), 1, &[]);
     let expected = format!("error: --view: nothing listens as tev at 127.0.0.1:{port} (");
     assert!(said.err.starts_with(&expected) && said.err.contains("start tev first"), "{}", said.err);
     assert!(folder.names().is_empty());
@@ -161,8 +160,7 @@ fn a_viewer_that_leaves_does_not_stop_the_render() {
 fn plain_lines_name_the_phases_in_order_and_the_error() {
     let folder = Folder::new();
     // Few pixels, so that predictions are due often, and many samples, so that rounds after the pilot last.
-    let said = folder.run("render cornell --resolution 80x60 --spp 400 --progress-every 1e-6 -o a.pfm");
-    assert_eq!(said.status, Some(0), "{}", said.err);
+    let said = folder.says("render cornell --resolution 80x60 --spp 400 --progress-every 1e-6 -o a.pfm", 0, &[]);
     assert!(said.err.lines().all(|line| line.starts_with("progress: ")), "{}", said.err);
     let mut lines = said.err.lines();
     for parts in [
@@ -202,8 +200,7 @@ fn a_preview_changes_while_rendering() {
         }
         std::thread::sleep(std::time::Duration::from_millis(10));
     }
-    let sent = std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status();
-    assert!(sent.expect("kill").success());
+    signal(&child, "INT");
     assert_eq!(child.wait().expect("a status").code(), Some(130));
     let last = folder.read("a.png");
     assert!(folder.read("p.png") == last && seen[0] != last, "the last preview is the image, the first is not");
@@ -275,10 +272,7 @@ fn endless_inputs_and_limited_outputs_are_errors() {
     ] {
         folder.says(words, 1, &[message]);
     }
-    let program = assert_cmd::cargo::cargo_bin!("dapple").display().to_string();
-    let script = format!("ulimit -f 4; exec {program} render tiny.pbrt --spp 1 --resolution 200x200 -o a.pfm -o a.png");
-    let output = std::process::Command::new("sh").args(["-c", &script]).current_dir(folder.path("")).output();
-    let said = crate::common::Said::of(output.expect("a shell"));
+    let said = folder.limited("-f 4", "render tiny.pbrt --spp 1 --resolution 200x200 -o a.pfm -o a.png");
     assert_eq!(said.status, Some(1), "{}", said.err);
     assert!(said.err.contains("a.pfm: cannot write the file: ") && said.err.contains("(ulimit -f)"), "{}", said.err);
 }

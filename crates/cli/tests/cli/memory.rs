@@ -29,11 +29,7 @@ fn what_does_not_fit_is_refused_before_it_starts_z03() {
     // The film alone, before the scene is built: 32 bytes a pixel at least.
     let said = refused("tiny.pbrt --resolution 65535x65535 --spp 1 --memory 20G");
     let film = bytes_after(&said.err, ", film ").expect("the film");
-    assert!(
-        film >= 128.0 * 1024.0 * 0.99 * MIB && said.err.contains("20.0 GiB is the limit (--memory)"),
-        "{}",
-        said.err
-    );
+    assert!(film >= 128.0 * 1024.0 * 0.99 * MIB && said.err.contains("20.0 GiB is the limit (--memory)"), "{film}");
     assert!(said.err.contains("--crop") && folder.names().is_empty(), "{}", said.err);
     // The film fits, the filter does not.
     let said = refused("tiny.pbrt --resolution 1024x1024 --spp 2 --memory 600M");
@@ -51,8 +47,7 @@ fn what_does_not_fit_is_refused_before_it_starts_z03() {
     assert!(said.err.contains("checkpoint 40.0 MiB"), "{}", said.err);
     // Files are read whole.
     folder.write("long.pbrt", vec![b' '; 3 << 20]);
-    let said = folder.run("render long.pbrt --memory 2M");
-    assert!(said.status == Some(1) && said.err.contains("it is 3.0 MiB long"), "{}", said.err);
+    folder.says("render long.pbrt --memory 2M", 1, &["it is 3.0 MiB long"]);
     // A subdivision surface is refused before it is made: a pyramid of 2^22 triangles would take some 300 MiB.
     let pyramid = "Shape \"loopsubdiv\" \"integer levels\" [ 10 ] \"integer indices\" [ 0 1 2 0 2 3 0 3 1 1 3 2 ]\n\
         \"point3 P\" [ 0 0 1 1 0 0 -1 1 0 -1 -1 0 ]\n";
@@ -61,8 +56,7 @@ fn what_does_not_fit_is_refused_before_it_starts_z03() {
     assert!(said.err.contains("fine.pbrt:13: Shape \"loopsubdiv\" would make 4194304 triangles"), "{}", said.err);
     assert!(said.status == Some(1) && said.err.contains("may be made in all, for lack of memory"), "{}", said.err);
     // The tree of a scene is known before it is built.
-    let said = folder.run("render terrain --memory 40M --resolution 8x8");
-    assert!(said.status == Some(1) && said.err.contains("the scene alone does not fit"), "{}", said.err);
+    folder.says("render terrain --memory 40M --resolution 8x8", 1, &["the scene alone does not fit"]);
     // What fits is made, and no limit is needed for that.
     folder.done("render tiny.pbrt --spp 1 --memory 2G -o a.pfm");
     for wrong in ["0", "-1", "2X", "G", "nan"] {
@@ -75,11 +69,9 @@ fn what_does_not_fit_is_refused_before_it_starts_z03() {
 fn sizes_that_overflow_are_refused_z03() {
     let folder = Folder::new();
     for resolution in ["65537x65537", "4294967295x4294967295"] {
-        let said = folder.run(&format!("render tiny.pbrt --resolution {resolution} --memory 1000T"));
-        assert_eq!(said.status, Some(2), "{}", said.err);
+        folder.says(&format!("render tiny.pbrt --resolution {resolution} --memory 1000T"), 2, &[]);
     }
-    let said = folder.run("render tiny.pbrt --resolution 65535x65537 --memory 100G");
-    assert!(said.status == Some(1) && said.err.contains("this render takes 128."), "{}", said.err);
+    folder.says("render tiny.pbrt --resolution 65535x65537 --memory 100G", 1, &["this render takes 128."]);
 }
 
 /// Without a limit of the user's, what the machine has is one.
@@ -109,8 +101,7 @@ struct Taken {
 
 #[cfg(target_os = "linux")]
 fn taken(folder: &Folder, words: &str) -> Taken {
-    use std::process::Stdio;
-    let mut child = folder.command(words).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("it starts");
+    let mut child = folder.start(words);
     let status = format!("/proc/{}/status", child.id());
     let mut seen = 0.0_f64;
     while child.try_wait().expect("a status").is_none() {

@@ -140,10 +140,8 @@ fn a_method_is_described_by_name() {
     // Names and parameters never touch their explanations.
     for list in ["samplers", "points", "filters", "integrators"] {
         let out = folder.done(list);
-        assert!(
-            out.lines().all(|line| line.trim_start().split_once(' ').is_some_and(|(_, rest)| rest.len() > 5)),
-            "{out}"
-        );
+        let is_apart = |line: &str| line.trim_start().split_once(' ').is_some_and(|(_, rest)| rest.len() > 5);
+        assert!(out.lines().all(is_apart), "{out}");
         assert!(!out.contains("neighboursUse"), "{out}");
     }
 }

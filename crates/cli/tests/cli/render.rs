@@ -304,8 +304,7 @@ fn outputs_are_whole_or_not_there_i09() {
     {
         // A disk that is full only shows while writing: the other files are still whole.
         std::os::unix::fs::symlink("/dev/full", folder.path("full.exr")).expect("linked");
-        let said = folder.run("render tiny.pbrt --spp 1 -o full.exr -o old.png");
-        assert_eq!(said.status, Some(1), "{}", said.err);
+        let said = folder.says("render tiny.pbrt --spp 1 -o full.exr -o old.png", 1, &[]);
         assert!(said.err.starts_with("error: /dev/full: ") && said.err.contains("free some space"), "{}", said.err);
         assert!(folder.read("old.png").starts_with(b"\x89PNG"));
         assert_eq!(folder.names(), ["full.exr", "old.png"]);
@@ -349,8 +348,7 @@ fn an_image_equals_itself_and_no_other() {
         ("a.exr missing.exr", "error: missing.exr: cannot read it: "),
         ("tiny.pbrt a.exr", "error: tiny.pbrt: unknown image format"),
     ] {
-        let said = folder.run(&format!("compare {words}"));
-        assert_eq!(said.status, Some(1));
+        let said = folder.says(&format!("compare {words}"), 1, &[]);
         assert!(said.err.starts_with(message) && said.out.is_empty(), "{}", said.err);
     }
 }

@@ -1,7 +1,6 @@
 //! Renders that are killed, stopped and resumed, and images made in shards, as their user meets them (X01, X04 to X08).
 
-use crate::common::{Folder, Said};
-use std::process::{Child, Stdio};
+use crate::common::{Folder, Said, signal};
 use std::time::{Duration, Instant};
 
 /// Some seconds of work on one thread; counts that adapt need the state between rounds.
@@ -9,10 +8,6 @@ const WORK: &str = "render tiny.pbrt --resolution 96x64 --max-depth 4";
 const ADAPTIVE: &str = "--sampler mitchell --points random";
 
 impl Folder {
-    fn start(&self, words: &str) -> Child {
-        self.command(words).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the program starts")
-    }
-
     /// Waits until there is such a file, other than `before`.
     fn wait_for(&self, name: &str, before: &Option<Vec<u8>>) -> bool {
         let start = Instant::now();
@@ -28,11 +23,6 @@ impl Folder {
     fn same(&self, a: &str, b: &str) {
         assert!(self.read(a) == self.read(b), "{a} and {b} differ");
     }
-}
-
-fn signal(child: &Child, name: &str) {
-    let sent = std::process::Command::new("kill").args([&format!("-{name}"), &child.id().to_string()]).status();
-    assert!(sent.expect("kill").success());
 }
 
 /// Kills a render again and again, at moments that depend on nothing but `moments`, and goes on each time with other threads.
@@ -91,11 +81,8 @@ fn samples_64_and_64_make_128_x06() {
     folder.done(&format!("{words} --spp 128 -o all.pfm --resume c"));
     folder.same("all.pfm", "whole.pfm");
     assert!(folder.read("half.pfm") != folder.read("whole.pfm"));
-    folder.says(
-        &format!("{words} --spp 32 -o less.pfm --resume c"),
-        1,
-        &["49152 samples are traced or planned already"],
-    );
+    let fewer = format!("{words} --spp 32 -o less.pfm --resume c");
+    folder.says(&fewer, 1, &["49152 samples are traced or planned already"]);
 }
 
 #[test]
@@ -122,7 +109,7 @@ fn another_render_is_refused_x04() {
         let said = folder.says(&format!("{words} {other} --resume c"), 1, &expected);
         assert!(said.err.contains("error: c: the file is of another render; give the arguments"), "{}", said.err);
     }
-    let scene = String::from_utf8(folder.read("tiny.pbrt")).unwrap().replace("[ 4 4 4 ]", "[ 4 4 5 ]");
+    let scene = folder.text("tiny.pbrt").replace("[ 4 4 4 ]", "[ 4 4 5 ]");
     folder.write("tiny.pbrt", scene);
     folder.says(&format!("{words} --resume c"), 1, &["c: scene files: "]);
     folder.write("tiny.pbrt", crate::common::TINY);
@@ -213,11 +200,8 @@ fn a_full_disk_is_tried_again_x08() {
     folder.same("a.pfm", "b.pfm");
     // If every try fails, the image is written, and the status tells scripts that nothing can be resumed.
     std::fs::create_dir(folder.path("full/d.part")).unwrap();
-    folder.says(
-        &format!("{words} -o c.pfm --checkpoint full/d --checkpoint-every 0.01"),
-        3,
-        &["full/d: cannot make a file beside it"],
-    );
+    let words = format!("{words} -o c.pfm --checkpoint full/d --checkpoint-every 0.01");
+    folder.says(&words, 3, &["full/d: cannot make a file beside it"]);
     folder.same("a.pfm", "c.pfm");
 }
 
@@ -311,7 +295,7 @@ fn shards_that_make_no_image_x07() {
     std::fs::rename(folder.path("tiny.pbrt"), folder.path("new/tiny.pbrt")).unwrap();
     folder.says(&format!("merge {a} {b} {c} -q -o p.pfm"), 1, &["tiny.pbrt: there is no such file"]);
     folder.done(&format!("merge {a} {b} {c} -q -o p.pfm --scene new/tiny.pbrt"));
-    let scene = String::from_utf8(folder.read("new/tiny.pbrt")).unwrap().replace("[ 4 4 4 ]", "[ 4 4 5 ]");
+    let scene = folder.text("new/tiny.pbrt").replace("[ 4 4 4 ]", "[ 4 4 5 ]");
     folder.write("new/tiny.pbrt", scene);
     folder.says(&format!("merge {a} {b} {c} -q -o p.pfm --scene new/tiny.pbrt"), 1, &["scene files: "]);
 }

@@ -119,8 +119,8 @@ fn output_follows_the_schemas() {
     check("effects", &folder.done("effects tiny.pbrt --list --json"));
     check("effects", &folder.done("effects tiny.pbrt --resolution 8x8 --spp 2 --json"));
     folder.done("study --set scenes=tiny.pbrt --set quick=true --set resolution=8x6 --set spp=[1,2] -o study -q");
-    check("study", &String::from_utf8(folder.read("study/study.json")).expect("UTF-8"));
-    let runs = String::from_utf8(folder.read("study/runs.jsonl")).expect("UTF-8");
+    check("study", &folder.text("study/study.json"));
+    let runs = folder.text("study/runs.jsonl");
     assert!(runs.lines().count() > 8);
     runs.lines().for_each(|run| check("run", run));
     // The list names them all.

@@ -9,11 +9,8 @@ fn staged(folder: &Folder, words: &str, of: u32) -> u32 {
     for stage in 0..30 {
         let parts: Vec<String> = (1..=of).rev().map(|part| format!("{stage}-{part}.part")).collect();
         for (i, part) in parts.iter().enumerate() {
-            let threads = 1 + i % 2;
-            folder.done(&format!(
-                "render --from {stage}.plan --shard {}/{of} --threads {threads} -o {part}",
-                of - i as u32
-            ));
+            let (shard, threads) = (of - i as u32, 1 + i % 2);
+            folder.done(&format!("render --from {stage}.plan --shard {shard}/{of} --threads {threads} -o {part}"));
         }
         // Without --from, the plan is the one that the parts name.
         let said = folder.done(&format!("plan {} -o {}.plan", parts.join(" "), stage + 1));
@@ -92,12 +89,9 @@ fn a_full_disk_leaves_no_half_part_and_no_half_plan() {
     for (words, file) in [("render --from 0.plan --shard 1/1 -o 2.part", "2.part"), ("plan 1.part -o 1.plan", "1.plan")]
     {
         // A limit on the size of files stands in for a full disk.
-        let program = assert_cmd::cargo::cargo_bin!("dapple");
-        let script = format!("ulimit -f 4; exec {} {words}", program.display());
-        let mut shell = std::process::Command::new("sh");
-        let output = shell.args(["-c", &script]).current_dir(folder.path("")).output().expect("a shell");
-        let err = String::from_utf8_lossy(&output.stderr);
-        assert!(!output.status.success() && err.contains(&format!("{file}: cannot write the file: ")), "{err}");
+        let said = folder.limited("-f 4", words);
+        let written = format!("{file}: cannot write the file: ");
+        assert!(said.status != Some(0) && said.err.contains(&written), "{}", said.err);
     }
     assert_eq!(folder.names(), ["0.plan", "1.part"]);
 }

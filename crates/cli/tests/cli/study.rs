@@ -1,6 +1,6 @@
 //! `dapple study` as its user meets it.
 
-use crate::common::{Folder, Said};
+use crate::common::{Folder, Said, signal};
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
@@ -10,7 +10,7 @@ const SMALL: &str = "--set scenes=tiny.pbrt --set resolution=12x8 --set spp=[2,4
 impl Folder {
     /// The runs of a study, by what tells them apart.
     fn study(&self, folder: &str) -> BTreeMap<String, serde_json::Value> {
-        let text = String::from_utf8(self.read(&format!("{folder}/runs.jsonl"))).expect("UTF-8");
+        let text = self.text(&format!("{folder}/runs.jsonl"));
         let run = |line: &str| {
             let run: serde_json::Value = serde_json::from_str(line).expect("JSON");
             (format!("{} {} {} {}", run["scene"], run["method"], run["budget"], run["seed"]), run)
@@ -101,8 +101,7 @@ fn files_beside_the_report_name_their_methods() {
         assert!(images.contains(&format!("images/tiny/{image}.exr").as_str()), "{image}: {images:?}");
         folder.read(&format!("s/images/tiny/{image}.exr"));
     }
-    let table = String::from_utf8(folder.read("s/runs.csv")).expect("UTF-8");
-    assert_eq!(table.lines().count(), 1 + runs.len());
+    assert_eq!(folder.text("s/runs.csv").lines().count(), 1 + runs.len());
     // Written anew, without runs.
     let (page, lines) = (folder.read("s/report.html"), folder.lines("s"));
     for file in ["report.html", "runs.csv"] {
@@ -209,12 +208,9 @@ fn ctrl_c_stops_between_runs_and_says_how_to_go_on() {
     let folder = Folder::new();
     let words = "study --set scenes=tiny.pbrt --set resolution=24x16 --set spp=[16,32] --set seeds=40 --set reference_spp=32 \
                  --set time_of=0 -o s";
-    let mut command = folder.command(words);
-    command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped());
-    let child = command.spawn().expect("it starts");
+    let child = folder.start(words);
     wait_for(&folder, "s", 3);
-    let pid = child.id().to_string();
-    assert!(std::process::Command::new("kill").args(["-INT", &pid]).status().expect("kill").success());
+    signal(&child, "INT");
     let said = Said::of(child.wait_with_output().expect("an end"));
     assert_eq!(said.status, Some(130), "{}", said.err);
     let expected = format!("interrupted: {} of 320 runs are in s; the same command resumes", folder.lines("s"));
@@ -227,17 +223,11 @@ fn ctrl_c_stops_between_runs_and_says_how_to_go_on() {
 #[test]
 fn a_study_that_does_not_fit_into_memory_is_refused() {
     let folder = Folder::new();
-    let program = assert_cmd::cargo::cargo_bin!("dapple").display().to_string();
     // The film takes 128 GiB. The limit makes the test fail, not the machine, should the check be missing.
-    let script = format!(
-        "ulimit -v 16000000; exec {program} study --set scenes=tiny.pbrt --set resolution=65535x65535 --set spp=1 -q"
-    );
-    let output = std::process::Command::new("sh").args(["-c", &script]).current_dir(folder.path("")).output();
-    let said = crate::common::Said::of(output.expect("a shell"));
+    let words = "study --set scenes=tiny.pbrt --set resolution=65535x65535 --set spp=1 -q";
+    let said = folder.limited("-v 16000000", words);
     assert_eq!(said.status, Some(1), "{}", said.err);
-    assert!(
-        said.err.contains("error: a run takes at least ") && said.err.contains("lower the resolution"),
-        "{}",
-        said.err
-    );
+    for part in ["error: a run takes at least ", "lower the resolution"] {
+        assert!(said.err.contains(part), "{}", said.err);
+    }
 }

@@ -13,9 +13,8 @@ fn a_program_without_mpi_refuses_to_be_one_of_several() {
     }
     let folder = Folder::new();
     for (name, processes) in [("OMPI_COMM_WORLD_SIZE", "4"), ("PMI_SIZE", "2"), ("SLURM_STEP_NUM_TASKS", "3")] {
-        let said = Said::of(
-            folder.command("render tiny.pbrt --spp 1 -o a.pfm").env(name, processes).output().expect("it runs"),
-        );
+        let mut command = folder.command("render tiny.pbrt --spp 1 -o a.pfm");
+        let said = Said::of(command.env(name, processes).output().expect("it runs"));
         assert!(said.status == Some(1) && said.err.contains("--features mpi"), "{}", said.err);
         assert!(said.err.contains(&format!("{processes} processes")), "{}", said.err);
         // One process of a launcher is alone, and a shard renders its own part.
@@ -57,10 +56,7 @@ fn processes_of_mpirun_make_the_bits_of_one() {
         for processes in [2, 3] {
             let Some(said) = mpirun(&folder, processes, &format!("{words} -o all.pfm")) else { return };
             assert_eq!(said.status, Some(0), "{}", said.err);
-            assert!(
-                folder.read("one.pfm") == folder.read("all.pfm"),
-                "{scene} by {processes} processes has other bits"
-            );
+            assert!(folder.read("one.pfm") == folder.read("all.pfm"), "{scene} by {processes} has other bits");
             std::fs::remove_file(folder.path("all.pfm")).expect("the image");
         }
     }

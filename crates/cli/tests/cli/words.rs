@@ -101,9 +101,7 @@ fn wrong_words_end_with_usage() {
         let said = folder.run(words);
         assert_eq!((said.status, said.err.as_str(), said.out.as_str()), (Some(2), expected, ""), "{words}");
     }
-    let nothing = folder.run("");
-    assert_eq!(nothing.status, Some(2));
-    assert!(nothing.err.contains("Usage: dapple <COMMAND>"), "{}", nothing.err);
+    folder.says("", 2, &["Usage: dapple <COMMAND>"]);
 }
 
 #[test]
@@ -128,8 +126,7 @@ fn scenes_that_cannot_be_rendered_say_why() {
             assert_eq!((said.status, said.err.as_str(), said.out.as_str()), (Some(1), expected, ""), "{scene}");
         }
         // All faults at once, each on a line with its place.
-        let said = folder.run(&format!("{command} broken.pbrt"));
-        assert_eq!(said.status, Some(1));
+        let said = folder.says(&format!("{command} broken.pbrt"), 1, &[]);
         let lines: Vec<&str> = said.err.lines().filter(|l| l.starts_with("error: ")).collect();
         assert_eq!(said.err.lines().count(), lines.len(), "{}", said.err);
         for place in ["broken.pbrt:5: ", "broken.pbrt:13: "] {
@@ -145,12 +142,10 @@ fn scenes_that_cannot_be_rendered_say_why() {
 fn the_unsupported_is_refused_or_listed() {
     let folder = Folder::new();
     folder.write("odd.pbrt", TINY.to_owned() + "Shape \"cone\"\n");
-    let refused = folder.run("render odd.pbrt --spp 1");
-    assert_eq!(refused.status, Some(1));
+    let refused = folder.says("render odd.pbrt --spp 1", 1, &[]);
     let err = &refused.err;
     assert!(err.starts_with("error: odd.pbrt:13: ") && err.ends_with(", or pass --allow-unsupported\n"), "{err}");
-    let allowed = folder.run("render odd.pbrt --spp 1 --allow-unsupported -o odd.exr");
-    assert_eq!(allowed.status, Some(0), "{}", allowed.err);
+    let allowed = folder.says("render odd.pbrt --spp 1 --allow-unsupported -o odd.exr", 0, &[]);
     assert!(allowed.err.starts_with("warning: odd.pbrt:13: ") && allowed.err.contains("left out"), "{}", allowed.err);
 }
 

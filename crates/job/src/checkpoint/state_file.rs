@@ -57,17 +57,12 @@ impl Identity {
 
     /// The settings that `there` has otherwise, one phrase each.
     pub fn differences(&self, there: &Self) -> Vec<String> {
-        let nothing = "none";
-        let mut differ = Vec::new();
-        for (name, here) in &self.pairs {
-            let there = there.value(name).unwrap_or(nothing);
-            if there != here {
-                differ.push(format!("{name}: {there}, not {here}"));
-            }
-        }
+        let none = "none";
+        let known = self.pairs.iter().map(|(name, here)| (name, there.value(name).unwrap_or(none), here.as_str()));
         let unknown = there.pairs.iter().filter(|(name, _)| self.value(name).is_none());
-        differ.extend(unknown.map(|(name, there)| format!("{name}: {there}, not {nothing}")));
-        differ
+        let unknown = unknown.map(|(name, there)| (name, there.as_str(), none));
+        let differ = known.filter(|(_, there, here)| there != here).chain(unknown);
+        differ.map(|(name, there, here)| format!("{name}: {there}, not {here}")).collect()
     }
 }
 

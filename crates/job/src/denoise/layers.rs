@@ -126,11 +126,9 @@ impl Layers {
         let names: Vec<&str> = file.channels.iter().map(|(name, _)| name.as_str()).collect();
         let mut groups: Vec<Group> = Vec::new();
         for (index, name) in names.iter().enumerate() {
-            let (layer, letter) = match name.rsplit_once('.') {
-                Some((layer, letter)) => (layer.to_owned(), letter.to_lowercase()),
-                None => (without_dot(name, &names), name.to_lowercase()),
-            };
-            let letter = if name.contains('.') || layer.is_empty() { letter } else { letter[layer.len()..].to_owned() };
+            let without_dot = || without_dot(name, &names);
+            let (layer, letter) = name.rsplit_once('.').unwrap_or_else(|| name.split_at(without_dot().len()));
+            let (layer, letter) = (layer.to_owned(), letter.to_lowercase());
             match groups.iter_mut().find(|(known, _)| *known == layer) {
                 Some((_, channels)) => channels.push((letter, index)),
                 None => groups.push((layer, vec![(letter, index)])),
@@ -225,22 +223,21 @@ fn is_feature(layer: &str) -> bool {
 }
 
 /// The layer of a channel without a dot: `N` for `Nx`, if `Ny` and `Nz` exist.
-fn without_dot(name: &str, names: &[&str]) -> String {
-    let Some(stem) = name.strip_suffix(['x', 'y', 'z']).filter(|stem| !stem.is_empty()) else { return String::new() };
-    let whole = ["x", "y", "z"].iter().all(|letter| names.contains(&format!("{stem}{letter}").as_str()));
-    if whole { stem.to_owned() } else { String::new() }
+fn without_dot<'n>(name: &'n str, names: &[&str]) -> &'n str {
+    let whole = |stem: &&str| ["x", "y", "z"].iter().all(|letter| names.contains(&format!("{stem}{letter}").as_str()));
+    name.strip_suffix(['x', 'y', 'z']).filter(|stem| !stem.is_empty()).filter(whole).unwrap_or_default()
 }
 
 /// The channels of a group as a layer of this kind.
 fn found(kind: LayerKind, (layer, channels): &Group) -> Option<Found> {
     let of = |letter: &str| channels.iter().find(|(own, _)| own == letter).map(|(_, index)| *index);
-    let name = layer.clone();
-    if kind.is_scalar() {
+    let channels = if kind.is_scalar() {
         let one = ["y", "z", "t", "v", "x", "r", "depth"].iter().find_map(|letter| of(letter));
-        return one.filter(|_| !layer.is_empty()).map(|index| Found { kind, name, channels: vec![index] });
-    }
-    let three = THREE.iter().find_map(|letters| letters.iter().map(|letter| of(letter)).collect::<Option<Vec<_>>>());
-    three.map(|channels| Found { kind, name, channels })
+        one.filter(|_| !layer.is_empty()).map(|index| vec![index])
+    } else {
+        THREE.iter().find_map(|letters| letters.iter().map(|letter| of(letter)).collect())
+    };
+    channels.map(|channels| Found { kind, name: layer.clone(), channels })
 }
 
 /// The values of one channel as floats.

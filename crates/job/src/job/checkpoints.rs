@@ -53,7 +53,7 @@ impl CheckpointOptions {
         }
         let begins = |from: &PathBuf| self.keep.is_some() && is_kept(from) && !exists;
         let resume = self.resume.as_ref().filter(|from| !begins(from)).cloned();
-        Ok(Some(Checkpoints { store: Arc::new(store), every: self.every, resume }))
+        Ok(Some(Checkpoints { resume, every: self.every, ..Checkpoints::on(store) }))
     }
 }
 
@@ -206,16 +206,13 @@ impl Writer {
 
     fn is_due(&self, status: &Status<'_>) -> bool {
         let every = self.every.unwrap_or(EVERY);
-        let interval = if self.is_first { every.min(FIRST) } else { every };
-        let interval = match self.every {
-            // An interval set by the user is kept, whatever share of the time checkpoints take.
-            Some(_) => interval,
-            None => {
-                let film = status.film;
-                let bytes = Film::bytes_per_pixel(film.needs()) as f64 * film.frame().pixels() as f64;
-                interval.max(self.cost.unwrap_or(bytes / GUESS) / SHARE)
-            }
-        };
+        let mut interval = if self.is_first { every.min(FIRST) } else { every };
+        // An interval set by the user is kept, whatever share of the time checkpoints take.
+        if self.every.is_none() {
+            let film = status.film;
+            let bytes = Film::bytes_per_pixel(film.needs()) as f64 * film.frame().pixels() as f64;
+            interval = interval.max(self.cost.unwrap_or(bytes / GUESS) / SHARE);
+        }
         self.last.elapsed() >= Duration::try_from_secs_f64(interval).unwrap_or(Duration::MAX)
     }
 

@@ -121,17 +121,13 @@ impl Job {
 
     /// Warnings about a clustering grid without effect, and about probes that were NaN.
     fn clusters_warnings(&self) -> Vec<Warning> {
-        let mut warnings = Vec::new();
-        let report = self.clusters().and_then(|clusters| clusters.report());
-        if let Some(report) = report.filter(|report| report.is_degenerate()) {
+        let report = self.clusters().and_then(|clusters| clusters.report()).filter(|report| report.is_degenerate());
+        let degenerate = report.map(|report| {
             let (voxels, fullest, triangles) = (report.requested(), report.fullest, report.triangles);
-            warnings.push(Warning::DegenerateClusters { voxels, fullest, triangles });
-        }
-        let rejected = self.probes.rejected();
-        if rejected > 0 {
-            warnings.push(Warning::RejectedProbes(rejected));
-        }
-        warnings
+            Warning::DegenerateClusters { voxels, fullest, triangles }
+        });
+        let rejected = Some(self.probes.rejected()).filter(|rejected| *rejected > 0).map(Warning::RejectedProbes);
+        degenerate.into_iter().chain(rejected).collect()
     }
 }
 

@@ -73,9 +73,7 @@ pub(super) fn exceeded(limit: f64, taken: f64, filter: f64, (record, min_spp): (
     if record.interrupted || taken <= limit * (1.0 + TOLERANCE) + LEAST_EXCESS {
         return None;
     }
-    let first = match &record.rounds[..] {
-        [first] => Some((first.plan_seconds + first.trace_seconds, min_spp)),
-        _ => None,
-    };
+    let only = record.rounds.first().filter(|_| record.rounds.len() == 1);
+    let first = only.map(|round| (round.plan_seconds + round.trace_seconds, min_spp));
     Some(Warning::TimeExceeded { limit, taken, first, filter })
 }

@@ -11,10 +11,8 @@ use dapple_core::{
     TracedRows, container,
 };
 use dapple_distributed::{Processes, coordinate, dismiss, rows_of_part, serve};
-use dapple_renderer::World;
 use dapple_transport::make_integrator;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 /// A plan file: the state of a render with a stage whose rows machines trace.
 pub struct PlanFile {
@@ -61,9 +59,9 @@ impl RowsFiles {
             match StateFile::read(path, Kind::Rows) {
                 Ok(file) => {
                     if let Some((first, known)) = files.first() {
+                        let (path, first) = (path.display(), first.display());
                         let differ = common(&known.identity).differences(&common(&file.identity));
-                        let of =
-                            |d| format!("{}: it is of another render than {}: {d}", path.display(), first.display());
+                        let of = |d| format!("{path}: it is of another render than {first}: {d}");
                         troubles.extend(differ.into_iter().map(of));
                     }
                     files.push((path.clone(), file));
@@ -71,15 +69,12 @@ impl RowsFiles {
                 Err(e) => troubles.push(e.to_string()),
             }
         }
-        match files.first().filter(|_| troubles.is_empty()) {
-            Some((_, first)) => {
-                let spec = RenderSpec::from_json(first.identity.value(SPEC).unwrap_or_default())?;
-                // Shards have another default light selection than whole images.
-                let spec = RenderSpec { light_selection: Some(spec.selection()), shard: None, ..spec };
-                Ok(Self { spec, files })
-            }
-            None => Err(JobError::Shards(troubles)),
-        }
+        let first = files.first().filter(|_| troubles.is_empty());
+        let Some((_, first)) = first else { return Err(JobError::Shards(troubles)) };
+        let spec = RenderSpec::from_json(first.identity.value(SPEC).unwrap_or_default())?;
+        // Shards have another default light selection than whole images.
+        let spec = RenderSpec { light_selection: Some(spec.selection()), shard: None, ..spec };
+        Ok(Self { spec, files })
     }
 
     /// The plan file of which they are rows, as it was named then; `None` for shards.
@@ -109,8 +104,7 @@ impl Job {
     /// As [`Job::run`].
     pub fn first_plan(&mut self) -> Result<Vec<u8>, JobError> {
         let identity = self.identity()?;
-        let world = self.prepared.world.clone();
-        let (mut session, integrator) = self.open(&world, None)?;
+        let (mut session, integrator) = self.open(None)?;
         session.next_stage(&*integrator)?;
         Ok(StateFile::new(Kind::Plan, identity, session.snapshot()).into_bytes())
     }
@@ -130,28 +124,24 @@ impl Job {
         monitor: &mut dyn JobMonitor,
     ) -> Result<Option<Vec<u8>>, JobError> {
         let mut pairs = self.identity()?.pairs().to_vec();
-        if let Some(plan) = plan {
-            self.check(&plan.path, &plan.file.identity, compared)?;
-            pairs.push((PLAN.into(), plan.path.to_string_lossy().into_owned()));
-        }
+        pairs.extend(plan.map(|plan| (PLAN.into(), plan.path.to_string_lossy().into_owned())));
         pairs.push((PART.into(), shard.to_string()));
         let identity = Identity::new(pairs);
         // This one learns its training passes from the rows, the other from the plan.
         let world = self.prepared.world.clone();
         let mut integrator = make_integrator(&self.integrator, &world)?;
-        let (mut session, planning) = self.open(&world, plan)?;
-        let stage = session.next_stage(&*planning)?;
-        let Some(stage) = stage else { return Err(Error::other("the plan", "all samples are traced").into()) };
+        let (mut session, planning) = self.open(plan)?;
+        let stage =
+            session.next_stage(&*planning)?.ok_or_else(|| Error::other("the plan", "all samples are traced"))?;
         if plan.is_none() {
             only_stage(&session, &stage, &*planning, shard)?;
         }
         let cut = |rows| session.rows_of(&stage, rows);
         let runs = rows_of_part(&session, &stage, shard.index(), shard.of());
         let runs = runs.into_iter().map(cut).collect::<Result<Vec<_>, _>>()?;
-        drop(session);
+        drop((session, planning));
         let began = checkpoints.as_ref().map(|c| c.state(&identity, monitor)).transpose()?.flatten();
-        let mut done: Vec<Vec<u8>> =
-            began.iter().flat_map(|file| file.rows().map(<[u8]>::to_vec).collect::<Vec<_>>()).collect();
+        let mut done: Vec<Vec<u8>> = began.iter().flat_map(StateFile::rows).map(<[u8]>::to_vec).collect();
         let mut watched = Watched::new(monitor, None, Identity::default(), self.limits.min_spp);
         let mut ready = Readiness::default();
         for run in &runs[done.len().min(runs.len())..] {
@@ -170,11 +160,9 @@ impl Job {
     ///
     /// [`JobError::Shards`] for rows that do not make a stage together.
     pub fn next_plan(&mut self, plan: &PlanFile, rows: &RowsFiles) -> Result<(Vec<u8>, bool), JobError> {
-        self.check(&plan.path, &plan.file.identity, compared)?;
         self.check_rows(rows)?;
         let identity = self.identity()?;
-        let world = self.prepared.world.clone();
-        let (mut session, mut integrator) = self.open(&world, Some(plan))?;
+        let (mut session, mut integrator) = self.open(Some(plan))?;
         join(&mut session, &mut *integrator, rows)?;
         let is_done = session.next_stage(&*integrator)?.is_none();
         Ok((StateFile::new(Kind::Plan, identity, session.snapshot()).into_bytes(), is_done))
@@ -186,9 +174,7 @@ impl Job {
     ///
     /// [`JobError::NotDone`] for a plan of which samples are left to trace.
     pub fn finish_plan(&mut self, plan: &PlanFile) -> Result<Traced, JobError> {
-        self.check(&plan.path, &plan.file.identity, compared)?;
-        let world = self.prepared.world.clone();
-        let (mut session, integrator) = self.open(&world, Some(plan))?;
+        let (mut session, integrator) = self.open(Some(plan))?;
         match session.next_stage(&*integrator)? {
             None => Ok(Traced::of(session.into_film())),
             Some(_) => Err(JobError::NotDone { path: plan.path.clone() }),
@@ -202,22 +188,17 @@ impl Job {
     /// [`JobError::Shards`] for shards that do not make an image together.
     pub fn merge(&mut self, shards: &RowsFiles) -> Result<Traced, JobError> {
         self.check_rows(shards)?;
-        let world = self.prepared.world.clone();
-        let (mut session, mut integrator) = self.open(&world, None)?;
+        let (mut session, mut integrator) = self.open(None)?;
         join(&mut session, &mut *integrator, shards)?;
         session.next_stage(&*integrator)?;
         Ok(Traced::of(session.into_film()))
     }
 
     /// The session of a plan or of a new render, for any image of it, and an integrator that knows its training passes.
-    fn open<'w>(
-        &mut self,
-        world: &'w Arc<World>,
-        plan: Option<&PlanFile>,
-    ) -> Result<(Session<'_>, Box<dyn Integrator + 'w>), JobError> {
+    fn open(&mut self, plan: Option<&PlanFile>) -> Result<(Session<'_>, Box<dyn Integrator + '_>), JobError> {
+        plan.map_or(Ok(()), |plan| self.check(&plan.path, &plan.file.identity, compared))?;
         self.need_any_image();
-        let mut integrator = make_integrator(&self.integrator, world)?;
-        let session = self.session(plan.map(PlanFile::snapshot).transpose()?)?;
+        let (session, mut integrator) = self.session(plan.map(PlanFile::snapshot).transpose()?)?;
         session.teach(&mut *integrator);
         Ok((session, integrator))
     }
@@ -235,20 +216,11 @@ impl Job {
         processes: &mut dyn Processes,
         stop: &mut dyn FnMut() -> bool,
     ) -> Result<Traced, JobError> {
-        let world = self.prepared.world.clone();
         let min_spp = self.limits.min_spp;
         let begun = checkpoints.as_ref().map_or_else(|| Ok((self.identity()?, None)), |c| self.begun(c, monitor));
-        let begun = begun.and_then(|(identity, snapshot)| {
-            Ok((identity, make_integrator(&self.integrator, &world)?, self.session(snapshot)?))
-        });
-        let (identity, mut integrator, mut session) = match begun {
-            Ok(begun) => begun,
-            Err(error) => {
-                // The error that came first counts.
-                let _ = dismiss(processes);
-                return Err(error);
-            }
-        };
+        let begun = begun.and_then(|(identity, snapshot)| Ok((identity, self.session(snapshot)?)));
+        // The error that came first counts.
+        let (identity, (mut session, mut integrator)) = begun.inspect_err(|_| drop(dismiss(processes)))?;
         let mut watched = Watched::new(monitor, checkpoints, identity, min_spp);
         if !coordinate(&mut session, &mut *integrator, processes, &mut watched, stop)? {
             session.show_to(&mut |status: &Status<'_>| {
@@ -303,17 +275,19 @@ impl Job {
         Ok(render.monitor(monitor).trace_rows(rows, ready, integrator, &mut *self.sampler)?)
     }
 
-    /// The session of this render, new or resumed.
-    fn session(&mut self, snapshot: Option<Snapshot>) -> Result<Session<'_>, JobError> {
+    /// The session of this render, new or resumed, and its integrator.
+    fn session(&mut self, snapshot: Option<Snapshot>) -> Result<(Session<'_>, Box<dyn Integrator + '_>), JobError> {
         let judged = self.is_error_of_filtered() || matches!(self.limits.budget, Budget::Seconds(_));
+        let integrator = make_integrator(&self.integrator, &self.prepared.world)?;
         let methods = Methods::from(&mut *self.sampler).with_needs(self.needs);
         let methods = methods.with_recorders(self.filter.recorders());
         let methods = if judged { methods.with_filter(&*self.filter) } else { methods };
         let (frame, limits) = (self.frame, self.limits.clone());
-        Ok(match snapshot {
+        let session = match snapshot {
             None => Session::new(frame, limits, methods)?,
             Some(snapshot) => Session::resume(frame, limits, methods, snapshot)?,
-        })
+        };
+        Ok((session, integrator))
     }
 
     /// Refuses rows of another scene, or of other settings.

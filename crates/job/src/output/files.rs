@@ -34,10 +34,8 @@ impl Contents {
             // A copy of the image, all layers, the file and the rows being encoded.
             Self::Image(Format::Exr) => {
                 let layers = bytes_per_pixel(needs, filtered);
-                let [width, height] = frame.size().map(|n| n as usize);
-                let batch =
-                    frame.bytes(layers).min((layers * width * rows_at_a_time()) as u64) / (width * height) as u64;
-                RGB + 2 * layers + batch as usize
+                let rows = rows_at_a_time() * frame.size()[0] as usize * layers;
+                RGB + 2 * layers + (frame.bytes(layers).min(rows as u64) / frame.pixels() as u64) as usize
             }
             Self::Image(Format::Pfm) => RGB + RGB,
             Self::Image(_) => RGB + png(3),
@@ -125,15 +123,14 @@ impl OutputFiles {
             let cannot = |e| JobError::Files(vec![format!("{}: cannot make the folder: {e}", folder.display())]);
             std::fs::create_dir_all(folder).map_err(cannot)?;
         }
-        let troubles: Vec<String> =
-            self.files.iter().filter_map(|(_, path)| check_writable(path).err()).map(|e| e.to_string()).collect();
+        let troubles = self.paths().filter_map(|path| check_writable(path).err());
+        let troubles: Vec<String> = troubles.map(|e| e.to_string()).collect();
         if troubles.is_empty() { Ok(()) } else { Err(JobError::Files(troubles)) }
     }
 
     /// The per-pixel statistics that the film must record for these files. `clusters` states that the render groups
     /// triangles into clusters.
     pub fn needs(&self, clusters: bool) -> Needs {
-        let mut needs = Needs::none();
         let shown = |(what, _): &(Contents, PathBuf)| match what {
             Contents::Clusters => true,
             Contents::Image(Format::Exr) => self.has_layer("cluster"),
@@ -146,20 +143,15 @@ impl OutputFiles {
             Asked::Never => false,
         };
         let features = self.features || OF_IMAGE.into_iter().any(named);
-        if clusters && self.files.iter().any(shown) {
-            needs = needs.with_first_hits(1);
-        }
-        for (what, _) in &self.files {
-            match what {
-                Contents::Image(Format::Exr) => {
-                    needs = LAYERS.iter().filter(asked).fold(needs, |needs, layer| (layer.needs)(needs));
-                    needs = if features { needs.with_features() } else { needs };
-                }
-                Contents::Albedo | Contents::Normals | Contents::Depth => needs = needs.with_features(),
-                _ => {}
+        let needs = Needs::none().with_first_hits(u8::from(clusters && self.files.iter().any(shown)));
+        self.files.iter().fold(needs, |needs, (what, _)| match what {
+            Contents::Image(Format::Exr) => {
+                let needs = LAYERS.iter().filter(asked).fold(needs, |needs, layer| (layer.needs)(needs));
+                if features { needs.with_features() } else { needs }
             }
-        }
-        needs
+            Contents::Albedo | Contents::Normals | Contents::Depth => needs.with_features(),
+            _ => needs,
+        })
     }
 
     /// The peak memory in bytes for writing the files, besides film and image. `filtered` states that a filter made the
@@ -308,7 +300,7 @@ impl Report<'_> {
 
 /// The bytes of a file, and a phrase about its contents.
 type Named = (Vec<u8>, String);
-type Encoded = std::result::Result<Option<Named>, ImageError>;
+type Encoded = Result<Option<Named>, ImageError>;
 
 /// The maps and their file names; the map of clusters is written only if the render has clusters.
 const MAPS: [(Contents, &str); 6] = [

@@ -142,20 +142,11 @@ impl View {
         let (cx, cy) = (-(x0 + x1) / (x1 - x0), -(y0 + y1) / (y1 - y0));
         let project = match self.camera.projection {
             // x' = sx x + cx z, y' = sy y + cy z, z' = z - near, w' = z.
-            Projection::Perspective { .. } => DMat4::from_cols(
-                DVec4::new(sx, 0.0, 0.0, 0.0),
-                DVec4::new(0.0, sy, 0.0, 0.0),
-                DVec4::new(cx, cy, 1.0, 1.0),
-                DVec4::new(0.0, 0.0, -NEAR, 0.0),
-            ),
-            Projection::Orthographic => DMat4::from_cols(
-                DVec4::new(sx, 0.0, 0.0, 0.0),
-                DVec4::new(0.0, sy, 0.0, 0.0),
-                DVec4::new(0.0, 0.0, 1.0, 0.0),
-                DVec4::new(cx, cy, 0.0, 1.0),
-            ),
+            Projection::Perspective { .. } => [DVec4::new(cx, cy, 1.0, 1.0), DVec4::new(0.0, 0.0, -NEAR, 0.0)],
+            Projection::Orthographic => [DVec4::Z, DVec4::new(cx, cy, 0.0, 1.0)],
         };
-        project * self.to_camera()
+        let [x, y] = [DVec4::new(sx, 0.0, 0.0, 0.0), DVec4::new(0.0, sy, 0.0, 0.0)];
+        DMat4::from_cols(x, y, project[0], project[1]) * self.to_camera()
     }
 
     /// Returns `worldToCamera` and `worldToNDC` as OpenEXR stores them, row by row for vectors on the left; `None` if one

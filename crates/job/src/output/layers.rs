@@ -16,7 +16,31 @@ pub(super) struct LayerEntry {
     /// The files for which the film must record them.
     pub(super) asked: Asked,
     /// One plane per channel; `None` if the film lacks the statistics.
-    planes: fn(&Shown<'_>) -> Option<Vec<Plane<'static>>>,
+    planes: MakePlanes,
+}
+
+type MakePlanes = fn(&Shown<'_>) -> Option<Vec<Plane<'static>>>;
+
+impl LayerEntry {
+    /// A layer that shows what sampler or filter need anyway.
+    const fn of(
+        name: &'static str,
+        channels: &'static [&'static str],
+        needs: fn(Needs) -> Needs,
+        planes: MakePlanes,
+    ) -> Self {
+        Self { name, channels, half: false, needs, asked: Asked::Never, planes }
+    }
+
+    /// A layer of features.
+    const fn of_features(
+        name: &'static str,
+        channels: &'static [&'static str],
+        half: bool,
+        planes: MakePlanes,
+    ) -> Self {
+        Self { name, channels, half, needs: Needs::with_features, asked: Asked::Named, planes }
+    }
 }
 
 /// The files for which a film must record what a layer is made from.
@@ -42,82 +66,39 @@ struct Shown<'a> {
 /// The layers besides the image, in the order of [`layers`].
 pub(super) const LAYERS: &[LayerEntry] = &[
     LayerEntry {
-        name: "unfiltered",
-        channels: &["R", "G", "B"],
         half: true,
-        needs: |needs| needs,
-        asked: Asked::Never,
-        planes: |shown| Some(shown.film.image()).filter(|means| *means != shown.filtered.radiance).map(|m| rgb(&m)),
+        ..LayerEntry::of("unfiltered", RGB, NOTHING, |shown| {
+            Some(shown.film.image()).filter(|means| *means != shown.filtered.radiance).map(|m| rgb(&m))
+        })
     },
-    LayerEntry {
-        name: "variance",
-        channels: &["R", "G", "B"],
-        half: false,
-        needs: Needs::with_variance,
-        asked: Asked::Always,
-        planes: variance,
-    },
-    LayerEntry {
-        name: "count",
-        channels: &["Y"],
-        half: false,
-        needs: |needs| needs,
-        asked: Asked::Never,
-        planes: |shown| {
-            let count = |n| u32::try_from(n).unwrap_or(u32::MAX);
-            Some(vec![shown.film.counts().into_iter().map(count).collect::<Vec<u32>>().into()])
-        },
-    },
-    LayerEntry {
-        name: "error",
-        channels: &["Y"],
-        half: false,
-        needs: Needs::with_halves,
-        asked: Asked::Never,
-        planes: |shown| shown.filtered.error.clone().map(|error| vec![error.into()]),
-    },
-    LayerEntry {
-        name: "cluster",
-        channels: &["Y"],
-        half: false,
-        needs: |needs| needs.with_first_hits(1),
-        // Whether a render groups triangles is not known here.
-        asked: Asked::Never,
-        planes: |shown| shown.clusters.clone().map(|clusters| vec![clusters.into()]),
-    },
-    LayerEntry {
-        name: "albedo",
-        channels: &["R", "G", "B"],
-        half: true,
-        needs: Needs::with_features,
-        asked: Asked::Named,
-        planes: |shown| shown.features(&[|f, _| f.albedo[0], |f, _| f.albedo[1], |f, _| f.albedo[2]]),
-    },
-    LayerEntry {
-        name: "normal",
-        channels: &["X", "Y", "Z"],
-        half: true,
-        needs: Needs::with_features,
-        asked: Asked::Named,
-        planes: |shown| shown.features(&[|f, _| f.normal[0], |f, _| f.normal[1], |f, _| f.normal[2]]),
-    },
-    LayerEntry {
-        name: "depth",
-        channels: &["Y"],
-        half: false,
-        needs: Needs::with_features,
-        asked: Asked::Named,
-        planes: |shown| shown.features(&[depth]),
-    },
-    LayerEntry {
-        name: "coverage",
-        channels: &["Y"],
-        half: true,
-        needs: Needs::with_features,
-        asked: Asked::Named,
-        planes: |shown| shown.features(&[|f, _| coverage(f)]),
-    },
+    LayerEntry { asked: Asked::Always, ..LayerEntry::of("variance", RGB, Needs::with_variance, variance) },
+    LayerEntry::of("count", &["Y"], NOTHING, |shown| {
+        let count = |n| u32::try_from(n).unwrap_or(u32::MAX);
+        Some(vec![shown.film.counts().into_iter().map(count).collect::<Vec<u32>>().into()])
+    }),
+    LayerEntry::of("error", &["Y"], Needs::with_halves, |shown| {
+        shown.filtered.error.clone().map(|error| vec![error.into()])
+    }),
+    // Whether a render groups triangles is not known here.
+    LayerEntry::of(
+        "cluster",
+        &["Y"],
+        |needs| needs.with_first_hits(1),
+        |shown| shown.clusters.clone().map(|clusters| vec![clusters.into()]),
+    ),
+    LayerEntry::of_features("albedo", RGB, true, |shown| {
+        shown.features(&[|f, _| f.albedo[0], |f, _| f.albedo[1], |f, _| f.albedo[2]])
+    }),
+    LayerEntry::of_features("normal", &["X", "Y", "Z"], true, |shown| {
+        shown.features(&[|f, _| f.normal[0], |f, _| f.normal[1], |f, _| f.normal[2]])
+    }),
+    LayerEntry::of_features("depth", &["Y"], false, |shown| shown.features(&[depth])),
+    LayerEntry::of_features("coverage", &["Y"], true, |shown| shown.features(&[|f, _| coverage(f)])),
 ];
+
+const RGB: &[&str] = &["R", "G", "B"];
+/// The needs of layers that every film has.
+const NOTHING: fn(Needs) -> Needs = |needs| needs;
 
 /// The channels of the image itself that show features, by the names with which lists of layers request them.
 pub(super) const OF_IMAGE: [&str; 2] = ["A", "Z"];
@@ -176,7 +157,7 @@ pub fn layers(film: &Film, filtered: &Filtered, unit: f64, clusters: Option<Vec<
         channels: channels.iter().copied().zip(planes).collect(),
     };
     let shown = Shown { film, filtered, unit, clusters };
-    let mut layers = vec![layer("", &["R", "G", "B"], rgb(&filtered.radiance))];
+    let mut layers = vec![layer("", RGB, rgb(&filtered.radiance))];
     layers.extend(LAYERS.iter().filter_map(|e| Some(layer(e.name, e.channels, (e.planes)(&shown)?))));
     layers
 }

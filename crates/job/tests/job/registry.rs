@@ -74,12 +74,8 @@ fn every_entry_is_made_by_its_name() {
         let Some(filter) = available(entry.name, &inputs) else { continue };
         assert_eq!(filter.name(), entry.name);
     }
-    let names = [
-        POINTS.iter().map(|e| e.name).collect::<Vec<_>>(),
-        SAMPLERS.iter().map(|e| e.name).collect(),
-        FILTERS.iter().map(|e| e.name).collect(),
-    ];
-    for names in names {
+    let [points, samplers] = [POINTS.iter().map(|e| e.name).collect(), SAMPLERS.iter().map(|e| e.name).collect()];
+    for names in [points, samplers, FILTERS.iter().map(|e| e.name).collect::<Vec<_>>()] {
         assert!(names.iter().enumerate().all(|(i, n)| !names[..i].contains(n)), "{names:?}");
     }
 }
@@ -124,22 +120,19 @@ fn descriptions_are_words() {
         keys.sort();
         keys
     };
+    let check = |name: &str, parameters: Vec<&Parameter>, describe: &dyn Fn(&str) -> String| {
+        let words = format!("{name}:{}", said(parameters));
+        assert_eq!(describe(&words), describe(name));
+        assert_eq!(describe(&describe(name)), describe(name));
+        assert_eq!(keys(&describe(name)), keys(&words));
+    };
     for entry in SAMPLERS {
         let describe = |words: &str| sampler(words, sobol(), &inputs).unwrap().sampler.describe();
-        let words = format!("{}:{}", entry.name, said(entry.parameters().collect()));
-        assert_eq!(describe(&words), describe(entry.name));
-        assert_eq!(describe(&describe(entry.name)), describe(entry.name));
-        assert_eq!(keys(&describe(entry.name)), keys(&words));
+        check(entry.name, entry.parameters().collect(), &describe);
     }
-    for entry in FILTERS {
-        if available(entry.name, &inputs).is_none() {
-            continue;
-        }
+    for entry in FILTERS.iter().filter(|entry| available(entry.name, &inputs).is_some()) {
         let describe = |words: &str| filter(words, &inputs).unwrap().filter.describe();
-        let words = format!("{}:{}", entry.name, said(entry.parameters().collect()));
-        assert_eq!(describe(&words), describe(entry.name));
-        assert_eq!(describe(&describe(entry.name)), describe(entry.name));
-        assert_eq!(keys(&describe(entry.name)), keys(&words));
+        check(entry.name, entry.parameters().collect(), &describe);
     }
 }
 
@@ -187,10 +180,10 @@ fn wrong_cluster_words_are_refused_without_a_world() {
     for words in wrong.split(' ') {
         assert_ne!(refusal(check_sampler(&format!("cluster-thesis:{words}"))), "", "{words}");
     }
-    for words in ["by=guess", "pilot=1", "rounds=65", "pool=sea", "prior=-1", "gain=2", "policy=maybe"] {
+    for words in "by=guess pilot=1 rounds=65 pool=sea prior=-1 gain=2 policy=maybe".split(' ') {
         assert_ne!(refusal(check_sampler(&format!("adaptive:{words}"))), "", "{words}");
     }
-    for words in ["outside=2", "hits=0", "hits=9", "alpha=0", "radius=-1", "k=NaN", "order=random"] {
+    for words in "outside=2 hits=0 hits=9 alpha=0 radius=-1 k=NaN order=random".split(' ') {
         assert_ne!(refusal(check_filter(&format!("cluster-gaussian:{words}"))), "", "{words}");
     }
     assert!(check_sampler("cluster-thesis").is_ok() && check_filter("cluster-gaussian").is_ok());
@@ -444,10 +437,7 @@ fn tlfr_moves_samples_to_where_the_renderer_sees_them() {
             let film = render(1, 8.0, Some(&*tlfr), reports);
             error(&tlfr.apply(&film).unwrap().radiance) / error(&film.image())
         });
-        assert!(
-            share < 0.8 && control > 2.0 * share,
-            "{moves}: {share} of the error is left, {control} in the control"
-        );
+        assert!(share < 0.8 && control > 2.0 * share, "{moves}: {share} is left, {control} in the control");
     }
 }
 
@@ -477,7 +467,6 @@ fn clusters_see_the_triangles_of_instances_as_those_of_copies() {
     assert_eq!(instances.indices, copies.indices);
     assert_eq!(instances.indices.len(), 6);
     assert_eq!(instances.positions.len(), 14);
-    for (p, q) in of_instances.iter().zip(&of_copies) {
-        assert!(p.iter().zip(q).all(|(a, b)| (a - b).abs() < 1e-5), "{p:?} {q:?}");
-    }
+    let pairs = of_instances.as_flattened().iter().zip(of_copies.as_flattened());
+    pairs.for_each(|(a, b)| assert!((a - b).abs() < 1e-5, "{a} {b}"));
 }

@@ -23,6 +23,13 @@ fn job(prepared: &PreparedScene, spec: &RenderSpec) -> Job {
     job
 }
 
+/// The description with its scene, and the bits of its image by one process.
+fn rendered(spec: RenderSpec) -> (RenderSpec, PreparedScene, Vec<u64>) {
+    let prepared = prepared(&spec);
+    let wanted = bits(&job(&prepared, &spec).render().unwrap());
+    (spec, prepared, wanted)
+}
+
 /// Everything that an image shows, as bits.
 fn bits(image: &RenderedImage) -> Vec<u64> {
     let film = &image.film;
@@ -37,10 +44,6 @@ fn bits(image: &RenderedImage) -> Vec<u64> {
         bits.extend(format!("{:?}", film.features(i)).bytes().map(u64::from));
     }
     bits
-}
-
-fn alone(prepared: &PreparedScene, spec: &RenderSpec) -> Vec<u64> {
-    bits(&job(prepared, spec).render().unwrap())
 }
 
 /// Renders with processes that are threads. Process 0 is `first`; a process whose rank is `stops` is stopped at once.
@@ -66,30 +69,20 @@ fn together(
 
 #[test]
 fn processes_render_the_default_image_of_six_scenes_with_the_bits_of_one() {
-    for scene in ["cornell", "teapot", "many-lights", "glass", "motion", "caustic"] {
-        let spec = spec(scene);
-        let prepared = prepared(&spec);
-        let wanted = alone(&prepared, &spec);
-        for size in [1, 2, 7] {
+    let scenes =
+        ["cornell", "teapot", "many-lights", "glass", "motion", "caustic"].map(|scene| (spec(scene), &[1, 2, 7][..]));
+    let limited = (spec("cornell").budget(BudgetSpec::Error(0.02)), &[2][..]);
+    for (spec, sizes) in scenes.into_iter().chain([limited]) {
+        let (spec, prepared, wanted) = rendered(spec);
+        for &size in sizes {
             let traced = together(&prepared, &spec, size, None, &mut |job, end| {
                 job.coordinate(None, &mut NoMonitor, end, &mut || false)
             });
             let film = traced.unwrap().film;
             let image = job(&prepared, &spec).finish(film).unwrap();
-            assert!(bits(&image) == wanted, "{scene}, {size} processes");
+            assert!(bits(&image) == wanted, "{spec:?}, {size} processes");
         }
     }
-}
-
-#[test]
-fn a_limit_of_error_is_that_of_one_process() {
-    let spec = spec("cornell").budget(BudgetSpec::Error(0.02));
-    let prepared = prepared(&spec);
-    let wanted = alone(&prepared, &spec);
-    let traced =
-        together(&prepared, &spec, 2, None, &mut |job, end| job.coordinate(None, &mut NoMonitor, end, &mut || false));
-    let image = job(&prepared, &spec).finish(traced.unwrap().film);
-    assert!(bits(&image.unwrap()) == wanted);
 }
 
 /// Stops after some stages, and notes from where the render goes on.
@@ -115,9 +108,7 @@ fn opened(path: &Path) -> Option<Checkpoints> {
 
 #[test]
 fn a_render_that_was_stopped_goes_on_from_its_checkpoint_with_any_number_of_processes() {
-    let spec = spec("many-lights");
-    let prepared = prepared(&spec);
-    let wanted = alone(&prepared, &spec);
+    let (spec, prepared, wanted) = rendered(spec("many-lights"));
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("checkpoint");
     let run = |size, stops, after| {
@@ -193,9 +184,7 @@ fn rows(paths: &[PathBuf]) -> RowsFiles {
 #[test]
 fn stages_in_files_have_the_bits_of_one_process() {
     for scene in ["cornell", "many-lights", "motion"] {
-        let spec = spec(scene);
-        let prepared = prepared(&spec);
-        let wanted = alone(&prepared, &spec);
+        let (spec, prepared, wanted) = rendered(spec(scene));
         let folder = tempfile::tempdir().expect("a folder");
         let new = || job(&prepared, &spec);
         let mut bytes = new().first_plan().unwrap();
@@ -273,12 +262,8 @@ fn a_stopped_part_goes_on_from_its_checkpoint() {
     let whole = trace(None, &mut NoMonitor).expect("nothing stops it");
     assert!(trace(opened(&path), &mut StopsAtFile(&path)).is_none());
     let saved = std::fs::read(&path).expect("a checkpoint");
-    let saved = StateFile::from_bytes(saved).unwrap();
-    assert!((1..8).contains(&saved.rows().count()), "{}", saved.rows().count());
-    let rows = |bytes: Vec<u8>| -> usize {
-        let file = StateFile::from_bytes(bytes).unwrap();
-        file.rows().count()
-    };
+    let rows = |bytes: Vec<u8>| StateFile::from_bytes(bytes).unwrap().rows().count();
+    assert!((1..8).contains(&rows(saved)), "stopped within the part");
     let went_on = trace(opened(&path), &mut NoMonitor).expect("nothing stops it");
     assert_eq!(rows(went_on), rows(whole));
 }

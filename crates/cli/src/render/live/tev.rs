@@ -94,18 +94,10 @@ impl Viewer {
     pub(super) fn show(&mut self, image: &LiveImage) -> io::Result<()> {
         if self.has_error.is_none() {
             let [width, height] = image.size;
-            let mut channel_names = vec!["R", "G", "B", "count.Y"];
-            if image.error.is_some() {
-                channel_names.push("error.Y");
-            }
-            let create = PacketCreateImage {
-                image_name: &self.name,
-                grab_focus: true,
-                width,
-                height,
-                channel_names: &channel_names,
-            };
-            self.client.send(create)?;
+            let all = ["R", "G", "B", "count.Y", "error.Y"];
+            let channel_names = &all[..if image.error.is_some() { 5 } else { 4 }];
+            let (image_name, grab_focus) = (self.name.as_str(), true);
+            self.client.send(PacketCreateImage { image_name, grab_focus, width, height, channel_names })?;
             self.has_error = Some(image.error.is_some());
         }
         let size = image.size;
