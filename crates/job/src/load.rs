@@ -208,9 +208,9 @@ fn read(spec: &RenderSpec, options: &LoadOptions) -> Result<(Scene, Option<Conte
     let memory = options.limit.bytes().map(|limit| limit.saturating_sub(resident().map_or(0, |[now, _]| now)));
     let read_options = ReadOptions { allow_unsupported: spec.allow_unsupported, memory };
     let files = Recorder { options: *options, read: RefCell::default() };
-    let mut model = ModelOptions::default();
     // A bare model fills the image.
-    model.aspect = spec.resolution.map(|[width, height]| f64::from(width) / f64::from(height.max(1)));
+    let aspect = spec.resolution.map(|[width, height]| f64::from(width) / f64::from(height.max(1)));
+    let model = ModelOptions { aspect, ..ModelOptions::default() };
     let scene = read_any_from(&files, path, &AnyOptions { scene: read_options, model })?;
     let read = files.read.into_inner();
     // Paths are hashed relative to the scene's folder, so that a moved scene has the same digest.
