@@ -16,9 +16,9 @@ pub struct CameraView {
     axes: Mat3,
     /// Half the width and half the height of the image, in pixels.
     half: Vec2,
-    /// The screen position of the image's centre, in screen units.
-    step: Vec2,
     /// The size of a pixel in screen units.
+    step: Vec2,
+    /// The screen position of the image's centre, in screen units.
     shift: Vec2,
     /// The radius of the lens, in units of `axes`; 0 for a pinhole. `focal_distance` is in the same units.
     lens_radius: f32,
@@ -39,8 +39,7 @@ pub trait Lens: Sync {
     /// Returns the ray as [`ray`](Self::ray) does, at a time in `[0, 1]` within the motion. Cameras at rest ignore the
     /// time.
     #[inline(always)]
-    fn ray_at(view: &CameraView, place: Vec2, on_lens: [f32; 2], time: f32) -> Ray {
-        let _ = time;
+    fn ray_at(view: &CameraView, place: Vec2, on_lens: [f32; 2], _time: f32) -> Ray {
         Self::ray(view, place, on_lens)
     }
 }
@@ -149,15 +148,12 @@ impl CameraView {
         Ok(Self { origin, axes, half, step, shift, lens_radius, focal_distance, orthographic, motion })
     }
 
-    /// Returns the camera with its pose at a time in `[0, 1]` as its resting pose, which [`Self::world_to_clip`] uses.
-    pub(crate) fn resting_at(mut self, time: f32) -> Self {
-        (self.origin, self.axes) = self.pose(time);
+    /// Returns the camera with the pose in which the shutter opens as its resting pose, which [`Self::world_to_clip`] uses.
+    /// It stands still if the shutter closes at the same time.
+    pub(crate) fn while_open(mut self, [opens, closes]: [f32; 2]) -> Self {
+        (self.origin, self.axes) = self.pose(opens);
+        self.motion = self.motion.filter(|_| opens != closes);
         self
-    }
-
-    /// Returns the camera without its motion, fixed in its resting pose.
-    pub(crate) fn standing(self) -> Self {
-        Self { motion: None, ..self }
     }
 
     /// Returns the camera's position and its axes at a time in `[0, 1]` within the motion.

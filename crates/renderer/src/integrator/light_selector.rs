@@ -9,7 +9,7 @@ use glam::Vec3;
 /// A distribution over the lights of a world. It may depend on the position and be learned while rendering.
 ///
 /// It is a type parameter of [`PathTracer`](super::PathTracer), so that fixed distributions carry no code for learned
-/// ones.
+/// ones. The defaults are those of [`FixedSelector`].
 pub trait LightSelector: Sync {
     /// The key of the distribution that a point uses, such as a cell of space.
     type Place: Copy;
@@ -20,20 +20,27 @@ pub trait LightSelector: Sync {
     fn of(world: &World) -> Self;
 
     /// Returns the key of the distribution for a point that is lit on the side of `normal`.
-    fn place(&self, position: Vec3, normal: Vec3) -> Self::Place;
+    #[inline(always)]
+    fn place(&self, _position: Vec3, _normal: Vec3) -> Self::Place {
+        Self::NOWHERE
+    }
 
     /// Selects a light from the distribution at `place` by a random number `u` in `[0, 1)`. Returns `None` if there is
     /// no light.
-    fn select(&self, lights: &Lights, place: Self::Place, u: f32) -> Option<SelectedLight>;
+    #[inline(always)]
+    fn select(&self, lights: &Lights, _place: Self::Place, u: f32) -> Option<SelectedLight> {
+        lights.select(u)
+    }
 
     /// Returns the probability with which [`select`](Self::select) returns `light` from the distribution at `place`.
-    fn pmf(&self, lights: &Lights, place: Self::Place, light: u32) -> f32;
+    #[inline(always)]
+    fn pmf(&self, lights: &Lights, _place: Self::Place, light: u32) -> f32 {
+        lights.pmf(light)
+    }
 
     /// Records the contribution of a selected light for learning. The default does nothing.
     #[inline(always)]
-    fn record(&self, training: &mut Worker, place: Self::Place, light: SelectedLight, contribution: Vec3) {
-        let _ = (training, place, light, contribution);
-    }
+    fn record(&self, _training: &mut Worker, _place: Self::Place, _light: SelectedLight, _contribution: Vec3) {}
 
     /// Returns true while the selector needs training passes; see
     /// [`Integrator::wants_training`](dapple_core::Integrator::wants_training).
@@ -41,18 +48,15 @@ pub trait LightSelector: Sync {
         false
     }
 
-    /// The most bytes that learning takes, with the training data, if each of `pixels` pixels notes at most `notes` lights per
-    /// sample.
-    fn training_memory(&self, pixels: u64, notes: u64) -> u64 {
-        let _ = (pixels, notes);
+    /// The most bytes that learning takes for a number of pixels, with the training data, if each notes at most a number of
+    /// lights per sample.
+    fn training_memory(&self, _pixels: u64, _notes: u64) -> u64 {
         0
     }
 
     /// Learns from the contributions recorded in one training pass; see
     /// [`Integrator::learn`](dapple_core::Integrator::learn).
-    fn learn(&mut self, pass: &TrainingData) {
-        let _ = pass;
-    }
+    fn learn(&mut self, _pass: &TrainingData) {}
 }
 
 /// A selector with the same distribution everywhere, which is [`Lights::select`].
@@ -65,19 +69,6 @@ impl LightSelector for FixedSelector {
 
     fn of(_: &World) -> Self {
         Self
-    }
-
-    #[inline(always)]
-    fn place(&self, _: Vec3, _: Vec3) {}
-
-    #[inline(always)]
-    fn select(&self, lights: &Lights, (): (), u: f32) -> Option<SelectedLight> {
-        lights.select(u)
-    }
-
-    #[inline(always)]
-    fn pmf(&self, lights: &Lights, (): (), light: u32) -> f32 {
-        lights.pmf(light)
     }
 }
 

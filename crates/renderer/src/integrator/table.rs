@@ -77,21 +77,13 @@ pub enum IntegratorError {
         /// The names of all integrators, separated by commas.
         known: String,
     },
-    /// A parameter is unknown, repeated, or has an invalid value.
-    #[error("{integrator}: {source}")]
-    Parameter {
-        /// The name of the integrator.
-        integrator: &'static str,
-        /// The error of the parameter.
-        source: OptionError,
-    },
-    /// The scene has an effect that the integrator cannot simulate.
+    /// A parameter is wrong, or the scene has an effect that the integrator cannot simulate.
     #[error("{integrator}: {reason}")]
-    Scene {
+    NotMade {
         /// The name of the integrator.
         integrator: &'static str,
-        /// The effect, and advice.
-        reason: String,
+        /// The error of the parameter, or the effect with advice.
+        reason: MakeError,
     },
 }
 
@@ -136,11 +128,7 @@ pub fn make_among<'w>(
     world: &'w World,
 ) -> Result<Box<dyn Integrator + 'w>, IntegratorError> {
     let (entry, parameters) = find(entries, request)?;
-    let integrator = entry.name;
-    (entry.make)(parameters, world).map_err(|error| match error {
-        MakeError::Parameter(source) => IntegratorError::Parameter { integrator, source },
-        MakeError::Scene(reason) => IntegratorError::Scene { integrator, reason },
-    })
+    (entry.make)(parameters, world).map_err(|reason| IntegratorError::NotMade { integrator: entry.name, reason })
 }
 
 /// Checks a request without a world, against a table that may have entries of other crates. The integrator's name and the
@@ -164,10 +152,9 @@ fn find<'r>(
         let (nearest, known) = (nearest_name(name, names()), names().collect::<Vec<_>>().join(", "));
         IntegratorError::Unknown { name: name.trim().to_owned(), nearest, known }
     })?;
-    match parse_pairs(parameters, entry.parameters) {
-        Ok(_) => Ok((entry, parameters)),
-        Err(source) => Err(IntegratorError::Parameter { integrator: entry.name, source }),
-    }
+    let known = parse_pairs(parameters, entry.parameters);
+    known.map_err(|e| IntegratorError::NotMade { integrator: entry.name, reason: e.into() })?;
+    Ok((entry, parameters))
 }
 
 #[cfg(test)]

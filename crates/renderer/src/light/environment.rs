@@ -324,16 +324,9 @@ const BLACK: u32 = u32::MAX;
 pub(crate) struct Tiles {
     whole: Arc<Environment>,
     grid: [usize; 2],
-    windows: Vec<TileWindow>,
+    windows: Vec<Window>,
     /// For each tile, row by row, its index in `windows` or [`BLACK`].
     numbers: Vec<u32>,
-}
-
-#[derive(Clone, Debug)]
-struct TileWindow {
-    /// The tile's fraction of the whole environment's light, 0 to 1.
-    share: f64,
-    window: Window,
 }
 
 /// One tile of an environment map, as a light.
@@ -355,9 +348,9 @@ impl LightSource for Tile {
     fn sample(&self, _: Vec3, u: [f32; 2]) -> Option<LightSample> {
         let Tiles { whole, windows, .. } = &*self.tiles;
         let Kind::Image(map) = &whole.kind else { return None };
-        let TileWindow { share, window } = &windows[self.number as usize];
+        let window = &windows[self.number as usize];
         let (wi, radiance, pdf) = whole.drawn(map, window.sample_near(&map.cells, u, |i| map.look(i))?);
-        let pdf = pdf / *share as f32;
+        let pdf = pdf / window.mass() as f32;
         let shines = pdf.is_finite() && radiance != Vec3::ZERO;
         shines.then_some(LightSample { wi, radiance, pdf, target: Target::Far, delta: false })
     }
@@ -399,7 +392,7 @@ impl Tiles {
             // A tile too dark to divide by is found by BSDF sampling only.
             let window = window.filter(|window| window.mass() as f32 >= f32::MIN_POSITIVE);
             numbers.push(if window.is_some() { windows.len() as u32 } else { BLACK });
-            windows.extend(window.map(|window| TileWindow { share: window.mass(), window }));
+            windows.extend(window);
         }
         (windows.len() > 1).then(|| Self { whole: whole.clone(), grid, windows, numbers })
     }
@@ -411,7 +404,7 @@ impl Tiles {
 
     /// Returns a tile's fraction of the whole environment's light, above 0.
     fn share(&self, tile: u32) -> f64 {
-        self.windows[tile as usize].share
+        self.windows[tile as usize].mass()
     }
 
     /// Returns the radiance from the unit direction `w`, the solid-angle density with which its tile samples `w`, and

@@ -64,13 +64,9 @@ impl FromStr for LightSelection {
     type Err = UnknownLightSelection;
 
     fn from_str(name: &str) -> Result<Self, UnknownLightSelection> {
-        match name {
-            "cells" => Ok(Self::Learned),
-            _ => Self::ALL
-                .into_iter()
-                .find(|selection| selection.name() == name)
-                .ok_or_else(|| UnknownLightSelection { name: name.to_owned() }),
-        }
+        let known = Self::ALL.into_iter().find(|selection| selection.name() == name);
+        let known = known.or((name == "cells").then_some(Self::Learned));
+        known.ok_or_else(|| UnknownLightSelection { name: name.to_owned() })
     }
 }
 

@@ -12,13 +12,12 @@ pub(crate) trait LightSource {
     /// no light arrives at `from` from the sampled direction.
     fn sample(&self, from: Vec3, u: [f32; 2]) -> Option<LightSample>;
 
-    /// Returns the solid-angle density with which [`Self::sample`] at `from` samples the direction to a `point` on the
-    /// light's shape.
+    /// Returns the solid-angle density with which [`Self::sample`] at one point samples the direction to another one, on
+    /// the light's shape.
     ///
     /// Returns 0 for lights without a shape.
     #[inline]
-    fn pdf(&self, from: Vec3, point: &SurfacePoint) -> f32 {
-        let _ = (from, point);
+    fn pdf(&self, _from: Vec3, _point: &SurfacePoint) -> f32 {
         0.0
     }
 

@@ -29,6 +29,8 @@ const CELLS: usize = 32;
 const NORMALS: usize = 24;
 /// Fresnel reflectance of a clear coat along the normal: an index of refraction of 1.5.
 const COAT_NORMAL: f32 = 0.04;
+/// Fresnel reflectance of a clear coat along the normal and at grazing angles.
+const COAT: Vec2 = Vec2::new(COAT_NORMAL, 1.0);
 
 /// A metal, or a diffuse surface below a glossy layer, or a mixture of both.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -94,7 +96,7 @@ impl Layered<'_> {
         let [there, back, mean] = [TABLE.at(wo.z, width), TABLE.at(wi.z, width), TABLE.mean(width)];
         // Light after several reflections between microfacets.
         let more = self.mixed(|fresnel| fresnel.repeated(mean))
-            * ((1.0 - there.sum()) * (1.0 - back.sum()) / (1.0 - mean.sum()).max(1e-6));
+            * ((1.0 - there.element_sum()) * (1.0 - back.element_sum()) / (1.0 - mean.element_sum()).max(1e-6));
         let layer = self.layer();
         let passed = (Vec3::ONE - seen.layer) * (Vec3::ONE - layer.reflected(back, mean));
         let passed = passed / (Vec3::ONE - layer.reflected(mean, mean)).max(Vec3::splat(1e-6));
@@ -104,7 +106,7 @@ impl Layered<'_> {
         let mut pdf = (second - first) * self.microfacets.reflection_pdf(wo, h) + (1.0 - second) * (wi.z * FRAC_1_PI);
         if let Some((amount, coat)) = &self.layers.coat {
             let width = self::width(coat);
-            let share = |at: Split| *amount * at.reflected(COAT_NORMAL, 1.0);
+            let share = |at: Split| *amount * at.dot(COAT);
             let (there, mean) = (share(TABLE.at(wi.z, width)), share(TABLE.mean(width)));
             diffuse *= (1.0 - seen.coat) * (1.0 - there) / (1.0 - mean);
             glossy *= 1.0 - seen.coat.max(there);
@@ -133,9 +135,11 @@ impl Layered<'_> {
         let width = width(&self.microfacets);
         let (at, mean) = (TABLE.at(wo.z, width), TABLE.mean(width));
         let layer = self.layer().reflected(at, mean);
-        let coat = self.layers.coat.as_ref().map_or(0.0, |(amount, microfacets)| {
-            *amount * TABLE.at(wo.z, self::width(microfacets)).reflected(COAT_NORMAL, 1.0)
-        });
+        let coat = self
+            .layers
+            .coat
+            .as_ref()
+            .map_or(0.0, |(amount, microfacets)| *amount * TABLE.at(wo.z, self::width(microfacets)).dot(COAT));
         let shares = [self.mixed(|fresnel| fresnel.reflected(at, mean)), self.diffuse() * (Vec3::ONE - layer)];
         let shares = shares.map(|share| share.element_sum() * ((1.0 - coat) / 3.0));
         let sum = coat + shares[0] + shares[1];
@@ -179,8 +183,8 @@ impl Schlick {
     /// Returns the fraction that a layer reflects, given the table's values at a cosine and their mean.
     #[inline]
     fn reflected(self, at: Split, mean: Split) -> Vec3 {
-        let once = self.normal * at.normal + self.at_grazing() * at.grazing;
-        (once + self.repeated(mean) * (1.0 - at.sum())).min(Vec3::ONE)
+        let once = self.normal * at.x + self.at_grazing() * at.y;
+        (once + self.repeated(mean) * (1.0 - at.element_sum())).min(Vec3::ONE)
     }
 
     /// Returns the factor of light after several reflections between microfacets [Kulla and Conty 2017], given the mean
@@ -189,7 +193,8 @@ impl Schlick {
     fn repeated(self, mean: Split) -> Vec3 {
         // The mean of Schlick's reflectance over cosine-weighted directions has a 21st of the grazing part.
         let average = self.normal + (self.at_grazing() - self.normal) / 21.0;
-        average * average * mean.sum() / (Vec3::ONE - average * (1.0 - mean.sum())).max(Vec3::splat(1e-6))
+        average * average * mean.element_sum()
+            / (Vec3::ONE - average * (1.0 - mean.element_sum())).max(Vec3::splat(1e-6))
     }
 
     #[inline]
@@ -198,28 +203,8 @@ impl Schlick {
     }
 }
 
-/// The two parts of a layer's albedo: the factors of its Fresnel reflectance along the normal and at grazing angles.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Split {
-    normal: f32,
-    grazing: f32,
-}
-
-impl Split {
-    fn sum(self) -> f32 {
-        self.normal + self.grazing
-    }
-
-    fn reflected(self, normal: f32, grazing: f32) -> f32 {
-        normal * self.normal + grazing * self.grazing
-    }
-
-    fn lerp(self, other: Self, t: f32) -> Self {
-        let [a, b] = [self, other].map(|s| Vec2::new(s.normal, s.grazing));
-        let Vec2 { x, y } = a.lerp(b, t);
-        Self { normal: x, grazing: y }
-    }
-}
+/// The two parts of a layer's albedo: the factors of its Fresnel reflectance along the normal (x) and at grazing angles (y).
+type Split = Vec2;
 
 /// Albedos of microfacets by the cosine and the width, and their cosine-weighted means over the hemisphere.
 struct Table {
@@ -248,8 +233,7 @@ impl Table {
             for (j, pair) in row.windows(2).enumerate() {
                 let [a, b] = [j, j + 1].map(|k| (k as f32 / CELLS as f32).powi(4));
                 let middle = pair[0].lerp(pair[1], 0.5);
-                mean.normal += (b - a) * middle.normal;
-                mean.grazing += (b - a) * middle.grazing;
+                mean += (b - a) * middle;
             }
             table.means[i] = mean;
         }
@@ -291,8 +275,7 @@ fn albedo(microfacets: &TrowbridgeReitz, cosine: f32) -> Split {
             sum[1] += f64::from(passed * beyond);
         }
     }
-    let [normal, grazing] = sum.map(|s| (s / (NORMALS * NORMALS) as f64) as f32);
-    Split { normal, grazing }
+    Split::from(sum.map(|s| (s / (NORMALS * NORMALS) as f64) as f32))
 }
 
 #[inline]
@@ -417,7 +400,7 @@ mod tests {
         for cosine in [0.1f32, 0.35, 0.8, 1.0] {
             let at = TABLE.at(cosine, width(&TrowbridgeReitz::nearest([0.0; 2])));
             let expected = 0.04 + 0.96 * fifth_power(1.0 - cosine);
-            let found = at.reflected(0.04, 1.0);
+            let found = at.dot(COAT);
             assert!((found - expected).abs() < 4e-3, "{cosine}: {found} {expected}");
         }
     }

@@ -75,11 +75,10 @@ impl World {
         let mut problems = Problems::default();
         let space = Space::of(scene);
         let shutter = problems.note(Shutter::of(scene)).unwrap_or(Shutter { open: [0.0; 2] });
-        let camera: Option<CameraView> = problems.note(camera(scene, resolution, &space, &shutter));
-        let mut surfaces = Vec::with_capacity(scene.materials.len());
-        for material in &scene.materials {
-            surfaces.extend(problems.note(Surface::new(material)));
-        }
+        let camera = problems.note(CameraView::new(&scene.camera, resolution, &space));
+        let camera = camera.map(|view| view.while_open(shutter.open));
+        let surfaces = scene.materials.iter().filter_map(|material| problems.note(Surface::new(material)));
+        let surfaces: Vec<Surface> = surfaces.collect();
         problems.0.extend(check_mixes(&scene.materials).iter().map(ToString::to_string));
         let mut shapes = Vec::with_capacity(scene.shapes.len());
         let mut parts = Vec::with_capacity(scene.shapes.len());
@@ -156,13 +155,6 @@ fn mark_passable(parts: &mut [Part], object_parts: &mut [Part], surfaces: &[Surf
     // The materials of a mix are materials of no part, so all materials are checked.
     has_transmission |= has_passable_surfaces && surfaces.iter().any(|surface| surface.transmits);
     [has_transmission, has_passable_surfaces]
-}
-
-/// Makes the camera with its motion while the shutter is open. Its resting pose is its pose when the shutter opens.
-fn camera(scene: &Scene, resolution: [u32; 2], space: &Space, shutter: &Shutter) -> Result<CameraView, SceneError> {
-    let [opens, closes] = shutter.open;
-    let view = CameraView::new(&scene.camera, resolution, space)?.resting_at(opens);
-    Ok(if opens == closes { view.standing() } else { view })
 }
 
 /// Returns a shape's properties besides its geometry, without vertex normals and texture coordinates.

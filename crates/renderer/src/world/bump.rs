@@ -15,18 +15,16 @@ impl World {
     /// coordinates are degenerate.
     pub(super) fn derivatives(&self, at: &Interaction<'_>) -> [Vec3; 2] {
         let shape = self.geometry.shape(at.hit.shape);
+        let (to_world, position) = (self.geometry.to_world(at.hit.shape, at.time), at.point.position);
         // The hit point in the space of the instance's object.
-        let local = || match self.geometry.to_world(at.hit.shape, at.time) {
-            None => at.point.position,
-            Some(to_world) => to_world.inverse().transform_point3(at.point.position.as_dvec3()).as_vec3(),
-        };
+        let local = || to_world.map_or(position, |map| map.inverse().transform_point3(position.as_dvec3()).as_vec3());
         let derivatives = match shape {
             Shape::Sphere(sphere) => sphere.derivatives(local()),
             Shape::Disk(disk) => disk.derivatives(local()),
             Shape::Mesh(mesh) => triangle_derivatives(at, mesh, mesh.corners(at.hit.primitive)),
             Shape::Moving(mesh) => triangle_derivatives(at, mesh.start(), mesh.corners(at.hit.primitive, at.time)),
         };
-        derivatives.map(|d| self.direction_to_world(at, d))
+        derivatives.map(|d| to_world.map_or(d, |map| (map.matrix3 * d.as_dvec3()).as_vec3()))
     }
 
     /// Returns the shading frame of a hit whose material has a normal map or a bump map. A normal map takes

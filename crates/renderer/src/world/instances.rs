@@ -168,15 +168,6 @@ impl World {
         Interaction { part, hit, point, shading_normal, time }
     }
 
-    /// Transforms a direction from the own space of the shape hit to world space.
-    #[inline]
-    pub(super) fn direction_to_world(&self, at: &Interaction<'_>, direction: Vec3) -> Vec3 {
-        match self.geometry.to_world(at.hit.shape, at.time) {
-            None => direction,
-            Some(to_world) => (to_world.matrix3 * direction.as_dvec3()).as_vec3(),
-        }
-    }
-
     /// Returns the lower and upper corner of a shape's bounding box at the time when the shutter opens, up to
     /// rounding.
     pub fn shape_bounds(&self, shape: u32) -> [Vec3; 2] {
