@@ -288,6 +288,11 @@ fn spectra_of_random_and_of_jittered_points_are_the_known_ones() {
     let mut wanted = [0.0; 20];
     let random: Vec<[f64; 2]> = white(1152, 3).chunks_exact(2).map(|c| [c[0], c[1]]).collect();
     let rings = point_spectrum(&random, 20);
+    // A spectrum stays when all points are moved.
+    let moved: Vec<[f64; 2]> = random.iter().map(|[x, y]| [x + 0.3, y + 0.17]).collect();
+    for (ring, moved) in rings.iter().zip(point_spectrum(&moved, 20)) {
+        assert!((ring.power - moved.power).abs() < 1e-9 * ring.power, "{} {}", ring.power, moved.power);
+    }
     assert!(deviation(&rings) < 6.0, "{:.1}", deviation(&rings));
     for seed in 0..8 {
         let values = white(1152, 20 + seed);

@@ -5,8 +5,9 @@ use super::params::{Param, read_param};
 use super::reader::unknown_name;
 use crate::Source;
 use crate::readers::first_word;
+use std::collections::HashMap;
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock};
 
 /// One token of a pbrt file.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -379,7 +380,8 @@ impl<'t> Directives<'t> {
 }
 
 fn form_of(word: &str) -> Option<Form> {
-    forms().find(|(known, _)| *known == word).map(|(_, form)| form)
+    static KNOWN: LazyLock<HashMap<&str, Form>> = LazyLock::new(|| forms().collect());
+    KNOWN.get(word).copied()
 }
 
 #[cfg(test)]

@@ -7,6 +7,7 @@ use super::params::{Params, Type};
 use super::reader::Reader;
 use super::spectra::Gamut;
 use crate::{Color, MaterialId, MaterialKind, Roughness, Scalar, Source};
+use std::collections::HashSet;
 
 /// A version of the pbrt file format, which decides the meaning of directives.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
@@ -37,7 +38,9 @@ impl Version {
     /// have. Otherwise an `Integrator` or a medium, without a directive of pbrt-v2 alone, identifies pbrt-v3. All other
     /// files are pbrt-v2.
     pub(super) fn of(text: &str) -> Self {
-        let named = |list: &str, word: &str| list.split(' ').any(|known| known == word);
+        let words = |list: &'static str| list.split(' ').collect::<HashSet<_>>();
+        let [news, olds, seconds, thirds] = [NEW, OLD, SECOND, THIRD].map(words);
+        let [new_materials, old_materials] = [words(NEW_MATERIALS), &words(OLD_MATERIALS) | &words(FOREIGN_MATERIALS)];
         let [mut new, mut old, mut second, mut third] = [false; 4];
         let mut tokens = Tokens::new(text);
         let mut word = "";
@@ -47,20 +50,20 @@ impl Version {
             let Ok(token) = token else { continue };
             if token.is_name() {
                 (word, place, before) = (token.text, 0, "");
-                new |= named(NEW, word);
-                old |= named(OLD, word);
-                second |= named(SECOND, word);
-                third |= named(THIRD, word);
+                new |= news.contains(word);
+                old |= olds.contains(word);
+                second |= seconds.contains(word);
+                third |= thirds.contains(word);
             } else if token.kind == Kind::Text {
                 let text = token.text;
                 let declared = word == "MakeNamedMaterial" && before.split_ascii_whitespace().eq(["string", "type"]);
                 if declared || (word == "Material" && place == 0) {
-                    new |= named(NEW_MATERIALS, text);
-                    old |= named(OLD_MATERIALS, text) || named(FOREIGN_MATERIALS, text);
+                    new |= new_materials.contains(text);
+                    old |= old_materials.contains(text);
                 } else if place == 0 {
                     let typed = format!("{word}/{text}");
-                    new |= named(NEW, &typed);
-                    old |= named(OLD, &typed);
+                    new |= news.contains(typed.as_str());
+                    old |= olds.contains(typed.as_str());
                 } else {
                     // The types in declarations of parameters.
                     let words: Vec<&str> = text.split_ascii_whitespace().collect();
