@@ -14,7 +14,7 @@ use dapple_core::{
 /// The score of a pixel is the relative variance of its samples, pooled with that of its neighbours
 /// ([`relative_variance`](crate::relative_variance)). By default, neighbours with like surfaces weigh more, and the score
 /// is divided by the root of the share of like pixels around: a filter takes more samples from there
-/// ([`PoolShape::Similar`]). With an [`ErrorMap`], the score is the geometric mean of that variance and the map. A pixel's
+/// ([`PoolShape::Similar`](crate::PoolShape::Similar)). With an [`ErrorMap`], the score is the geometric mean of that variance and the map. A pixel's
 /// error is assumed to fall as `n^-exponent` with its count `n`. Counts minimise the sum of errors and lie on the ladder
 /// of well-stratified counts ([`Ladder`](dapple_core::Ladder)).
 ///

@@ -1,6 +1,6 @@
 //! Estimates of the memory of scenes, worlds and renders, before they exist.
 //!
-//! All memory that grows with the image is counted ([`ImageMemory`]). Of scenes, only meshes and images are: names, materials and
+//! All memory that grows with the image is counted (`ImageMemory`). Of scenes, only meshes and images are: names, materials and
 //! lights are too small to matter. Memory already in use is measured if the system reports it, else estimated. While a scene is
 //! read, only the length of each of its files is limited.
 

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use std::mem;
 use std::sync::Arc;
 
-/// A rule by which boxes, as its [`Division`] cuts them, are scored and get samples.
+/// A rule by which boxes, as its division cuts them, are scored and get samples.
 pub trait Refinement: Division + Options + Copy + Send {
     /// The sampler's name.
     const NAME: &'static str;

@@ -25,7 +25,7 @@ pub struct Status<'a> {
 }
 
 impl Status<'_> {
-    /// The state of the render as bytes for [`Snapshot::from_bytes`], about as many as the film takes in memory. A
+    /// The state of the render as bytes for [`Snapshot::from_bytes`](crate::Snapshot::from_bytes), about as many as the film takes in memory. A
     /// render resumed from them ends with the same bits as this one.
     pub fn snapshot(&self) -> Vec<u8> {
         self.view.write()
