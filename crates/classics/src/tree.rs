@@ -87,7 +87,7 @@ impl Cells {
     }
 }
 
-/// What is known of each cell. It follows from the cell's samples, so it holds until their number changes.
+/// A value of each cell that follows from the cell's samples. It holds until their number changes.
 #[derive(Default)]
 pub(crate) struct Known<T>(pub(crate) Vec<(Option<u64>, T)>);
 

@@ -1,4 +1,4 @@
-//! What the program tells about itself: the subcommands `dapple samplers`, `points`, `filters` and `integrators`, which list
+//! The lists of methods: the subcommands `dapple samplers`, `points`, `filters` and `integrators`, which list
 //! methods with their parameters or describe one, `schemas`, `completions` and `man`.
 
 use crate::output::tell;

@@ -56,7 +56,7 @@ fn alone(args: &RenderArgs, spec: &RenderSpec) -> Result<Outcome> {
     show.deliver(&job, traced, (Some(&expected), cpu), progress)
 }
 
-/// What a render has before its first sample.
+/// A render before its first sample.
 struct Ready {
     job: Job,
     expected: MemoryEstimate,

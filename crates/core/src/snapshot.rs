@@ -133,7 +133,7 @@ pub struct Snapshot {
     pub(crate) seconds: f64,
 }
 
-/// What a snapshot holds besides the film: sampler, bounds, total, seconds, and what [`State`] has.
+/// The parts of a snapshot besides the film: sampler, bounds, total, seconds, and what [`State`] has.
 type Course =
     (SavedSampler, [u32; 2], u64, f64, u32, Option<OpenRound>, Vec<TrainingData>, Option<FilteredError>, Option<Stage>);
 
@@ -262,7 +262,7 @@ fn film_bytes(film: &Film) -> Vec<u8> {
     encoded(&(head, (kept, discarded, withdrawn, beside, splats, unreported)), frame.pixels() * each + 4096)
 }
 
-/// What precedes the planes of a film.
+/// The header before the planes of a film.
 type Head = (Frame, Needs, Recorders, Combine, Record, Vec<Rejected>);
 /// The planes of a film.
 type Planes = (Vec<Half>, Vec<Half>, Vec<Vec<u64>>, Beside, Splats, u64);

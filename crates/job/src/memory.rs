@@ -179,7 +179,7 @@ pub struct MemoryEstimate {
     /// Bytes of the program and its threads, the scene and the world.
     scene: u64,
     film: u64,
-    /// What lasts besides: the sampler's state, light that the integrator prepares, and learned light selection, at most.
+    /// The other lasting parts: the sampler's state, light that the integrator prepares, and learned light selection, at most.
     others: [(&'static str, u64); 3],
     /// The name of each stage of the render, and its bytes; only one stage at a time is in memory.
     stages: Vec<(&'static str, u64)>,

@@ -60,7 +60,7 @@ impl Parameters {
         RegistryError::Parameter { of: self.of, what: what.to_string() }
     }
 
-    /// What was made, or its error as that of the entry's parameters.
+    /// The method that was made, or its error as that of the entry's parameters.
     pub(crate) fn made<T>(&self, made: Result<T, impl ToString>) -> Result<T, RegistryError> {
         made.map_err(|e| self.refuse(e))
     }

@@ -45,7 +45,7 @@ impl Integrator for Lamps {
     }
 }
 
-/// What lights a pixel: chance alone, or lamps that surfaces show.
+/// The light of a pixel: chance alone, or lamps that surfaces show.
 #[derive(Clone, Copy, Debug)]
 enum Light {
     Chance(f32),

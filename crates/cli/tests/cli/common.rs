@@ -121,7 +121,7 @@ impl Folder {
         assert!(text(a) == text(b), "{a} and {b} differ");
     }
 
-    /// What the header of an EXR file tells of this setting.
+    /// The value of this setting in the header of an EXR file.
     pub(crate) fn header(&self, name: &str, key: &str) -> String {
         let all = read_attributes(&self.read(name), name).unwrap_or_else(|e| panic!("{e}"));
         let found = all.iter().find(|(known, _)| known.strip_prefix("dapple:") == Some(key));

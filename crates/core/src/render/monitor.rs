@@ -1,4 +1,4 @@
-//! What a render shows while it runs, and to whom.
+//! The monitor of a render: progress, images and states while it runs.
 
 use crate::Film;
 use crate::snapshot::View;

@@ -46,7 +46,7 @@ impl Inputs<'_> {
     }
 }
 
-/// What one band of a slice reports.
+/// The report of one band of a slice.
 struct Traced {
     tally: Tally,
     training: Vec<(usize, Vec<TrainingSum>)>,

@@ -99,7 +99,7 @@ impl Turns {
     }
 }
 
-/// What a task counts besides the planes of its pixels.
+/// The sums of a task besides the planes of its pixels.
 #[derive(Default)]
 pub(super) struct Tally {
     /// The number of samples in each half.

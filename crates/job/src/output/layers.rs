@@ -54,7 +54,7 @@ pub(super) enum Asked {
     Never,
 }
 
-/// What layers are made from.
+/// The sources of layers.
 struct Shown<'a> {
     film: &'a Film,
     filtered: &'a Filtered,

@@ -1,4 +1,4 @@
-//! What samplers and filters read of a camera ray: the features of its first hit and of the first rough surface, the
+//! The part of a camera ray that samplers and filters read: the features of its first hit and of the first rough surface, the
 //! dimensions with a meaning, and the motion of the hit across the image.
 
 use super::{Interaction, NO_LIGHT, World};
