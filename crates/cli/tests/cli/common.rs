@@ -52,7 +52,7 @@ impl Folder {
 
     /// The program with these words, split at blanks.
     pub(crate) fn command(&self, words: &str) -> Command {
-        let mut command = Command::new(assert_cmd::cargo::cargo_bin!("dapple"));
+        let mut command = Command::new(env!("CARGO_BIN_EXE_dapple"));
         command.args(words.split_whitespace()).current_dir(self.0.path());
         command
     }
@@ -71,7 +71,7 @@ impl Folder {
 
     /// The same by a shell with these limits, such as `-f 4`.
     pub(crate) fn limited(&self, limits: &str, words: &str) -> Said {
-        let program = assert_cmd::cargo::cargo_bin!("dapple").display().to_string();
+        let program = env!("CARGO_BIN_EXE_dapple");
         let script = format!("ulimit {limits}; exec {program} {words}");
         let output = Command::new("sh").args(["-c", &script]).current_dir(self.0.path()).output();
         Said::of(output.expect("a shell"))

@@ -23,7 +23,7 @@ fn json(folder: &Folder, name: &str) -> Value {
 fn shell(folder: &Folder, words: &[&str]) -> Output {
     let path = std::env::var("PATH").unwrap_or_default();
     let mut command = Command::new("sh");
-    command.args(words).current_dir(folder.path("")).env("DAPPLE", assert_cmd::cargo::cargo_bin!("dapple"));
+    command.args(words).current_dir(folder.path("")).env("DAPPLE", env!("CARGO_BIN_EXE_dapple"));
     command.env("PATH", format!("{}:{path}", folder.path("bin").display())).output().expect("a shell")
 }
 
@@ -193,7 +193,7 @@ fn jobs_of_kubernetes_have_its_form_and_commands_that_run() {
         let words =
             container["command"].as_array().expect("a command").iter().skip(1).map(|word| word.as_str().expect("text"));
         let mut shell = Command::new("sh");
-        shell.args(words).env("DAPPLE", assert_cmd::cargo::cargo_bin!("dapple"));
+        shell.args(words).env("DAPPLE", env!("CARGO_BIN_EXE_dapple"));
         shell.env(environment["name"].as_str().expect("a name"), environment["value"].as_str().expect("a value"));
         shell.env("JOB_COMPLETION_INDEX", index.to_string()).spawn().expect("a shell")
     };

@@ -34,7 +34,7 @@ fn mpirun(folder: &Folder, processes: u32, words: &str) -> Option<Said> {
     }
     let mut command = Command::new("mpirun");
     command.args(["--allow-run-as-root", "--oversubscribe", "--bind-to", "none", "-n", &processes.to_string()]);
-    command.arg(assert_cmd::cargo::cargo_bin!("dapple")).args(words.split_whitespace()).current_dir(folder.path(""));
+    command.arg(env!("CARGO_BIN_EXE_dapple")).args(words.split_whitespace()).current_dir(folder.path(""));
     match command.output() {
         Ok(output) => Some(Said::of(output)),
         Err(e) => {
@@ -90,7 +90,7 @@ fn a_render_whose_process_was_killed_goes_on_with_another_number_of_processes() 
     let Some(_) = mpirun(&folder, 1, "--version") else { return };
     let mut command = Command::new("mpirun");
     command.args("--allow-run-as-root --oversubscribe --bind-to none -n 2".split(' '));
-    command.arg(assert_cmd::cargo::cargo_bin!("dapple")).args(words.split(' ')).current_dir(folder.path(""));
+    command.arg(env!("CARGO_BIN_EXE_dapple")).args(words.split(' ')).current_dir(folder.path(""));
     let mut running = command.stderr(std::process::Stdio::null()).spawn().expect("mpirun starts");
     let began = std::time::Instant::now();
     while !folder.path("c").exists() {
