@@ -3,8 +3,9 @@
 use crate::pool::{pooled_variance, ratios_over_windows};
 use crate::similar_pool::Surfaces;
 use crate::{Adaptive, AdaptiveOptions, PoolShape, Pooling, Sources};
-use dapple_core::{BudgetLeft, Error, Feedback, Film, Ladder, PilotPolicy, Plan, PointSet, RgbMoments, saturating_u32};
-use rayon::prelude::*;
+use dapple_core::{
+    BudgetLeft, Error, Feedback, Film, Ladder, PilotPolicy, Plan, PointSet, RgbMoments, parallel, saturating_u32,
+};
 
 /// The largest sample count `n` for which a table stores `n^-exponent`.
 const TABLE: u32 = 4096;
@@ -38,7 +39,7 @@ impl<P: PointSet> Adaptive<P> {
         let AdaptiveOptions { pool, radius, prior, power, epsilon, cost, .. } = self.options;
         let pooling = Pooling { pool, radius, prior, power, epsilon, sources };
         let [width, height] = film.frame().size().map(|n| n as usize);
-        let known: Vec<RgbMoments> = (0..width * height).into_par_iter().with_min_len(4096).map(&moments).collect();
+        let known: Vec<RgbMoments> = parallel::map(width * height, moments);
         let surfaces = if self.reads_surfaces() { Surfaces::of_film(film) } else { None };
         let mut scores = pooled_variance(&known, [width, height], &pooling, surfaces.as_ref());
         raise_to_floor(&mut scores, width);

@@ -1,8 +1,7 @@
 //! Estimates of pixel variance from few samples, pooled over neighbours.
 
 use crate::similar_pool::{Surfaces, over_similar};
-use dapple_core::{Error, OutOfRange, RgbMoments};
-use rayon::prelude::*;
+use dapple_core::{Error, OutOfRange, RgbMoments, parallel};
 use std::ops::Range;
 
 /// The set of pixels whose variance is pooled with a pixel's own.
@@ -199,7 +198,7 @@ pub(crate) fn scores_by_rows(
 ) -> Vec<f64> {
     let mut scores = vec![0.0; w * h];
     let rows = rows_of_task(w, radius);
-    scores.par_chunks_mut(rows * w.max(1)).enumerate().for_each(|(task, scores)| {
+    parallel::chunks(&mut scores, rows * w.max(1), |task, scores| {
         let first = task * rows;
         let last = first + scores.len() / w - 1;
         let around = near(first, radius, h).start..near(last, radius, h).end;

@@ -2,8 +2,7 @@
 
 use crate::Sources;
 use crate::pool::{Terms, scores_by_rows};
-use dapple_core::{Features, Film};
-use rayon::prelude::*;
+use dapple_core::{Features, Film, parallel};
 use std::ops::Range;
 
 /// The rows of a band, within which surfaces are compared: bits of images depend on it.
@@ -88,8 +87,8 @@ impl Surfaces {
 
     /// The surfaces of a film; `None` if it records no features.
     pub(crate) fn of_film(film: &Film) -> Option<Self> {
-        let pixels = (0..film.frame().pixels()).into_par_iter().with_min_len(4096);
-        let of: Option<Vec<_>> = pixels.map(|i| film.features(i).as_ref().map(Surface::of)).collect();
+        let of = parallel::map(film.frame().pixels(), |i| film.features(i).as_ref().map(Surface::of));
+        let of: Option<Vec<_>> = of.into_iter().collect();
         of.map(|of| Self { size: film.frame().size().map(|n| n as usize), of })
     }
 

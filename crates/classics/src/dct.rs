@@ -11,9 +11,8 @@ use crate::{Domain, FilmPoints};
 use cosines::{Fit, SIDE, masking, weight};
 use dapple_core::{
     Error, Feedback, Film, Filtered, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress,
-    Recorder, Sampler, SamplerMemory, allocate, mix,
+    Recorder, Sampler, SamplerMemory, allocate, mix, parallel,
 };
-use rayon::prelude::*;
 use std::sync::Arc;
 
 dapple_core::options! {
@@ -155,7 +154,7 @@ impl<P: PointSet> Dct<P> {
             let quota = libm::ceil(self.options.growth * known.samples as f64);
             greedy(&mut open, quota.max(1.0) as u64)
         };
-        self.known.0.par_iter().flat_map_iter(gains).collect()
+        parallel::map(self.known.0.len(), |i| gains(&self.known.0[i])).into_iter().flatten().collect()
     }
 
     /// Fits the blocks whose samples have changed, and plans a round of the samples that take away the most.

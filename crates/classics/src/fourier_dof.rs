@@ -8,10 +8,9 @@ use crate::method::{counts_so_far, lacking, total};
 use bandwidth::{LensBandwidth, NYQUIST};
 use dapple_core::{
     Error, Feedback, Film, Filter, FilterMemory, Filtered, FirstHit, Frame, ImagePlanes, Limits, Needs, Options as _,
-    Plan, PointSet, Progress, SampleId, Sampler, SamplerMemory, share, streams,
+    Plan, PointSet, Progress, SampleId, Sampler, SamplerMemory, parallel, share, streams,
 };
 use dapple_low_discrepancy::BlueNoise;
-use rayon::prelude::*;
 use std::sync::Arc;
 
 /// The function that traces the ray through the centres of a pixel and of the lens, for a pixel of the full image.
@@ -255,7 +254,7 @@ impl Filter for Splat {
             kernels.chunks(width).map(|row| row.iter().filter_map(|k| k.reach).max().unwrap_or(0)).collect();
         let far = rows.iter().copied().max().unwrap_or(0) as usize;
         let mut radiance = vec![[0.0; 3]; frame.pixels()];
-        radiance.par_chunks_mut(width).enumerate().for_each(|(y, image)| {
+        parallel::chunks(&mut radiance, width, |y, image| {
             let mut sums = vec![[0.0; 4]; width];
             for from in y.saturating_sub(far)..(y + far + 1).min(rows.len()) {
                 if rows[from] as usize >= from.abs_diff(y) {

@@ -3,8 +3,7 @@
 use crate::method::{FilterMethod, MethodFilter, MethodSampler, SamplingMethod};
 use crate::method::{next_step, within_ceiling};
 use crate::windows::{convolve, gaussian_taps, per_pixel, variances_of_means};
-use dapple_core::{Error, Feedback, Film, Filtered, ImagePlanes, Needs, PilotPolicy, Plan, mix};
-use rayon::prelude::*;
+use dapple_core::{Error, Feedback, Film, Filtered, ImagePlanes, Needs, PilotPolicy, Plan, mix, parallel};
 use std::sync::atomic::{AtomicU32, Ordering};
 
 dapple_core::options! {
@@ -128,7 +127,7 @@ fn draw(seen: &Feedback<'_>, bank: &Bank, selection: &[Selected], total: u64) ->
         let priority = error / (1e-3 + grey * grey) / (each as f64 + samples);
         if priority.is_finite() { priority } else { f64::MAX }
     };
-    let priorities: Vec<f64> = (0..pixels).into_par_iter().with_min_len(1024).map(priority).collect();
+    let priorities: Vec<f64> = parallel::map(pixels, priority);
     let (all, rest) = (total / (each * pixels as u64), total % (each * pixels as u64));
     let (picks, cut) = (rest.div_ceil(each) as usize, rest % each);
     let mut order: Vec<u32> = (0..pixels as u32).collect();
@@ -142,12 +141,14 @@ fn draw(seen: &Feedback<'_>, bank: &Bank, selection: &[Selected], total: u64) ->
     let kernels = Kernels::new(bank, seen.frame().size());
     let received: Vec<AtomicU32> = (0..pixels).map(|_| AtomicU32::new(0)).collect();
     // Sums of integers do not depend on the order.
-    order.par_iter().enumerate().with_min_len(64).for_each(|(rank, &pixel)| {
-        let own = if rank < picks { if rank + 1 == picks && cut > 0 { cut } else { each } } else { 0 };
-        let scale = selection[pixel as usize].scale;
-        let key = mix(mix(seen.budget.spent).wrapping_add(pixel.into()));
-        for j in 0..all * each + own {
-            received[kernels.draw(pixel, scale, key.wrapping_add(j << 8))].fetch_add(1, Ordering::Relaxed);
+    parallel::chunks(&mut order, 64, |chunk, order| {
+        for (rank, &mut pixel) in (64 * chunk..).zip(order) {
+            let own = if rank < picks { if rank + 1 == picks && cut > 0 { cut } else { each } } else { 0 };
+            let scale = selection[pixel as usize].scale;
+            let key = mix(mix(seen.budget.spent).wrapping_add(pixel.into()));
+            for j in 0..all * each + own {
+                received[kernels.draw(pixel, scale, key.wrapping_add(j << 8))].fetch_add(1, Ordering::Relaxed);
+            }
         }
     });
     received.into_iter().map(AtomicU32::into_inner).collect()
@@ -259,14 +260,14 @@ impl Level {
         let squares: Vec<f64> = taps.iter().map(|tap| tap * tap).collect();
         let mut variances = convolved(size, &squares, &self.variances);
         let inside = inside(size, &taps);
-        means.par_iter_mut().zip(&mut variances).enumerate().with_min_len(1024).for_each(|(i, (mean, variance))| {
+        for (i, (mean, variance)) in means.iter_mut().zip(&mut variances).enumerate() {
             let weight = mean[3];
             if weight > 0.0 {
                 (0..3).for_each(|c| mean[c] /= weight);
                 *variance /= weight * weight;
             }
             mean[4] /= inside(i);
-        });
+        }
         Self { means, variances, taps }
     }
 
@@ -287,13 +288,12 @@ fn convolved(size: [usize; 2], taps: &[f64], plane: &[f64]) -> Vec<f64> {
 fn variances_of_differences(size: [usize; 2], fine: &Level, coarse: &Level, own: &[f64]) -> Vec<f64> {
     let beyond = (coarse.taps.len() - fine.taps.len()) / 2;
     let products: Vec<f64> = fine.taps.iter().zip(&coarse.taps[beyond..]).map(|(f, c)| f * c).collect();
-    let mut covariances = convolved(size, &products, own);
-    covariances.par_iter_mut().enumerate().with_min_len(1024).for_each(|(i, covariance)| {
+    let covariances = convolved(size, &products, own);
+    parallel::map(covariances.len(), |i| {
         let weights = fine.means[i][3] * coarse.means[i][3];
-        let covariance_of_means = if weights > 0.0 { *covariance / weights } else { 0.0 };
-        *covariance = fine.variances[i] + coarse.variances[i] - 2.0 * covariance_of_means;
-    });
-    covariances
+        let covariance_of_means = if weights > 0.0 { covariances[i] / weights } else { 0.0 };
+        fine.variances[i] + coarse.variances[i] - 2.0 * covariance_of_means
+    })
 }
 
 /// The part of the kernel's weight that lies inside the image, as a function of the pixel at its centre.
@@ -347,7 +347,7 @@ fn smoothed(size: [usize; 2], sigma: f64, flags: &[[f64; 1]]) -> Vec<bool> {
         let own = (peak * peak - 0.01 * weight).max(0.0);
         sum - own * flags[i][0] >= 0.5 * (weight - own)
     };
-    sums.par_iter().enumerate().with_min_len(1024).map(round).collect()
+    parallel::map(sums.len(), |i| round((i, &sums[i])))
 }
 
 /// A pixel at its scale.
@@ -398,8 +398,7 @@ fn select(film: &Film, bank: &Bank, gamma: f64) -> Vec<Selected> {
         let coarse = finest.blurred(size, sigma);
         let fine = last.as_ref().unwrap_or(&finest);
         let (beta, strictness) = (bank.beta(step), strictness(gamma));
-        let pixels = (0..errors.len()).into_par_iter().with_min_len(1024);
-        let steps: Vec<Step> = pixels.map(|i| compare(fine, &coarse, beta, strictness, i)).collect();
+        let steps: Vec<Step> = parallel::map(errors.len(), |i| compare(fine, &coarse, beta, strictness, i));
         let flags: Vec<[f64; 1]> = steps.iter().map(|step| [step.flag]).collect();
         let stops = smoothed(size, bank.smoothing * sigma, &flags);
         let noise = bank.only_removes.then(|| variances_of_differences(size, fine, &coarse, &variances));

@@ -1,7 +1,7 @@
 //! Means over windows of pixels with similar patches around them, after the program of Rousselle et al. 2012.
 
 use crate::wavelets::mirrored;
-use rayon::prelude::*;
+use dapple_core::parallel;
 
 /// A plane with a margin, in which the image is mirrored at its border.
 pub(crate) struct Mirrored {
@@ -67,7 +67,7 @@ pub(crate) fn patch_means<const N: usize>(
 ) -> Vec<[f32; N]> {
     let width = size[0];
     let mut sums = vec![[0.0; N]; size[0] * size[1]];
-    sums.par_chunks_mut(width * BAND).enumerate().for_each(|(band, sums)| {
+    parallel::chunks(&mut sums, width * BAND, |band, sums| {
         let rows = band * BAND..(band * BAND + BAND).min(size[1]);
         let mut task = Band::new(size, rows, like);
         for (y, sums) in task.rows.clone().zip(sums.chunks_exact_mut(width)) {

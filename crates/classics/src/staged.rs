@@ -4,8 +4,7 @@ use crate::FilmPoints;
 use crate::method::{FilterMethod, MethodFilter};
 use crate::recorders::Singles;
 use crate::tree::{Cell, Cells};
-use dapple_core::{Error, Film, Filtered};
-use rayon::prelude::*;
+use dapple_core::{Error, Film, Filtered, parallel};
 use std::array;
 
 dapple_core::options! {
@@ -107,16 +106,14 @@ impl FilterMethod<FilmPoints> for StagedOptions {
     fn image(&self, film: &Film, points: &FilmPoints) -> Result<Filtered, Error> {
         let (frame, samples) = (film.frame(), Singles::All.of(film, Self::NAME)?);
         let (now, domain, pixels) = (points.now(), points.domain().place(), Cells::new(frame, 1));
-        let all: Vec<HalfPixels> = (0..frame.pixels())
-            .into_par_iter()
-            .map_init(Cell::default, |pixel, i| {
-                pixels.read(i, &samples, &now, &domain, pixel);
-                half_pixels(pixel).map(|mean| mean.map(|mean| mean.map(|x| x as f32)))
-            })
-            .collect();
+        let all: Vec<HalfPixels> = parallel::map(frame.pixels(), |i| {
+            let mut pixel = Cell::default();
+            pixels.read(i, &samples, &now, &domain, &mut pixel);
+            half_pixels(&mut pixel).map(|mean| mean.map(|mean| mean.map(|x| x as f32)))
+        });
         let size = frame.size();
         let image = |i| last_box(self.width, &all, size.map(|n| n as usize), i);
-        Ok(Filtered::new(size, (0..all.len()).into_par_iter().map(image).collect()))
+        Ok(Filtered::new(size, parallel::map(all.len(), image)))
     }
 }
 

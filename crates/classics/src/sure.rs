@@ -5,8 +5,9 @@ mod bank;
 use crate::method::{FilterMethod, MethodFilter, MethodSampler, SamplingMethod};
 use crate::method::{counts_so_far, lacking, total, with_extra};
 use bank::{BANK, NEEDS, OfPixel, Planes};
-use dapple_core::{Error, Feedback, Film, Filtered, ImagePlanes, Needs, PilotPolicy, Plan, saturating_u32, share};
-use rayon::prelude::*;
+use dapple_core::{
+    Error, Feedback, Film, Filtered, ImagePlanes, Needs, PilotPolicy, Plan, parallel, saturating_u32, share,
+};
 
 dapple_core::options! {
     /// The parameters of [`SureFilter`].
@@ -88,7 +89,7 @@ fn choose(film: &Film, radius: usize, sigma: f64) -> Vec<Chosen> {
     let planes = Planes::new(film);
     let all = bank::apply(&planes, radius);
     let spatial = falloff(sigma);
-    (0..all.len()).into_par_iter().with_min_len(64).map(|i| chosen(&planes, &all, i, &spatial)).collect()
+    parallel::map(all.len(), |i| chosen(&planes, &all, i, &spatial))
 }
 
 /// `-d^2 / (2 sigma^2)` for distances `d` from 0 to two standard deviations.

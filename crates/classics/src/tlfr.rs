@@ -5,8 +5,7 @@ mod samples;
 use crate::method::{FilterMethod, MethodFilter};
 use crate::recorders::Singles;
 use crate::{Defocus, FilmPoints};
-use dapple_core::{Error, Film, Filtered};
-use rayon::prelude::*;
+use dapple_core::{Error, Film, Filtered, parallel};
 use samples::{At, Axes, Seen, Tree};
 
 dapple_core::options! {
@@ -63,16 +62,19 @@ impl FilterMethod<FilmPoints> for TlfrOptions {
         let (frame, axes) = (film.frame(), Axes::of(points.domain()));
         let field = LightField::new(film, points, self.points)?;
         let mut radiance = vec![[0.0; 3]; frame.pixels()];
-        radiance.par_iter_mut().enumerate().for_each_init(Scratch::default, |scratch, (i, pixel)| {
-            let mut sum = ([0.0; 3], 0);
-            for number in 0..self.points {
-                let at = axes.output(frame.pixel(i), number);
-                if let Some(colour) = field.colour(&at, scratch) {
-                    (0..3).for_each(|c| sum.0[c] += colour[c]);
-                    sum.1 += 1;
+        parallel::chunks(&mut radiance, 64, |chunk, pixels| {
+            let scratch = &mut Scratch::default();
+            for (i, pixel) in (64 * chunk..).zip(pixels) {
+                let mut sum = ([0.0; 3], 0);
+                for number in 0..self.points {
+                    let at = axes.output(frame.pixel(i), number);
+                    if let Some(colour) = field.colour(&at, scratch) {
+                        (0..3).for_each(|c| sum.0[c] += colour[c]);
+                        sum.1 += 1;
+                    }
                 }
+                *pixel = if sum.1 > 0 { sum.0.map(|x| x / f64::from(sum.1)) } else { film.mean(i) }.map(|x| x as f32);
             }
-            *pixel = if sum.1 > 0 { sum.0.map(|x| x / f64::from(sum.1)) } else { film.mean(i) }.map(|x| x as f32);
         });
         Ok(Filtered::new(frame.size(), radiance))
     }

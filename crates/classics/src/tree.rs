@@ -9,8 +9,7 @@ pub use planner::{Refinement, TreeSampler};
 
 use crate::recorders::{FilmSamples, Singles};
 use crate::{Domain, FilmPoints};
-use dapple_core::{Error, Film, Filtered, Frame, PointSet, SampleId, mix, streams};
-use rayon::prelude::*;
+use dapple_core::{Error, Film, Filtered, Frame, PointSet, SampleId, mix, parallel, streams};
 
 /// The coordinates of a sample: the place in pixels from the cell's corner, then the other axes in `[0, 1)`.
 pub(crate) type At = [f32; Domain::MOST];
@@ -107,11 +106,12 @@ impl<T: Clone + Default + Send> Known<T> {
         of: impl Fn(usize, &Cell) -> T + Sync,
     ) {
         self.0.resize(cells.count(), Default::default());
-        self.0.par_iter_mut().enumerate().for_each_init(Cell::default, |cell, (number, known)| {
+        parallel::parts(self.0.iter_mut(), |number, known| {
             let now = Some(cells.pixels(number).map(|i| samples.film.count(i)).sum());
             if known.0 != now {
-                cells.read(number, samples, points, domain, cell);
-                *known = (now, of(number, cell));
+                let mut cell = Cell::default();
+                cells.read(number, samples, points, domain, &mut cell);
+                **known = (now, of(number, &cell));
             }
         });
     }
@@ -158,8 +158,8 @@ pub(crate) fn image_of_cells(
     let [width, height] = cells.window.map(|n| n as usize);
     let columns = width.div_ceil(side as usize);
     let mut radiance = vec![[0.0; 3]; width * height];
-    let bands = radiance.par_chunks_mut(width * side as usize).enumerate();
-    bands.for_each_init(Default::default, |(cell, made): &mut (Cell, Vec<_>), (band, rows)| {
+    parallel::chunks(&mut radiance, width * side as usize, |band, rows| {
+        let (cell, made) = &mut (Cell::default(), Vec::new());
         for number in band * columns..(band + 1) * columns {
             cells.read(number, &samples, &now, domain, cell);
             let [columns, lines] = cell.size.map(|n| n as usize);

@@ -2,8 +2,7 @@
 
 use crate::method::{FilterMethod, MethodFilter};
 use crate::windows::filled_means;
-use dapple_core::{Error, Film, Filtered, Needs};
-use rayon::prelude::*;
+use dapple_core::{Error, Film, Filtered, Needs, parallel};
 
 /// A biorthogonal wavelet basis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -212,17 +211,14 @@ fn along_both<const N: usize>(
     change: impl Fn(&mut [[f64; N]], &mut Vec<[f64; N]>) + Sync,
 ) {
     for ([width, height], [columns, rows]) in [([width, height], region), ([height, width], [region[1], region[0]])] {
-        image
-            .par_chunks_mut(width)
-            .take(rows)
-            .for_each_init(Vec::new, |scratch, row| change(&mut row[..columns], scratch));
+        parallel::chunks(&mut image[..rows * width], width, |_, row| change(&mut row[..columns], &mut Vec::new()));
         *image = transposed([width, height], image);
     }
 }
 
 fn transposed<T: Copy + Send + Sync>([width, height]: [usize; 2], values: &[T]) -> Vec<T> {
     let mut all = values.to_vec();
-    all.par_chunks_mut(height).enumerate().for_each(|(x, column)| {
+    parallel::chunks(&mut all, height, |x, column| {
         column.iter_mut().enumerate().for_each(|(y, value)| *value = values[y * width + x]);
     });
     all
@@ -239,8 +235,7 @@ pub(crate) fn coefficient_variances(
     let [columns, rows] = [width, height].map(|n| n.div_ceil(1 << level));
     let along = |taps: &Taps, [width, out]: [usize; 2], values: &[f64]| -> Vec<f64> {
         let mut sums = vec![0.0; values.len() / width * out];
-        let lines = sums.par_chunks_mut(out).zip(values.par_chunks(width));
-        lines.for_each(|(sums, row)| taps.squared_sums(row, 1 << level, sums));
+        parallel::chunks(&mut sums, out, |y, sums| taps.squared_sums(&values[y * width..][..width], 1 << level, sums));
         sums
     };
     let [across_low, across_high] =
@@ -296,9 +291,9 @@ impl WaveletOptions {
             let [_, bands @ ..] = coefficient_variances(filters, level, size, variances);
             for (band, variances) in bands.iter().enumerate() {
                 let [xs, ys] = high_band(size, level, band);
-                let rows = image.par_chunks_mut(size[0]).skip(ys.start).take(ys.len());
-                rows.zip(variances.par_chunks(columns)).for_each(|(row, variances)| {
-                    for (colour, variance) in row[xs.clone()].iter_mut().zip(variances) {
+                let rows = &mut image[ys.start * size[0]..ys.end * size[0]];
+                parallel::chunks(rows, size[0], |y, row| {
+                    for (colour, variance) in row[xs.clone()].iter_mut().zip(&variances[y * columns..]) {
                         let threshold = gamma * variance.sqrt();
                         *colour = colour.map(|w| (w.abs() - threshold).max(0.0).copysign(w));
                     }

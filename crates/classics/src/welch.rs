@@ -4,8 +4,7 @@
 use crate::method::{FilterMethod, MethodFilter};
 use crate::recorders::{SampleSums, ThirdMoments};
 use crate::windows::{beside, feature_moments, per_pixel};
-use dapple_core::{Error, Film, Filtered, ImagePlanes, Needs, Recorder, RgbMoments};
-use rayon::prelude::*;
+use dapple_core::{Error, Film, Filtered, ImagePlanes, Needs, Recorder, RgbMoments, parallel};
 use std::f64::consts::{FRAC_PI_2, SQRT_2};
 use std::sync::Arc;
 
@@ -226,8 +225,7 @@ impl FilterMethod for WelchOptions {
         let sums = SampleSums::RootMoments.of(film, Self::NAME)?;
         let planes = per_pixel(film, |i| WelchPixel::new(film, i, &sums.moments(i), self.shrink));
         let around = Around { circle: self.circle(), criticals: Criticals::new(self.level) };
-        let pixels = (0..planes.len()).into_par_iter().with_min_len(64);
-        let all: Vec<[f64; 4]> = pixels.map(|i| self.pixel(&planes, size, i, &around)).collect();
+        let all: Vec<[f64; 4]> = parallel::map(planes.len(), |i| self.pixel(&planes, size, i, &around));
         let radiance = all.iter().map(|&[r, g, b, _]| [r as f32, g as f32, b as f32]).collect();
         let error: Vec<f32> = all.iter().map(|p| p[3] as f32).collect();
         Ok(Filtered::new(film.frame().size(), radiance).with_error(error))

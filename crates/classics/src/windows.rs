@@ -1,8 +1,7 @@
 //! Sums over the pixels around each pixel: convolution with separable kernels, square windows, and patches; and the means, variances and
 //! features of pixels.
 
-use dapple_core::{Features, Film};
-use rayon::prelude::*;
+use dapple_core::{Features, Film, parallel};
 
 /// Samples of a Gaussian with standard deviation `sigma` at whole pixels, out to `3 sigma`.
 ///
@@ -19,7 +18,7 @@ pub(crate) fn gaussian_taps(sigma: f64) -> Vec<f64> {
 ///
 /// `taps` has an odd number of weights. Rows run in parallel, and each sum has a fixed order.
 pub(crate) fn convolve<const N: usize>(size: [usize; 2], taps: &[f64], values: &[[f64; N]]) -> Vec<[f64; N]> {
-    convolve_read(size, taps, |i| values[i])
+    convolve_read(size, taps, &|i| values[i])
 }
 
 /// The sums of `read(i)` over the pixels at most `radius` columns and rows from each pixel. Windows are cut off at the
@@ -31,27 +30,25 @@ pub(crate) fn window_sums<const N: usize>(
     radius: usize,
     read: impl Fn(usize) -> [f64; N] + Sync,
 ) -> Vec<[f64; N]> {
-    convolve_read(size, &vec![1.0; 2 * radius + 1], read)
+    convolve_read(size, &vec![1.0; 2 * radius + 1], &read)
 }
 
 fn convolve_read<const N: usize>(
     [width, height]: [usize; 2],
     taps: &[f64],
-    read: impl Fn(usize) -> [f64; N] + Sync,
+    read: &(dyn Fn(usize) -> [f64; N] + Sync),
 ) -> Vec<[f64; N]> {
     let reach = taps.len() / 2;
     let mut across = vec![[0.0; N]; width * height];
-    across.par_chunks_mut(width).enumerate().for_each_init(
-        || vec![[0.0; N]; width + 2 * reach],
-        |padded, (y, row)| {
-            padded[reach..][..width].iter_mut().enumerate().for_each(|(x, value)| *value = read(y * width + x));
-            for (k, tap) in taps.iter().enumerate() {
-                add(row.as_flattened_mut(), *tap, padded[k..].as_flattened());
-            }
-        },
-    );
+    parallel::chunks(&mut across, width, |y, row| {
+        let mut padded = vec![[0.0; N]; width + 2 * reach];
+        padded[reach..][..width].iter_mut().enumerate().for_each(|(x, value)| *value = read(y * width + x));
+        for (k, tap) in taps.iter().enumerate() {
+            add(row.as_flattened_mut(), *tap, padded[k..].as_flattened());
+        }
+    });
     let mut sums = vec![[0.0; N]; width * height];
-    sums.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
+    parallel::chunks(&mut sums, width, |y, row| {
         for from in y.saturating_sub(reach)..(y + reach + 1).min(height) {
             add(row.as_flattened_mut(), taps[from + reach - y], across[from * width..][..width].as_flattened());
         }
@@ -270,8 +267,8 @@ pub(crate) fn filled_means(film: &Film) -> (Vec<[f64; 3]>, Vec<f64>) {
 }
 
 /// Computes a value for every pixel, in parallel.
-pub(crate) fn per_pixel<T: Send>(film: &Film, f: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
-    (0..film.frame().pixels()).into_par_iter().with_min_len(1024).map(f).collect()
+pub(crate) fn per_pixel<T: Send>(film: &Film, f: impl Fn(usize) -> T + Sync) -> Vec<T> {
+    parallel::map(film.frame().pixels(), f)
 }
 
 #[cfg(test)]

@@ -4,8 +4,7 @@
 use crate::probe::{self, BACKGROUND, Probe, Probes, dot};
 use crate::{ClusterSize, ClusterThesisOptions, Error, ProbeRay, rates};
 use dapple_clustering::Cluster;
-use dapple_core::{PointSet, mix};
-use rayon::prelude::*;
+use dapple_core::{PointSet, mix, parallel};
 use std::sync::Arc;
 
 /// The increasing map `f` from the ratio `x = SP / SC` of pixel area to cluster size to a sampling rate [Lan 2016, eq.
@@ -79,22 +78,22 @@ pub fn importance(
     let rates = rates(probes, clusters, size, options.pixel)?;
     let median = if options.map == RateMap::Log { median(probes, &rates.values) } else { 1.0 };
     let k = probes.placement().per_pixel() as usize;
-    let terms = |(probes, rates): (&[Probe], &[f64])| -> [f64; 3] {
+    let terms = |pixel: usize| -> [f64; 3] {
+        let (probes, rates) = (&probes.all()[k * pixel..][..k], &rates.values[k * pixel..][..k]);
         let of = |(p, &rate): (&Probe, &f64)| {
             let oblique = if options.angle > 0.0 { obliquity(p, clusters) } else { 0.0 };
             [options.map.of(rate, median), oblique, f64::from(p.distance)]
         };
         probes.iter().zip(rates).map(of).fold([0.0; 3], plus)
     };
-    let pixels = probes.all().par_chunks_exact(k).zip(rates.values.par_chunks_exact(k)).with_min_len(4096);
-    let terms: Vec<[f64; 3]> = pixels.map(terms).collect();
+    let terms: Vec<[f64; 3]> = parallel::map(probes.all().len() / k, terms);
     // Summed in order: the sum does not depend on threads.
     let sums = terms.iter().copied().fold([0.0; 3], plus);
     let scale = |sum: f64, weight: f64| if sum > 0.0 { weight * terms.len() as f64 / sum } else { 0.0 };
     let [share, angle, distance] =
         [scale(sums[0], 1.0), scale(sums[1], options.angle), scale(sums[2], options.distance)];
     let of = |[s, a, z]: &[f64; 3]| (s * share + a * angle + z * distance) as f32;
-    Ok(Importance { per_pixel: terms.par_iter().with_min_len(4096).map(of).collect(), replaced: rates.replaced })
+    Ok(Importance { per_pixel: terms.iter().map(of).collect(), replaced: rates.replaced })
 }
 
 fn plus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
@@ -177,7 +176,7 @@ pub fn visibility_variances(
         let visible = (0..rays).filter(reaches).count() as f64 / f64::from(rays);
         (visible * (1.0 - visible)) as f32
     };
-    Ok((0..clusters).into_par_iter().map(variance).collect())
+    Ok(parallel::map(clusters, variance))
 }
 
 /// A number in `[0, 1)`.

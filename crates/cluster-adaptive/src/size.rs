@@ -3,7 +3,6 @@
 use crate::Error;
 use crate::probe::{BACKGROUND, Probe, Probes};
 use dapple_clustering::{Cluster, Triangles};
-use rayon::prelude::*;
 
 /// The measure of a cluster's size `SC`, for the ratio `SP / SC` of pixel area to cluster size.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -110,8 +109,8 @@ pub fn rates(probes: &Probes, clusters: &[Cluster], size: &ClusterSize, pixel_ar
     Ok(Rates { values, replaced })
 }
 
-fn of_hits(probes: &Probes, rate: impl Fn(&Probe) -> f64 + Sync) -> Vec<f64> {
-    probes.all().par_iter().with_min_len(4096).map(|p| if p.cluster == BACKGROUND { 0.0 } else { rate(p) }).collect()
+fn of_hits(probes: &Probes, rate: impl Fn(&Probe) -> f64) -> Vec<f64> {
+    probes.all().iter().map(|p| if p.cluster == BACKGROUND { 0.0 } else { rate(p) }).collect()
 }
 
 fn pixel_size(probe: &Probe, area: PixelArea) -> f64 {

@@ -67,6 +67,7 @@ mod memory;
 mod moments;
 mod needs;
 mod options;
+pub mod parallel;
 mod plan;
 mod point_set;
 mod recorder;

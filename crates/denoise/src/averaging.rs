@@ -10,9 +10,8 @@ use crate::tile::{
     Comparison, HEIGHT, LANES, Likeness, REACH, Stack, Tile, WIDTH, count_weights, exp_minus, number, origins, stride,
     vectors,
 };
-use dapple_core::{FilterMemory, Frame, ImagePlanes};
+use dapple_core::{FilterMemory, Frame, ImagePlanes, parallel};
 use pulp::{Simd, WithSimd};
-use rayon::prelude::*;
 
 /// A window around a pixel, and its spatial weights.
 #[derive(Clone, Copy, Debug)]
@@ -43,10 +42,11 @@ pub(crate) fn average<const G: usize>(
     wanted: impl Fn([usize; 2]) -> bool + Sync,
 ) -> Pair {
     let by = &Comparison::new(inputs, guides, like);
-    let task = |scratch: &mut Scratch<G>, &origin: &[usize; 2]| {
+    let origins = origins(inputs.size);
+    let tiles: Vec<Option<Sums>> = parallel::map_with(origins.len(), Scratch::default, |scratch, tile| {
+        let origin = origins[tile];
         wanted(origin).then(|| dispatch(TileTask { by, values, window, origin, scratch }))
-    };
-    let tiles: Vec<Option<Sums>> = origins(inputs.size).par_iter().map_init(Scratch::default, task).collect();
+    });
     Pair(std::array::from_fn(|k| assembled(inputs.size, &tiles, &values[k / 3][k % 3], [k / 3, k % 3])))
 }
 

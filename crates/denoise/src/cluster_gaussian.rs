@@ -4,8 +4,7 @@ use crate::Gaussian;
 use crate::gaussian::{emission, mean_and_presence, memory, normalised, squared_error, variances};
 use crate::inputs::{BACKGROUND, ClusterLookup, describe};
 use crate::planes::per_pixel;
-use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, Needs, Options as _};
-use rayon::prelude::*;
+use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, Needs, Options as _, parallel};
 use std::fmt;
 
 dapple_core::options! {
@@ -155,9 +154,9 @@ impl ClusterGaussian {
         let cut = 1.0 - self.options.outside;
         let (width, weights) = (plane.size[0], self.kernel.weights());
         let (mut radiance, mut error) = (vec![[0.0; 3]; pixels], vec![0.0; pixels]);
-        let rows = radiance.par_chunks_mut(width).zip(error.par_chunks_mut(width)).enumerate();
-        rows.for_each(|(y, (radiance, error))| {
-            for (x, (radiance, error)) in radiance.iter_mut().zip(error).enumerate() {
+        let rows = radiance.chunks_mut(width).zip(error.chunks_mut(width));
+        parallel::parts(rows, |y, (radiance, error)| {
+            for (x, (radiance, error)) in radiance.iter_mut().zip(&mut **error).enumerate() {
                 let (mut sum, mut noise) = plane.gather(weights, [x, y], |a, b| 1.0 - cut * (1.0 - overlap(a, b)));
                 if sum[3] <= 0.0 {
                     // Clusters leave no sample in reach.

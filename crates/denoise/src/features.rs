@@ -1,8 +1,7 @@
 //! The features of each pixel as planes: normal, albedo, depth and position.
 
-use crate::planes::{Colours, Plane, parts, planes_of, quantile, raised, sum_pixels, update};
+use crate::planes::{Colours, Plane, parts, per_pixel, planes_of, quantile, raised, sum_pixels, update};
 use dapple_core::Film;
-use rayon::prelude::*;
 
 /// The number of feature channels: shading normal (3), albedo (3), logarithm of depth (1).
 pub(crate) const FEATURES: usize = 7;
@@ -32,7 +31,7 @@ fn extent(film: &Film) -> (f32, [f64; 3]) {
     let size = film.frame().size().map(|n| n as usize);
     let hit = |i: usize| film.features(i).filter(|f| f.hits > 0);
     let depth = |i: usize| hit(i).map_or(0.5, |f| f.depth.clamp(1e-18, 1e18));
-    let deepest = (0..film.frame().pixels()).into_par_iter().with_min_len(1024).map(depth).reduce(|| 0.5, f32::max);
+    let deepest = per_pixel(film.frame().pixels(), depth).into_iter().fold(0.5, f32::max);
     // In f64, because positions may lie far from the origin.
     let [x, y, z, count] = sum_pixels(size, |i| match hit(i).map(|f| f.position.map(f64::from)) {
         Some([x, y, z]) => [x, y, z, 1.0],

@@ -3,8 +3,7 @@
 use crate::inputs::{Levels, describe};
 use crate::light::Light;
 use crate::planes::per_pixel;
-use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _};
-use rayon::prelude::*;
+use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _, parallel};
 use std::f64::consts::PI;
 
 dapple_core::options! {
@@ -240,35 +239,30 @@ fn separable<const N: usize, T: Send + Default + Clone>(
 ) -> Vec<T> {
     let n = weights.len() / 2;
     let mut across = vec![[0.0; N]; width * height];
-    across.par_chunks_mut(width).enumerate().for_each_init(
-        || vec![[0.0; N]; width + 2 * n],
-        |padded, (y, row)| {
-            for (x, value) in padded[n..n + width].iter_mut().enumerate() {
-                *value = read(y * width + x);
+    parallel::chunks(&mut across, width, |y, row| {
+        let mut padded = vec![[0.0; N]; width + 2 * n];
+        for (x, value) in padded[n..n + width].iter_mut().enumerate() {
+            *value = read(y * width + x);
+        }
+        for (sum, window) in row.iter_mut().zip(padded.windows(weights.len())) {
+            for (weight, value) in weights.iter().zip(window) {
+                add(sum, *weight, value);
             }
-            for (sum, window) in row.iter_mut().zip(padded.windows(weights.len())) {
-                for (weight, value) in weights.iter().zip(window) {
-                    add(sum, *weight, value);
-                }
-            }
-        },
-    );
+        }
+    });
     let mut results = vec![T::default(); width * height];
-    results.par_chunks_mut(width).enumerate().for_each_init(
-        || vec![[0.0; N]; width],
-        |sums, (y, row)| {
-            sums.fill([0.0; N]);
-            for source in y.saturating_sub(n)..(y + n + 1).min(height) {
-                let weight = weights[source + n - y];
-                for (sum, value) in sums.iter_mut().zip(&across[source * width..]) {
-                    add(sum, weight, value);
-                }
+    parallel::chunks(&mut results, width, |y, row| {
+        let mut sums = vec![[0.0; N]; width];
+        for source in y.saturating_sub(n)..(y + n + 1).min(height) {
+            let weight = weights[source + n - y];
+            for (sum, value) in sums.iter_mut().zip(&across[source * width..]) {
+                add(sum, weight, value);
             }
-            for (x, (result, sum)) in row.iter_mut().zip(&*sums).enumerate() {
-                *result = finish(y * width + x, *sum);
-            }
-        },
-    );
+        }
+        for (x, (result, sum)) in row.iter_mut().zip(&sums).enumerate() {
+            *result = finish(y * width + x, *sum);
+        }
+    });
     results
 }
 

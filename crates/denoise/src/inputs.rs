@@ -4,12 +4,11 @@ use crate::features::{FEATURES, Features, UNKNOWN};
 use crate::light::{BRIGHTEST, Bounds, Light, Part};
 use crate::one_sample::{self, Halves, Surroundings};
 use crate::planes::{
-    Channels, Colours, Pair, Plane, box_mean, combined, map_to_one, per_pixel, planes_of, quantile, raised, sum_pixels,
-    update,
+    Channels, Colours, Pair, Plane, box_mean, combined, found, map_to_one, per_pixel, planes_of, quantile, raised,
+    sum_pixels, update,
 };
 pub(crate) use dapple_core::BACKGROUND;
 use dapple_core::{Film, Filtered, FirstHit, Needs, Options, RgbMoments};
-use rayon::prelude::*;
 use std::fmt;
 use std::sync::Arc;
 
@@ -193,9 +192,7 @@ fn colours(light: Light<'_>, features: &Features, Levels { level, bounds }: Leve
 /// beside such pixels lie some of the same edge that have none.
 fn refine(light: Light<'_>, halves: &mut [Half; 2]) {
     let left = |i: usize| light.variance_left(i).map(|left| (i, left));
-    let pixels = (0..light.film.frame().pixels()).into_par_iter().with_min_len(1024);
-    let all: Vec<(usize, [f32; 3])> = pixels.filter_map(left).collect();
-    for (i, left) in all {
+    for (i, left) in found(light.film.frame().pixels(), left) {
         halves.iter_mut().for_each(|half| (0..3).for_each(|c| half.variance[c][i] *= left[c]));
     }
 }

@@ -4,8 +4,7 @@
 //! Within a pixel its emission is almost free of noise. So filters get images without most of it, and without all light beyond
 //! the range of their planes ([`Bounds`]). Noise that is bright in one half is spread instead ([`outliers`](crate::outliers)).
 
-use dapple_core::{Film, Filtered, RgbMoments};
-use rayon::prelude::*;
+use dapple_core::{Film, Filtered, RgbMoments, parallel};
 
 /// The parts of the light that [`ClusterRegression`](crate::ClusterRegression) filters one by one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -238,7 +237,8 @@ impl Bounds {
     /// Adds the withheld light of both halves to a filtered image, and its variance to the image's error.
     pub(crate) fn restore(self, light: Light<'_>, filtered: Filtered) -> Filtered {
         let Filtered { size, mut radiance, mut error, .. } = filtered;
-        let add = |(i, colour): (usize, &mut [f32; 3])| -> f32 {
+        let mut more = vec![0.0; radiance.len()];
+        let add = |i: usize, colour: &mut [f32; 3]| -> f32 {
             let halves = [0, 1].map(|half| light.half(half, i));
             let [a, b] = self.withheld_of_halves(light, i, &halves);
             if [a, b] == [[0.0; 3]; 2] {
@@ -250,7 +250,11 @@ impl Bounds {
             *colour = std::array::from_fn(|c| finite(f64::from(colour[c]) + b[c] + share * apart[c]));
             finite(share * (1.0 - share) * apart.iter().map(|d| d * d).sum::<f64>() / 3.0)
         };
-        let more: Vec<f32> = radiance.par_iter_mut().enumerate().with_min_len(1024).map(add).collect();
+        parallel::parts(radiance.chunks_mut(1024).zip(more.chunks_mut(1024)), |number, (radiance, more)| {
+            for (k, (colour, more)) in radiance.iter_mut().zip(&mut **more).enumerate() {
+                *more = add(1024 * number + k, colour);
+            }
+        });
         for (error, more) in error.iter_mut().flatten().zip(more).filter(|(error, _)| error.is_finite()) {
             *error = finite(f64::from(*error) + f64::from(more));
         }

@@ -7,8 +7,7 @@
 
 use crate::features::Features;
 use crate::light::{Bounds, Light};
-use crate::planes::{Colours, Plane, beside};
-use rayon::prelude::*;
+use crate::planes::{Colours, Plane, beside, found};
 
 /// The factor on the squared difference of normals between neighbours.
 const TURNED: f32 = 20.0;
@@ -84,7 +83,7 @@ impl Halves {
             (samples[half(i)][i], samples[1 - half(i)][i]) = (count, 0.0);
         }
         let between = |i: usize| self.between(i, 1 - half(i), &samples, around);
-        let all: Vec<_> = pixels.into_par_iter().with_min_len(1024).filter(is_single).filter_map(between).collect();
+        let all = found(pixels.len(), |i| if is_single(&i) { between(i) } else { None });
         for Between { pixel, colour, samples: of_mean } in all {
             let i = pixel as usize;
             let (own, other) = (half(i), 1 - half(i));

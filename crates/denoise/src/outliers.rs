@@ -5,10 +5,10 @@
 //! the same surface. The sum over the image stays.
 
 use crate::inputs::Inputs;
-use crate::planes::{Colours, Pair, Plane, box_mean, dispatch, first_share, map_to_one, parts, raised};
+use crate::planes::{Colours, Pair, Plane, box_mean, dispatch, first_share, found, map_to_one, parts, raised};
 use crate::tile::exp_minus;
+use dapple_core::parallel;
 use pulp::{Simd, WithSimd};
-use rayon::prelude::*;
 
 /// The radius over which surroundings are averaged, in pixels.
 const NEAR: usize = 3;
@@ -59,7 +59,7 @@ pub(crate) fn take(inputs: &mut Inputs, ratio: f32, is_of_half: bool) -> Vec<Out
         }
     }
     let inputs = &*inputs;
-    found.par_iter_mut().for_each(|outlier| outlier.excess = dispatch(WindowTask { inputs, outlier }));
+    parallel::parts(found.iter_mut(), |_, outlier| outlier.excess = dispatch(WindowTask { inputs, outlier }));
     found
 }
 
@@ -105,7 +105,7 @@ fn find(inputs: &Inputs, ratio: f32) -> Vec<Outlier> {
         let width = (AREA * (own / around - ratio).max(0.0)).sqrt().clamp(WIDTHS[0], WIDTHS[1]);
         (part > 0.0).then_some(Outlier { pixel: i, half, excess, width })
     };
-    (0..inputs.pixels()).into_par_iter().with_min_len(1024).filter_map(of).collect()
+    found(inputs.pixels(), of)
 }
 
 /// The light of outliers of each half by itself, spread.

@@ -5,8 +5,8 @@
 //!
 //! Vectors have 16 lanes, 8, 4 or 1. Debug builds use 8 lanes or 1 on x86-64.
 
+use dapple_core::parallel;
 use pulp::{Simd, WithSimd};
-use rayon::prelude::*;
 
 /// One value per pixel, row by row.
 pub(crate) type Plane = Vec<f32>;
@@ -105,16 +105,13 @@ const CHUNK: usize = 4096;
 pub(crate) fn parts<T, const N: usize>(
     pixels: usize,
     length: usize,
-    init: impl Fn() -> T + Sync + Send,
-    of: impl Fn(&mut T, usize, [&mut [f32]; N]) + Sync + Send,
+    init: impl Fn() -> T + Sync,
+    of: impl Fn(&mut T, usize, [&mut [f32]; N]) + Sync,
 ) -> [Plane; N] {
     let mut planes: [Plane; N] = std::array::from_fn(|_| vec![0.0; pixels]);
     let mut rest = planes.each_mut().map(|plane| plane.chunks_mut(length));
-    let mut parts: Vec<[&mut [f32]; N]> = Vec::with_capacity(pixels.div_ceil(length));
-    while parts.len() < parts.capacity() {
-        parts.push(rest.each_mut().map(|chunks| chunks.next().unwrap_or_default()));
-    }
-    parts.into_par_iter().enumerate().for_each_init(init, |memory, (number, part)| of(memory, number, part));
+    let parts = (0..pixels.div_ceil(length)).map(|_| rest.each_mut().map(|chunks| chunks.next().unwrap_or_default()));
+    parallel::parts(parts, |number, part| of(&mut init(), number, part.each_mut().map(|plane| &mut **plane)));
     planes
 }
 
@@ -138,7 +135,7 @@ pub(crate) fn map_to_one<const N: usize>(planes: [&[f32]; N], of: impl Fn([f32; 
 
 /// Replaces each value of `plane` by a function of itself and the pixel's values in `N` other planes.
 pub(crate) fn update<const N: usize>(plane: &mut [f32], planes: [&[f32]; N], of: impl Fn(f32, [f32; N]) -> f32 + Sync) {
-    plane.par_chunks_mut(CHUNK).enumerate().for_each(|(number, to)| {
+    parallel::chunks(plane, CHUNK, |number, to| {
         let from = planes.map(|plane| &plane[number * CHUNK..][..to.len()]);
         dispatch(MapTask { from, to: [to], of: |[own]: [f32; 1], values| [of(own, values)] });
     });
@@ -189,8 +186,18 @@ pub(crate) fn planes_of<const N: usize>(pixels: usize, of: impl Fn(usize) -> [f3
 }
 
 /// Computes a value for every pixel.
-pub(crate) fn per_pixel<T: Send>(pixels: usize, of: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
-    (0..pixels).into_par_iter().with_min_len(1024).map(of).collect()
+pub(crate) fn per_pixel<T: Send + Clone + Default>(pixels: usize, of: impl Fn(usize) -> T + Sync) -> Vec<T> {
+    let mut all = vec![T::default(); pixels];
+    parallel::chunks(&mut all, 1024, |number, values| {
+        values.iter_mut().enumerate().for_each(|(k, value)| *value = of(number * 1024 + k));
+    });
+    all
+}
+
+/// Lists what `of` finds in the pixels, in their order.
+pub(crate) fn found<T: Send>(pixels: usize, of: impl Fn(usize) -> Option<T> + Sync) -> Vec<T> {
+    let list = |part: usize| (part * CHUNK..pixels.min((part + 1) * CHUNK)).filter_map(&of).collect::<Vec<T>>();
+    parallel::map(pixels.div_ceil(CHUNK), list).into_iter().flatten().collect()
 }
 
 /// The sums of values over the pixels of each row, added up from row to row.

@@ -11,8 +11,8 @@ use crate::tile::{
     COLUMNS, Comparison, GROUP, HEIGHT, LANES, Likeness, MARGIN, ROWS, Row, Stack, Tile, WIDTH, count_weights, number,
     origins, stride, vectors,
 };
+use dapple_core::parallel;
 use pulp::{Simd, WithSimd};
-use rayon::prelude::*;
 
 /// The number of regressors: normal (3), albedo (3), position (3).
 const REGRESSORS: usize = 9;
@@ -74,10 +74,10 @@ pub(crate) fn regress<const G: usize>(
         centres: Centres::default(),
         sums: vec![[0.0; 8 * COLUMNS]; 2 * ROWS],
     };
-    let task = |scratch: &mut Scratch<G>, &origin: &[usize; 2]| {
-        dispatch(TileTask { by, reference: &reference, origin, scratch })
-    };
-    let tiles: Vec<Vec<f32>> = origins(inputs.size).par_iter().map_init(scratch, task).collect();
+    let origins = origins(inputs.size);
+    let tiles: Vec<Vec<f32>> = parallel::map_with(origins.len(), scratch, |scratch, tile| {
+        dispatch(TileTask { by, reference: &reference, origin: origins[tile], scratch })
+    });
     merged(inputs.size, (beside, share), |_, _| 1.0, |sums, y| add_tiles(sums, inputs.size, y, &tiles))
 }
 

@@ -15,8 +15,8 @@ use crate::normal_equations::{Fit, Sums, add_products, solve};
 use crate::planes::{Pair, dispatch, merged};
 use crate::regression::NEGLIGIBLE;
 use crate::tile::{GROUP, count_weights, excess, exp_minus_all, vectors};
+use dapple_core::parallel;
 use pulp::{Simd, WithSimd};
-use rayon::prelude::*;
 use stack::{
     CENTRES, COLOURS, COLUMNS, COUNT, FARTHEST, IN_STACK, IN_SUMS, MEANS, PAD, PATCH, PLANES, POSITION, Pixels, REACH,
     ROW, STEP, Stack, VARIANCE, stacks,
@@ -49,15 +49,12 @@ pub(crate) fn wide(inputs: &Inputs, guide: &Guide, beside: &Pair) -> Pair {
     let colour = COLOUR * inputs.part.smoothness();
     let share = 1.0 / (9.0 * colour * colour);
     let tiles = stacks.len();
-    let sums: Vec<Vec<f32>> = (0..height.div_ceil(BAND) * tiles)
-        .into_par_iter()
-        .map(|task| {
-            let (band, tile) = (task / tiles, task % tiles);
-            let columns = width.div_ceil(STEP) - tile * CENTRES;
-            let (stack, size) = (&stacks[tile], [columns.min(CENTRES), height]);
-            dispatch(BandTask { stack, size, first: band * BAND, share })
-        })
-        .collect();
+    let sums: Vec<Vec<f32>> = parallel::map(height.div_ceil(BAND) * tiles, |task| {
+        let (band, tile) = (task / tiles, task % tiles);
+        let columns = width.div_ceil(STEP) - tile * CENTRES;
+        let (stack, size) = (&stacks[tile], [columns.min(CENTRES), height]);
+        dispatch(BandTask { stack, size, first: band * BAND, share })
+    });
     let albedo = |c: usize, i: usize| inputs.features.divisor(c, i);
     merged(inputs.size, (beside, BESIDE), albedo, |row, y| add_bands(row, width, y, tiles, &sums))
 }

@@ -6,10 +6,11 @@ mod tests;
 
 use crate::bdpt::{Bdpt, BdptOptions};
 use chain::{Chains, Deposit, Target};
-use dapple_core::{Block, Draws, Estimate, Frame, Integrator, Options as _, Pass, Prepared, Prepares, Worker, mix};
+use dapple_core::{
+    Block, Draws, Estimate, Frame, Integrator, Options as _, Pass, Prepared, Prepares, Worker, mix, parallel,
+};
 use dapple_renderer::{MakeError, World};
 use glam::Vec3;
-use rayon::prelude::*;
 
 dapple_core::options! {
     /// The parameters of [`Metropolis`].
@@ -88,7 +89,7 @@ fn image_of(target: &dyn Target, frame: &Frame, key: u64, options: &MetropolisOp
     let chains = Chains { target, frame, key, large: options.large as f32 };
     let count = pixels.div_ceil(length);
     let seeds = ((pixels as f64 * options.seeds).ceil() as u64).max(64);
-    let found: Vec<(f64, u64)> = (0..seeds).into_par_iter().map(|i| chains.brightness_of_seed(i)).collect();
+    let found: Vec<(f64, u64)> = parallel::map(seeds as usize, |i| chains.brightness_of_seed(i as u64));
     let mut rays = found.iter().map(|(_, rays)| rays).sum();
     let total: f64 = found.iter().map(|(brightness, _)| brightness).sum();
     let mut light = vec![[0.0; 3]; frame.pixels()];
@@ -101,8 +102,7 @@ fn image_of(target: &dyn Target, frame: &Frame, key: u64, options: &MetropolisOp
     let scale = brightness / (count * length) as f64;
     let starts: Vec<(u64, u64)> = (0..).zip(starts).collect();
     for some in starts.chunks(TOGETHER as usize) {
-        let found: Vec<(Vec<Deposit>, u64)> =
-            some.par_iter().map(|&(chain, start)| chains.run(chain, start, length)).collect();
+        let found: Vec<(Vec<Deposit>, u64)> = parallel::map(some.len(), |k| chains.run(some[k].0, some[k].1, length));
         for (found, more) in found {
             rays += more;
             for (pixel, deposit) in found {

@@ -1,14 +1,13 @@
 //! Paths from the lights: emission, specular and rough scattering, passage through media. Besides, what several integrators
 //! need of a world: probes of camera rays, shadow rays, and refusals.
 
-use dapple_core::{Block, Draws, Frame, HostNumbers, Pass, SampleId, streams};
+use dapple_core::{Block, Draws, Frame, HostNumbers, Pass, SampleId, parallel, streams};
 use dapple_geometry::spawn_ray;
 use dapple_renderer::light::{EmittedLight, LightSample, SelectedLight, Target};
 use dapple_renderer::shading::{Bsdf, Discrete, ShadingFrame};
 use dapple_renderer::{GatherPoint, Interaction, MakeError, World};
 use dapple_scene::Effect;
 use glam::Vec3;
-use rayon::prelude::*;
 use std::ops::Range;
 
 /// The group for the light (dimension 0) and the place on it (2 and 3).
@@ -159,18 +158,16 @@ impl Sources {
         let side = (f64::from(PILOTS / PILOTS_IN_CELL / count)).sqrt().clamp(1.0, f64::from(MOST_SIDE)) as u32;
         let cells = side * side;
         let each = (PILOTS / (count * cells)).clamp(1, PILOTS_IN_CELL);
-        let found: Vec<(f32, u64)> = (0..count * cells)
-            .into_par_iter()
-            .map(|number| {
-                let (light, cell) = (&self.lights[(number / cells) as usize], number % cells);
-                (0..each).fold((0.0, 0), |(sum, rays), pilot| {
-                    let draws = probe([number, pilot]);
-                    let Some(emitted) = emit(world, light, &draws, (side, cell), 1.0) else { return (sum, rays) };
-                    let (carried, traced) = carried(&emitted, &draws);
-                    (sum + carried.min(f32::MAX / 64.0), rays + traced)
-                })
+        let found: Vec<(f32, u64)> = parallel::map((count * cells) as usize, |number| {
+            let number = number as u32;
+            let (light, cell) = (&self.lights[(number / cells) as usize], number % cells);
+            (0..each).fold((0.0, 0), |(sum, rays), pilot| {
+                let draws = probe([number, pilot]);
+                let Some(emitted) = emit(world, light, &draws, (side, cell), 1.0) else { return (sum, rays) };
+                let (carried, traced) = carried(&emitted, &draws);
+                (sum + carried.min(f32::MAX / 64.0), rays + traced)
             })
-            .collect();
+        });
         let rays = found.iter().map(|(_, rays)| rays).sum();
         let found = &found[..];
         let near = |number: u32| -> f64 {
@@ -217,9 +214,9 @@ impl Sources {
         draws: impl Fn(u32) -> Draws<'d> + Sync,
         arrive: impl Fn(&Arrival<'_, 'w>, &mut Vec<T>) -> Onwards + Sync,
     ) -> (Vec<T>, u64) {
-        let trace_some = |numbers: Vec<u32>| {
+        let trace_some = |chunk: usize| {
             let (mut found, mut rays) = (Vec::new(), 0);
-            for number in numbers {
+            for number in paths.clone().skip(chunk * CHUNK).take(CHUNK) {
                 let draws = draws(number);
                 let Some(emitted) = self.emit(world, &draws) else { continue };
                 rays += walk(world, &emitted, &draws, |arrival| arrive(arrival, &mut found));
@@ -227,7 +224,7 @@ impl Sources {
             found.shrink_to_fit();
             (found, rays)
         };
-        let chunks: Vec<(Vec<T>, u64)> = paths.into_par_iter().chunks(CHUNK).map(trace_some).collect();
+        let chunks: Vec<(Vec<T>, u64)> = parallel::map(paths.len().div_ceil(CHUNK), trace_some);
         let mut all = Vec::with_capacity(chunks.iter().map(|(found, _)| found.len()).sum());
         let rays = chunks.iter().map(|(_, rays)| rays).sum();
         chunks.into_iter().for_each(|(found, _)| all.extend(found));

@@ -2,8 +2,7 @@
 
 use super::variance_over_lens;
 use crate::windows::{beside, window_sums};
-use dapple_core::{FirstHit, Frame};
-use rayon::prelude::*;
+use dapple_core::{FirstHit, Frame, parallel};
 use std::f64::consts::{PI, TAU};
 
 dapple_core::options! {
@@ -106,7 +105,7 @@ fn detail(size: [usize; 2], surfaces: &[Surface], breaks: &Breaks, window: usize
         let (curvature, gloss) = ((turn / count).sqrt(), 1.0 - f64::from(surface.hit.roughness).clamp(0.0, 1.0));
         texture.max((curvature * gloss.max(curvature)).sqrt()).min(NYQUIST)
     };
-    sums.par_iter().zip(surfaces).with_min_len(1024).map(of).collect()
+    parallel::map(surfaces.len(), |i| of((&sums[i], &surfaces[i])))
 }
 
 /// The least radius of the circles of confusion of the breaks at a pixel: of the nearer side each, which hides the other, or of
@@ -150,7 +149,7 @@ fn blurs(
         };
         Blur { bandwidth: blur.bandwidth.clamp(options.least, NYQUIST), ..blur }
     };
-    (0..surfaces.len()).into_par_iter().with_min_len(1024).map(of).collect()
+    parallel::map(surfaces.len(), of)
 }
 
 /// The standard deviation over the lens: of a sinusoid with the surface's bandwidth, whose variance over the image is that of
@@ -171,7 +170,7 @@ fn deviations(size: [usize; 2], surfaces: &[Surface], blurs: &[Blur], normals: f
         let variance = ((sums[5] - squares / count) / count).max(0.0);
         (2.0 * variance * variance_over_lens(TAU * blur.sharp * blur.radius)).sqrt()
     };
-    blurs.par_iter().enumerate().with_min_len(1024).map(of).collect()
+    parallel::map(blurs.len(), |i| of((i, &blurs[i])))
 }
 
 /// The sums of values over all pixels above and to the left of each pixel, from which those of any rectangle follow.
@@ -259,7 +258,7 @@ impl Surface {
 fn surfaces(frame: &Frame, trace: &(dyn Fn([u32; 2]) -> (Option<FirstHit>, f32) + Send + Sync)) -> Vec<Surface> {
     let [width, height] = frame.size().map(|n| n as f32);
     let largest = width + height;
-    (0..frame.pixels()).into_par_iter().map(|i| Surface::new(trace(frame.pixel(i)), largest)).collect()
+    parallel::map(frame.pixels(), |i| Surface::new(trace(frame.pixel(i)), largest))
 }
 
 fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
@@ -282,7 +281,7 @@ impl Breaks {
                 if !(i + 1).is_multiple_of(width) { u8::from(is_break(here, &surfaces[i + 1], limits)) } else { 4 };
             right | surfaces.get(i + width).map_or(8, |below| u8::from(is_break(here, below, limits)) << 1)
         };
-        Self { width, bits: surfaces.par_iter().enumerate().with_min_len(1024).map(bits).collect() }
+        Self { width, bits: parallel::map(surfaces.len(), |i| bits((i, &surfaces[i]))) }
     }
 
     /// The pixels before and after pixel `i` along axis 0 or 1 on a surface without a break; `None` at breaks and borders.

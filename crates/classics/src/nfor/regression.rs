@@ -2,7 +2,7 @@
 
 use super::Rgb;
 use crate::windows::{FEATURES, PatchSums, PixelTile};
-use rayon::prelude::*;
+use dapple_core::parallel;
 use std::ops::Range;
 
 /// The image that weights are computed from: values with their variances.
@@ -111,26 +111,24 @@ pub(super) fn nl_average<const N: usize>(
 ) -> Vec<[f64; N]> {
     let [width, height] = guide.size;
     let mut all = vec![[0.0; N]; width * height];
-    all.par_chunks_mut(width * TILE[1]).enumerate().for_each_init(
-        || TileWeights::new(kernel),
-        |weights, (band, rows)| {
-            for tile in PixelTile::of_band(guide.size, TILE, band) {
-                weights.compute(guide, kernel, tile);
-                for (pixel, [x, y]) in tile.pixels().enumerate() {
-                    let i = y * width + x;
-                    let (mut sum, mut total) = ([0.0; N], 0.0);
-                    for (&weight, [dx, dy]) in weights.of(pixel).iter().zip(kernel.offsets()) {
-                        let q = (i as isize + dy * width as isize + dx) as usize;
-                        if weight > 0.0 && known[q] {
-                            total += weight;
-                            (0..N).for_each(|c| sum[c] += weight * values[q][c]);
-                        }
+    parallel::chunks(&mut all, width * TILE[1], |band, rows| {
+        let mut weights = TileWeights::new(kernel);
+        for tile in PixelTile::of_band(guide.size, TILE, band) {
+            weights.compute(guide, kernel, tile);
+            for (pixel, [x, y]) in tile.pixels().enumerate() {
+                let i = y * width + x;
+                let (mut sum, mut total) = ([0.0; N], 0.0);
+                for (&weight, [dx, dy]) in weights.of(pixel).iter().zip(kernel.offsets()) {
+                    let q = (i as isize + dy * width as isize + dx) as usize;
+                    if weight > 0.0 && known[q] {
+                        total += weight;
+                        (0..N).for_each(|c| sum[c] += weight * values[q][c]);
                     }
-                    rows[(y - tile.top) * width + x] = if total > 0.0 { sum.map(|s| s / total) } else { values[i] };
                 }
+                rows[(y - tile.top) * width + x] = if total > 0.0 { sum.map(|s| s / total) } else { values[i] };
             }
-        },
-    );
+        }
+    });
     all
 }
 
@@ -168,7 +166,7 @@ pub(super) fn regress(guide: &Guide<'_>, kernel: Kernel, data: &Data<'_>) -> Rgb
         }
         sums
     };
-    let all: Vec<Band> = (0..bands).into_par_iter().map(splat).collect();
+    let all: Vec<Band> = parallel::map(bands, splat);
     let mut sums = vec![[0.0; 4]; width * height];
     for band in all {
         let places = &mut sums[band.first * width..];

@@ -1,8 +1,7 @@
 //! A bank of cross non-local means filters, with Stein's estimate of each one's error, and the planes that they read.
 
 use crate::windows::{FEATURES, Means, PatchSums, PixelTile, feature_moments, per_pixel, unit_of_depth};
-use dapple_core::{Film, Needs, luminance};
-use rayon::prelude::*;
+use dapple_core::{Film, Needs, luminance, parallel};
 
 /// The number of filters that smooth. One more, the first of the bank, leaves the image as it is.
 pub(super) const FILTERS: usize = 8;
@@ -72,7 +71,7 @@ impl Sums {
 pub(super) fn apply(planes: &Planes, radius: usize) -> Vec<OfPixel> {
     let width = planes.size[0];
     let mut all = vec![OfPixel::default(); width * planes.size[1]];
-    all.par_chunks_mut(width * TILE[1]).enumerate().for_each(|(band, pixels)| {
+    parallel::chunks(&mut all, width * TILE[1], |band, pixels| {
         for tile in PixelTile::of_band(planes.size, TILE, band) {
             for ([x, y], sums) in tile.pixels().zip(&sums(planes, tile, radius as isize)) {
                 pixels[(y - tile.top) * width + x] = of_pixel(planes, y * width + x, sums);

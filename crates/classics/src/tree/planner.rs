@@ -6,9 +6,8 @@ use crate::recorders::{FilmSamples, Singles};
 use crate::{Domain, Placed, PlacedHandle};
 use dapple_core::{
     Error, Feedback, Frame, Limits, Needs, Options, Plan, PointSet, Progress, Recorder, Sampler, SamplerMemory,
-    allocate, mix,
+    allocate, mix, parallel,
 };
-use rayon::prelude::*;
 use std::mem;
 use std::sync::Arc;
 
@@ -198,7 +197,8 @@ impl<P: PointSet, R: Refinement> TreeSampler<P, R> {
         let of_cell: Vec<&[Candidate]> = chosen.chunk_by(|a, b| a.cell == b.cell).collect();
         let seed = round.seed;
         let size = seen.frame().size();
-        let placed = of_cell.par_iter().map_init(Cell::default, |cell, chosen| {
+        let placed = parallel::map(of_cell.len(), |k| {
+            let (cell, chosen) = (&mut Cell::default(), of_cell[k]);
             let number = chosen[0].cell as usize;
             cells.read(number, samples, &self.points, self.points.domain(), cell);
             let (cell, mut places, mut leaf, mut next) = (&*cell, Vec::new(), 0, 0);
@@ -212,7 +212,7 @@ impl<P: PointSet, R: Refinement> TreeSampler<P, R> {
             });
             places.iter().map(|at| pixel_of(size, cell.corner, at)).collect::<Vec<_>>()
         });
-        for (pixel, inside) in placed.collect::<Vec<_>>().into_iter().flatten() {
+        for (pixel, inside) in placed.into_iter().flatten() {
             let i = pixel[1] as usize * size[0] as usize + pixel[0] as usize;
             if round.total < seen.budget.left() && round.now[i] + round.counts[i] < seen.budget.max_spp {
                 self.add(seen, round, i, &inside)?;
@@ -241,7 +241,7 @@ impl<P: PointSet, R: Refinement> TreeSampler<P, R> {
         let step = (seen.pixels() as u64 / OF_PIXELS).max(budget.spent / OF_SAMPLES).max(1).min(budget.left());
         let least = (seen.pixels() as u64).max(budget.spent).div_ceil(LEAST).min(step);
         let level = rule.least_share() * all.iter().map(|c| c.score).fold(0.0, f64::max);
-        let high: u64 = all.par_iter().map(|c| u64::from(rule.wanted(c.score, c.samples, level))).sum();
+        let high: u64 = all.iter().map(|c| u64::from(rule.wanted(c.score, c.samples, level))).sum();
         hand_out(&rule, &mut all, high.clamp(least, step));
         all.retain(|candidate| candidate.count > 0);
         all
@@ -271,7 +271,7 @@ fn pixel_of(size: [u32; 2], corner: [u32; 2], at: &At) -> ([u32; 2], At) {
 /// refining the box with the largest score, one by one, comes to. Boxes that share the last samples get them by their order.
 fn hand_out(rule: &impl Refinement, all: &mut [Candidate], step: u64) {
     let wanted = |c: &Candidate, level: u64| rule.wanted(c.score, c.samples, f64::from_bits(level));
-    let total = |level: u64| all.par_iter().map(|c| u64::from(wanted(c, level))).sum::<u64>();
+    let total = |level: u64| all.iter().map(|c| u64::from(wanted(c, level))).sum::<u64>();
     // The bits of positive numbers are in their order. At `high` too few samples are wanted, or as many as there are.
     let (mut low, mut high) = (0, f64::MAX.to_bits());
     if total(1) > step {

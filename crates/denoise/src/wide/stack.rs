@@ -3,8 +3,8 @@
 use crate::inputs::{Guide, Inputs};
 use crate::planes::{Colours, map_to_one, raised};
 use crate::tile::{FeatureScales, sharpness, vectors};
+use dapple_core::parallel;
 use pulp::Simd;
-use rayon::prelude::*;
 
 /// The radius of a window in pixels.
 pub(super) const REACH: usize = 20;
@@ -60,7 +60,7 @@ pub(super) fn stacks(inputs: &Inputs, guide: &Guide) -> Vec<Stack> {
         let before = STEP as isize * ((tile * CENTRES) as isize - PAD as isize);
         let first = (-before).max(0) as usize;
         let end = (width as isize - before).min((STEP * COLUMNS) as isize) as usize;
-        data.par_chunks_mut(STEP * PLANES * COLUMNS).enumerate().for_each(|(y, row)| {
+        parallel::chunks(&mut data, STEP * PLANES * COLUMNS, |y, row| {
             let mut padded = [0.0; STEP * COLUMNS];
             for (k, plane) in planes.iter().enumerate() {
                 let source = &plane[y * width..][..width];

@@ -6,9 +6,8 @@
 use super::{CutLight, Lit, Member, NodeId, Refinement};
 use crate::patches::Patches;
 pub(super) use crate::walk::grid;
-use dapple_core::Frame;
+use dapple_core::{Frame, parallel};
 use dapple_renderer::{GatherPoint, World};
-use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 /// Probes for each cluster, on average over those that the camera sees.
@@ -43,7 +42,7 @@ impl CutLight<'_> {
             }
         }
         let probes: Vec<(usize, Vec<[u32; 2]>)> = probes.into_iter().collect();
-        let cuts: Vec<(Vec<NodeId>, u64)> = probes.par_iter().map(|(_, pixels)| self.common_cut(pixels)).collect();
+        let cuts: Vec<(Vec<NodeId>, u64)> = parallel::map(probes.len(), |k| self.common_cut(&probes[k].1));
         let (mut starts, mut nodes, mut rays) = (vec![0], Vec::new(), u64::from(side * side));
         for ((key, _), (cut, more)) in probes.iter().zip(cuts) {
             starts.resize(key + 1, nodes.len() as u32);

@@ -1,0 +1,51 @@
+//! Loops over pixels, tiles or other tasks on all threads.
+//!
+//! Rayon's generic loops were a third of the code of some crates, since each function got a loop of its own. These loops are
+//! compiled once; a function is called through a pointer for many pixels at a time.
+
+use rayon::prelude::*;
+use std::sync::{Mutex, PoisonError};
+
+/// Calls `f` with every number below `n`, in any order.
+pub fn for_each(n: usize, f: &(dyn Fn(usize) + Sync)) {
+    (0..n).into_par_iter().with_max_len(1).for_each(f);
+}
+
+/// Calls `f` with the number and the contents of each part.
+pub fn parts<P: Send>(parts: impl Iterator<Item = P>, f: impl Fn(usize, &mut P) + Sync) {
+    let parts: Vec<Mutex<P>> = parts.map(Mutex::new).collect();
+    for_each(parts.len(), &|number| f(number, &mut parts[number].lock().unwrap_or_else(PoisonError::into_inner)));
+}
+
+/// Calls `f` with the number and the values of each chunk of `length` values; the last chunk may be shorter.
+///
+/// # Panics
+///
+/// If `length` is 0.
+pub fn chunks<T: Send>(values: &mut [T], length: usize, f: impl Fn(usize, &mut [T]) + Sync) {
+    parts(values.chunks_mut(length), |number, part| f(number, part));
+}
+
+/// Computes the values of all numbers below `n`.
+pub fn map<T: Send>(n: usize, f: impl Fn(usize) -> T + Sync) -> Vec<T> {
+    let length = (n / 256).clamp(1, 1024);
+    let mut all: Vec<Vec<T>> = (0..n.div_ceil(length)).map(|_| Vec::new()).collect();
+    parts(all.iter_mut(), |number, part| **part = (number * length..n.min((number + 1) * length)).map(&f).collect());
+    all.into_iter().flatten().collect()
+}
+
+/// As [`map`], with memory that `init` makes and later tasks use again.
+pub fn map_with<M: Send, T: Send>(
+    n: usize,
+    init: impl Fn() -> M + Sync,
+    f: impl Fn(&mut M, usize) -> T + Sync,
+) -> Vec<T> {
+    let free = Mutex::new(Vec::new());
+    let free = || free.lock().unwrap_or_else(PoisonError::into_inner);
+    map(n, |number| {
+        let mut memory = free().pop().unwrap_or_else(&init);
+        let value = f(&mut memory, number);
+        free().push(memory);
+        value
+    })
+}
