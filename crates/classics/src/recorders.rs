@@ -214,8 +214,11 @@ impl Recorder for Singles {
         if words.len() / self.each() < self.most() {
             words.extend(sample.radiance.map(f32::to_bits));
             if *self == Self::Moving {
-                let Trajectory { inverse_depth, motion: [x, y, w], .. } =
-                    sample.estimate.trajectory.filter(Trajectory::is_sound).unwrap_or_default();
+                let is_sound = |t: &Trajectory| {
+                    t.inverse_depth >= 0.0 && t.inverse_depth.is_finite() && t.motion.iter().all(|v| v.is_finite())
+                };
+                let Trajectory { inverse_depth, motion: [x, y, w] } =
+                    sample.estimate.trajectory.filter(is_sound).unwrap_or_default();
                 words.extend([inverse_depth, x, y, w].map(f32::to_bits));
             }
         }
@@ -255,7 +258,7 @@ impl<'f> FilmSamples<'f> {
         let words = if half < halves(self.film) { self.recorded.kept(half, i) } else { &[] };
         words.chunks_exact(self.each).map(|words| {
             let at = |k: usize| words.get(k).map_or(0.0, |&word| f32::from_bits(word));
-            ([at(0), at(1), at(2)], Trajectory::new(at(3), [at(4), at(5), at(6)]))
+            ([at(0), at(1), at(2)], Trajectory { inverse_depth: at(3), motion: [at(4), at(5), at(6)] })
         })
     }
 }
@@ -349,7 +352,7 @@ mod tests {
     }
 
     fn trajectory(u: [f32; 4]) -> Trajectory {
-        Trajectory::new(if u[3] < 0.125 { f32::NAN } else { u[0] }, [u[1], -u[2], u[3]])
+        Trajectory { inverse_depth: if u[3] < 0.125 { f32::NAN } else { u[0] }, motion: [u[1], -u[2], u[3]] }
     }
 
     /// The words that are recorded of a sample with these random numbers.
@@ -366,7 +369,9 @@ mod tests {
             let render = Render::new(frame([8, 5]), &limits).needs(needs).recorders(everything());
             let mut moving = Traced(|draws: &Draws<'_>, _: &mut Worker| {
                 let u = draws.block(Block::new(0));
-                Estimate::new(noise(u)).with_trajectory(draws.wants_trajectory().then(|| trajectory(u)))
+                let mut estimate = Estimate::new(noise(u));
+                estimate.trajectory = draws.wants_trajectory().then(|| trajectory(u));
+                estimate
             });
             let film = render.run(&mut moving, &mut Uniform::new(Random::new(3))).unwrap();
             let of = |singles: Singles| singles.of(&film, "a test").unwrap();

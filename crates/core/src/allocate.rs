@@ -141,13 +141,9 @@ fn share_out_clean(demand: &Demand<'_>, needed: u64, steps: &impl Steps) -> Vec<
     };
     let start = threshold_of_some(demand, reach, steps);
     let close = (scores.len() / 64).max(256) as u64;
-    let bracket = if scores.len() >= 2 * SERIAL {
-        // The search sums over all pixels several times. Called from outside the pool, each sum would wait for a thread
-        // to wake up, which took longer than the sum.
-        rayon::scope(|_| find_threshold(start, total, close, spend))
-    } else {
-        find_threshold(start, total, close, spend)
-    };
+    // The search sums over all pixels several times. Called from outside the pool, each sum would wait for a thread to wake up,
+    // which took longer than the sum.
+    let bracket = rayon::scope(|_| find_threshold(start, total, close, spend));
     let (mut counts, spent): (Vec<u32>, u64) = match bracket.within {
         Some((t, spent)) => (scores.iter().zip(floors).map(|(&g, &floor)| reach(g, floor, t)).collect(), spent),
         None => (floors.to_vec(), needed),

@@ -157,10 +157,9 @@ impl From<&FirstHit> for SurfaceFeatures {
 /// use dapple_core::Trajectory;
 ///
 /// // A point 4 units away at column 10 and row 20 that moves 3 pixels to the right.
-/// let moving = Trajectory::new(0.25, [3.0, 0.0, 0.0]);
+/// let moving = Trajectory { inverse_depth: 0.25, motion: [3.0, 0.0, 0.0] };
 /// # assert_eq!(moving.inverse_depth, 0.25);
 /// ```
-#[non_exhaustive]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Trajectory {
     /// The inverse of the depth along the view direction at the sample's time, in the unit of the camera's focal distance. 0 for
@@ -169,19 +168,6 @@ pub struct Trajectory {
     /// The change of `(x w, y w, w)` from the time when the shutter opens to the time when it closes, divided by the depth at
     /// the sample's time.
     pub motion: [f32; 3],
-}
-
-impl Trajectory {
-    /// The trajectory of a point with this inverse depth and this relative motion.
-    #[inline]
-    pub const fn new(inverse_depth: f32, motion: [f32; 3]) -> Self {
-        Self { inverse_depth, motion }
-    }
-
-    /// Returns `true` if no number is NaN or infinite and the depth is not negative.
-    pub fn is_sound(&self) -> bool {
-        self.inverse_depth >= 0.0 && self.inverse_depth.is_finite() && self.motion.iter().all(|v| v.is_finite())
-    }
 }
 
 /// An integrator's result for one sample: radiance, first hit, features and cost.
@@ -263,14 +249,6 @@ impl Estimate {
     #[must_use]
     pub fn with_features(mut self, features: impl Into<Option<SurfaceFeatures>>) -> Self {
         self.features = features.into();
-        self
-    }
-
-    /// Sets the trajectory of the first hit: a [`Trajectory`], or an `Option` of one.
-    #[inline]
-    #[must_use]
-    pub fn with_trajectory(mut self, trajectory: impl Into<Option<Trajectory>>) -> Self {
-        self.trajectory = trajectory.into();
         self
     }
 

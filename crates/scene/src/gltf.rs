@@ -132,8 +132,8 @@ fn truncated(length: usize) -> Fault {
 
 /// Parses and checks the JSON part of a file. Extensions that are left out become notices.
 fn document(text: &[u8], scene: &mut Scene, source: &Source) -> Result<Document, Fault> {
-    let mut root: json::Root = json::deserialize::from_slice(text)
-        .map_err(|e| Fault::at(e.line() as u32, format!("{e}; export the file again")))?;
+    let mut root: json::Root =
+        json::Root::from_slice(text).map_err(|e| Fault::at(e.line() as u32, format!("{e}; export the file again")))?;
     if !root.asset.version.starts_with("2.") {
         let version = &root.asset.version;
         return Err(format!("the file has glTF version {version:?}; export version 2.0").into());

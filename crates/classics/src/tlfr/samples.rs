@@ -132,7 +132,11 @@ impl Axes {
                     lens: self.lens.map_or([0.0; 2], |[u, v]| on_disk([of(u), of(v)])),
                     time: self.time.map_or(0.0, of),
                 };
-                let path = if self.time.is_some() { path } else { Trajectory::new(path.inverse_depth, [0.0; 3]) };
+                let path = if self.time.is_some() {
+                    path
+                } else {
+                    Trajectory { inverse_depth: path.inverse_depth, motion: [0.0; 3] }
+                };
                 samples.push(Sample::new(&at, &path, defocus, radiance));
             }
         }
@@ -393,7 +397,7 @@ mod tests {
     fn samples_that_pass_the_camera_are_at_rest() {
         let at = At { place: [3.0, 4.0], time: 0.5, ..At::default() };
         let none = Defocus::new([0.0; 2], [0.0; 2]);
-        let sample = Sample::new(&at, &Trajectory::new(1.0, [0.0, 0.0, -3.0]), &none, [1.0; 3]);
+        let sample = Sample::new(&at, &Trajectory { inverse_depth: 1.0, motion: [0.0, 0.0, -3.0] }, &none, [1.0; 3]);
         assert_eq!(sample.seen(&none, [0.0; 2], 1.0).place, [3.0, 4.0]);
     }
 
@@ -404,7 +408,7 @@ mod tests {
             let u = |lane: u64| f64::from(unit(16 * k + lane));
             let at = At { place: [40.0 * u(0), 30.0 * u(1)], lens: on_disk([u(2), u(3)]), time: u(4) };
             let motion = [6.0 * u(5) - 3.0, 4.0 * u(6) - 2.0, 1.4 * u(7) - 0.7].map(|x| x as f32);
-            (at, Trajectory::new(u(8) as f32, motion))
+            (at, Trajectory { inverse_depth: u(8) as f32, motion })
         };
         let made = (0..3000).map(|k| {
             let (at, path) = of(k);
@@ -433,7 +437,7 @@ mod tests {
     fn a_sample_made_at_a_point_is_seen_there() {
         let defocus = Defocus::new([9.0, -8.0], [-20.0, 18.0]);
         let at = At { place: [17.5, 3.25], lens: [0.5, -0.25], time: 0.75 };
-        let sample = Sample::new(&at, &Trajectory::new(0.7, [2.0, -1.0, 0.3]), &defocus, [0.0; 3]);
+        let sample = Sample::new(&at, &Trajectory { inverse_depth: 0.7, motion: [2.0, -1.0, 0.3] }, &defocus, [0.0; 3]);
         let seen = sample.seen(&defocus, at.lens, at.time);
         assert!((0..2).all(|axis| (seen.place[axis] - at.place[axis]).abs() < 1e-5), "{seen:?}");
         // Its changes with lens and time are those of finite differences.

@@ -26,6 +26,12 @@ impl Plane {
     }
 }
 
+fn moving(radiance: [f32; 3], path: Option<Trajectory>) -> Estimate {
+    let mut estimate = Estimate::new(radiance);
+    estimate.trajectory = path;
+    estimate
+}
+
 /// Planes from front to back, before a black background at rest.
 struct Planes {
     planes: Vec<Plane>,
@@ -38,7 +44,7 @@ impl Planes {
             let (point, inverse_depth) = plane.point(at, &self.defocus);
             if let Some(colour) = (plane.colour)(point) {
                 let motion = plane.motion.map(|x| (x / (1.0 + at.time * plane.motion[2])) as f32);
-                return (colour, Some(Trajectory::new(inverse_depth as f32, motion)));
+                return (colour, Some(Trajectory { inverse_depth: inverse_depth as f32, motion }));
             }
         }
         ([0.0; 3], None)
@@ -72,7 +78,7 @@ fn empty(size: [u32; 2]) -> Film {
 fn film_at(at: fn([u32; 2], [f32; 4], [f32; 4]) -> At, planes: &Planes, size: [u32; 2], spp: f64) -> Film {
     let mut scene = Traced(|draws: &Draws<'_>, _: &mut Worker| {
         let (colour, path) = planes.seen(&at(draws.pixel(), draws.block(Block::new(0)), draws.block(Block::new(1))));
-        Estimate::new(colour).with_trajectory(path)
+        moving(colour, path)
     });
     let limits = Limits::spp(spp);
     let render = Render::new(frame(size), &limits).needs(Singles::Moving.needs()).recorders(Singles::Moving.list());
@@ -249,16 +255,16 @@ fn a_light_field_of_one_surface_mixes_planes() {
 #[test]
 fn senseless_trajectories_spoil_no_other_samples() {
     for path in [
-        Trajectory::new(f32::MAX, [0.0; 3]),
-        Trajectory::new(1.0, [f32::MAX, 0.0, 0.0]),
-        Trajectory::new(1.0, [0.0, -1e30, f32::MAX]),
-        Trajectory::new(f32::MIN_POSITIVE, [0.0, 0.0, -f32::MAX]),
-        Trajectory::new(f32::NAN, [0.0; 3]),
+        Trajectory { inverse_depth: f32::MAX, motion: [0.0; 3] },
+        Trajectory { inverse_depth: 1.0, motion: [f32::MAX, 0.0, 0.0] },
+        Trajectory { inverse_depth: 1.0, motion: [0.0, -1e30, f32::MAX] },
+        Trajectory { inverse_depth: f32::MIN_POSITIVE, motion: [0.0, 0.0, -f32::MAX] },
+        Trajectory { inverse_depth: f32::NAN, motion: [0.0; 3] },
     ] {
         let mut film = empty([4, 4]);
         for (i, k) in (0..16).flat_map(|i| (0..4).map(move |k| (i, k))) {
-            let path = if (i + k) % 3 == 0 { path } else { Trajectory::new(0.5, [1.0, 0.0, 0.0]) };
-            film.push_estimate(i, 0, &Estimate::new([0.5; 3]).with_trajectory(path));
+            let path = if (i + k) % 3 == 0 { path } else { Trajectory { inverse_depth: 0.5, motion: [1.0, 0.0, 0.0] } };
+            film.push_estimate(i, 0, &moving([0.5; 3], Some(path)));
         }
         let image = image(&tlfr(&ALL, Defocus::new([2.0, -2.0], [4.0, -4.0]), 16), &film);
         assert!(image.iter().flatten().all(|x| (x - 0.5).abs() < 1e-5), "{path:?}: {image:?}");

@@ -144,18 +144,13 @@ impl Rungs {
 
 impl Steps for Rungs {
     fn next(&self, n: u32) -> u32 {
-        match self.rungs.partition_point(|&r| r <= n) {
-            k if k < self.rungs.len() => self.rungs[k],
-            _ => u32::MAX,
-        }
+        self.rungs.get(self.rungs.partition_point(|&r| r <= n)).copied().unwrap_or(u32::MAX)
     }
 
     fn reach(&self, threshold: f64) -> u32 {
         // The result of `partition_point`, in a step or two instead of six.
         let mut k = usize::from(self.sure[bucket(threshold)]);
-        while self.gains.get(k).is_some_and(|&g| g >= threshold) {
-            k += 1;
-        }
+        k += self.gains[k..].iter().take_while(|g| **g >= threshold).count();
         if k == 0 { 0 } else { self.rungs[k - 1] }
     }
 

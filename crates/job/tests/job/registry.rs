@@ -385,9 +385,9 @@ struct Tracer<'w>(Box<dyn dapple_core::Integrator + 'w>, bool);
 
 impl dapple_core::Integrator for Tracer<'_> {
     fn estimate(&self, draws: &dapple_core::Draws<'_>, log: &mut dapple_core::Worker) -> dapple_core::Estimate {
-        let estimate = self.0.estimate(draws, log);
-        let trajectory = estimate.trajectory.filter(|_| self.1);
-        estimate.with_trajectory(trajectory)
+        let mut estimate = self.0.estimate(draws, log);
+        estimate.trajectory = estimate.trajectory.filter(|_| self.1);
+        estimate
     }
 }
 

@@ -47,9 +47,11 @@ impl Integrator for AmbientOcclusion<'_> {
         let world = self.world;
         let (ray, time) = world.camera_ray(draws);
         let Some(at) = world.closest_hit(&ray, time) else {
-            let wants = draws.wants_trajectory();
-            let trajectory = wants.then(|| world.background_trajectory(&ray, time)).flatten();
-            return Estimate::new([0.0; 3]).with_trajectory(trajectory);
+            let mut estimate = Estimate::new([0.0; 3]);
+            if draws.wants_trajectory() {
+                estimate.trajectory = world.background_trajectory(&ray, time);
+            }
+            return estimate;
         };
         let [.., u, v] = draws.block(blocks::scatter(0));
         // The side of the surface from which the camera ray comes.
@@ -60,7 +62,10 @@ impl Integrator for AmbientOcclusion<'_> {
         // Directions are sampled with cosine density, so the fraction is the mean of the values 0 and 1.
         let open = if world.occluded(&probe, time) { 0.0 } else { 1.0 };
         let first_hit = draws.wants_first_hit().then(|| world.first_hit(&ray, &at, 0.0));
-        let trajectory = draws.wants_trajectory().then(|| world.trajectory(&at)).flatten();
-        Estimate::new([open; 3]).with_first_hit(first_hit).with_trajectory(trajectory).with_cost(2)
+        let mut estimate = Estimate::new([open; 3]).with_first_hit(first_hit).with_cost(2);
+        if draws.wants_trajectory() {
+            estimate.trajectory = world.trajectory(&at);
+        }
+        estimate
     }
 }

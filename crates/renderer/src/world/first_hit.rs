@@ -163,7 +163,7 @@ impl World {
 /// Returns the trajectory if its numbers are finite in `f32`.
 fn sound(inverse_depth: f64, motion: DVec3) -> Option<Trajectory> {
     let (inverse_depth, motion) = (inverse_depth as f32, motion.as_vec3());
-    (inverse_depth.is_finite() && motion.is_finite()).then(|| Trajectory::new(inverse_depth, motion.to_array()))
+    (inverse_depth.is_finite() && motion.is_finite()).then(|| Trajectory { inverse_depth, motion: motion.to_array() })
 }
 
 /// Returns the factor, 1 or -1, that turns a surface's normals to the side that the ray came from.
