@@ -219,7 +219,7 @@ fn henyey_greenstein_is_its_formula_and_samples_it() {
                 let draw = || {
                     let sample = phase.sample(from, [random.random(), random.random()]);
                     cosines.add(sample.wi.as_dvec3().dot(travel));
-                    if cosines.n % 5 == 0 {
+                    if cosines.n.is_multiple_of(5) {
                         let again = phase.evaluate(from, sample.wi);
                         assert!(sample.pdf > 0.0 && sample.pdf.is_finite() && (sample.wi.length() - 1.0).abs() < 3e-7);
                         assert!((again / sample.pdf - 1.0).abs() < 2e-3, "{g}: {sample:?} {again}");
