@@ -210,7 +210,7 @@ mod tests {
             let size = [24, 16];
             let mut world = bundle(name, size);
             world.set_max_depth(world.max_depth().min(6));
-            let expected = means_by(&mut *integrator(&world), size, 128, 100..116);
+            let expected = means_by(&mut *integrator(&world), size, 64, 100..116);
             let [found, less] = [true, false].map(|compensates| {
                 let options = InstantOptions::parse("paths=32,clamp=2").unwrap_or_else(|e| panic!("{e}"));
                 let light = VirtualLights { compensates, ..VirtualLights::new(&world, options) };

@@ -169,7 +169,7 @@ fn order_and_threads_change_no_label_k07() {
         {
             let clusters = mesh.cluster(&params).unwrap();
             let mut random = Random(number as u64);
-            for _ in 0..20 {
+            for _ in 0..10 {
                 let (shuffled, order) = mesh.shuffle(&mut random);
                 let found = shuffled.cluster(&params).unwrap();
                 let expected: Vec<u32> = order.iter().map(|&old| clusters.labels()[old as usize]).collect();

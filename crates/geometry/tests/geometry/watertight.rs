@@ -7,14 +7,17 @@ use rand::RngExt;
 
 const CENTRES: [DVec3; 3] = [DVec3::ZERO, DVec3::new(0.3, -0.7, 0.11), DVec3::new(148_376.0, 1_234.0, -223_423.0)];
 
-/// Vertices and edge midpoints of all triangles.
+/// Vertices and edge midpoints of all triangles, each once.
 fn targets(positions: &[[f32; 3]], triangles: &[[u32; 3]]) -> Vec<DVec3> {
     let corner = |i: u32| Vec3::from_array(positions[i as usize]).as_dvec3();
     let of_triangle = |t: &[u32; 3]| {
         let [a, b, c] = t.map(corner);
         [a, b, c, (a + b) * 0.5, (b + c) * 0.5, (c + a) * 0.5]
     };
-    triangles.iter().flat_map(of_triangle).collect()
+    let mut all: Vec<DVec3> = triangles.iter().flat_map(of_triangle).collect();
+    all.sort_unstable_by_key(|at| at.to_array().map(f64::to_bits));
+    all.dedup();
+    all
 }
 
 #[test]

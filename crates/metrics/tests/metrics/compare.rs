@@ -228,7 +228,7 @@ fn wild() -> impl Strategy<Value = Vec<[f32; 3]>> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(300))]
+    #![proptest_config(ProptestConfig::with_cases(100))]
 
     #[test]
     fn powers_of_two_scale_exactly(a in wild(), b in wild(), k in -10_i32..10) {

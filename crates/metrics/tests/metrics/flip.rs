@@ -79,6 +79,18 @@ fn flip_is_symmetric() {
     assert!(same.mean == 0.0 && same.map.iter().all(|&v| v == 0.0));
 }
 
+/// No other pair of corners of the cube of colours is as unlike as green and blue.
+#[test]
+fn the_largest_distance_lies_between_green_and_blue() {
+    let corner = |i: u32| [[0, 1, 2].map(|c| (i >> c & 1) as f32)];
+    for (i, j) in (0..64).map(|k| (k / 8, k % 8)) {
+        let [a, b] = [corner(i), corner(j)];
+        let found = flip(pixels([1, 1], &a), pixels([1, 1], &b), PIXELS_PER_DEGREE).unwrap().mean;
+        let is_largest = i | j == 0b110 && i & j == 0 && i != 0 && j != 0;
+        assert_eq!(found > 1.0 - 2e-5, is_largest, "{i:03b} and {j:03b}: {found}");
+    }
+}
+
 #[test]
 fn images_may_be_smaller_than_the_kernels() {
     for size in [[1, 1], [1, 9], [9, 1], [2, 3]] {

@@ -1,7 +1,9 @@
 //! Integration tests of the crate in one program, which links their dependencies once.
 
 mod compare;
+mod discrepancy;
 mod flip;
+mod metric;
 mod noise;
 mod statistics;
 mod support;

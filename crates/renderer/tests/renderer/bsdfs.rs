@@ -127,31 +127,33 @@ fn both_sides() -> Vec<Vec3> {
     outgoing().iter().enumerate().map(|(i, w)| if i % 2 == 0 { *w } else { -*w }).collect()
 }
 
-/// Some of the surfaces of each kind, thoroughly all; half of the directions for those that light passes, the extreme ones
-/// among them.
+/// Some of the surfaces of each kind with a fourth of the directions each, thoroughly all with all.
 #[test]
 fn samples_agree_with_their_pdf_l10() {
-    for (cases, step) in [(conductors(), 2), (coats(), 3), (glossy(), 3)] {
+    for (cases, directions, step) in [
+        (conductors(), outgoing(), 2),
+        (coats(), outgoing(), 3),
+        (glossy(), outgoing(), 3),
+        (transmitting(), both_sides(), 1),
+    ] {
         let cases: Vec<_> = cases.into_iter().step_by(thorough(step, 1)).collect();
-        check_agreement(&cases, &outgoing(), 100_000, true);
+        check_agreement(&cases, &directions, 100_000, true, thorough(4, 1));
     }
-    let half: Vec<Vec3> = both_sides().into_iter().enumerate().filter(|(i, _)| i % 4 < 2).map(|(_, w)| w).collect();
-    check_agreement(&transmitting(), &half, 100_000, true);
 }
 
 #[test]
 #[ignore = "nightly: 10^6 samples a direction, minutes"]
 fn samples_agree_with_their_pdf_with_many_samples_l10() {
     for (cases, outgoing) in [(all(), outgoing()), (layered(), outgoing()), (transmitting(), both_sides())] {
-        check_agreement(&cases, &outgoing, 1_000_000, true);
+        check_agreement(&cases, &outgoing, 1_000_000, true, 1);
     }
 }
 
 #[test]
 #[ignore = "not met: alpha 1e-3 at cosines 1.7e-4 and 1e-6, p = 0: f32 directions are a lattice wider than 3 % of the lobe"]
 fn narrow_lobes_at_grazing_angles_agree_with_their_pdf_l10() {
-    check_agreement(&conductors(), &outgoing(), 100_000, false);
-    check_agreement(&coats(), &outgoing(), 100_000, false);
+    check_agreement(&conductors(), &outgoing(), 100_000, false, 1);
+    check_agreement(&coats(), &outgoing(), 100_000, false, 1);
 }
 
 /// Negative controls: a density tilted by 5 % across the lobe is detected, for each BSDF; it is 15 % below a smooth coat over
@@ -241,15 +243,15 @@ fn no_light_comes_from_nowhere_l10() {
     assert!(black.sample(Vec3::Z, [0.5; 2], 0.5).is_none_or(|s| s.weight == Vec3::ZERO));
 }
 
-/// At 64 angles; half of them from inside for surfaces that light passes.
+/// At 32 angles; half of them from inside for surfaces that light passes.
 #[test]
 fn surfaces_conserve_energy_l11() {
     let cases = all();
     // Doubling tests the data up to 11 times.
-    let z = critical(sidak(FAMILY, cases.len() * 64 * 11));
+    let z = critical(sidak(FAMILY, cases.len() * 32 * 11));
     for (i, case) in cases.iter().enumerate() {
-        for j in 0..64 {
-            let cos = (f64::from(j) + 0.5) / 64.0;
+        for j in 0..32 {
+            let cos = (f64::from(j) + 0.5) / 32.0;
             let wo = slanted(if case.below == Below::Nothing { cos } else { 2.0 * cos - 1.0 });
             let (verdict, mean) = albedo(&case.bsdf, wo, 1.0, 64 * i as u64 + j as u64, |m| m.below(1.0 + 1e-4, z));
             assert_eq!(verdict, Verdict::Pass, "{} at {wo}: {mean:?}", case.name);
@@ -334,7 +336,7 @@ fn surfaces_are_reciprocal_l11() {
         };
         let eta = if let Below::Refracted(eta) = case.below { eta as f32 } else { 1.0 };
         let mut met = 0;
-        for i in 0..100_000 {
+        for i in 0..30_000 {
             let a = direction();
             // Half of the pairs near the mirror direction, or by refraction at a facet near the normal: where f is large.
             let near = direction() * narrowest;
@@ -359,7 +361,7 @@ fn surfaces_are_reciprocal_l11() {
             assert!((ab - ba).abs().cmple(1e-5 * ab).all(), "{}: f({a}, {b}) = {ab}, back {ba}", case.name);
             assert!(!is_opaque || ab == case.bsdf.evaluate(-a, -b), "{}: {a} {b}", case.name);
         }
-        assert!(is_opaque || met > 10_000, "{}: {met}", case.name);
+        assert!(is_opaque || met > 3000, "{}: {met}", case.name);
     }
 }
 

@@ -16,15 +16,10 @@ impl Cone {
     const COLUMNS: usize = 24;
     /// Points of the rule in a cell, since a density may end anywhere in it. They are Roberts' R2 sequence [after Roberts
     /// 2018].
-    const POINTS: usize = 4096;
+    const POINTS: usize = 2048;
 
-    /// p-value of `samples` draws against `pdf`, and the integral of `pdf` over the cone.
-    pub(crate) fn test(
-        &self,
-        samples: u64,
-        mut draw: impl FnMut() -> Option<Vec3>,
-        pdf: impl Fn(Vec3) -> f32,
-    ) -> (f64, f64) {
+    /// p-value of `samples` draws against the [`masses`](Self::masses) of a density.
+    pub(crate) fn test(&self, samples: u64, mut draw: impl FnMut() -> Option<Vec3>, masses: &[f64]) -> f64 {
         let (rows, columns) = (Self::ROWS, Self::COLUMNS);
         let (x, y) = self.axis.any_orthonormal_pair();
         let cell = |w: DVec3| {
@@ -40,6 +35,16 @@ impl Cone {
             let at = draw().and_then(|w| cell(w.as_dvec3().normalize()));
             observed[at.unwrap_or(rows * columns)] += 1;
         }
+        let rest = (1.0 - masses.iter().sum::<f64>()).max(0.0);
+        // Above the rule's own error, so that no cell is impossible.
+        let expected = masses.iter().chain([&rest]).map(|e| (samples as f64 * e).max(1e-6));
+        chi_square(&observed, &expected.collect::<Vec<_>>())
+    }
+
+    /// Integrals of `pdf` over the cells.
+    pub(crate) fn masses(&self, pdf: impl Fn(Vec3) -> f32) -> Vec<f64> {
+        let (rows, columns) = (Self::ROWS, Self::COLUMNS);
+        let (x, y) = self.axis.any_orthonormal_pair();
         let [dt, dp] = [self.angle / rows as f64, TAU / columns as f64];
         let mass = |i: usize| {
             let point = |j: usize| {
@@ -53,12 +58,7 @@ impl Cone {
             };
             (0..Self::POINTS).map(point).sum::<f64>() / Self::POINTS as f64 * dt * dp
         };
-        let mut expected: Vec<f64> = (0..rows * columns).map(mass).collect();
-        let integral: f64 = expected.iter().sum();
-        expected.push((1.0 - integral).max(0.0));
-        // Above the rule's own error, so that no cell is impossible.
-        let expected: Vec<f64> = expected.iter().map(|e| (samples as f64 * e).max(1e-6)).collect();
-        (chi_square(&observed, &expected), integral)
+        (0..rows * columns).map(mass).collect()
     }
 }
 
@@ -109,6 +109,8 @@ struct Rings {
     below: Below,
     /// The index below over the index above, as seen from `wo`.
     eta: f64,
+    /// Squares of the rings' outer radii, but for the last, which is infinite.
+    borders: [f64; RINGS - 1],
 }
 
 const RINGS: usize = 12;
@@ -126,7 +128,11 @@ impl Rings {
             Below::Refracted(eta) => 1.0 / eta,
             _ => 1.0,
         };
-        Self { wo: wo.as_dvec3() * side, side, alpha: case.alpha.map(f64::from), below: case.below, eta }
+        let alpha = case.alpha.map(f64::from);
+        let borders = [0.0; RINGS - 1];
+        let mut rings = Self { wo: wo.as_dvec3() * side, side, alpha, below: case.below, eta, borders };
+        rings.borders = std::array::from_fn(|i| rings.radius(i as f64 + 1.0).0.powi(2));
+        rings
     }
 
     /// Hemispheres with cells.
@@ -134,16 +140,19 @@ impl Rings {
         if self.below == Below::Nothing { 1 } else { 2 }
     }
 
-    /// The radius of a (continuous) ring number.
-    fn radius(&self, ring: f64) -> f64 {
+    /// The radius of a (continuous) ring number, and its derivative.
+    fn radius(&self, ring: f64) -> (f64, f64) {
         let n = (RINGS - 2) as f64;
         let last = LAST / self.alpha[0].min(self.alpha[1]);
         if ring <= 1.0 {
-            FIRST * ring
+            (FIRST * ring, FIRST)
         } else if ring <= n + 1.0 {
-            FIRST * (last / FIRST).powf((ring - 1.0) / n)
+            let rate = (last / FIRST).ln() / n;
+            let radius = FIRST * (rate * (ring - 1.0)).exp();
+            (radius, rate * radius)
         } else {
-            last / (n + 2.0 - ring).max(1e-12)
+            let left = (n + 2.0 - ring).max(1e-12);
+            (last / left, last / (left * left))
         }
     }
 
@@ -157,17 +166,16 @@ impl Rings {
         };
         // Slopes are the same for a half vector that points down.
         let (x, y) = (h.x / (self.alpha[0] * h.z), h.y / (self.alpha[1] * h.z));
-        let ring = (1..RINGS).find(|&i| x.hypot(y) < self.radius(i as f64)).unwrap_or(RINGS) - 1;
+        let ring = self.borders.iter().position(|border| x * x + y * y < *border).unwrap_or(RINGS - 1);
         let turn = (y.atan2(x) / TAU).rem_euclid(1.0);
         ring * SECTORS + ((turn * SECTORS as f64) as usize).min(SECTORS - 1) + if beyond { CELLS } else { 0 }
     }
 
     /// The density over (ring number, sector number) for a density over `wi`.
     fn density(&self, pdf: impl Fn(Vec3) -> f32, beyond: bool, ring: f64, sector: f64) -> f64 {
-        const STEP: f64 = 1e-4;
         let [ax, ay] = self.alpha;
         let phi = TAU * sector / SECTORS as f64;
-        let radius = self.radius(ring);
+        let (radius, slope) = self.radius(ring);
         let h = DVec3::new(ax * radius * phi.cos(), ay * radius * phi.sin(), 1.0);
         let inverse = h.length_recip();
         let cos = self.wo.dot(h) * inverse;
@@ -191,9 +199,6 @@ impl Rings {
         if (wi.z < 0.0) != beyond || wi.z == 0.0 {
             return 0.0;
         }
-        // Radius per ring, by a difference within the ring's smooth piece.
-        let (low, high) = ((ring - STEP).max(ring.floor()), (ring + STEP).min(ring.floor() + 1.0));
-        let slope = (self.radius(high) - self.radius(low)) / (high - low);
         let area = ax * ay * radius * slope * TAU / SECTORS as f64;
         f64::from(pdf((self.side * wi).as_vec3())) * ratio * inverse.powi(3) * area
     }
@@ -219,18 +224,20 @@ impl Rings {
     }
 }
 
-/// p-value of `samples` samples against `gain * pdf`; checks each sample's pdf and weight on the way.
+/// p-value of `samples` samples against `gain * pdf`; checks the pdf and weight of every fifth on the way.
 pub(crate) fn chi_square_of(case: &Case<'_>, wo: Vec3, samples: u32, gain: impl Fn(Vec3) -> f32, seed: u64) -> f64 {
     let Case { name, bsdf, .. } = case;
     let rings = Rings::new(wo, case);
     let mut random = Pcg32::seed_from_u64(seed);
     let mut observed = vec![0u64; rings.sides() * CELLS + 1];
     let refused = observed.len() - 1;
-    for _ in 0..samples {
+    for i in 0..samples {
         let u = [random.random(), random.random()];
         let cell = match bsdf.sample(wo, u, random.random()) {
             Some(sample) if !sample.specular => {
-                check_sample(case, wo, &sample);
+                if i % 5 == 0 {
+                    check_sample(case, wo, &sample);
+                }
                 rings.cell(sample.wi)
             }
             // Refused and specular samples have one cell: the rest of the density to 1.
@@ -260,9 +267,9 @@ fn check_sample(case: &Case<'_>, wo: Vec3, sample: &BsdfSample) {
         Below::Mirrored => 1.0,
     };
     assert!((f64::from(eta) - crossed).abs() < 1e-6, "{name} {wo} {wi}: {eta}");
-    let again = bsdf.pdf(wo, wi);
+    let (f, again) = bsdf.evaluate_and_pdf(wo, wi);
     assert!(pdf > 0.0 && pdf.is_finite() && (pdf - again).abs() <= 1e-4 * pdf, "{name} {wo} {wi}: {pdf} {again}");
-    let f = bsdf.evaluate(wo, wi) * (wi.z.abs() / pdf);
+    let f = f * (wi.z.abs() / pdf);
     assert!((f - weight).abs().max_element() <= 1e-4 * f.max_element().max(1e-30), "{name} {wo} {wi}: {f} {weight}");
 }
 
@@ -274,8 +281,9 @@ pub(crate) fn resolved(case: &Case<'_>, wo: Vec3, samples: u32) -> bool {
     wo.z.abs() > 1e-3 || case.alpha[0].max(case.alpha[1]) > narrowest
 }
 
-/// Fails if samples and density disagree, for the directions that f32 resolves, or for those it does not.
-pub(crate) fn check_agreement(cases: &[Case<'_>], outgoing: &[Vec3], samples: u32, resolvable: bool) {
+/// Fails if samples and density disagree, for the directions that f32 resolves, or for those it does not. Each case has
+/// a `step`-th of the directions, two by two, other ones than the case before it.
+pub(crate) fn check_agreement(cases: &[Case<'_>], outgoing: &[Vec3], samples: u32, resolvable: bool, step: usize) {
     let level = sidak(FAMILY, cases.len() * outgoing.len());
     let failure = |(i, j): (usize, usize)| {
         let (case, wo) = (&cases[i], outgoing[j]);
@@ -285,7 +293,8 @@ pub(crate) fn check_agreement(cases: &[Case<'_>], outgoing: &[Vec3], samples: u3
         let p = chi_square_of(case, wo, samples, |_| 1.0, (1000 * i + j) as u64);
         (p < level).then(|| format!("{} at {wo}: p = {p:e}", case.name))
     };
-    let pairs: Vec<_> = (0..cases.len()).flat_map(|i| (0..outgoing.len()).map(move |j| (i, j))).collect();
+    let pairs = (0..cases.len()).flat_map(|i| (0..outgoing.len()).map(move |j| (i, j)));
+    let pairs: Vec<_> = pairs.filter(|(i, j)| (i + j / 2) % step == 0).collect();
     let failures: Vec<String> = pairs.into_par_iter().filter_map(failure).collect();
     assert!(failures.is_empty(), "{failures:#?}");
 }

@@ -7,7 +7,7 @@ use dapple_low_discrepancy::Mitchell1991;
 use std::collections::BTreeSet;
 use std::sync::Mutex;
 
-const SIZE: [u32; 2] = [37, 26];
+const SIZE: [u32; 2] = [29, 22];
 const SPP: u64 = 12;
 
 fn points(name: &str) -> registry::AnyPoints {

@@ -1,4 +1,4 @@
-//! Files of others: images beside pbrt-v4's (`shared/references`, `-rgb`: same size, depth and box filter), single models,
+//! Files of others: images beside pbrt-v4's (`shared/references`, `-rgb`: half the size, same depth and box filter), single models,
 //! and odd images in every place of a scene file.
 #![allow(clippy::print_stderr)]
 
@@ -25,6 +25,15 @@ struct Case {
     bound: f64,
 }
 
+/// An image of half the width and height, by the box filter.
+fn halved(image: &Image) -> Image {
+    let [w, h] = image.size.map(|n| n / 2);
+    let at = |x: u32, y: u32| Vec3::from(image.pixels[(y * 2 * w + x) as usize]);
+    let mean = |x: u32, y: u32| 0.25 * (at(x, y) + at(x + 1, y) + at(x, y + 1) + at(x + 1, y + 1));
+    let pixels = (0..w * h).map(|i| mean(i % w * 2, i / w * 2).to_array()).collect();
+    Image::new([w, h], pixels).expect("as many as its size")
+}
+
 /// Name; the noise of the reference's mean, and the tolerance of the mean.
 const CASES: [(&str, f64, f64); 3] = [("cornell-box", 1e-4, 5e-3), ("veach-mis", 2.1e-3, 1e-2), ("teapot", 4e-4, 5e-3)];
 
@@ -37,13 +46,13 @@ fn case(&(name, noise, bound): &(&str, f64, f64)) -> Option<Case> {
     }
     let mut scene = read_scene(&file, &ReadOptions::default()).unwrap_or_else(|e| panic!("{e}"));
     let bytes = std::fs::read(&image).expect("it is there");
-    let reference = read_image(&bytes, name, Encoding::Auto).unwrap_or_else(|e| panic!("{e}"));
+    let reference = halved(&read_image(&bytes, name, Encoding::Auto).unwrap_or_else(|e| panic!("{e}")));
     name.clone_into(&mut scene.name);
     (scene.film.resolution, scene.film.pixel_filter) = (reference.size, PixelFilter::default());
     Some(Case { scene, reference, noise, bound })
 }
 
-/// The result: per channel the ratio of means, its standard error, and 5, 50 and 95 % of the ratios of 10x10 blocks.
+/// The result: per channel the ratio of means, its standard error, and 5, 50 and 95 % of the ratios of 5x5 blocks.
 struct Found {
     ratio: [f64; 3],
     error: [f64; 3],
@@ -64,7 +73,7 @@ fn render(case: &Case, replicates: u64, spp: u64) -> Found {
         let means: Mean = films.iter().map(|f| mean(f)[c]).collect();
         (means.standard_error() / means.mean).hypot(case.noise)
     };
-    let blocks = block_ratios(ours, theirs, [10, 10]).expect("blocks fit");
+    let blocks = block_ratios(ours, theirs, [5, 5]).expect("blocks fit");
     let found = Found {
         ratio: compare(ours, theirs).expect("of one size").channel_ratios,
         error: [0, 1, 2].map(error),

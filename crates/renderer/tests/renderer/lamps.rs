@@ -7,6 +7,7 @@ use crate::support::*;
 use dapple_geometry::{PrimitiveId, Ray, SurfacePoint, spawn_ray};
 use dapple_renderer::light::Target;
 use dapple_renderer::shading::{Bsdf, ShadingFrame, power_heuristic};
+use std::ops::Range;
 
 const TESTS: usize = 256;
 
@@ -55,36 +56,43 @@ fn scattered(world: &World, at: &SurfacePoint, strategy: Strategy, u: [f32; 4], 
     sum
 }
 
-/// Irradiance at the origin of the scene, normal +z, in units of the lamp's radiance: 64 scrambles of a net.
-fn irradiance(world: &World, strategy: Strategy, seed: u64, samples: u64) -> Mean {
-    let position = world.space().point(DVec3::ZERO).as_vec3();
+/// The place of the origin in a world.
+fn origin(world: &World) -> Vec3 {
+    world.space().point(DVec3::ZERO).as_vec3()
+}
+
+/// Adds samples to the irradiance at the origin of the scene, normal +z, in units of the lamp's radiance: to sums of 64
+/// scrambles of a net.
+fn add_irradiance(world: &World, strategy: Strategy, sums: &mut [f64; 64], samples: Range<u64>) {
+    let position = origin(world);
     let error = position.abs() * f32::EPSILON;
     let at = SurfacePoint { position, error, normal: Vec3::Z, primitive: PrimitiveId::NONE };
-    let points = Sobol::new(seed);
-    let of = |replicate: u32| {
+    let points = Sobol::new(90);
+    for (replicate, sum) in sums.iter_mut().enumerate() {
         let of = |index: u64| {
-            let id = SampleId::new([replicate, 0], 0, index);
+            let id = SampleId::new([replicate as u32, 0], 0, index);
             let [u, choice] = [blocks::scatter(0), blocks::choose(0)].map(|block| points.block(id, block.number()));
             f64::from(scattered(world, &at, strategy, u, choice[0])) * PI
         };
-        (0..samples).map(of).sum::<f64>() / samples as f64
-    };
-    (0..64).map(of).collect()
+        *sum += samples.clone().map(of).sum::<f64>();
+    }
 }
 
-/// A sequential test of equivalence within `delta`: samples are multiplied while undecided.
+/// A sequential test of equivalence within `delta`: samples are doubled while undecided.
 fn verdict(world: &World, strategy: Strategy, reference: f64, delta: f64, most: u64) -> Verdict {
     // One-sided 1e-6 over all tests. With 63 degrees of freedom Student's t at this level is 1.2 times as large.
     let z = 1.2 * critical(sidak(FAMILY, TESTS));
-    let mut samples = 1024;
+    let (mut sums, mut samples) = ([0.0; 64], 512);
+    add_irradiance(world, strategy, &mut sums, 0..samples);
     loop {
-        let found = irradiance(world, strategy, 90 + samples, samples);
+        add_irradiance(world, strategy, &mut sums, samples..2 * samples);
+        samples *= 2;
+        let found: Mean = sums.iter().map(|sum| sum / samples as f64).collect();
         let verdict = found.equals(reference, delta * reference, z);
         if verdict != Verdict::Undecided || samples >= most {
             eprintln!("{strategy:?}: {:.7} of {reference:.7}, 64 x {samples}: {verdict:?}", found.mean);
             return verdict;
         }
-        samples *= 4;
     }
 }
 
@@ -181,18 +189,19 @@ impl Lamp {
         scene
     }
 
-    /// Equivalence within 0.1 %. It is out of reach in a CI run if cosine-weighted directions hit the lamp less than once
+    /// Equivalence within 0.2 %, thoroughly 0.1 %. It is out of reach in a CI run if cosine-weighted directions hit the lamp less than once
     /// in 10 times. Their 3 10^5 samples then only must not refute the closed form. With fewer than 1000 expected hits
     /// there is no test.
     fn check(&self) {
         let (world, name) = (world(&self.scene()), &self.name);
+        let delta = thorough(2e-3, 1e-3);
         for strategy in STRATEGIES.into_iter().filter(|s| self.is_sampled || *s != Strategy::Light) {
             let met = if strategy == Strategy::Bsdf { self.irradiance / PI } else { 1.0 };
             if met >= 0.1 {
-                let verdict = verdict(&world, strategy, self.irradiance, 1e-3, 1 << 16);
+                let verdict = verdict(&world, strategy, self.irradiance, delta, 1 << 16);
                 assert_eq!(verdict, Verdict::Pass, "{name}, {strategy:?}");
             } else if met * 64.0 * 4096.0 >= 1000.0 {
-                let verdict = verdict(&world, strategy, self.irradiance, 1e-3, 1 << 12);
+                let verdict = verdict(&world, strategy, self.irradiance, delta, 1 << 12);
                 assert_ne!(verdict, Verdict::Fail, "{name}, {strategy:?}");
             }
         }
@@ -265,7 +274,9 @@ fn flat_lamps_have_their_closed_form_l03() {
     scene.shapes[0].emission.as_mut().expect("it shines").two_sided = true;
     for strategy in STRATEGIES {
         assert_eq!(verdict(&plain, strategy, 1.005 * reference, 1e-3, 1 << 16), Verdict::Fail);
-        assert_eq!(irradiance(&dark, strategy, 1, 64).mean, 0.0, "the dark side");
+        let mut sums = [0.0; 64];
+        add_irradiance(&dark, strategy, &mut sums, 0..64);
+        assert_eq!(sums, [0.0; 64], "the dark side");
         assert_eq!(verdict(&world(&scene), strategy, reference, 1e-3, 1 << 16), Verdict::Pass, "two-sided");
     }
 }
@@ -286,32 +297,26 @@ fn spheres_have_their_closed_form_l04() {
     }
 }
 
-/// The test of a lamp's sampling from the origin against the density of the lamp in another world.
-fn lamp_test(world: &World, other: &World, lamp: &Lamp, seed: u64) -> (f64, f64) {
-    let from = |world: &World| world.space().point(DVec3::ZERO).as_vec3();
-    let sine = lamp.radius / lamp.centre.length();
-    let angle = if sine < 1.0 { 1.05 * sine.asin() } else { PI };
+/// p-value of samples of the only lamp of a world, from the origin, against the masses of the given lamp's density.
+fn lamp_test(world: &World, lamp: &Lamp, seed: u64, cone: &Cone, masses: &[f64]) -> f64 {
+    let from = origin(world);
     let mut random = Pcg32::seed_from_u64(seed);
     let draw = || {
         let u = [random.random(), random.random()];
-        let drawn = world.lights().sample(from(world), random.random(), u)?;
+        let drawn = world.lights().sample(from, random.random(), u)?;
         assert!(drawn.pdf > 0.0 && !drawn.delta && drawn.radiance.x == 1.0, "{drawn:?}");
         let Target::Surface(point) = &drawn.target else { panic!("on a surface") };
         // Both ways to the density agree.
-        let again = world.lights().pdf(0, from(world), point);
+        let again = world.lights().pdf(0, from, point);
         assert!((again / drawn.pdf - 1.0).abs() < 1e-3, "{} {again}", drawn.pdf);
         // At the limb of a sphere the direction is more exact than the point: 2e-4 of its radius.
-        let to = point.position - from(world);
+        let to = point.position - from;
         let off = f64::from((to - drawn.wi * to.length()).length());
         assert!(off < 5e-4 * lamp.radius * world.space().scale(), "{to} {}", drawn.wi);
         Some(drawn.wi)
     };
-    let pdf = |w: Vec3| match other.emitter(&Ray::new(from(other), w)) {
-        Some(met) if met.radiance != Vec3::ZERO => other.lights().pdf(met.light, from(other), &met.point),
-        _ => 0.0,
-    };
     // Few enough samples to keep the file within seconds.
-    Cone { axis: lamp.centre.normalize(), angle: angle.min(PI) }.test(200_000, draw, pdf)
+    cone.test(200_000, draw, masses)
 }
 
 /// Every second lamp, thoroughly all. Negative control: a lamp moved by 3 % of its radius is refuted.
@@ -320,11 +325,18 @@ fn area_light_samples_match_their_densities_l04() {
     let lamps = flat_lamps().into_iter().chain(spheres()).filter(|lamp| lamp.is_counted);
     for (seed, mut lamp) in lamps.enumerate().step_by(thorough(2, 1)) {
         let (here, name) = (world(&lamp.scene()), lamp.name.clone());
-        let (p, integral) = lamp_test(&here, &here, &lamp, seed as u64);
+        let sine = lamp.radius / lamp.centre.length();
+        let angle = if sine < 1.0 { 1.05 * sine.asin() } else { PI };
+        let cone = Cone { axis: lamp.centre.normalize(), angle: angle.min(PI) };
+        let masses = cone.masses(|w| match here.emitter(&Ray::new(origin(&here), w)) {
+            Some(met) if met.radiance != Vec3::ZERO => here.lights().pdf(met.light, origin(&here), &met.point),
+            _ => 0.0,
+        });
+        let (p, integral) = (lamp_test(&here, &lamp, seed as u64, &cone, &masses), masses.iter().sum::<f64>());
         assert!((integral - 1.0).abs() < 1e-3 && p > sidak(FAMILY, TESTS), "{name}: {integral}, p = {p:e}");
         let off = -0.03 * lamp.radius * DVec3::new(0.6, -0.8, 0.3);
         lamp.to_world = DAffine3::from_translation(off) * lamp.to_world;
-        let (p, _) = lamp_test(&here, &world(&lamp.scene()), &lamp, seed as u64);
+        let p = lamp_test(&world(&lamp.scene()), &lamp, seed as u64, &cone, &masses);
         assert!(p < sidak(FAMILY, TESTS), "{name} elsewhere: p = {p:e}");
     }
 }
@@ -487,15 +499,15 @@ fn stretched_round_lamps_are_refused_l06() {
 /// Irradiance of the environment on a floor that faces up: a midpoint rule over equal cosine-weighted areas.
 fn floor_irradiance(world: &World) -> f64 {
     let one = |i: u32| {
-        let [r2, turn] = [i % 2048, i / 2048].map(|k| (f64::from(k) + 0.5) / 2048.0);
+        let [r2, turn] = [i % 1024, i / 1024].map(|k| (f64::from(k) + 0.5) / 1024.0);
         let (sin, cos) = (turn * TAU).sin_cos();
         let w = DVec3::new(r2.sqrt() * cos, r2.sqrt() * sin, (1.0 - r2).sqrt()).as_vec3();
         f64::from(world.lights().environment(w).x)
     };
-    PI * (0..1 << 22).map(one).sum::<f64>() / f64::from(1 << 22)
+    PI * (0..1 << 20).map(one).sum::<f64>() / f64::from(1 << 20)
 }
 
-/// The radiances of several infinite lights in all layouts add up, each with its own weights. Within half a percent: of
+/// The radiances of several infinite lights in all layouts add up, each with its own weights. Within one percent: of
 /// four lights, light sampling takes one, and half of its light is below the floor.
 #[test]
 fn several_environments_add_up_l09() {
@@ -517,8 +529,8 @@ fn several_environments_add_up_l09() {
     let three = PI * (0.3 + 0.4 + 0.5 * (4.0 * 0.25 + 1.0 * 0.5 + 0.5 * 0.25));
     for (world, reference) in [(&four, floor_irradiance(&four)), (&world(&scene), three)] {
         for strategy in STRATEGIES {
-            assert_eq!(verdict(world, strategy, reference, 5e-3, 1 << 16), Verdict::Pass, "{strategy:?}");
-            assert_eq!(verdict(world, strategy, 1.02 * reference, 5e-3, 1 << 16), Verdict::Fail, "{strategy:?}");
+            assert_eq!(verdict(world, strategy, reference, 1e-2, 1 << 16), Verdict::Pass, "{strategy:?}");
+            assert_eq!(verdict(world, strategy, 1.02 * reference, 1e-2, 1 << 16), Verdict::Fail, "{strategy:?}");
         }
     }
 }

@@ -92,7 +92,7 @@ fn strategies_agree(name: &str, scene: &Scene, fewest: usize, spp: u64) {
 fn every_strategy_alone_finds_the_same_light() {
     let [pinhole, lens, orthographic] = cameras();
     for (name, camera) in &[lens, pinhole.clone(), orthographic][..thorough(1, 3)] {
-        strategies_agree(name, &hall(camera.clone(), diffuse(0.7), true), 0, 64);
+        strategies_agree(name, &hall(camera.clone(), diffuse(0.7), true), 0, thorough(32, 64));
     }
     if thorough(false, true) {
         strategies_agree("rough glass", &hall(pinhole.1.clone(), rough_glass(), true), 0, 64);
@@ -117,7 +117,7 @@ fn every_strategy_alone_finds_the_same_light_from_infinity() {
     let sky = LightKind::Infinite { radiance: EnvironmentRadiance::Constant([0.7; 3]) };
     for (name, kind, fewest) in [("sky", sky, 0), ("sun", LightKind::Distant { irradiance: [2.0; 3] }, 1)] {
         scene.lights = vec![Light { kind, to_world: DAffine3::from_rotation_x(2.0), source: line(200) }];
-        strategies_agree(name, &scene, fewest, thorough(128, 256));
+        strategies_agree(name, &scene, fewest, thorough(96, 256));
     }
 }
 
@@ -167,7 +167,7 @@ fn furnaces_have_their_closed_form() {
         let (scene, expected) = furnace(rho, depth, false);
         let world = world(&scene);
         for options in ["splat=0", "splat=1"] {
-            let mean = means_by(&mut bdpt(&world, options), [8; 2], 64, 0..16);
+            let mean = means_by(&mut bdpt(&world, options), [8; 2], 32, 0..16);
             assert_near(&format!("depth {depth:?}, {options}"), &mean, &expected, 5e-6, 0.02);
         }
     }
@@ -225,7 +225,7 @@ fn splats_and_chains_find_the_light_of_a_tiny_lamp_through_glass() {
     let world = bundle("caustic", size);
     let focus = |request: &str| -> Mean {
         let mean = |seed| {
-            let image = pixels(&film(&world, request, size, 16, seed));
+            let image = pixels(&film(&world, request, size, 12, seed));
             (14..17).flat_map(|y| (17..21).map(move |x| y * 32 + x)).map(|i: usize| image[i][1]).sum::<f64>() / 12.0
         };
         (0..16).map(mean).collect()

@@ -83,8 +83,8 @@ fn environments_and_flat_lamps_have_the_path_tracers_mean() {
 fn virtual_lights_make_the_path_tracers_mean() {
     for wall in [diffuse(0.6), metal(0.0)] {
         let scene = chamber(wall.clone());
-        let expected = means(&scene, "path", 512, 0..8);
-        let found = means(&scene, "instant:paths=16,clamp=inf", 32, 0..16);
+        let expected = means(&scene, "path", 256, 0..8);
+        let found = means(&scene, "instant:paths=16,clamp=inf", 16, 0..16);
         assert_near(&format!("{wall:?}"), &found, &expected, 0.0, 0.02);
         let direct = Scene { max_depth: Some(1), ..scene };
         assert!(means(&direct, "path", 64, 0..4).mean < 0.8 * expected.mean);
