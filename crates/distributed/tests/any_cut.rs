@@ -330,9 +330,11 @@ fn a_state_at_a_stage_s_end_is_resumed_by_any_number_of_processes() {
             let mut keeper = Keeper::default();
             let whole = bits(&project.together(3, None, &mut keeper));
             for (k, state) in keeper.0.iter().enumerate() {
-                let case = format!("sampler {case}, toy {number}, state {k}");
-                assert!(bits(&project.alone(Some(state), &mut NoMonitor)) == whole, "{case}, alone");
-                assert!(bits(&project.together(2, Some(state), &mut NoMonitor)) == whole, "{case}, two");
+                let resumed = match k % 2 {
+                    0 => project.alone(Some(state), &mut NoMonitor),
+                    _ => project.together(2, Some(state), &mut NoMonitor),
+                };
+                assert!(bits(&resumed) == whole, "sampler {case}, toy {number}, state {k}");
             }
         }
     }
