@@ -7,6 +7,8 @@ mod farm;
 mod live;
 mod memory;
 mod models;
+#[cfg(target_os = "linux")]
+mod mutated;
 mod options;
 mod programs;
 mod render;
@@ -14,5 +16,6 @@ mod resume;
 mod schemas;
 mod stages;
 mod study;
+mod time;
 mod together;
 mod words;

@@ -3,7 +3,6 @@
 //! At most 256 MiB + 16 times the file's length, under any header. Photographs of 4096 x 4096 pixels, everyday textures,
 //! need more than the 64 MiB of the hard-case catalogue; they are read however well they are packed.
 
-#![cfg(target_os = "linux")] // Reads /proc.
 #![allow(clippy::print_stdout, clippy::print_stderr)] // The children's figures.
 
 use dapple_scene::image::{Encoding, ImageError, read_channels, read_image};
@@ -56,7 +55,7 @@ fn measure(folder: &Path, name: &str, bytes: &[u8]) -> (u64, String) {
     std::fs::write(&path, bytes).expect("a temporary file");
     let mut run = Command::new(std::env::current_exe().expect("this test"));
     // A test runs in a thread of its own: without an arena of its own, too, which would count as address space.
-    run.args(["--exact", "child", "--nocapture"]).env(FILE, &path).env("MALLOC_ARENA_MAX", "1");
+    run.args(["--exact", "image_memory::child", "--nocapture"]).env(FILE, &path).env("MALLOC_ARENA_MAX", "1");
     let output = run.output().expect("this test again");
     let text = String::from_utf8_lossy(&output.stdout);
     let line = text.split("grown ").nth(1).unwrap_or_else(|| panic!("{name}: {text} {output:?}"));
