@@ -16,6 +16,5 @@ mod resume;
 mod schemas;
 mod stages;
 mod study;
-mod time;
 mod together;
 mod words;
