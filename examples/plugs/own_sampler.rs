@@ -18,7 +18,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 const SIZE: [u32; 2] = [96, 72];
 const SPP: u32 = 16;
-const REFERENCE_SPP: u32 = 1024;
+const REFERENCE_SPP: u32 = 512;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let reference = render(REFERENCE_SPP, 1);

@@ -17,7 +17,7 @@ use std::array::from_fn;
 const WIDTH: u32 = 96;
 const HEIGHT: u32 = 72;
 const SPP: u32 = 16;
-const REFERENCE_SPP: u32 = 2048;
+const REFERENCE_SPP: u32 = 512;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let scene = scene();

@@ -17,7 +17,7 @@ use std::f32::consts::{PI, TAU};
 
 const SIZE: [u32; 2] = [96, 72];
 const SPP: u32 = 16;
-const REFERENCE_SPP: u32 = 1024;
+const REFERENCE_SPP: u32 = 512;
 /// The number of paths in a wave.
 const WAVE: usize = 1 << 14;
 

@@ -1,4 +1,4 @@
-//! Time limits of `dapple render`: met, or missed with a warning.
+//! Time limits of `dapple render`: met, or missed with a warning. A program of its own, beside which no other test runs.
 
 #[path = "cli/common.rs"]
 mod common;
@@ -9,14 +9,14 @@ use common::Folder;
 #[test]
 fn a_time_limit_that_cannot_be_met_is_named_with_its_excess() {
     let folder = Folder::new();
-    let said = folder.says("render cornell --resolution 800x600 --time 0.05 --filter none --json -o a.pfm", 0, &[]);
+    let said = folder.says("render cornell --resolution 400x300 --time 0.01 --filter none --json -o a.pfm", 0, &[]);
     let lines: Vec<&str> = said.err.lines().collect();
     let [before, after] = lines[..] else { panic!("two warnings: {}", said.err) };
     assert!(before.starts_with("warning: one sample per pixel will take about "), "{before}");
-    assert!(before.contains(" s, and the time limit is 0.05 s; rendering goes on"), "{before}");
+    assert!(before.contains(" s, and the time limit is 0.01 s; rendering goes on"), "{before}");
     assert!(after.starts_with("warning: the render took ") && after.contains("more than the time limit of"), "{after}");
     let json: serde_json::Value = serde_json::from_str(&said.out).expect("JSON");
-    assert_eq!(json["samples"], 800 * 600, "one sample per pixel");
+    assert_eq!(json["samples"], 400 * 300, "one sample per pixel");
     // Without a budget of time, there is nothing to warn about.
     assert_eq!(folder.run("render cornell --resolution 80x60 --spp 1 --json -o a.pfm").err, "");
 }
@@ -25,10 +25,10 @@ fn a_time_limit_that_cannot_be_met_is_named_with_its_excess() {
 #[test]
 fn a_time_limit_includes_the_filter() {
     let folder = Folder::new();
-    let json = folder.json("cornell --resolution 640x480 --time 3 -o a.pfm");
+    let json = folder.json("cornell --resolution 400x300 --time 1.2 -o a.pfm");
     let filter = json["seconds"]["filter"].as_f64().expect("seconds");
     let traced = json["seconds"]["trace"].as_f64().expect("seconds");
-    assert!(traced + 0.3 * filter < 3.0, "the filter's {filter} s are reserved: {json}");
+    assert!(traced + 0.3 * filter < 1.2, "the filter's {filter} s are reserved: {json}");
 }
 
 #[test]

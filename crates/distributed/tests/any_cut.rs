@@ -276,7 +276,8 @@ fn processes_have_the_film_of_one_machine() {
             let project = Project::new(toy, sampler, Limits::spp(24.0));
             let whole = project.alone(None, &mut NoMonitor);
             assert!(whole.record().rejected > 100);
-            for size in [1, 2, 3, 7] {
+            // Each sampler and each toy meets each number.
+            for size in [[1, 3], [2, 7]][(case + number) % 2] {
                 let film = project.together(size, None, &mut NoMonitor);
                 assert!(bits(&film) == bits(&whole), "sampler {case}, toy {number}, {size} processes");
                 assert_eq!(film.image(), whole.image(), "splats");
@@ -329,9 +330,11 @@ fn a_state_at_a_stage_s_end_is_resumed_by_any_number_of_processes() {
             let mut keeper = Keeper::default();
             let whole = bits(&project.together(3, None, &mut keeper));
             for (k, state) in keeper.0.iter().enumerate() {
-                let case = format!("sampler {case}, toy {number}, state {k}");
-                assert!(bits(&project.alone(Some(state), &mut NoMonitor)) == whole, "{case}, alone");
-                assert!(bits(&project.together(2, Some(state), &mut NoMonitor)) == whole, "{case}, two");
+                let resumed = match k % 2 {
+                    0 => project.alone(Some(state), &mut NoMonitor),
+                    _ => project.together(2, Some(state), &mut NoMonitor),
+                };
+                assert!(bits(&resumed) == whole, "sampler {case}, toy {number}, state {k}");
             }
         }
     }
@@ -341,14 +344,14 @@ fn a_state_at_a_stage_s_end_is_resumed_by_any_number_of_processes() {
 #[test]
 fn a_render_interrupted_within_a_pass_is_resumed_by_several_processes() {
     for (number, toy) in toys().into_iter().enumerate() {
-        let frame = Frame::new(90, 70).unwrap();
+        let frame = Frame::new(90, 50).unwrap();
         let project = Project { frame, ..Project::new(toy, ADAPTIVE, Limits::spp(7.0)) };
         let mut keeper = Keeper::default();
         let whole = project.alone(None, &mut keeper);
         // Some states within passes, and the one after the last sample of the first round.
         let samples = |state: &[u8]| Snapshot::from_bytes(state).unwrap().film().record().samples;
-        let within = keeper.0.iter().filter(|state| !samples(state).is_multiple_of(6300)).step_by(3);
-        let round = keeper.0.iter().filter(|state| samples(state) == 4 * 6300);
+        let within = keeper.0.iter().filter(|state| !samples(state).is_multiple_of(4500)).step_by(5);
+        let round = keeper.0.iter().filter(|state| samples(state) == 4 * 4500);
         let states: Vec<_> = within.chain(round).collect();
         assert!(states.len() > 2, "{}", states.len());
         for (k, state) in states.into_iter().enumerate() {

@@ -59,7 +59,7 @@ fn what_the_depth_cuts_off_is_reported_l13() {
     let folder = Folder::new();
     for (rho, depth, share) in [(0.5_f64, 3, 0.0625), (0.8, 2, 0.512), (0.5, 0, 0.5)] {
         folder.write("furnace.pbrt", furnace(rho, &depth.to_string()));
-        let json = folder.line("effects furnace.pbrt --spp 64 --seeds 8 --json");
+        let json = folder.line("effects furnace.pbrt --spp 16 --seeds 8 --json");
         let figure = |key: &str, part: &str| json["beyond_depth"][key][part].as_f64().unwrap_or(f64::NAN);
         let (lost, noise) = (figure("radiance_lost", "value"), figure("radiance_lost", "noise"));
         // The half width of a 95 % interval by 7 degrees of freedom; three of it are one in 10^4.
@@ -67,7 +67,7 @@ fn what_the_depth_cuts_off_is_reported_l13() {
         // The control: one bounce more or less is told apart.
         assert!([share * rho, share / rho].iter().all(|other| (lost - other).abs() > 3.0 * noise), "{lost} +- {noise}");
         assert!(figure("time_ratio", "value") > 0.0 && figure("relmse", "value") > 0.0, "{json}");
-        let table = folder.done("effects furnace.pbrt --spp 16");
+        let table = folder.done("effects furnace.pbrt --spp 1");
         assert!(table.contains(&format!("beyond depth {depth}: ")), "{table}");
     }
     // Where nothing scatters, no depth cuts: nothing is said.

@@ -8,9 +8,13 @@ use std::process::{Command, Output};
 /// The default sampler and light selection, which learn from samples of the whole image, in several stages.
 const RENDER: &str = "tiny.pbrt --spp 8 --parts 3 --image image.pfm --image image.png";
 
-/// A folder with the job of a system.
+/// A folder with the job of a system, an `sbatch`, and a `sleep` that is short.
 fn farm(system: &str, more: &str) -> Folder {
     let folder = Folder::new();
+    std::fs::create_dir(folder.path("bin")).expect("a folder");
+    folder.write("bin/sbatch", SBATCH);
+    folder.write("bin/sleep", "#!/bin/sh\nPATH=${PATH#*:}\nexec sleep 0.02\n");
+    done(&folder, &["-c", "chmod +x bin/*"]);
     folder.done(&format!("farm {system} {RENDER} -o job {more}"));
     folder
 }
@@ -19,12 +23,17 @@ fn json(folder: &Folder, name: &str) -> Value {
     serde_json::from_slice(&folder.read(name)).unwrap_or_else(|e| panic!("{name}: {e}"))
 }
 
-/// Runs a shell with this program in the variable DAPPLE, and `bin` first in the path.
-fn shell(folder: &Folder, words: &[&str]) -> Output {
+/// A shell with this program in the variable DAPPLE, and `bin` first in the path.
+fn command(folder: &Folder) -> Command {
     let path = std::env::var("PATH").unwrap_or_default();
     let mut command = Command::new("sh");
-    command.args(words).current_dir(folder.path("")).env("DAPPLE", env!("CARGO_BIN_EXE_dapple"));
-    command.env("PATH", format!("{}:{path}", folder.path("bin").display())).output().expect("a shell")
+    command.current_dir(folder.path("")).env("DAPPLE", env!("CARGO_BIN_EXE_dapple"));
+    command.env("PATH", format!("{}:{path}", folder.path("bin").display()));
+    command
+}
+
+fn shell(folder: &Folder, words: &[&str]) -> Output {
+    command(folder).args(words).output().expect("a shell")
 }
 
 fn done(folder: &Folder, words: &[&str]) -> String {
@@ -48,16 +57,9 @@ fn is_shell(path: &Path) -> bool {
 /// It refuses a dependency on a job that failed or is not known.
 const SBATCH: &str = include_str!("sbatch.sh");
 
-fn with_sbatch(folder: &Folder) {
-    std::fs::create_dir(folder.path("bin")).expect("a folder");
-    folder.write("bin/sbatch", SBATCH);
-    done(folder, &["-c", "chmod +x bin/sbatch"]);
-}
-
 #[test]
 fn the_scripts_for_slurm_render_stage_by_stage_to_the_bits_of_one_machine() {
     let folder = farm("slurm", "");
-    with_sbatch(&folder);
     for script in ["stage.sh", "submit.sh", "render.sbatch", "plan.sbatch"] {
         assert!(is_shell(&folder.path("job").join(script)), "{script}");
     }
@@ -76,7 +78,6 @@ fn the_scripts_for_slurm_render_stage_by_stage_to_the_bits_of_one_machine() {
 #[test]
 fn a_job_in_stages_goes_on_where_it_failed() {
     let folder = farm("slurm", "");
-    with_sbatch(&folder);
     done(&folder, &["job/stage.sh", "current"]);
     for part in ["1", "2", "3"] {
         done(&folder, &["job/stage.sh", "render", part]);
@@ -98,7 +99,6 @@ fn a_job_in_stages_goes_on_where_it_failed() {
 #[test]
 fn a_part_that_cannot_be_rendered_is_tried_again_and_nothing_is_merged() {
     let folder = farm("slurm", "--tries 2");
-    with_sbatch(&folder);
     folder.done("render tiny.pbrt --spp 8 -o 0.plan");
     std::fs::remove_file(folder.path("tiny.pbrt")).expect("the scene");
     done(&folder, &["-c", "mkdir job/stages-3 && cp 0.plan job/stages-3"]);
@@ -192,8 +192,8 @@ fn jobs_of_kubernetes_have_its_form_and_commands_that_run() {
     let start = |index: u32| {
         let words =
             container["command"].as_array().expect("a command").iter().skip(1).map(|word| word.as_str().expect("text"));
-        let mut shell = Command::new("sh");
-        shell.args(words).env("DAPPLE", env!("CARGO_BIN_EXE_dapple"));
+        let mut shell = command(&folder);
+        shell.args(words);
         shell.env(environment["name"].as_str().expect("a name"), environment["value"].as_str().expect("a value"));
         shell.env("JOB_COMPLETION_INDEX", index.to_string()).spawn().expect("a shell")
     };

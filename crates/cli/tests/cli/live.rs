@@ -147,7 +147,7 @@ fn a_viewer_that_leaves_does_not_stop_the_render() {
     let port = listener.local_addr().expect("an address").port();
     let viewer = std::thread::spawn(move || drop(listener.accept()));
     let said = folder.run(&format!(
-        "render cornell --resolution 200x150 --spp 32 --view tev:127.0.0.1:{port} --preview-every 0.01 -o a.pfm"
+        "render cornell --resolution 80x60 --spp 64 --view tev:127.0.0.1:{port} --preview-every 0.005 -o a.pfm"
     ));
     viewer.join().expect("it listened");
     assert_eq!(said.status, Some(0), "{}", said.err);
@@ -160,7 +160,7 @@ fn a_viewer_that_leaves_does_not_stop_the_render() {
 fn plain_lines_name_the_phases_in_order_and_the_error() {
     let folder = Folder::new();
     // Few pixels, so that predictions are due often, and many samples, so that rounds after the pilot last.
-    let said = folder.says("render cornell --resolution 80x60 --spp 400 --progress-every 1e-6 -o a.pfm", 0, &[]);
+    let said = folder.says("render cornell --resolution 40x30 --spp 400 --progress-every 1e-6 -o a.pfm", 0, &[]);
     assert!(said.err.lines().all(|line| line.starts_with("progress: ")), "{}", said.err);
     let mut lines = said.err.lines();
     for parts in [

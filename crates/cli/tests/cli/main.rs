@@ -7,6 +7,8 @@ mod farm;
 mod live;
 mod memory;
 mod models;
+#[cfg(target_os = "linux")]
+mod mutated;
 mod options;
 mod programs;
 mod render;

@@ -149,12 +149,12 @@ fn a_damaged_checkpoint_gives_way_to_the_one_before_x03() {
 fn a_signal_leaves_image_and_checkpoint_x08() {
     for (name, first) in [("INT", "--checkpoint c"), ("TERM", "--checkpoint c --resume c")] {
         let folder = Folder::new();
-        let words = "render tiny.pbrt --sampler uniform --resolution 128x96";
+        let words = "render tiny.pbrt --sampler uniform --resolution 64x48";
         let child = folder.start(&format!("{words} --spp 100000 -q -o a.pfm -o a.exr {first}"));
         assert!(folder.wait_for("c", &None), "no checkpoint");
         // One writer at a time.
         folder.says(&format!("{words} --spp 1 -q -o b.pfm --resume c"), 1, &["c: another process is writing to it"]);
-        std::thread::sleep(Duration::from_millis(500));
+        std::thread::sleep(Duration::from_millis(100));
         let asked = Instant::now();
         signal(&child, name);
         let said = Said::of(child.wait_with_output().expect("it ends"));
@@ -162,7 +162,7 @@ fn a_signal_leaves_image_and_checkpoint_x08() {
         assert_eq!(said.status, Some(130), "{}", said.err);
         assert!(said.err.ends_with("interrupted: the same command with --resume c resumes it\n"), "{}", said.err);
         let size = folder.read("a.pfm").len();
-        assert!(size > 12 * 128 * 96);
+        assert!(size > 12 * 64 * 48);
         // The image is that of the checkpoint: no sample is lost.
         assert_eq!(folder.names(), ["a.exr", "a.pfm", "c", "c.lock", "c.previous"]);
         assert_eq!(folder.header("a.exr", "interrupted"), "true");
@@ -191,7 +191,7 @@ fn a_full_disk_is_tried_again_x08() {
     std::fs::create_dir(folder.path("full")).unwrap();
     // As if the disk were full: where the part would go there is a link to a device that is.
     std::os::unix::fs::symlink("/dev/full", folder.path("full/c.part")).unwrap();
-    let words = "render tiny.pbrt --sampler uniform --resolution 64x48 --spp 400 -q";
+    let words = "render tiny.pbrt --sampler uniform --resolution 32x24 --spp 400 -q";
     let child = folder.start(&format!("{words} -o a.pfm --checkpoint full/c --checkpoint-every 0.01"));
     let said = Said::of(child.wait_with_output().expect("it ends"));
     assert_eq!(said.status, Some(0), "{}", said.err);
@@ -244,12 +244,12 @@ fn shards_make_the_image_of_one_machine_x07() {
 #[test]
 fn a_merge_that_does_not_fit_is_refused() {
     let folder = Folder::new();
-    let words = "render tiny.pbrt --resolution 512x512 --sampler uniform --spp 1 -q";
+    let words = "render tiny.pbrt --resolution 256x256 --sampler uniform --spp 1 -q";
     for shard in ["1/2", "2/2"] {
         folder.done(&format!("{words} --shard {shard}"));
     }
     let merge = "merge tiny-1-of-2.part tiny-2-of-2.part -o a.pfm";
-    for (limit, what) in [("64", "merging these shards takes "), ("239", "making the image takes ")] {
+    for (limit, what) in [("16", "merging these shards takes "), ("60", "making the image takes ")] {
         folder.says(&format!("{merge} --memory {limit}M"), 1, &[what, &format!("{limit}.0 MiB is the limit")]);
     }
     assert!(!folder.names().contains(&"a.pfm".to_owned()));

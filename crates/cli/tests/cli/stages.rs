@@ -25,7 +25,7 @@ fn staged(folder: &Folder, words: &str, of: u32) -> u32 {
 fn stages_make_the_default_image_of_one_machine() {
     let folder = Folder::new();
     for (words, of, expected) in [
-        ("render many-lights --resolution 40x50 --spp 17", 3, 6),
+        ("render room --resolution 16x50 --spp 17", 3, 6),
         ("render tiny.pbrt --max-depth 4 --sampler uniform --light-selection power --spp 5", 2, 1),
         ("render tiny.pbrt --max-depth 4 --error 0.05 --max-spp 64", 2, 3),
     ] {

@@ -245,7 +245,7 @@ fn a_terminal_gets_colours_and_a_bar() {
         let run = command.env("TERM", terminal).stdin(std::process::Stdio::null()).output();
         run.map(|output| String::from_utf8_lossy(&output.stdout).into_owned())
     };
-    let words = "render odd.pbrt --time 1 --filter none --resolution 96x64 --allow-unsupported -o odd.pfm";
+    let words = "render odd.pbrt --time 0.3 --filter none --resolution 96x64 --allow-unsupported -o odd.pfm";
     let Ok(shown) = on_terminal(words, "xterm-256color") else {
         eprintln!("skipped: util-linux's script is not installed");
         return;

@@ -428,7 +428,7 @@ fn tlfr_moves_samples_to_where_the_renderer_sees_them() {
         let points = film_points(&world, Arc::from(sobol(1))).expect("a box filter");
         let inputs = MethodInputs { points: Some(points), ..MethodInputs::of(world.clone()) };
         let tlfr = filter("tlfr", &inputs).unwrap().filter;
-        let reference = render(2, 256.0, None, false).image();
+        let reference = render(2, 128.0, None, false).image();
         let error = |image: &[[f32; 3]]| -> f64 {
             let square = |(a, b): (&[f32; 3], &[f32; 3])| (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)).sum::<f64>();
             image.iter().zip(&reference).map(square).sum::<f64>()

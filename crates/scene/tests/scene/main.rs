@@ -1,11 +1,12 @@
 //! Reading and describing scenes, as one test program: linking takes longer than compiling.
-//!
-//! The test of memory and the corpus of the fuzz targets are programs of their own beside it.
 
 mod bundled;
 mod effects_found;
+mod fuzz_corpus;
 mod gltf;
 mod image;
+#[cfg(target_os = "linux")] // Reads /proc.
+mod image_memory;
 mod models;
 mod reader_directives;
 mod reader_hard;

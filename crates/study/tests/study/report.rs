@@ -140,7 +140,7 @@ fn a_large_study_has_a_page_of_a_few_megabytes() {
         }
     }
     let scenes = ["cornell", "teapot", "garden", "glass", "hall", "dof", "terrain"];
-    let mut study = MadeUp::new(&scenes, &laws, &[4, 8, 16, 32], Some(16), 4).resized([128, 96]);
+    let mut study = MadeUp::new(&scenes, &laws, &[4, 8, 16, 32], None, 4).resized([128, 96]);
     let found = write(&mut study, true);
     assert!(found.page.len() < 6_000_000, "{} bytes", found.page.len());
     assert_eq!(differences(&found.page, &found.table), Vec::<String>::new());
@@ -385,12 +385,12 @@ fn each_run_is_a_line_of_the_table_with_its_cpu_seconds() {
 #[test]
 fn large_images_lie_beside_the_page() {
     let laws = [Law::new("uniform", "none"), Law::new("mitchell", "none")];
-    let mut study = MadeUp::new(&["a"], &laws, &[4], None, 2).resized([1024, 640]);
+    let mut study = MadeUp::new(&["a"], &laws, &[4], None, 2).resized([640, 400]);
     let Written { folder, page, .. } = write(&mut study, true);
     for name in ["uniform-none", "mitchell-none", "reference"] {
         assert!(page.contains(&format!("data-full=\"viewer/a/{name}.png\"")), "{name}");
         let png = std::fs::read(folder.path().join(format!("viewer/a/{name}.png"))).unwrap();
-        assert_eq!((&png[16..20], &png[20..24]), (&1024_u32.to_be_bytes()[..], &640_u32.to_be_bytes()[..]), "{name}");
+        assert_eq!((&png[16..20], &png[20..24]), (&640_u32.to_be_bytes()[..], &400_u32.to_be_bytes()[..]), "{name}");
     }
     assert!(page.len() < 3_000_000, "{} bytes", page.len());
 }

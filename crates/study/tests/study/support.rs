@@ -252,7 +252,7 @@ pub(crate) struct MadeUp {
 impl MadeUp {
     /// The first law is the baseline.
     pub(crate) fn new(scenes: &[&str], laws: &[Law], spp: &[u64], time_of: Option<u64>, seeds: u64) -> Self {
-        let size = [256, 160];
+        let size = [96, 60];
         let manifest = Manifest {
             version: "0.1.0".into(),
             commit: Some("0123abc+".into()),
@@ -325,10 +325,8 @@ impl MadeUp {
             let pixels = truth(size).into_iter().enumerate().map(|(i, p)| {
                 let column = (i as u32 + shift) % size[0];
                 let local = noise * (0.4 + 1.2 * f64::from(column) / f64::from(size[0]));
-                p.map(|v| {
-                    (f64::from(v) + f64::from(v + 0.1) * local * normal(mix((index * 100_000 + i) as u64))).max(0.0)
-                        as f32
-                })
+                let off = local * normal(mix((index * 100_000 + i) as u64));
+                p.map(|v| (f64::from(v) + f64::from(v + 0.1) * off).max(0.0) as f32)
             });
             let file = format!("images/{index}.exr");
             write_file(&folder.join(&file), &exr(pixels.collect())).unwrap();
@@ -381,7 +379,8 @@ pub(crate) fn mix(x: u64) -> u64 {
 
 /// A nearly normal number: the sum of twelve uniform numbers less 6.
 pub(crate) fn normal(place: u64) -> f64 {
-    (0..12).map(|i| mix(mix(place) ^ (i << 40)) as f64 / u64::MAX as f64).sum::<f64>() - 6.0
+    let place = mix(place);
+    (0..12).map(|i| mix(place ^ (i << 40)) as f64 / u64::MAX as f64).sum::<f64>() - 6.0
 }
 
 /// A typical study: two scenes, two samplers, two filters.

@@ -1,12 +1,8 @@
 //! Damaged scenes given to the program: an image or an error, in bounded time and in the memory that it states.
 
-#![cfg(target_os = "linux")]
 #![allow(clippy::print_stderr, reason = "how many scenes are rendered, in what time and memory, is a result")]
 
-#[path = "cli/common.rs"]
-mod common;
-
-use common::Folder;
+use crate::common::{Folder, TINY};
 use dapple_scene::bundled;
 use nix::sys::resource::{UsageWho, getrusage};
 use rand::{RngExt, SeedableRng};
@@ -87,7 +83,7 @@ fn seeds() -> Vec<Seed> {
             "Texture \"t\" \"spectrum\" \"imagemap\" \"string filename\" \"{name}\"\nMaterial \"diffuse\" \"texture reflectance\" \"t\"\n\
              Shape \"sphere\"\nShape \"plymesh\" \"string filename\" \"{mesh}.ply\"\n"
         );
-        let scene = common::TINY.to_owned() + &more;
+        let scene = TINY.to_owned() + &more;
         let mesh = (format!("{mesh}.ply"), mesh_bytes.clone());
         seeds.push(vec![("scene.pbrt".into(), scene.into_bytes()), (name, bytes), mesh]);
     }
@@ -96,13 +92,24 @@ fn seeds() -> Vec<Seed> {
 
 #[test]
 fn damaged_scenes_end_in_an_image_or_an_error_within_time_and_memory_i01() {
-    render_damaged(150);
+    alone("damaged_scenes_end_in_an_image_or_an_error_within_time_and_memory_i01", 100);
 }
 
 #[test]
 #[ignore = "five minutes"]
 fn twenty_times_as_many_damaged_scenes_end_in_an_image_or_an_error_i01() {
-    render_damaged(3000);
+    alone("twenty_times_as_many_damaged_scenes_end_in_an_image_or_an_error_i01", 3000);
+}
+
+/// Runs a test of this module in a process of its own, whose children's memory is that of damaged scenes.
+fn alone(test: &str, scenes: usize) {
+    const ALONE: &str = "DAPPLE_TEST_ALONE";
+    if std::env::var_os(ALONE).is_some() {
+        return render_damaged(scenes);
+    }
+    let mut again = Command::new(std::env::current_exe().expect("this program"));
+    again.args(["--exact", &format!("mutated::{test}"), "--include-ignored", "--nocapture"]).env(ALONE, "1");
+    assert!(again.status().expect("it starts").success());
 }
 
 fn render_damaged(scenes: usize) {

@@ -5,7 +5,7 @@
 #![allow(clippy::print_stderr)] // How long the slowest input took is told.
 
 #[allow(unreachable_pub)] // A library of its own where cargo-fuzz builds it.
-#[path = "../../../fuzz/src/lib.rs"]
+#[path = "../../../../fuzz/src/lib.rs"]
 mod targets;
 
 use rand::{RngExt, SeedableRng};
