@@ -71,7 +71,7 @@ fn check(make: Make<'_>, spending: Spending) {
     }
     for scene in [Scene::Black, Scene::Edge, Scene::Firefly] {
         keeps_bounds(make, spending, frame(SMALL), scene);
-        same_bits(make, frame([11, 37]), scene);
+        same_bits(make, frame([11, 19]), scene);
         budget_raised(make, spending, frame(SMALL), scene);
         resumes(make, frame(SMALL), scene);
     }
