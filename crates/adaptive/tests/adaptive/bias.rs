@@ -160,13 +160,13 @@ fn heavy_tails_stop_early_a02() {
                 let moments = seen.film.moments(i);
                 let count = moments.count as f64;
                 let error = moments.variance().map_or(0.0, |v| (v[0] / count).sqrt());
-                *n = if seen.round == 0 { 16 } else { u32::from(error >= 0.2 * moments.mean[0] && count < 400.0) };
+                *n = if seen.round == 0 { 16 } else { u32::from(error >= 0.2 * moments.mean[0] && count < 200.0) };
             }
             if plan.total() > 0 { Progress::Trace } else { Progress::Done }
         };
         Planned { points: Independent::new(600 + seed), needs: Needs::none().with_variance(), plan }
     };
-    let naive = means_of(&mut Field(lognormal), Needs::none(), stops, (400, 16));
+    let naive = means_of(&mut Field(lognormal), Needs::none(), stops, (200, 16));
     assert!((0.85..0.95).contains(&naive.mean) && naive.deviation(1.0) < -10.0, "{naive:?}");
     for policy in [PilotPolicy::Discard, PilotPolicy::Cross] {
         let make = |seed| variance_sampler(policy, 0, 700 + seed);
