@@ -279,7 +279,7 @@ impl Correlation {
 }
 
 fn pixels_are_independent(points: &dyn PointSet) {
-    let side = 80_u32;
+    let side = 96_u32;
     let lags = [[1, 0], [0, 1], [1, 1], [16, 0], [64, 0]];
     BLOCKS.par_iter().enumerate().for_each(|(number, &block)| {
         // Each block at one of two indices; the first ones at both.
@@ -310,7 +310,7 @@ fn pixels_are_independent(points: &dyn PointSet) {
 }
 
 fn streams_are_independent(points: &dyn PointSet) {
-    let side = 80_u32;
+    let side = 96_u32;
     for [s, t] in [[0, 1], [1, 2], [0, 3], [3, 6], [4, 5]] {
         for block in [0, 1, 9] {
             let mut correlations = [Correlation::default(); 4];
@@ -329,7 +329,7 @@ fn streams_are_independent(points: &dyn PointSet) {
 
 /// Checks that different blocks have different scrambles, and different orders of samples within a pixel.
 fn blocks_are_independent(points: &dyn PointSet) {
-    let side = 80_u32;
+    let side = 96_u32;
     let n = points.capacity().min(16);
     let pairs: Vec<[u32; 2]> = BLOCKS
         .windows(2)
