@@ -58,7 +58,7 @@
 //! # Limits
 //!
 //! * The tests cannot know how well a point set is stratified, or how much error a sampler or filter saves.
-//! * They check properties on synthetic images of at most 19x37 pixels, not on scenes.
+//! * They check properties on synthetic images of at most 20x35 pixels, not on scenes.
 
 mod filter;
 mod point_set;

@@ -114,7 +114,7 @@ fn range(points: &dyn PointSet) {
             }
         }
     }
-    let most = points.capacity().min(64);
+    let most = points.capacity().min(32);
     (0..4096_u32).into_par_iter().for_each(|p| {
         for index in 0..most {
             check(id([p % 64, p / 64], 0, index), p % 97);
@@ -227,7 +227,7 @@ fn batches(points: &dyn PointSet) {
 
 /// Checks mean and variance of each coordinate over pixels, whose points are independent in every set.
 fn uniform(points: &dyn PointSet) {
-    let side = 160_u32;
+    let side = 128_u32;
     let n = f64::from(side * side);
     for index in [0, 1, 5, 64, 1000].into_iter().filter(|i| *i < points.capacity()) {
         for block in [0, 1, 2, 15, 1000] {
@@ -281,8 +281,10 @@ impl Correlation {
 fn pixels_are_independent(points: &dyn PointSet) {
     let side = 96_u32;
     let lags = [[1, 0], [0, 1], [1, 1], [16, 0], [64, 0]];
-    BLOCKS.par_iter().for_each(|&block| {
-        for index in [0, 3].into_iter().filter(|i| *i < points.capacity()) {
+    BLOCKS.par_iter().enumerate().for_each(|(number, &block)| {
+        // Each block at one of two indices; the first ones at both.
+        let indices = [0, 3].into_iter().enumerate().filter(|(k, _)| number < 2 || number % 2 == *k);
+        for index in indices.map(|(_, index)| index).filter(|i| *i < points.capacity()) {
             let wide = side + 64;
             let row = |y: u32| (0..wide).map(move |x| points.block(far_id(points, [x, y], 0, index), block));
             let image: Vec<Vec<[f32; 4]>> = (0..wide).map(|y| row(y).collect()).collect();
@@ -340,7 +342,7 @@ fn blocks_are_independent(points: &dyn PointSet) {
         for p in 0..side * side {
             let mut within = [0.0_f64; 16];
             // The order needs more samples, of fewer pixels.
-            let samples = if p % 8 == 0 { n } else { 1 };
+            let samples = if p % 16 == 0 { n } else { 1 };
             for index in 0..samples {
                 let [a, b] = [s, t].map(|block| points.block(far_id(points, [p % side, p / side], 0, index), block));
                 for (k, w) in within.iter_mut().enumerate() {
@@ -361,7 +363,7 @@ fn blocks_are_independent(points: &dyn PointSet) {
                 || format!("{}: coordinate {} of block {s} and {} of block {t}", points.describe(), k / 4, k % 4);
             linear[k].check(what);
             // 1/n for independent numbers, twice that for nested shuffles, near 1/2 for a common order.
-            let square = order[k] / f64::from(side * side / 8);
+            let square = order[k] / f64::from(side * side / 16);
             assert!(
                 n < 16 || square < 0.2,
                 "{}: a pixel's samples run through both in a common order, mean squared correlation {square:.2}",

@@ -105,5 +105,7 @@ struct ReadmeExample;
 #[path = "../tests/denoise/internals"]
 mod internals {
     mod images;
+    #[cfg(not(debug_assertions))]
+    mod kernels;
     mod parts;
 }

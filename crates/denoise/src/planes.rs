@@ -63,18 +63,16 @@ pub(crate) fn raised(albedo: f32) -> f32 {
     albedo.max(LEAST_ALBEDO)
 }
 
-/// The number of lanes that [`dispatch`] uses in tests; 0 for those of the machine. Other tests that run at the same time get the
-/// same bits, or fail as well.
-#[cfg(test)]
+/// The number of lanes that [`dispatch`] uses in tests of release builds; 0 for those of the machine. Other tests that run at the
+/// same time get the same bits, or fail as well.
+#[cfg(all(test, not(debug_assertions)))]
 pub(crate) static LANES: std::sync::atomic::AtomicUsize = std::sync::atomic::AtomicUsize::new(0);
 
 /// Runs a task with the vectors of this machine.
 pub(crate) fn dispatch<T: WithSimd>(task: T) -> T::Output {
-    #[cfg(test)]
+    #[cfg(all(test, not(debug_assertions)))]
     match LANES.load(std::sync::atomic::Ordering::Relaxed) {
         1 => return task.with_simd(pulp::Scalar),
-        // Emulated vectors take long to compile.
-        #[cfg(any(not(debug_assertions), not(target_arch = "x86_64")))]
         4 => return task.with_simd(pulp::Scalar128b),
         // Emulated vectors of eight would be compiled for this test alone.
         #[cfg(target_arch = "x86_64")]

@@ -363,25 +363,3 @@ impl<'a> Steps<'a> {
         }
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn presets_are_the_thesis_table_and_others_lie_between() {
-        let rates = |mean| {
-            let Rates { initial, additional } = Rates::for_mean(mean);
-            (initial, additional)
-        };
-        assert_eq!([8, 16, 32, 64].map(rates), [(4, 6), (4, 16), (12, 24), (16, 54)]);
-        assert_eq!([12, 24, 48, 128].map(rates), [(4, 11), (8, 20), (14, 39), (32, 108)]);
-        assert_eq!([0, 1, 2, 4].map(rates), [(1, 1), (1, 1), (1, 2), (2, 3)]);
-        for mean in 1..2000 {
-            let (initial, additional) = rates(mean);
-            assert!(u64::from(initial) <= mean && u64::from(initial + additional) >= mean, "{mean}");
-            assert!(initial <= rates(mean + 1).0 && additional <= rates(mean + 1).1, "{mean}");
-        }
-        assert!(rates(u64::MAX).1 > 1 << 31);
-    }
-}

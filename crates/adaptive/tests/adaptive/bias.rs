@@ -15,7 +15,10 @@ const P: f32 = 0.1;
 /// The probability of light where it is rare.
 const RARE: f32 = 0.02;
 
-/// The mean over pixels and its standard error between 64 replicates of `side` x `side` pixels (128: 2^20 in total), whose films
+/// The side of images whose policies are compared with expected values: 2^17 pixels in 64 replicates.
+const SIDE: u32 = 48;
+
+/// The mean over pixels and its standard error between 64 replicates of `side` x `side` pixels, whose films
 /// record `needs`. The budget couples counts within a replicate, so only replicates are independent.
 fn means_of<S: Sampler>(
     scene: &mut dyn Integrator,
@@ -79,11 +82,11 @@ fn by_surfaces(policy: PilotPolicy) -> AdaptiveOptions {
 
 #[test]
 fn unbiased_policies_are_unbiased_on_fewer_pixels_a01() {
-    check_unbiased(64);
+    check_unbiased(SIDE);
 }
 
 #[test]
-#[ignore = "20 s: 2^20 pixels; 2^18 are tested always"]
+#[ignore = "20 s: 2^20 pixels; 2^17 are tested always"]
 fn unbiased_policies_are_unbiased_a01() {
     check_unbiased(128);
 }
@@ -116,7 +119,7 @@ fn keeping_is_biased_a01() {
     let cases =
         [(Light::Chance(P), alone(keep)), (Light::Chance(P), of_preset(keep, 0)), (Light::Lamps(P), by_surfaces(keep))];
     for (light, options) in cases {
-        let z = deviation(light, options, 64);
+        let z = deviation(light, options, SIDE);
         assert!(z < -10.0, "{light:?}, {options:?}: {z} standard errors");
     }
 }
@@ -130,13 +133,13 @@ fn the_naive_rule_is_caught_and_meets_its_closed_form_a01() {
     let closed = kept(P.into(), 4, 64);
     assert!((closed - 0.038575).abs() < 1e-6, "{closed}");
     let naive = |seed| Naive { points: Random::new(300 + seed), pilot: 4, total: 64 };
-    let mean = means_of(&mut Bernoulli(P), Needs::none(), naive, (64, 64));
+    let mean = means_of(&mut Bernoulli(P), Needs::none(), naive, (64, SIDE));
     assert!(mean.against(P.into()).p() < 1e-12, "the naive rule is not caught: {mean:?}");
     assert!(mean.against(closed).p() > FAMILY, "{mean:?} instead of {closed}");
-    // With 2^20 pixels the tests of the unbiased policies detect a bias of 3 %. The naive rule's is 61 %.
+    // The tests of the unbiased policies detect a bias of 6 %. The naive rule's is 61 %.
     let discards = |seed| variance_sampler(PilotPolicy::Discard, 0, 100 + seed);
-    let got = means_of(&mut Bernoulli(P), Needs::none(), discards, (10, 128));
-    let power = power(0.03 * f64::from(P) / got.standard_error(), 5e-6, 63.0);
+    let got = means_of(&mut Bernoulli(P), Needs::none(), discards, (10, SIDE));
+    let power = power(0.06 * f64::from(P) / got.standard_error(), 5e-6, 63.0);
     assert!(power > 0.99, "{power}: {got:?}");
 }
 
@@ -157,17 +160,17 @@ fn heavy_tails_stop_early_a02() {
                 let moments = seen.film.moments(i);
                 let count = moments.count as f64;
                 let error = moments.variance().map_or(0.0, |v| (v[0] / count).sqrt());
-                *n = if seen.round == 0 { 16 } else { u32::from(error >= 0.2 * moments.mean[0] && count < 400.0) };
+                *n = if seen.round == 0 { 16 } else { u32::from(error >= 0.2 * moments.mean[0] && count < 200.0) };
             }
             if plan.total() > 0 { Progress::Trace } else { Progress::Done }
         };
         Planned { points: Independent::new(600 + seed), needs: Needs::none().with_variance(), plan }
     };
-    let naive = means_of(&mut Field(lognormal), Needs::none(), stops, (400, 16));
+    let naive = means_of(&mut Field(lognormal), Needs::none(), stops, (200, 16));
     assert!((0.85..0.95).contains(&naive.mean) && naive.deviation(1.0) < -10.0, "{naive:?}");
     for policy in [PilotPolicy::Discard, PilotPolicy::Cross] {
         let make = |seed| variance_sampler(policy, 0, 700 + seed);
-        let got = means_of(&mut Field(lognormal), Needs::none(), make, (16, 64));
+        let got = means_of(&mut Field(lognormal), Needs::none(), make, (16, SIDE));
         assert!(got.against(1.0).p() > FAMILY, "{policy:?}: {got:?}");
     }
 }
@@ -227,7 +230,7 @@ fn crossing_with_weights_by_count_is_caught_a01() {
         };
         Planned { points: Independent::new(400 + seed), needs, plan }
     };
-    let got = means_of(&mut Bernoulli(P), Needs::none(), by_count, (10, 64));
+    let got = means_of(&mut Bernoulli(P), Needs::none(), by_count, (10, SIDE));
     assert!(got.deviation(P.into()).abs() > 10.0, "{got:?}");
 }
 
@@ -235,9 +238,9 @@ fn crossing_with_weights_by_count_is_caught_a01() {
 #[test]
 fn a_pilot_without_variance_stops_no_pixel_a03() {
     let field = |_: [u32; 2], u: [f32; 4]| [f32::from(u8::from(u[1] < 1e-3)); 3];
-    let size = frame(64, 64);
+    let size = frame(32, 32);
     let counted = |options, seed, spp: u64| {
-        let film = run(&mut Field(field), &mut preset(seed, options), size, &Limits::samples(spp * 4096));
+        let film = run(&mut Field(field), &mut preset(seed, options), size, &Limits::samples(spp * 1024));
         let least = film.counts().into_iter().min();
         assert!(least > Some(4), "{options:?}: a pixel was stopped at {least:?} by a pilot without variance");
         film

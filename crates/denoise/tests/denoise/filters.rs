@@ -149,10 +149,11 @@ fn the_error_estimate_is_the_variance_of_the_image() {
     let map = ClusterGaussian::from_map([9, 9], map).unwrap();
     let filters: [&dyn Filter; 2] = [&Gaussian::default(), &map];
     for needs in [Needs::none().with_variance(), Needs::none().with_halves()] {
+        let films: Vec<Film> = (0..SEEDS).map(|seed| rendered(frame, needs, (seed, 8), flat)).collect();
         for filter in filters {
             let (mut sum, mut squares, mut predicted) = ([0.0; 81], [0.0; 81], [0.0; 81]);
-            for seed in 0..SEEDS {
-                let image = filter.apply(&rendered(frame, needs, (seed, 8), flat)).unwrap();
+            for film in &films {
+                let image = filter.apply(film).unwrap();
                 let error = image.error.unwrap();
                 for i in 0..81 {
                     let x = f64::from(image.radiance[i][0]);

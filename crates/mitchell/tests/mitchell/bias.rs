@@ -29,11 +29,11 @@ fn means_meet_their_closed_forms_under_every_policy_a01() {
             let discards = policy == PilotPolicy::Discard;
             let options = alone(n0, n - n0, Stopping::Threshold, policy);
             let mut cases: Vec<(Box<dyn Sampler>, u32)> = vec![
-                (Box::new(mitchell(options, 1)), if discards { 1024 } else { 256 }),
-                (Box::new(pbrt(pbrt_options(n0, n, Stopping::Threshold, policy), 2)), 256),
+                (Box::new(mitchell(options, 1)), if discards { 256 } else { 128 }),
+                (Box::new(pbrt(pbrt_options(n0, n, Stopping::Threshold, policy), 2)), 128),
             ];
             if discards {
-                cases.push((Box::new(mitchell(options.radius(1), 1)), 256));
+                cases.push((Box::new(mitchell(options.radius(1), 1)), 128));
             }
             for (mut sampler, side) in cases {
                 let got = measure(&mut *sampler, p, side);
@@ -52,7 +52,7 @@ fn pilots_of_two_meet_their_closed_forms() {
     let published = 3.0 * p * p - 2.0 * p * p * p;
     assert!((published - 0.104).abs() < 1e-12 && (published - refined(p, 2)).abs() < 1e-12);
     for max in [4, 32] {
-        let got = measure(&mut pbrt(pbrt_options(2, max, Stopping::Threshold, PilotPolicy::Refined), 7), p, 256);
+        let got = measure(&mut pbrt(pbrt_options(2, max, Stopping::Threshold, PilotPolicy::Refined), 7), p, 128);
         assert!(got.deviation(published).abs() < 5.0, "max {max}: {got:?} for {published}");
     }
     // Keeps all samples and adds k.
@@ -60,13 +60,13 @@ fn pilots_of_two_meet_their_closed_forms() {
         let more = f64::from(k);
         let closed = p * p + 2.0 * p * (1.0 - p) * (1.0 + more * p) / (2.0 + more);
         assert!((closed - kept(p, 2, 2 + k)).abs() < 1e-12);
-        let got = measure(&mut mitchell(alone(2, k, Stopping::Threshold, PilotPolicy::Keep), 8), p, 256);
+        let got = measure(&mut mitchell(alone(2, k, Stopping::Threshold, PilotPolicy::Keep), 8), p, 128);
         assert!(got.deviation(closed).abs() < 5.0, "k {k}: {got:?} for {closed}");
         if k == 8 {
             assert!((closed - 0.1232).abs() < 1e-12);
         }
     }
-    let got = measure(&mut mitchell(alone(2, 8, Stopping::Threshold, PilotPolicy::Discard), 9), p, 512);
+    let got = measure(&mut mitchell(alone(2, 8, Stopping::Threshold, PilotPolicy::Discard), 9), p, 256);
     assert!(got.deviation(f64::from(p as f32)).abs() < 5.0, "{got:?} for {p}");
 }
 
@@ -81,21 +81,21 @@ fn replicates(make: impl Fn(u64) -> Box<dyn Sampler>, side: u32) -> Mean {
 fn policies_keep_their_bias_under_a_budget_a01() {
     let truth = f64::from(0.1f32);
     for policy in POLICIES {
-        for radius in [0, 1] {
+        // A window of 9 pixels dilutes the bias. It has no closed form, and no test here.
+        let discards = policy == PilotPolicy::Discard;
+        for radius in if discards { 0..2 } else { 0..1 } {
             let options = alone(4, 8, Stopping::Budget, policy).radius(radius);
-            // 2^20 pixels in total for the policies whose bias must be detected.
-            let side = if policy == PilotPolicy::Discard && radius == 0 { 128 } else { 48 };
-            let got = replicates(|seed| Box::new(mitchell(options, 100 + seed)), side);
+            // 2^17 pixels in total for the policies whose bias must be detected.
+            let got = replicates(|seed| Box::new(mitchell(options, 100 + seed)), if discards { 48 } else { 32 });
             let off = got.deviation(truth);
-            match (policy, radius) {
-                (PilotPolicy::Discard, _) => assert!(off.abs() < 5.0, "{options:?}: {got:?}"),
-                (_, 0) => assert!(off < -10.0, "{options:?}: {got:?} is not caught"),
-                // A window of 9 pixels dilutes the bias. It has no closed form, and no test here.
-                _ => {}
+            if discards {
+                assert!(off.abs() < 5.0, "{options:?}: {got:?}");
+            } else {
+                assert!(off < -10.0, "{options:?}: {got:?} is not caught");
             }
         }
         let options = pbrt_options(4, 16, Stopping::Budget, policy);
-        let got = replicates(|seed| Box::new(pbrt(options, 200 + seed)), 48);
+        let got = replicates(|seed| Box::new(pbrt(options, 200 + seed)), 32);
         match policy {
             PilotPolicy::Discard => assert!(got.deviation(truth).abs() < 5.0, "{options:?}: {got:?}"),
             _ => assert!(got.deviation(truth) < -10.0, "{options:?}: {got:?} is not caught"),

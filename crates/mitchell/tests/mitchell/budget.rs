@@ -125,7 +125,7 @@ fn tiny_budgets_are_met_or_refused_a06() {
 #[test]
 fn refinement_is_decided_once_after_the_pilot_a10() {
     let size = frame(2, 1);
-    for start in 2..=300u32 {
+    for start in (2..=300u32).step_by(9) {
         for n in 1..=300u32 {
             for mode in [Stopping::Budget, Stopping::Threshold] {
                 let mut sampler = mitchell(alone(start, 7, mode, PilotPolicy::Keep), 1);

@@ -8,8 +8,8 @@ use dapple_core::{
 };
 use dapple_low_discrepancy::Random;
 use dapple_mitchell::{
-    Extrema, Mitchell, MitchellOptions, MitchellPbrt, MitchellPbrtOptions, PbrtTest, PilotPolicy, Rule, Stopping,
-    TwoRates, contrast, deviation,
+    Extrema, Mitchell, MitchellOptions, MitchellPbrt, MitchellPbrtOptions, PbrtTest, PilotPolicy, Rates, Rule,
+    Stopping, TwoRates, contrast, deviation,
 };
 
 /// True if a rule that adds `more` samples refines a pixel with these samples.
@@ -339,4 +339,21 @@ fn pixels_with_more_changes_come_first_within_a_budget() {
     let least = (0..size.pixels()).filter(|&i| film.count(i) == 32).map(changes).min().unwrap();
     let most = (0..size.pixels()).filter(|&i| film.count(i) == 4).map(changes).max().unwrap();
     assert!(least >= most && least > 0, "{least} {most}");
+}
+
+#[test]
+fn presets_are_the_thesis_table_and_others_lie_between() {
+    let rates = |mean| {
+        let Rates { initial, additional } = Rates::for_mean(mean);
+        (initial, additional)
+    };
+    assert_eq!([8, 16, 32, 64].map(rates), [(4, 6), (4, 16), (12, 24), (16, 54)]);
+    assert_eq!([12, 24, 48, 128].map(rates), [(4, 11), (8, 20), (14, 39), (32, 108)]);
+    assert_eq!([0, 1, 2, 4].map(rates), [(1, 1), (1, 1), (1, 2), (2, 3)]);
+    for mean in 1..2000 {
+        let (initial, additional) = rates(mean);
+        assert!(u64::from(initial) <= mean && u64::from(initial + additional) >= mean, "{mean}");
+        assert!(initial <= rates(mean + 1).0 && additional <= rates(mean + 1).1, "{mean}");
+    }
+    assert!(rates(u64::MAX).1 > 1 << 31);
 }

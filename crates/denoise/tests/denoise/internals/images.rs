@@ -1,16 +1,13 @@
 //! Properties of inputs, fits and error estimates that images alone hardly show.
 
 use crate::ClusterRegression;
-use crate::averaging::{VANISHING, Window, average};
 use crate::error_map::{self, ERROR, Radii, raw_error, select, shrink};
-use crate::inputs::{Guide, Half, Inputs, Reads, guide};
+use crate::inputs::{Half, Inputs, Reads};
 use crate::light::Light;
 use crate::normal_equations::{Fit, Sums, solve};
 use crate::one_sample::LAMP;
 use crate::planes::{Pair, Plane};
-use crate::regression::regress;
 use crate::scales;
-use crate::tile::Likeness;
 use dapple_core::samplers::Uniform;
 use dapple_core::{
     Block, Draws, Estimate, Film, Filtered, FirstHit, Frame, Integrator, Limits, Needs, Render, SurfaceFeatures,
@@ -19,8 +16,8 @@ use dapple_core::{
 use dapple_low_discrepancy::Sobol;
 use pulp::Scalar;
 
-const SIDE: usize = 24;
-const PIXELS: usize = SIDE * SIDE;
+pub(super) const SIDE: usize = 24;
+pub(super) const PIXELS: usize = SIDE * SIDE;
 const NEEDS: Needs = Needs::none().with_variance().with_halves().with_features();
 const RECORDED: Needs = NEEDS.with_emission();
 
@@ -43,13 +40,8 @@ fn inputs_of(needs: Needs, count: impl Fn(usize) -> usize, sample: impl Fn(usize
 }
 
 /// The planes of a film with one grey sample per half: `value(pixel, half)`.
-fn inputs(value: impl Fn(usize, usize) -> f32) -> Inputs {
+pub(super) fn inputs(value: impl Fn(usize, usize) -> f32) -> Inputs {
     inputs_of(NEEDS, |_| 2, |pixel, half| Estimate::new([value(pixel, half); 3]))
-}
-
-/// A noisy image with the mean 1.
-fn noisy() -> Inputs {
-    inputs(|pixel, half| 0.75 + 0.5 * ((pixel * 7919 + half * 104_729) % 1009) as f32 / 1009.0)
 }
 
 /// Two images, given in the units of the planes.
@@ -57,52 +49,8 @@ fn pair(value: impl Fn(usize, usize) -> f32) -> Pair {
     Pair(std::array::from_fn(|k| (0..PIXELS).map(|i| value(i, k / 3)).collect()))
 }
 
-fn unfiltered_pair(inputs: &Inputs) -> Pair {
+pub(super) fn unfiltered_pair(inputs: &Inputs) -> Pair {
     Pair(inputs.unfiltered().map(<[f32]>::to_vec))
-}
-
-/// The images of both halves for a change of one half's guide, against those before: true where they differ.
-fn changed(image: impl Fn(&[Guide; 2]) -> Pair, inputs: &Inputs, half: usize) -> [bool; 2] {
-    let guides = || [0, 1].map(|half| guide(inputs, half, true, false));
-    let before = image(&guides());
-    let mut other = guides();
-    for (i, value) in other[half].colour.iter_mut().flat_map(|plane| plane.iter_mut().enumerate()) {
-        *value += if i % 3 == 0 { 0.5 } else { 0.0 };
-    }
-    let after = image(&other);
-    [0, 3].map(|first| before.0[first..first + 3] != after.0[first..first + 3])
-}
-
-const LIKE: Likeness = Likeness { patch: 1, colour: 2.0, features: None, outside: 1.0 };
-
-/// With its own weights, a half would keep the noise that these follow.
-#[test]
-fn fits_predictions_and_averages_of_a_half_take_all_weights_from_the_other_half() {
-    let inputs = noisy();
-    let beside = unfiltered_pair(&inputs);
-    let fitted = |guides: &[Guide; 2]| regress(&inputs, guides, &LIKE, &beside, 0.1);
-    let window = Window { radius: 4, disc: None, cut: VANISHING, falloff: 0.05 };
-    let values = [0, 1].map(|half: usize| &inputs.halves[half].colour);
-    let averaged = |guides: &[Guide; 2]| average(&inputs, values, guides, &LIKE, &window, |_| true);
-    for (half, expected) in [[false, true], [true, false]].into_iter().enumerate() {
-        assert_eq!(changed(fitted, &inputs, half), expected);
-        assert_eq!(changed(averaged, &inputs, half), expected);
-    }
-}
-
-/// A single bright pixel reaches the pixels that its window holds: 9x9, or those at most the root of 18 away.
-#[test]
-fn averages_over_a_disc_leave_out_the_corners_of_its_square() {
-    let inputs = noisy();
-    let guides = [0, 1].map(|half| guide(&inputs, half, true, false));
-    let one = |i: usize| if i == PIXELS / 2 + SIDE / 2 { 1.0 } else { 0.0 };
-    let value = std::array::from_fn(|_| (0..PIXELS).map(one).collect());
-    let reached = |disc| {
-        let window = Window { radius: 4, disc, cut: VANISHING, falloff: 0.05 };
-        let Pair([red, ..]) = average(&inputs, [&value, &value], &guides, &LIKE, &window, |_| true);
-        red.iter().filter(|v| **v > 0.0).count()
-    };
-    assert_eq!([None, Some(18)].map(reached), [81, 61]);
 }
 
 /// Regressors that are equal but for rounding: elimination leaves a pivot near 0, of either sign.
@@ -342,9 +290,10 @@ fn a_first_pass_precedes_two_others_for_direct_light_by_itself_only() {
         film.push_estimate(pixel, half, &Estimate::new([1.0; 3]).with_indirect([0.25; 3]));
     }
     let [direct, indirect] = Light::parts(&film);
-    for (light, images) in [(Light::all(&film), 1), (direct, 2), (indirect, 1)] {
+    for (light, is_direct) in [(Light::all(&film), false), (direct, true), (indirect, false)] {
         let inputs = Inputs::new(light, &Reads::default());
-        assert_eq!(ClusterRegression::new().before_second(&inputs).len(), images);
+        assert_eq!(ClusterRegression::new().has_first(&inputs), is_direct);
+        assert!(ClusterRegression::new().one_pass().has_first(&inputs));
     }
 }
 

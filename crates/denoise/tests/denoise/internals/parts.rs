@@ -1,16 +1,13 @@
 //! Parts of filters that images alone hardly show: kernels, functions, copies of planes, votes, scales and depths.
 
-use crate::ClusterRegression;
 use crate::Scales;
 use crate::buffers::film::{STEPS, depths};
 use crate::cluster_gaussian::Votes;
 use crate::features::ln;
 use crate::gaussian::{NEGLIGIBLE, erfc, gaussian_weights};
 use crate::inputs::BACKGROUND;
-use crate::planes::{LANES, Plane, box_mean, map, update};
+use crate::planes::{Plane, box_mean, map, update};
 use crate::tile::{self, COLUMNS, MARGIN, Stack, WIDTH, exp_minus};
-use dapple_core::{Estimate, Film, Filter, Frame, Needs};
-use std::sync::atomic::Ordering;
 
 #[test]
 fn exponentials_and_logarithms_are_accurate() {
@@ -131,34 +128,6 @@ fn planes_hold_what_is_computed_of_each_pixel() {
     let mut both = sum.clone();
     update(&mut both, [&difference], |sum, [difference]| sum - 3.0 * difference);
     assert!(both.iter().all(|value| *value == 0.0));
-}
-
-/// Windows of several vectors overlap, so sums over them must not depend on the vectors' width.
-#[test]
-fn images_have_the_same_bits_for_any_number_of_lanes() {
-    let [width, height] = [200, 30];
-    let mut film =
-        Film::new(Frame::new(width, height).unwrap(), Needs::none().with_variance().with_halves().with_features());
-    let mut state = 1u32;
-    for pixel in 0..(width * height) as usize {
-        for sample in 0..4 {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            let noise = (state >> 8) as f32 / 16_777_216.0;
-            let radiance = if noise < 0.02 { 40.0 } else { 0.2 + noise };
-            film.push_estimate(pixel, sample % 2, &Estimate::new([radiance; 3]));
-        }
-    }
-    let image = |lanes| {
-        LANES.store(lanes, Ordering::Relaxed);
-        let image = ClusterRegression::new().apply(&film).unwrap();
-        LANES.store(0, Ordering::Relaxed);
-        image.radiance.iter().flatten().map(|v| v.to_bits()).collect::<Vec<_>>()
-    };
-    let wanted = image(0);
-    let emulated = if cfg!(all(debug_assertions, target_arch = "x86_64")) { None } else { Some(4) };
-    for lanes in [1, 8].into_iter().chain(emulated) {
-        assert!(image(lanes) == wanted, "{lanes} lanes");
-    }
 }
 
 #[test]
