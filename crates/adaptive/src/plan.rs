@@ -39,7 +39,8 @@ impl<P: PointSet> Adaptive<P> {
         let AdaptiveOptions { pool, radius, prior, power, epsilon, cost, .. } = self.options;
         let pooling = Pooling { pool, radius, prior, power, epsilon, sources };
         let [width, height] = film.frame().size().map(|n| n as usize);
-        let known: Vec<RgbMoments> = parallel::map(width * height, moments);
+        let mut known = vec![RgbMoments::default(); width * height];
+        parallel::fill(&mut known, moments);
         let surfaces = if self.reads_surfaces() { Surfaces::of_film(film) } else { None };
         let mut scores = pooled_variance(&known, [width, height], &pooling, surfaces.as_ref());
         raise_to_floor(&mut scores, width);

@@ -22,7 +22,7 @@ const REACH: usize = 12;
 const STEP: usize = 6;
 
 /// The mean surface of a pixel's samples, in units of the differences above.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 struct Surface {
     /// Normal, albedo and two zeros: eight numbers side by side are compared in SIMD lanes. Then depth and inverse depth.
     values: [f32; 10],
@@ -87,9 +87,10 @@ impl Surfaces {
 
     /// The surfaces of a film; `None` if it records no features.
     pub(crate) fn of_film(film: &Film) -> Option<Self> {
-        let of = parallel::map(film.frame().pixels(), |i| film.features(i).as_ref().map(Surface::of));
-        let of: Option<Vec<_>> = of.into_iter().collect();
-        of.map(|of| Self { size: film.frame().size().map(|n| n as usize), of })
+        film.features(0)?;
+        let mut of = vec![Surface::default(); film.frame().pixels()];
+        parallel::fill(&mut of, |i| film.features(i).as_ref().map(Surface::of).unwrap_or_default());
+        Some(Self { size: film.frame().size().map(|n| n as usize), of })
     }
 
     fn at(&self, [x, y]: [usize; 2]) -> &Surface {

@@ -4,20 +4,19 @@
 //! compiled once; a function is called through a pointer for many pixels at a time.
 
 use rayon::prelude::*;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, PoisonError};
+
+/// The pixels of a task.
+const CHUNK: usize = 1024;
 
 /// Calls `f` with the number and the contents of each part, in any order.
 pub fn parts<P: Send>(parts: impl Iterator<Item = P>, f: impl Fn(usize, &mut P) + Sync) {
     let parts: Vec<Mutex<P>> = parts.map(Mutex::new).collect();
-    for_each(parts.len(), &|number| f(number, &mut lock(&parts[number])));
+    for_each(parts.len(), &|number| f(number, &mut parts[number].lock().unwrap_or_else(PoisonError::into_inner)));
 }
 
 fn for_each(n: usize, f: &(dyn Fn(usize) + Sync)) {
     (0..n).into_par_iter().with_max_len(1).for_each(f);
-}
-
-fn lock<T>(value: &Mutex<T>) -> MutexGuard<'_, T> {
-    value.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Calls `f` with the number and the values of each chunk of `length` values; the last chunk may be shorter.
@@ -29,24 +28,24 @@ pub fn chunks<T: Send>(values: &mut [T], length: usize, f: impl Fn(usize, &mut [
     parts(values.chunks_mut(length), |number, part| f(number, part));
 }
 
-/// Computes the values of all numbers below `n`.
+/// Replaces all values by those of their numbers.
+pub fn fill<T: Send>(values: &mut [T], f: impl Fn(usize) -> T + Sync) {
+    let each = |number, values: &mut [T]| (number * CHUNK..).zip(values).for_each(|(number, value)| *value = f(number));
+    chunks(values, CHUNK, each);
+}
+
+/// Computes the values of all numbers below `n`. They take twice their memory meanwhile.
 pub fn map<T: Send>(n: usize, f: impl Fn(usize) -> T + Sync) -> Vec<T> {
     map_with(n, || (), |(), number| f(number))
 }
 
-/// Computes the values of all numbers below `n`, with memory that `init` makes and later tasks use again.
-pub fn map_with<M: Send, T: Send>(
-    n: usize,
-    init: impl Fn() -> M + Sync,
-    f: impl Fn(&mut M, usize) -> T + Sync,
-) -> Vec<T> {
-    let length = (n / 256).clamp(1, 1024);
-    let free = Mutex::new(Vec::new());
+/// Computes the values of all numbers below `n`, with memory that `init` makes and some of them share.
+pub fn map_with<M, T: Send>(n: usize, init: impl Fn() -> M + Sync, f: impl Fn(&mut M, usize) -> T + Sync) -> Vec<T> {
+    let length = (n / 256).clamp(1, CHUNK);
     let mut all: Vec<Vec<T>> = (0..n.div_ceil(length)).map(|_| Vec::new()).collect();
     parts(all.iter_mut(), |number, part| {
-        let mut memory = lock(&free).pop().unwrap_or_else(&init);
+        let mut memory = init();
         **part = (number * length..n.min((number + 1) * length)).map(|number| f(&mut memory, number)).collect();
-        lock(&free).push(memory);
     });
     all.into_iter().flatten().collect()
 }

@@ -186,9 +186,7 @@ pub(crate) fn planes_of<const N: usize>(pixels: usize, of: impl Fn(usize) -> [f3
 /// Computes a value for every pixel.
 pub(crate) fn per_pixel<T: Send + Clone + Default>(pixels: usize, of: impl Fn(usize) -> T + Sync) -> Vec<T> {
     let mut all = vec![T::default(); pixels];
-    parallel::chunks(&mut all, 1024, |number, values| {
-        values.iter_mut().enumerate().for_each(|(k, value)| *value = of(number * 1024 + k));
-    });
+    parallel::fill(&mut all, of);
     all
 }
 
