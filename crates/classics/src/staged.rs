@@ -109,7 +109,7 @@ impl FilterMethod<FilmPoints> for StagedOptions {
         let all: Vec<HalfPixels> = parallel::map(frame.pixels(), |i| {
             let mut pixel = Cell::default();
             pixels.read(i, &samples, &now, &domain, &mut pixel);
-            half_pixels(&mut pixel).map(|mean| mean.map(|mean| mean.map(|x| x as f32)))
+            half_pixels(&pixel).map(|mean| mean.map(|mean| mean.map(|x| x as f32)))
         });
         let size = frame.size();
         let image = |i| last_box(self.width, &all, size.map(|n| n as usize), i);

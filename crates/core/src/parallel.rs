@@ -47,5 +47,7 @@ pub fn map_with<M, T: Send>(n: usize, init: impl Fn() -> M + Sync, f: impl Fn(&m
         let mut memory = init();
         **part = (number * length..n.min((number + 1) * length)).map(|number| f(&mut memory, number)).collect();
     });
-    all.into_iter().flatten().collect()
+    let mut values = Vec::with_capacity(n);
+    all.into_iter().for_each(|mut part| values.append(&mut part));
+    values
 }
