@@ -9,14 +9,14 @@ use common::Folder;
 #[test]
 fn a_time_limit_that_cannot_be_met_is_named_with_its_excess() {
     let folder = Folder::new();
-    let said = folder.says("render cornell --resolution 400x300 --time 0.01 --filter none --json -o a.pfm", 0, &[]);
+    let said = folder.says("render cornell --resolution 800x600 --time 0.05 --filter none --json -o a.pfm", 0, &[]);
     let lines: Vec<&str> = said.err.lines().collect();
     let [before, after] = lines[..] else { panic!("two warnings: {}", said.err) };
     assert!(before.starts_with("warning: one sample per pixel will take about "), "{before}");
-    assert!(before.contains(" s, and the time limit is 0.01 s; rendering goes on"), "{before}");
+    assert!(before.contains(" s, and the time limit is 0.05 s; rendering goes on"), "{before}");
     assert!(after.starts_with("warning: the render took ") && after.contains("more than the time limit of"), "{after}");
     let json: serde_json::Value = serde_json::from_str(&said.out).expect("JSON");
-    assert_eq!(json["samples"], 400 * 300, "one sample per pixel");
+    assert_eq!(json["samples"], 800 * 600, "one sample per pixel");
     // Without a budget of time, there is nothing to warn about.
     assert_eq!(folder.run("render cornell --resolution 80x60 --spp 1 --json -o a.pfm").err, "");
 }
