@@ -22,7 +22,7 @@ const REACH: usize = 12;
 const STEP: usize = 6;
 
 /// The mean surface of a pixel's samples, in units of the differences above.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 struct Surface {
     /// Normal, albedo and two zeros: eight numbers side by side are compared in SIMD lanes. Then depth and inverse depth.
     values: [f32; 10],
@@ -88,8 +88,8 @@ impl Surfaces {
     /// The surfaces of a film; `None` if it records no features.
     pub(crate) fn of_film(film: &Film) -> Option<Self> {
         film.features(0)?;
-        let mut of = vec![Surface::default(); film.frame().pixels()];
-        parallel::fill(&mut of, |i| film.features(i).as_ref().map(Surface::of).unwrap_or_default());
+        let mut of = vec![Surface::MISS; film.frame().pixels()];
+        parallel::fill(&mut of, |i| film.features(i).as_ref().map_or(Surface::MISS, Surface::of));
         Some(Self { size: film.frame().size().map(|n| n as usize), of })
     }
 

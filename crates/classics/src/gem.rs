@@ -141,8 +141,8 @@ fn draw(seen: &Feedback<'_>, bank: &Bank, selection: &[Selected], total: u64) ->
     let kernels = Kernels::new(bank, seen.frame().size());
     let received: Vec<AtomicU32> = (0..pixels).map(|_| AtomicU32::new(0)).collect();
     // Sums of integers do not depend on the order.
-    parallel::chunks(&mut order, 64, |chunk, order| {
-        for (rank, &mut pixel) in (64 * chunk..).zip(order) {
+    parallel::parts(order.chunks(64), |chunk, order| {
+        for (rank, &pixel) in (64 * chunk..).zip(*order) {
             let own = if rank < picks { if rank + 1 == picks && cut > 0 { cut } else { each } } else { 0 };
             let scale = selection[pixel as usize].scale;
             let key = mix(mix(seen.budget.spent).wrapping_add(pixel.into()));

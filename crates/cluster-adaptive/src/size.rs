@@ -3,6 +3,7 @@
 use crate::Error;
 use crate::probe::{BACKGROUND, Probe, Probes};
 use dapple_clustering::{Cluster, Triangles};
+use dapple_core::parallel;
 
 /// The measure of a cluster's size `SC`, for the ratio `SP / SC` of pixel area to cluster size.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -109,8 +110,9 @@ pub fn rates(probes: &Probes, clusters: &[Cluster], size: &ClusterSize, pixel_ar
     Ok(Rates { values, replaced })
 }
 
-fn of_hits(probes: &Probes, rate: impl Fn(&Probe) -> f64) -> Vec<f64> {
-    probes.all().iter().map(|p| if p.cluster == BACKGROUND { 0.0 } else { rate(p) }).collect()
+fn of_hits(probes: &Probes, rate: impl Fn(&Probe) -> f64 + Sync) -> Vec<f64> {
+    let of = |p: &Probe| if p.cluster == BACKGROUND { 0.0 } else { rate(p) };
+    parallel::map(probes.all().len(), |k| of(&probes.all()[k]))
 }
 
 fn pixel_size(probe: &Probe, area: PixelArea) -> f64 {

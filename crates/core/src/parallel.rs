@@ -28,7 +28,7 @@ pub fn chunks<T: Send>(values: &mut [T], length: usize, f: impl Fn(usize, &mut [
     parts(values.chunks_mut(length), |number, part| f(number, part));
 }
 
-/// Replaces all values by those of their numbers.
+/// Sets each value to `f` of its number.
 pub fn fill<T: Send>(values: &mut [T], f: impl Fn(usize) -> T + Sync) {
     let each = |number, values: &mut [T]| (number * CHUNK..).zip(values).for_each(|(number, value)| *value = f(number));
     chunks(values, CHUNK, each);
@@ -39,7 +39,7 @@ pub fn map<T: Send>(n: usize, f: impl Fn(usize) -> T + Sync) -> Vec<T> {
     map_with(n, || (), |(), number| f(number))
 }
 
-/// Computes the values of all numbers below `n`, with memory that `init` makes and some of them share.
+/// Computes the values of all numbers below `n`, with memory that `init` makes for each task.
 pub fn map_with<M, T: Send>(n: usize, init: impl Fn() -> M + Sync, f: impl Fn(&mut M, usize) -> T + Sync) -> Vec<T> {
     let length = (n / 256).clamp(1, CHUNK);
     let mut all: Vec<Vec<T>> = (0..n.div_ceil(length)).map(|_| Vec::new()).collect();

@@ -136,10 +136,10 @@ fn the_naive_rule_is_caught_and_meets_its_closed_form_a01() {
     let mean = means_of(&mut Bernoulli(P), Needs::none(), naive, (64, SIDE));
     assert!(mean.against(P.into()).p() < 1e-12, "the naive rule is not caught: {mean:?}");
     assert!(mean.against(closed).p() > FAMILY, "{mean:?} instead of {closed}");
-    // The tests of the unbiased policies detect a bias of 6 %. The naive rule's is 61 %.
+    // With 2^20 pixels the tests of the unbiased policies detect a bias of 3 %. The naive rule's is 61 %.
     let discards = |seed| variance_sampler(PilotPolicy::Discard, 0, 100 + seed);
-    let got = means_of(&mut Bernoulli(P), Needs::none(), discards, (10, SIDE));
-    let power = power(0.06 * f64::from(P) / got.standard_error(), 5e-6, 63.0);
+    let got = means_of(&mut Bernoulli(P), Needs::none(), discards, (10, 128));
+    let power = power(0.03 * f64::from(P) / got.standard_error(), 5e-6, 63.0);
     assert!(power > 0.99, "{power}: {got:?}");
 }
 

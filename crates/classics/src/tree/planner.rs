@@ -271,7 +271,11 @@ fn pixel_of(size: [u32; 2], corner: [u32; 2], at: &At) -> ([u32; 2], At) {
 /// refining the box with the largest score, one by one, comes to. Boxes that share the last samples get them by their order.
 fn hand_out(rule: &impl Refinement, all: &mut [Candidate], step: u64) {
     let wanted = |c: &Candidate, level: u64| rule.wanted(c.score, c.samples, f64::from_bits(level));
-    let total = |level: u64| all.iter().map(|c| u64::from(wanted(c, level))).sum::<u64>();
+    let part = |some: &[Candidate], level: u64| some.iter().map(|c| u64::from(wanted(c, level))).sum::<u64>();
+    let total = |level: u64| -> u64 {
+        let parts: Vec<&[Candidate]> = all.chunks(4096).collect();
+        parallel::map(parts.len(), |k| part(parts[k], level)).iter().sum()
+    };
     // The bits of positive numbers are in their order. At `high` too few samples are wanted, or as many as there are.
     let (mut low, mut high) = (0, f64::MAX.to_bits());
     if total(1) > step {

@@ -189,19 +189,18 @@ impl Lamp {
         scene
     }
 
-    /// Equivalence within 0.2 %, thoroughly 0.1 %. It is out of reach in a CI run if cosine-weighted directions hit the lamp less than once
+    /// Equivalence within 0.1 %. It is out of reach in a CI run if cosine-weighted directions hit the lamp less than once
     /// in 10 times. Their 3 10^5 samples then only must not refute the closed form. With fewer than 1000 expected hits
     /// there is no test.
     fn check(&self) {
         let (world, name) = (world(&self.scene()), &self.name);
-        let delta = thorough(2e-3, 1e-3);
         for strategy in STRATEGIES.into_iter().filter(|s| self.is_sampled || *s != Strategy::Light) {
             let met = if strategy == Strategy::Bsdf { self.irradiance / PI } else { 1.0 };
             if met >= 0.1 {
-                let verdict = verdict(&world, strategy, self.irradiance, delta, 1 << 16);
+                let verdict = verdict(&world, strategy, self.irradiance, 1e-3, 1 << 16);
                 assert_eq!(verdict, Verdict::Pass, "{name}, {strategy:?}");
             } else if met * 64.0 * 4096.0 >= 1000.0 {
-                let verdict = verdict(&world, strategy, self.irradiance, delta, 1 << 12);
+                let verdict = verdict(&world, strategy, self.irradiance, 1e-3, 1 << 12);
                 assert_ne!(verdict, Verdict::Fail, "{name}, {strategy:?}");
             }
         }
@@ -529,8 +528,8 @@ fn several_environments_add_up_l09() {
     let three = PI * (0.3 + 0.4 + 0.5 * (4.0 * 0.25 + 1.0 * 0.5 + 0.5 * 0.25));
     for (world, reference) in [(&four, floor_irradiance(&four)), (&world(&scene), three)] {
         for strategy in STRATEGIES {
-            assert_eq!(verdict(world, strategy, reference, 1e-2, 1 << 16), Verdict::Pass, "{strategy:?}");
-            assert_eq!(verdict(world, strategy, 1.02 * reference, 1e-2, 1 << 16), Verdict::Fail, "{strategy:?}");
+            assert_eq!(verdict(world, strategy, reference, 5e-3, 1 << 16), Verdict::Pass, "{strategy:?}");
+            assert_eq!(verdict(world, strategy, 1.02 * reference, 5e-3, 1 << 16), Verdict::Fail, "{strategy:?}");
         }
     }
 }

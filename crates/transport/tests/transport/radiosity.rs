@@ -28,9 +28,9 @@ fn means_are_the_path_tracers() {
     let sheet = MaterialKind::DiffuseTransmission { reflectance, transmittance };
     for wall in &[metal(0.3), diffuse(0.3), metal(0.0), sheet][..thorough(1, 4)] {
         let scene = chamber(wall.clone());
-        let expected = means(&scene, "path", 128, 0..8);
+        let expected = means(&scene, "path", 256, 0..8);
         for request in ["radiosity:particles=4000,gather=0", "radiosity:particles=4000,gather=1"] {
-            assert_near(&format!("{wall:?}, {request}"), &means(&scene, request, 16, 10..18), &expected, 0.005, 0.01);
+            assert_near(&format!("{wall:?}, {request}"), &means(&scene, request, 32, 10..18), &expected, 0.005, 0.008);
         }
         let direct = Scene { max_depth: Some(1), ..scene };
         assert!(means(&direct, "path", 64, 0..4).mean < 0.9 * expected.mean, "the test sees nothing");
