@@ -1,8 +1,8 @@
 //! Quality of the samplers, tracked by criterion: the error at an equal budget, and the time to a given error.
 //!
 //! ```sh
-//! RAYON_NUM_THREADS=1 cargo bench --bench quality -- --save-baseline before
-//! RAYON_NUM_THREADS=1 cargo bench --bench quality -- --baseline before
+//! RAYON_NUM_THREADS=1 cargo bench -p dapple-benches --bench quality -- --save-baseline before
+//! RAYON_NUM_THREADS=1 cargo bench -p dapple-benches --bench quality -- --baseline before
 //! ```
 //!
 //! The first method is that of `dapple render` without options; light selection is its default for all of them.

@@ -1,7 +1,7 @@
 //! Speed on the bundled scenes: clusters, whole renders and filters. The benches of the crates measure single parts.
 //!
 //! ```sh
-//! RAYON_NUM_THREADS=1 cargo bench --bench speed
+//! RAYON_NUM_THREADS=1 cargo bench -p dapple-benches --bench speed
 //! ```
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};

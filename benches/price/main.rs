@@ -1,6 +1,6 @@
 //! The cost of each numerical safeguard, and the inputs that break without it.
 //!
-//! `cargo bench --bench price` takes two or three minutes, on a machine that does nothing else. Arguments after `--`:
+//! `cargo bench -p dapple-benches --bench price` takes two or three minutes, on a machine that does nothing else. Arguments after `--`:
 //!
 //! * `--quick` or `--test`: takes seconds; failures are exact, prices are rough;
 //! * `--overflow-checks WITH WITHOUT`: two builds of `dapple`, with overflow checks and without; adds their price.
@@ -32,7 +32,7 @@ pub type Result<T> = std::result::Result<T, Box<dyn std::error::Error + Send + S
 fn main() -> Result<()> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let has = |name: &str| arguments.iter().any(|argument| argument == name);
-    // `cargo test --benches` runs each bench once, without `--bench`; `cargo bench -- --test` asks for the same.
+    // `cargo test -p dapple-benches --benches` runs each bench once, without `--bench`; `cargo bench -- --test` asks for the same.
     let quick = has("--quick") || has("--test") || !has("--bench");
     let programs = arguments.iter().position(|argument| argument == "--overflow-checks");
     // First, since another program may fail.

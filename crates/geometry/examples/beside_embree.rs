@@ -9,7 +9,7 @@
 
 #![expect(clippy::print_stdout, reason = "a program: its table is its result")]
 
-#[path = "../benches/scenes/mod.rs"]
+#[path = "../../../benches/scenes/mod.rs"]
 mod scenes;
 
 use dapple_geometry::{Geometry, Ray, Shape};

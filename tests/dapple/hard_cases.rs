@@ -1,7 +1,7 @@
 //! The catalogue of hard cases: `docs/hard-cases.toml`, the tests that cover each case, and the page made from both.
 //!
 //! A test covers a case if its name ends, or begins, with the case's id: `rays_never_leak_through_shared_edges_g01`.
-//! `DAPPLE_UPDATE=1 cargo test --test hard_cases` writes `docs/results/hard-cases.md` anew.
+//! `DAPPLE_UPDATE=1 cargo test --test dapple hard_cases` writes `docs/results/hard-cases.md` anew.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -152,7 +152,7 @@ const INTRODUCTION: &str = "\
 
 This page lists 121 hard inputs, grouped by subject, with the tests that cover them.
 A test covers a case if its name contains the case's id.
-`DAPPLE_UPDATE=1 cargo test --test hard_cases` makes this page from [hard-cases.toml](../hard-cases.toml) and the tests;
+`DAPPLE_UPDATE=1 cargo test --test dapple hard_cases` makes this page from [hard-cases.toml](../hard-cases.toml) and the tests;
 `cargo test` fails where it is out of date.
 
 * **T1** runs with `cargo test --workspace`; **T2** by hand with `DAPPLE_THOROUGH=1 cargo test --release --workspace -- --include-ignored`; **T3** before a release.
@@ -214,7 +214,7 @@ fn the_page_of_hard_cases_is_up_to_date() {
     if std::env::var_os("DAPPLE_UPDATE").is_some() {
         std::fs::write(&path, &page).expect("a page that can be written");
     }
-    assert!(page == read(&path), "out of date: DAPPLE_UPDATE=1 cargo test --test hard_cases");
+    assert!(page == read(&path), "out of date: DAPPLE_UPDATE=1 cargo test --test dapple hard_cases");
 }
 
 /// A file of tests that its program's `main.rs` does not name is never compiled.

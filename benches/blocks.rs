@@ -1,7 +1,7 @@
 //! Nanoseconds per block of four coordinates, read through `Draws` and `&dyn PointSet` as in a render. Criterion's
 //! throughput is in blocks.
 //!
-//! Run `cargo bench -p dapple-low-discrepancy`, and the same with `RUSTFLAGS="-C target-cpu=native"` for AVX2.
+//! Run `cargo bench -p dapple-benches --bench blocks`, and the same with `RUSTFLAGS="-C target-cpu=native"` for AVX2.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use dapple_core::{Block, Draws, PointSet, SampleId};

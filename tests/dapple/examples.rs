@@ -39,7 +39,7 @@ fn output_of(name: &str, source: &str, arguments: &[&Path]) -> (String, Vec<f64>
     (said, numbers)
 }
 
-const MINIMAL: &str = include_str!("../examples/minimal.rs");
+const MINIMAL: &str = include_str!("../../examples/minimal.rs");
 
 #[test]
 fn a_hundred_lines_on_core_and_points_alone() {
@@ -101,11 +101,11 @@ fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
 /// The name of each example, its source, and the largest part of the plain image's error that Dapple's may have.
 /// Measured: 0.069, 0.092 and 0.147.
 const PLUGS: [(&str, &str, f64); 3] = [
-    ("rng_everywhere", include_str!("../examples/plugs/rng_everywhere.rs"), 0.15),
-    ("own_sampler", include_str!("../examples/plugs/own_sampler.rs"), 0.1),
-    ("wavefront", include_str!("../examples/plugs/wavefront.rs"), 0.2),
+    ("rng_everywhere", include_str!("../../examples/plugs/rng_everywhere.rs"), 0.15),
+    ("own_sampler", include_str!("../../examples/plugs/own_sampler.rs"), 0.1),
+    ("wavefront", include_str!("../../examples/plugs/wavefront.rs"), 0.2),
 ];
-const PAGE: &str = include_str!("../docs/book/src/your-renderer.md");
+const PAGE: &str = include_str!("../../docs/book/src/your-renderer.md");
 
 /// A source up to its plug, the plug, and the rest.
 fn parts(text: &str) -> [&str; 3] {

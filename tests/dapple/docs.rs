@@ -240,7 +240,7 @@ fn the_guides_sampler_and_filter_are_the_tested_files() {
     for (name, file) in [(ERRANDS[0], "brightness.rs"), (ERRANDS[1], "median.rs")] {
         let guide = blocks(name);
         let block = guide.iter().find(|b| b.directive("file").is_some_and(|f| f.ends_with(file)));
-        assert_eq!(block.expect("a file").text, page(&format!("tests/docs/{file}")), "{name}");
+        assert_eq!(block.expect("a file").text, page(&format!("tests/dapple/docs/{file}")), "{name}");
     }
 }
 
@@ -280,7 +280,7 @@ fn every_citation_has_an_entry_in_the_bibliography() {
     let entries: Vec<(String, &str)> = bibliography.split("\n@").map(|e| (letters(e), e)).collect();
     let list = Command::new("git").args(["ls-files", "*.rs", "*.md"]).current_dir(root()).output().expect("git");
     let mut cited = 0;
-    for name in String::from_utf8(list.stdout).expect("names").lines().filter(|&name| name != "tests/docs.rs") {
+    for name in String::from_utf8(list.stdout).expect("names").lines().filter(|&name| name != "tests/dapple/docs.rs") {
         let Ok(text) = std::fs::read_to_string(root().join(name)) else { continue };
         for (author, year) in citations(&text) {
             let there = entries.iter().any(|(all, entry)| all.contains(&letters(&author)) && entry.contains(&year));

@@ -1,10 +1,10 @@
 //! Failures without a safeguard are the same on every machine. Times are only checked for being positive.
 
 #[allow(dead_code, reason = "a bench, of which this is the test")]
-#[path = "../benches/price/main.rs"]
-mod price;
+#[path = "../../benches/price/main.rs"]
+mod bench;
 
-use price::{Ratio, Row, in_turn, of_whole, overflow_checks, prices};
+use bench::{Ratio, Row, in_turn, of_whole, overflow_checks, prices};
 use std::path::Path;
 
 fn check(row: &Row) {

@@ -1,0 +1,1 @@
+//! Benches of all crates: `cargo bench -p dapple-benches --bench NAME`.
