@@ -36,7 +36,8 @@ fn cameras() -> [(&'static str, Camera); 3] {
     [("pinhole", pinhole), ("lens", lens), ("orthographic", orthographic)]
 }
 
-/// Asserts the path tracer's mean with splats and without, for each number of scattering events, and that 5 % more light shows.
+/// Asserts the path tracer's mean with splats and without, for each number of scattering events, with so little noise that 5 %
+/// more light would show.
 fn has_the_path_tracers_light(name: &str, scene: &Scene, spp: u64) {
     let mut world = world(scene);
     for events in 1..=2 {
