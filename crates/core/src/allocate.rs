@@ -308,6 +308,3 @@ fn find_threshold(start: f64, total: u64, close: u64, spend: impl Fn(f64) -> u64
     }
     bracket
 }
-
-#[cfg(test)]
-mod tests;

@@ -437,6 +437,3 @@ fn merged(halves: &[Half], i: usize) -> RgbMoments {
     }
     moments
 }
-
-#[cfg(test)]
-mod tests;

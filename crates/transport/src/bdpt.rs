@@ -1,8 +1,6 @@
 //! Bidirectional path tracing: paths from the camera and from a light, joined in all ways [Lafortune and Willems 1993;
 //! Veach and Guibas 1994], with weights by the power heuristic [Veach and Guibas 1995].
 
-#[cfg(test)]
-mod tests;
 mod vertex;
 mod walk;
 mod weights;
@@ -43,8 +41,6 @@ pub struct Bdpt<'w> {
     depth: u32,
     /// True if light paths are connected with the camera.
     splats: bool,
-    #[cfg(test)]
-    fault: tests::Fault,
 }
 
 impl<'w> Bdpt<'w> {
@@ -56,14 +52,7 @@ impl<'w> Bdpt<'w> {
     pub fn new(world: &'w World, options: &BdptOptions) -> Result<Self, MakeError> {
         refuse(world).map_err(MakeError::Scene)?;
         let depth = if options.depth == 0 { world.max_depth() } else { options.depth };
-        Ok(Self {
-            world,
-            least: 0,
-            depth,
-            splats: options.splat == 1,
-            #[cfg(test)]
-            fault: tests::Fault::None,
-        })
+        Ok(Self { world, least: 0, depth, splats: options.splat == 1 })
     }
 
     /// Makes the integrator from the text of its parameters, for the table of integrators.
@@ -135,10 +124,7 @@ impl<'w> Bdpt<'w> {
 
     /// Returns the contribution of a strategy times its weight.
     fn weighted(&self, light: &[Vertex<'_>], camera: &[Vertex<'_>], found: &Contribution) -> Vec3 {
-        let weight = self.weight(light, camera, &found.ends);
-        #[cfg(test)]
-        let weight = self.fault.applied(weight, light.len(), camera.len());
-        found.radiance * weight
+        found.radiance * self.weight(light, camera, &found.ends)
     }
 }
 

@@ -68,8 +68,6 @@ struct VirtualLights<'w> {
     sources: Sources,
     /// The largest geometric factor, in the renderer's units.
     largest: f32,
-    /// False if paths do not trace on what the bound took: a fault, for tests.
-    compensates: bool,
     sets: [Vec<VirtualLight<'w>>; 2],
 }
 
@@ -87,7 +85,7 @@ impl<'w> VirtualLights<'w> {
         let radius = f64::from(world.lights().scene_sphere().1);
         let largest = (options.clamp / (radius * radius)) as f32;
         let sources = Sources::new(world, |_| true);
-        Self { world, options, sources, largest, compensates: true, sets: Default::default() }
+        Self { world, options, sources, largest, sets: Default::default() }
     }
 
     fn arrive(&self, arrival: &Arrival<'_, 'w>, set: &mut Vec<VirtualLight<'w>>) -> Onwards {
@@ -146,7 +144,7 @@ impl VertexLight for VirtualLights<'_> {
         let squared = point.position.distance_squared(position);
         let geometry = geometry(normal.dot(back), point.normal.dot(back), squared);
         // Virtual lights bring `largest` of `geometry`.
-        if geometry > self.largest && self.compensates { 1.0 - self.largest / geometry } else { 0.0 }
+        if geometry > self.largest { 1.0 - self.largest / geometry } else { 0.0 }
     }
 
     fn scattered(&self, state: &mut Gathered, specular: bool) {
@@ -192,34 +190,4 @@ impl VertexLight for VirtualLights<'_> {
 /// The factor between two surface points: the cosines at both over the squared distance.
 fn geometry(at_one: f32, at_other: f32, squared: f32) -> f32 {
     (at_one * at_other).abs() / squared
-}
-
-#[cfg(test)]
-mod tests {
-    use super::{InstantOptions, VirtualLights};
-    use crate::support::*;
-    use dapple_core::Options as _;
-    use dapple_renderer::path_tracer_with;
-
-    /// Virtual lights and the paths beside them make the path tracer's mean: within 3 standard errors, which alone gives a
-    /// false alarm with probability 0.03 for other seeds. A low bound leaves much of the light to paths; negative control: it
-    /// is lost.
-    #[test]
-    fn means_are_the_path_tracers() {
-        for name in &["cornell", "lens", "tea", "teapot", "room", "door"][..thorough(1, 6)] {
-            let size = [24, 16];
-            let mut world = bundle(name, size);
-            world.set_max_depth(world.max_depth().min(6));
-            let expected = means_by(&mut *integrator(&world), size, 64, 100..116);
-            let [found, less] = [true, false].map(|compensates| {
-                let options = InstantOptions::parse("paths=32,clamp=2").unwrap_or_else(|e| panic!("{e}"));
-                let light = VirtualLights { compensates, ..VirtualLights::new(&world, options) };
-                means_by(&mut *path_tracer_with(&world, light), size, 32, 200..216)
-            });
-            let [z, lost] = [&found, &less].map(|mean| mean.against_estimate(&expected).z());
-            let error = found.standard_error() / expected.mean;
-            assert!(z.abs() < 3.0 && error < 0.02, "{name}: {found:?}, not {expected:?}, {z:.2}");
-            assert!(*name != "cornell" || lost < -5.0, "the test sees nothing: {less:?}");
-        }
-    }
 }

@@ -3,9 +3,6 @@
 //! [`integrators`] is the table of all integrators by name: the renderer's own, then [`ENTRIES`]. [`make_integrator`]
 //! makes one.
 
-#[cfg(test)]
-extern crate self as dapple_transport;
-
 mod bdpt;
 mod instant;
 mod lightcuts;
@@ -13,9 +10,6 @@ mod metropolis;
 mod patches;
 mod photons;
 mod radiosity;
-#[cfg(test)]
-#[path = "../tests/transport/support.rs"]
-mod support;
 mod walk;
 
 pub use bdpt::{Bdpt, BdptOptions};

@@ -4,8 +4,6 @@
 //! group's error bound exceeds a share of the estimate. Later surfaces sample lights as the path tracer does.
 
 mod common;
-#[cfg(test)]
-mod tests;
 mod tree;
 
 use crate::patches::{Division, Patches};
@@ -74,8 +72,6 @@ struct CutSum {
     light: Vec3,
     /// The number of rays traced.
     rays: u32,
-    /// The number of nodes that were members of the cut.
-    visited: u32,
 }
 
 /// A group of lights in a cut.
@@ -249,7 +245,7 @@ impl<'w> CutLight<'w> {
     fn cut(&self, lit: &Lit<'_>, start: &[NodeId], cut: &mut Refinement) -> CutSum {
         cut.members.clear();
         cut.coarse.clear();
-        let mut sum = CutSum { light: Vec3::ZERO, rays: 0, visited: 0 };
+        let mut sum = CutSum { light: Vec3::ZERO, rays: 0 };
         let roots = self.roots().filter(|_| start.is_empty());
         cut.members.extend(start.iter().copied().chain(roots).map(|id| self.member(lit, id, None, 0.0, &mut sum)));
         while (cut.members.len() as u32) < self.options.cut {
@@ -306,7 +302,6 @@ impl<'w> CutLight<'w> {
         };
         sum.light += unit * group.intensity;
         sum.rays += rays;
-        sum.visited += 1;
         Member { bound, id, unit }
     }
 }
@@ -392,7 +387,7 @@ impl CutLight<'_> {
         let (mut sum, mut rays, mut made) = (0.0, u64::from(SIDE * SIDE), Refinement::default());
         for pixel in grid(frame, SIDE) {
             let cut = self.at_first_hit(pixel, |vertex| self.cut(&Lit::new(vertex, 0), &[], &mut made));
-            if let Some(CutSum { light, rays: traced, .. }) = cut {
+            if let Some(CutSum { light, rays: traced }) = cut {
                 (sum, rays) = (sum + luminance(light), rays + u64::from(traced));
             }
         }

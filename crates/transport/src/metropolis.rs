@@ -1,8 +1,6 @@
 //! Metropolis light transport on the random numbers of bidirectional paths [Veach and Guibas 1997; Kelemen et al. 2002].
 
 mod chain;
-#[cfg(test)]
-mod tests;
 
 use crate::bdpt::{Bdpt, BdptOptions};
 use chain::{Chains, Deposit, Target};
@@ -58,9 +56,6 @@ pub(crate) struct ChainImage {
     /// The light of each pixel of the window.
     pub(crate) light: Vec<[f64; 3]>,
     pub(crate) rays: u64,
-    /// The mean brightness of the candidates, by which the chains are weighted.
-    #[cfg_attr(not(test), expect(dead_code, reason = "for tests"))]
-    pub(crate) brightness: f64,
 }
 
 impl<'w> Metropolis<'w> {
@@ -93,13 +88,12 @@ fn image_of(target: &dyn Target, frame: &Frame, key: u64, options: &MetropolisOp
     let mut rays = found.iter().map(|(_, rays)| rays).sum();
     let total: f64 = found.iter().map(|(brightness, _)| brightness).sum();
     let mut light = vec![[0.0; 3]; frame.pixels()];
-    let brightness = total / seeds as f64;
     if total == 0.0 {
-        return ChainImage { light, rays, brightness };
+        return ChainImage { light, rays };
     }
     let starts = starts(found.iter().map(|(brightness, _)| *brightness), total, count, key);
     // The mean over mutations, times the number of pixels: each sample is one of all pixels'.
-    let scale = brightness / (count * length) as f64;
+    let scale = total / seeds as f64 / (count * length) as f64;
     let starts: Vec<(u64, u64)> = (0..).zip(starts).collect();
     for some in starts.chunks(TOGETHER as usize) {
         let found: Vec<(Vec<Deposit>, u64)> = parallel::map(some.len(), |k| chains.run(some[k].0, some[k].1, length));
@@ -111,7 +105,7 @@ fn image_of(target: &dyn Target, frame: &Frame, key: u64, options: &MetropolisOp
             }
         }
     }
-    ChainImage { light, rays, brightness }
+    ChainImage { light, rays }
 }
 
 /// Returns the sample that each of `count` chains starts from, in proportion to brightness, by systematic resampling.

@@ -3,10 +3,13 @@
 //! Triangles are divided into equal parts until none is larger than a share of a patch, spheres and disks into cells of
 //! their parameters. Pieces near each other, of one material and with similar normals, are a patch.
 
+mod parts;
+
 use dapple_clustering::{ClusterParams, Triangles, cluster};
 use dapple_geometry::Shape;
 use dapple_renderer::{Interaction, World};
 use glam::{DAffine3, DVec3, Vec3};
+use parts::{divide, part_at, triangle_area};
 use std::f64::consts::{PI, TAU};
 
 /// Pieces in an average patch.
@@ -190,10 +193,6 @@ fn triangles_of(world: &World, shape: u32) -> Option<impl Iterator<Item = [DVec3
     Some((0..mesh.triangles().len() as u32).map(corners))
 }
 
-fn triangle_area([a, b, c]: [DVec3; 3]) -> f64 {
-    0.5 * (b - a).cross(c - a).length()
-}
-
 /// The area of a shape; of spheres and disks by their cells.
 fn area_of(world: &World, shape: u32) -> f64 {
     match triangles_of(world, shape) {
@@ -204,29 +203,6 @@ fn area_of(world: &World, shape: u32) -> f64 {
             sum
         }
     }
-}
-
-/// Divides a triangle into `parts * parts` equal ones, row by row of the first corner's weight downwards.
-fn divide([a, b, c]: [DVec3; 3], parts: u32, mut add: impl FnMut([DVec3; 3])) {
-    let point = |i: u32, j: u32| a + ((b - a) * f64::from(i) + (c - a) * f64::from(j)) / f64::from(parts);
-    for i in 0..parts {
-        for j in 0..parts - i {
-            add([point(i, j), point(i + 1, j), point(i, j + 1)]);
-            if i + j + 1 < parts {
-                add([point(i + 1, j + 1), point(i, j + 1), point(i + 1, j)]);
-            }
-        }
-    }
-}
-
-/// The number that [`divide`] gives to the part at the weights of the second and third corner.
-fn part_at([v, w]: [f32; 2], parts: u32) -> u32 {
-    let scaled = [v, w].map(|weight| weight * parts as f32);
-    let i = (scaled[0] as u32).min(parts - 1);
-    let j = (scaled[1] as u32).min(parts - 1 - i);
-    let beyond = scaled[0] - i as f32 + (scaled[1] - j as f32) > 1.0;
-    // Row i has 2 (parts - i) - 1 parts.
-    2 * parts * i - i * i + 2 * j + u32::from(beyond && i + j + 1 < parts)
 }
 
 /// Divides a sphere or disk into cells of its parameters. Each is a triangle around its middle, with the cell's area.
@@ -256,34 +232,6 @@ fn cells_of(world: &World, shape: u32, cells: [u32; 2], mut add: impl FnMut([DVe
             let [a, b] = [0, 1].map(|k| to_world.matrix3 * along[k].as_dvec3() / f64::from(cells[k]));
             let [x, y] = [a / 3.0, b / 3.0];
             add([middle + x, middle + y, middle - x - y], a.cross(b).length());
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn parts_of_a_triangle_are_found_by_their_weights() {
-        let corners = [DVec3::ZERO, DVec3::X, DVec3::Y];
-        for parts in [1, 2, 3, 7, 64] {
-            let mut number = 0;
-            divide(corners, parts, |part| {
-                // Its middle and points near its corners.
-                let middle = (part[0] + part[1] + part[2]) / 3.0;
-                for point in part.map(|corner| corner.lerp(middle, 0.05)).into_iter().chain([middle]) {
-                    assert_eq!(part_at([point.x as f32, point.y as f32], parts), number, "{parts} parts, {point}");
-                }
-                let share = triangle_area(part) * 2.0 * f64::from(parts * parts);
-                assert!((share - 1.0).abs() < 1e-9);
-                number += 1;
-            });
-            assert_eq!(number, parts * parts);
-            // Weights that rounding puts outside lie in a part.
-            for weights in [[1.0, 0.0], [0.0, 1.0], [0.5, 0.500_001], [1.0, 1.0]] {
-                assert!(part_at(weights, parts) < parts * parts);
-            }
         }
     }
 }

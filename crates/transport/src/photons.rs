@@ -4,6 +4,8 @@
 //! density at the vertices of its paths. The radius shrinks from pass to pass, so that the mean over passes converges
 //! to the true image: bias and variance both fall to 0.
 
+mod map;
+
 use crate::walk::{
     Arrival, MOST_TURNED, Onwards, Sources, draws_of_half, emitted, first_hit, grid, is_rough, probe, refuse,
     scattered_from, walk,
@@ -11,8 +13,8 @@ use crate::walk::{
 use dapple_core::{Draws, Frame, Integrator, Options as _, Pass, Prepared, Prepares, Worker};
 use dapple_renderer::{GatherPoint, MakeError, VertexLight, World, path_tracer_with};
 use dapple_scene::Effect;
-use glam::{IVec3, Vec3};
-use std::f32::consts::PI;
+use glam::Vec3;
+use map::{Photon, PhotonMap, shrunk};
 
 /// The light that photons carry. The rest is left to path tracing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -271,11 +273,6 @@ impl VertexLight for PhotonLight<'_> {
     }
 }
 
-/// The squared radius of a pass, over that of the first.
-fn shrunk(alpha: f64, pass: u32) -> f64 {
-    (1..=pass).map(f64::from).fold(1.0, |square, i| square * (i + alpha) / (i + 1.0))
-}
-
 /// The median width of a pixel on the first surface that camera rays meet, in the renderer's units. Where they meet
 /// none, it is a hundredth of the scene's radius.
 fn footprint(world: &World, frame: &Frame) -> f32 {
@@ -284,128 +281,4 @@ fn footprint(world: &World, frame: &Frame) -> f32 {
     let mut widths: Vec<f32> = widths.collect();
     widths.sort_by(f32::total_cmp);
     widths.get(widths.len() / 2).copied().unwrap_or(0.01 * world.lights().scene_sphere().1)
-}
-
-/// Light that arrived at a surface.
-#[derive(Clone, Copy, Debug)]
-struct Photon {
-    position: Vec3,
-    /// The unit direction that the light came from.
-    from: Vec3,
-    /// The unit geometric normal of the surface.
-    normal: Vec3,
-    flux: Vec3,
-    /// The number of scattering events on the way.
-    bounces: u32,
-    /// True if all of them were specular.
-    is_caustic: bool,
-}
-
-/// The photons of one pass, for look-ups within a fixed radius.
-#[derive(Clone, Debug, Default)]
-struct PhotonMap {
-    /// Sorted by bucket, then in the order of emission, so that sums have the same bits every time.
-    photons: Vec<Photon>,
-    /// The index of each bucket's first photon, and the number of photons.
-    starts: Vec<u32>,
-    radius: f32,
-    /// 1 over the area of a look-up times the number of emitted photons.
-    density: f32,
-}
-
-impl PhotonMap {
-    /// Sorts the photons that arrived of `emitted` ones. Cells are as wide as the look-up's disk.
-    fn new(arrived: &[Photon], emitted: u32, radius: f32) -> Self {
-        let buckets = arrived.len().next_power_of_two();
-        let mut map = Self { photons: Vec::new(), starts: vec![0; buckets + 1], radius, density: 0.0 };
-        map.density = (PI * radius * radius * emitted as f32).recip();
-        let bucket_of: Vec<u32> = arrived.iter().map(|p| map.bucket(map.cell(p.position))).collect();
-        bucket_of.iter().for_each(|bucket| map.starts[*bucket as usize + 1] += 1);
-        (0..buckets).for_each(|i| map.starts[i + 1] += map.starts[i]);
-        let mut next = map.starts.clone();
-        let mut order = vec![0u32; arrived.len()];
-        for (photon, &bucket) in (0..).zip(&bucket_of) {
-            order[next[bucket as usize] as usize] = photon;
-            next[bucket as usize] += 1;
-        }
-        map.photons = order.into_iter().map(|photon| arrived[photon as usize]).collect();
-        map
-    }
-
-    fn cell(&self, position: Vec3) -> IVec3 {
-        (position * (0.5 / self.radius)).floor().as_ivec3()
-    }
-
-    /// The hash of a cell [Teschner et al. 2003].
-    fn bucket(&self, cell: IVec3) -> u32 {
-        let hash = (cell.x as u32).wrapping_mul(73_856_093)
-            ^ (cell.y as u32).wrapping_mul(19_349_663)
-            ^ (cell.z as u32).wrapping_mul(83_492_791);
-        hash & (self.starts.len() as u32 - 2)
-    }
-
-    /// Calls `visit` for each photon within the radius around a point.
-    #[inline]
-    fn near(&self, position: Vec3, mut visit: impl FnMut(&Photon)) {
-        if self.photons.is_empty() {
-            return;
-        }
-        let reach = Vec3::splat(self.radius);
-        let [low, high] = [self.cell(position - reach), self.cell(position + reach)];
-        let (mut seen, mut count) = ([0u32; 8], 0);
-        for z in low.z..=high.z {
-            for y in low.y..=high.y {
-                for x in low.x..=high.x {
-                    let bucket = self.bucket(IVec3::new(x, y, z));
-                    // Two cells may share a bucket. Rounding could make three cells of two.
-                    if seen[..count].contains(&bucket) || count == seen.len() {
-                        continue;
-                    }
-                    seen[count] = bucket;
-                    count += 1;
-                    let [start, end] = [0, 1].map(|i| self.starts[bucket as usize + i] as usize);
-                    let is_near = |p: &&Photon| p.position.distance_squared(position) <= self.radius * self.radius;
-                    self.photons[start..end].iter().filter(is_near).for_each(&mut visit);
-                }
-            }
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn radii_shrink_as_published() {
-        // r_N^2 is about N^(alpha - 1) / Gamma(1 + alpha): with alpha = 2/3 it is 0.1108 of the first after 1000 passes.
-        assert!((shrunk(2.0 / 3.0, 999) - 0.1108).abs() < 5e-5, "{}", shrunk(2.0 / 3.0, 999));
-        assert_eq!(shrunk(1.0, 1000), 1.0);
-        assert!((shrunk(0.0, 999) - 1e-3).abs() < 1e-12, "without alpha the area falls as 1/N");
-    }
-
-    fn photon(position: Vec3) -> Photon {
-        let flux = Vec3::splat(1.0);
-        Photon { position, from: Vec3::Z, normal: Vec3::Z, flux, bounces: 1, is_caustic: true }
-    }
-
-    #[test]
-    fn a_look_up_finds_each_photon_within_the_radius_once() {
-        // A Weyl sequence in the cube [-1, 1]^3.
-        let place = |i: u32| {
-            Vec3::new(0.754_877_7, 0.569_840_3, 0.321_927_4)
-                .map(|a| 2.0 * (f64::from(i) * f64::from(a)).fract() as f32 - 1.0)
-        };
-        let photons: Vec<Photon> = (0..5000).map(|i| photon(place(i))).collect();
-        for radius in [0.01, 0.1, 0.35, 3.0] {
-            let map = PhotonMap::new(&photons, 5000, radius);
-            for at in (0..200).map(|i| place(7 * i + 100_000)) {
-                let mut found = 0;
-                map.near(at, |_| found += 1);
-                let expected = photons.iter().filter(|p| p.position.distance(at) <= radius).count();
-                assert_eq!(found, expected, "around {at} within {radius}");
-            }
-        }
-        PhotonMap::new(&[], 0, 1.0).near(Vec3::ZERO, |_| panic!("there are no photons"));
-    }
 }

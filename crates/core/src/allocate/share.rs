@@ -167,6 +167,3 @@ fn hand_out_remainders(shares: &[u64], weights: &[f64], counts: &mut [u32], ceil
     }
     tied.iter().take(left).for_each(|&(_, pixel)| counts[pixel] += 1);
 }
-
-#[cfg(test)]
-mod tests;

@@ -157,13 +157,30 @@ fn a_time_limit_leaves_room_for_the_filter() {
     assert!(with < without, "{with} {without}");
 }
 
-/// A limit beyond any number of samples ends at the largest count, here 3.
+/// A filter that refuses every film takes no time. A limit beyond any number of samples ends at the largest count, here 3.
 #[test]
 fn endless_time_limits_do_not_overflow() {
     for seconds in [1e30, f64::MAX] {
         let limits = Limits::seconds(seconds).with_max_spp(3);
-        let mut sampler = uniform(5);
-        let film = run(&mut Field(noise), &mut sampler, Needs::none(), frame(5, 4), &limits).unwrap();
-        assert_eq!(film.record().samples, 60);
+        let mut reserved = None;
+        let mut monitor = |status: &Status<'_>| {
+            reserved = status.filter_seconds;
+            Control::Continue
+        };
+        let render = Render::new(frame(5, 4), &limits).monitor(&mut monitor).error_of(&Refuses);
+        let film = render.run(&mut Field(noise), &mut uniform(5)).unwrap();
+        assert_eq!((film.record().samples, reserved), (60, Some(0.0)));
+    }
+}
+
+struct Refuses;
+
+impl Filter for Refuses {
+    fn name(&self) -> &str {
+        "refuses"
+    }
+
+    fn apply(&self, _: &Film) -> Result<Filtered, Error> {
+        Err(Error::NotRecorded { who: "it".into(), what: "anything" })
     }
 }

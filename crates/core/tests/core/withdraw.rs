@@ -33,7 +33,9 @@ fn trace(plan: &[Round], needs: Needs) -> (Film, Vec<Traced>) {
             seen.lock().unwrap().push((id.stream, id.index, [r, g, b]));
         }
         let hit = FirstHit::new([0.0; 3], [0.0, 0.0, 1.0], id.index as f32).with_albedo([0.5; 3]).with_footprint(1.0);
-        Estimate::new([r, g, b]).with_first_hit(hit)
+        let mut estimate = Estimate::new([r, g, b]).with_first_hit(hit);
+        estimate.emission = [0.5 * r, 0.0, b];
+        estimate
     });
     let mut sampler = rounds(plan.to_vec(), needs);
     let film = on_threads(1, || run(&mut spy, &mut sampler, needs, frame(2, 1), &Limits::samples(1000))).unwrap();
@@ -66,7 +68,7 @@ fn indices_continue_in_every_stream() {
 
 #[test]
 fn withdrawn_samples_are_discarded_ones_and_nothing_is_lost() {
-    let plain = Needs::none().with_variance().with_first_hits(20).with_cost();
+    let plain = Needs::none().with_variance().with_first_hits(20).with_cost().with_emission();
     for (plan, is_kept) in [
         (DISCARDS, (|sample: &Traced| sample.0 != streams::DISCARDED) as fn(&Traced) -> bool),
         // Only the samples before the withdrawal are not in the image.
@@ -80,6 +82,8 @@ fn withdrawn_samples_are_discarded_ones_and_nothing_is_lost() {
             samples.iter().for_each(|s| expected.push(s.2));
             assert_eq!(moments, expected);
         }
+        let ([r, _, b], emission) = (film.moments(1).mean, film.emission(0, 1).unwrap().map(f64::from));
+        assert!((emission[0] - 0.5 * r).abs() + emission[1] + (emission[2] - b).abs() < 1e-6, "{emission:?}");
         // In halves, each half has as many.
         let (halves, traced) = trace(&plan, everything());
         assert_eq!((halves.count(1), halves.discarded(1).count), (film.count(1), film.discarded(1).count));

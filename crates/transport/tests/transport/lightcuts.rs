@@ -66,7 +66,7 @@ fn all_lights_one_by_one_make_the_path_tracers_mean() {
     let scene = many(true);
     let [exact, cut] = ["lightcuts:error=0,cut=100000", "lightcuts"].map(|request| image(&scene, request, 16));
     // The camera's own noise at 16 spp is small beside that of light sampling, and counts as 1e-3 here.
-    assert_near("exact", &exactly(mean_of(&exact)), &means(&scene, "path", 256, 0..8), 1e-3, 2e-3);
+    assert_near("exact", &exactly(mean_of(&exact)), &means(&scene, "path", 128, 0..8), 1e-3, 2e-3);
     assert!((mean_of(&cut) / mean_of(&exact) - 1.0).abs() < 0.01);
     assert!(cut.record().rays < exact.record().rays / 2, "{} of {}", cut.record().rays, exact.record().rays);
 }
@@ -83,7 +83,7 @@ fn environments_and_flat_lamps_have_the_path_tracers_mean() {
 fn virtual_lights_make_the_path_tracers_mean() {
     for wall in [diffuse(0.6), metal(0.0)] {
         let scene = chamber(wall.clone());
-        let expected = means(&scene, "path", 256, 0..8);
+        let expected = means(&scene, "path", 64, 0..8);
         let found = means(&scene, "instant:paths=16,clamp=inf", 16, 0..16);
         assert_near(&format!("{wall:?}"), &found, &expected, 0.0, 0.02);
         let direct = Scene { max_depth: Some(1), ..scene };
@@ -95,4 +95,37 @@ fn virtual_lights_make_the_path_tracers_mean() {
 fn cuts_and_virtual_lights_have_the_same_bits_on_any_threads() {
     assert_same_bits_on_threads(&world(&many(true)), "lightcuts", SIZE);
     assert_same_bits_on_threads(&world(&chamber(metal(0.0))), "instant:paths=8", [12, 12]);
+}
+
+/// Negative controls: cuts of one group, and common cuts change bits.
+#[test]
+fn common_cuts_leave_the_light() {
+    let mut world = bundle("many-lights", SIZE);
+    world.set_max_depth(1);
+    let [plain, common, coarse] = ["cut=400", "cut=400,clusters=100", "cut=1"]
+        .map(|options| film(&world, &format!("lightcuts:{options}"), SIZE, 1, 5));
+    let [all, others] = [&common, &plain].map(|film| (film.record().rays - film.record().prepare_rays) as f64);
+    let rays = all / others;
+    let [[_, common], [_, coarse]] = [&common, &coarse].map(|film| differences(film, &plain));
+    assert!((0.9..1.1).contains(&rays), "{rays} of the rays");
+    assert!(0.0 < common && common < 0.02, "a mean difference of {common}");
+    assert!(coarse > 0.05, "the test sees nothing: {coarse}");
+}
+
+/// A low bound leaves much of the light to paths. Negative control: direct light alone is darker.
+#[test]
+fn bounded_virtual_lights_have_the_path_tracers_mean() {
+    for name in &["cornell", "lens", "tea", "teapot", "room", "door"][..thorough(1, 6)] {
+        let size = [24, 16];
+        let mut world = bundle(name, size);
+        world.set_max_depth(world.max_depth().min(6));
+        let expected = means_by(&mut *integrator(&world), size, 64, 100..116);
+        let found = means_by(&mut *made("instant:paths=32,clamp=2", &world), size, 32, 200..216);
+        world.set_max_depth(1);
+        let less = means_by(&mut *integrator(&world), size, 16, 200..216);
+        let [z, lost] = [&found, &less].map(|mean| mean.against_estimate(&expected).z());
+        let error = found.standard_error() / expected.mean;
+        assert!(z.abs() < 3.0 && error < 0.02, "{name}: {found:?}, not {expected:?}, {z:.2}");
+        assert!(*name != "cornell" || lost < -5.0, "the test sees nothing: {less:?}");
+    }
 }

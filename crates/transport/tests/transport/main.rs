@@ -1,6 +1,9 @@
 //! The crate's integration tests: one program.
 
+mod bidirectional;
+mod light_trees;
 mod lightcuts;
+mod metropolis;
 mod photons;
 mod radiosity;
 mod references;

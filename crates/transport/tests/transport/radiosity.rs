@@ -1,12 +1,16 @@
 //! Radiosity: closed forms, the path tracer's image up to a bias that falls with smaller patches, the same bits.
 
+#[path = "../../src/patches/parts.rs"]
+mod parts;
+
 use crate::support::*;
+use parts::{divide, part_at, triangle_area};
 
 /// Negative control: patches as large as walls are no image.
 #[test]
 fn the_bias_falls_with_smaller_patches() {
     let world = world(&chamber(diffuse(0.6)));
-    let expected = pixels(&film(&world, "path", [12, 12], 2048, 3));
+    let expected = pixels(&film(&world, "path", [12, 12], 1024, 3));
     // The root of the mean square of relative differences, pixel by pixel in green.
     let at = |patches: u32, gather: u32| {
         let request = format!("radiosity:patches={patches},gather={gather},particles=20000");
@@ -28,9 +32,9 @@ fn means_are_the_path_tracers() {
     let sheet = MaterialKind::DiffuseTransmission { reflectance, transmittance };
     for wall in &[metal(0.3), diffuse(0.3), metal(0.0), sheet][..thorough(1, 4)] {
         let scene = chamber(wall.clone());
-        let expected = means(&scene, "path", 256, 0..8);
+        let expected = means(&scene, "path", 128, 0..8);
         for request in ["radiosity:particles=4000,gather=0", "radiosity:particles=4000,gather=1"] {
-            assert_near(&format!("{wall:?}, {request}"), &means(&scene, request, 32, 10..18), &expected, 0.005, 0.008);
+            assert_near(&format!("{wall:?}, {request}"), &means(&scene, request, 16, 10..18), &expected, 0.005, 0.008);
         }
         let direct = Scene { max_depth: Some(1), ..scene };
         assert!(means(&direct, "path", 64, 0..4).mean < 0.9 * expected.mean, "the test sees nothing");
@@ -69,5 +73,28 @@ fn scenes_that_patches_lack_are_refused() {
     ] {
         let error = make_integrator(request, &world(&scene)).err().expect("refused").to_string();
         assert_eq!(error, expected);
+    }
+}
+
+#[test]
+fn parts_of_a_triangle_are_found_by_their_weights() {
+    let corners = [DVec3::ZERO, DVec3::X, DVec3::Y];
+    for parts in [1, 2, 3, 7, 64] {
+        let mut number = 0;
+        divide(corners, parts, |part| {
+            // Its middle and points near its corners.
+            let middle = (part[0] + part[1] + part[2]) / 3.0;
+            for point in part.map(|corner| corner.lerp(middle, 0.05)).into_iter().chain([middle]) {
+                assert_eq!(part_at([point.x as f32, point.y as f32], parts), number, "{parts} parts, {point}");
+            }
+            let share = triangle_area(part) * 2.0 * f64::from(parts * parts);
+            assert!((share - 1.0).abs() < 1e-9);
+            number += 1;
+        });
+        assert_eq!(number, parts * parts);
+        // Weights that rounding puts outside lie in a part.
+        for weights in [[1.0, 0.0], [0.0, 1.0], [0.5, 0.500_001], [1.0, 1.0]] {
+            assert!(part_at(weights, parts) < parts * parts);
+        }
     }
 }

@@ -1,5 +1,7 @@
-use super::super::tests::cases;
-use super::*;
+//! Counts in proportion to weights.
+
+use crate::allocate::cases;
+use dapple_core::{Error, share};
 use rand::{RngExt, SeedableRng, seq::SliceRandom};
 
 fn rng(seed: u64) -> rand_pcg::Pcg64 {
@@ -132,18 +134,13 @@ fn permuting_weights_permutes_counts_a07() {
     }
 }
 
+/// One weight, or one floor, that takes most of the budget leaves the factor of all others far from its first guess.
 #[test]
-fn the_search_ends_within_its_rounds() {
-    let rounds = std::cell::Cell::new(0);
-    for (first, knee) in [(1.0, 1e-70), (1.0, 1e70), (1e40, 3.0), (1e-40, 3.0), (2.0, 2.0)] {
-        rounds.set(0);
-        let spend = |factor: f64| {
-            rounds.set(rounds.get() + 1);
-            ((factor / knee).min(1e6) * 1e6) as u128
-        };
-        let found = find_factor(first, 1_000_000, 10, spend);
-        assert!(rounds.get() <= MOST_ROUNDS);
-        assert!((found / knee - 1.0).abs() < 1e-4, "{found} for {knee} after {} rounds", rounds.get());
+fn one_weight_of_another_size_leaves_the_others_their_shares() {
+    for large in [1e3, 1e20, 1e50] {
+        assert_eq!(counts(&[large, 1.0, 2.0, 3.0], 0, 1000, 1060), [1000, 10, 20, 30], "{large}");
+        assert_eq!(share(&[large, 1.0, 2.0, 3.0], 0, &[900, 0, 0, 0], 900, 960).unwrap().counts, [900, 10, 20, 30]);
+        assert_eq!(counts(&[1.0 / large, 1.0, 2.0, 3.0], 0, 1000, 60), [0, 10, 20, 30], "{large}");
     }
 }
 

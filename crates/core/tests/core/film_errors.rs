@@ -1,36 +1,30 @@
-use super::*;
+//! Errors that a film predicts of itself, and its size.
+
+use crate::common::{Field, Independent, Planned, frame, run};
+use dapple_core::{Combine, Feedback, Film, Frame, Limits, Needs, Plan, Progress};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
+/// A count takes 8 bytes, a mean or a sum of squares 24, emission or indirect light 12, features 120, and splats 48.
 #[test]
 fn bytes_per_pixel_are_those_of_all_planes() {
     let none = Needs::none();
-    let all = none
-        .with_variance()
-        .with_halves()
-        .with_feature_halves()
-        .with_first_hits(3)
-        .with_cost()
-        .with_emission()
-        .with_indirect();
-    let each = [none, none.with_variance(), none.with_halves(), none.with_features(), none.with_cost()];
-    for needs in each.into_iter().chain([none.with_emission(), none.with_indirect(), all]) {
-        let film = Film::new(Frame::new(37, 11).unwrap(), needs);
-        let of = |planes: &Half| {
-            let Half { counts, means, m2, emission, indirect, indirect_m2, words } = planes;
-            let wide = 8 * counts.len() + 24 * (means.len() + m2.len()) + 24 * words.len();
-            wide + 12 * (emission.len() + indirect.len() + indirect_m2.len())
-        };
-        let Beside { features, half_features, first_hits, costs } = &film.beside;
-        let beside = size_of::<FeatureMoments>() * (features.len() + half_features.len())
-            + size_of::<Option<FirstHit>>() * first_hits.len()
-            + 8 * costs.len();
-        let halves: usize = film.kept.iter().map(of).sum();
-        assert_eq!(halves + beside, 37 * 11 * Film::bytes_per_pixel(&needs), "{needs:?}");
+    let features = none.with_feature_halves();
+    let all = features.with_variance().with_first_hits(3).with_cost().with_emission().with_indirect();
+    for (needs, bytes) in [
+        (none, 32),
+        (none.with_variance(), 56),
+        (none.with_halves(), 64),
+        (none.with_features(), 152),
+        (none.with_cost(), 40),
+        (none.with_emission(), 44),
+        (none.with_indirect(), 44),
+        (none.with_splats().with_halves(), 2 * (32 + 48)),
+        (features, 2 * 32 + 3 * 120),
+        (all, 780),
+    ] {
+        assert_eq!(Film::bytes_per_pixel(&needs), bytes, "{needs:?}");
     }
-    // The README promises these figures.
-    assert_eq!([Film::bytes_per_pixel(&none), Film::bytes_per_pixel(&none.with_variance())], [32, 56]);
-    assert_eq!(Film::bytes_per_pixel(&none.with_splats().with_halves()), 2 * (32 + 48));
 }
 
 /// `E (A - B)^2 = var A + var B`, divided by count, against the spread of the mean over 20,000 pixels. The relative
@@ -38,29 +32,22 @@ fn bytes_per_pixel_are_those_of_all_planes() {
 #[test]
 #[cfg_attr(miri, ignore = "statistics: too many samples for Miri")]
 fn squared_error_is_that_of_the_combined_mean() {
-    for (counts, combine) in [
-        ([4, 4], Combine::ByCount),
-        ([2, 9], Combine::ByCount),
-        ([2, 9], Combine::Equally),
-        ([3, 5], Combine::Fixed(0.2)),
-    ] {
-        let pixels = 20_000;
-        let mut film = Film::new(Frame::new(pixels, 1).unwrap(), Needs::none().with_halves());
-        film.combine = combine;
-        let mut state = 1u64;
-        for i in 0..pixels as usize {
-            for (half, &n) in counts.iter().enumerate() {
-                for _ in 0..n {
-                    state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-                    let u = (crate::mix(state) >> 40) as f32 / (1u64 << 24) as f32;
-                    film.push(i, half, [u; 3]);
-                }
-            }
-        }
+    for (count, combine) in
+        [(8, Combine::ByCount), (5, Combine::ByCount), (5, Combine::Equally), (5, Combine::Fixed(0.2))]
+    {
+        let (pixels, needs) = (20_000, Needs::none().with_halves());
+        let plan = move |seen: &Feedback<'_>, plan: &mut Plan| {
+            plan.counts.fill(count);
+            plan.combine = combine;
+            if seen.round == 0 { Progress::Trace } else { Progress::Done }
+        };
+        let mut sampler = Planned { points: Independent::new(5), needs, plan };
+        let limits = Limits::samples(8 * u64::from(pixels));
+        let film = run(&mut Field(|_, u: [f32; 4]| [u[0]; 3]), &mut sampler, needs, frame(pixels, 1), &limits).unwrap();
         let average = |f: &dyn Fn(usize) -> f64| (0..pixels as usize).map(f).sum::<f64>() / f64::from(pixels);
         let (predicted, actual) =
             (average(&|i| film.squared_error(i).unwrap()[0]), average(&|i| (film.mean(i)[0] - 0.5).powi(2)));
-        assert!((predicted / actual - 1.0).abs() < 0.08, "{counts:?}, {combine:?}: {predicted} for {actual}");
+        assert!((predicted / actual - 1.0).abs() < 0.08, "{count}, {combine:?}: {predicted} for {actual}");
     }
 }
 
@@ -117,19 +104,4 @@ fn a_predicted_error_is_not_hidden_by_the_error_itself() {
         .sum();
     let ratio = own / frame.pixels() as f64 / truth;
     assert!(!(0.9..1.2).contains(&ratio), "{ratio}");
-}
-
-#[test]
-fn withdrawn_emission_leaves_the_image() {
-    let mut film = Film::new(Frame::new(2, 1).unwrap(), Needs::none().with_emission());
-    for (emission, withdraw) in [([1.0, 0.0, 3.0], false), ([4.0; 3], true), ([9.0; 3], false)] {
-        (0..2).for_each(|pixel| film.push_with_emission(pixel, 0, [10.0; 3], emission));
-        if withdraw {
-            film.withdraw(&[true, false]);
-        }
-    }
-    assert_eq!([film.emission(0, 0), film.emission(1, 0)], [Some([9.0; 3]); 2]);
-    assert_eq!(film.discarded[0].emission, [[2.5, 2.0, 3.5], [0.0; 3]]);
-    let kept = film.emission(0, 1).unwrap();
-    assert!((kept[0] - 14.0 / 3.0).abs() < 1e-6 && (film.count(1), film.discarded(0).count) == (3, 2), "{kept:?}");
 }
