@@ -20,12 +20,10 @@ pub(super) struct Materials {
 impl Materials {
     pub(super) fn open(&mut self, scene: &mut Scene, name: &str, files: &dyn Files, source: &Source) {
         let path = beside(&source.file, name);
-        let bytes = match files.read(&path) {
+        let fault = |e| format!("the materials of {} cannot be read ({e}); grey instead", path.display());
+        let bytes = match files.read(&path).map_err(fault) {
             Ok(bytes) => bytes,
-            Err(e) => {
-                scene.warn(source, format!("the materials of {} cannot be read ({e}); grey instead", path.display()));
-                return;
-            }
+            Err(what) => return scene.warn(source, what),
         };
         let library = read_mtl(&bytes);
         let file = Arc::new(path);

@@ -1,22 +1,15 @@
-//! Files of pbrt-v2 and pbrt-v3: detection of the version, and materials, lights and integrators that pbrt-v4 dropped.
+//! Files of pbrt-v2 and pbrt-v3: detection of the version, materials, and the scale of lights.
 
-use super::directive::{Directive, Kind, Tokens};
-use super::materials::{Made, NEW_MATERIALS, OLD_MATERIALS, ROUGHNESS, fresnel, roughness_by};
-use super::options::transport;
+use super::materials::{Made, NEW_MATERIALS, ROUGHNESS, fresnel, roughness_by};
 use super::params::{Params, Type};
-use super::reader::Reader;
 use super::spectra::Gamut;
-use crate::{Color, MaterialId, MaterialKind, Roughness, Scalar, Source};
+use super::tokens::{Kind, Tokens};
+use super::version::Version;
+use crate::{Color, MaterialId, MaterialKind, Roughness, Scalar};
 use std::collections::HashSet;
 
-/// A version of the pbrt file format, which decides the meaning of directives.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Version {
-    V2,
-    V3,
-    #[default]
-    V4,
-}
+/// Supported material types of pbrt-v2 and v3 that pbrt-v4 no longer has.
+pub(super) const OLD_MATERIALS: &str = "matte plastic substrate metal mirror glass";
 
 /// Material types of pbrt-v2 or v3 that pbrt-v4 no longer has and that are not supported.
 const FOREIGN_MATERIALS: &str = "disney fourier kdsubsurface shinymetal translucent uber";
@@ -80,148 +73,96 @@ impl Version {
             _ => Self::V2,
         }
     }
-
-    /// Returns true for versions before pbrt-v4.
-    pub(super) fn is_old(self) -> bool {
-        self < Self::V4
-    }
-
-    /// Returns the name of the version, such as "pbrt-v3", for messages.
-    pub(super) fn name(self) -> &'static str {
-        ["pbrt-v2", "pbrt-v3", "pbrt-v4"][self as usize]
-    }
 }
 
-impl Reader<'_> {
-    /// Adds a notice if a pbrt-v2 file names no `SurfaceIntegrator`, since pbrt-v2's default differs from path tracing.
-    pub(super) fn check_old_transport(&mut self, whole: &Source) {
-        if self.context.version == Version::V2 && !self.once.contains_key("depth") {
-            let what = "no SurfaceIntegrator is named: pbrt-v2 would light directly and follow 5 mirrors; \
-                        light is transported by path tracing of that depth";
-            self.log.notice(whole, what);
+/// Makes a material of the pbrt-v2 or v3 type `kind`; `None` for an unknown or unsupported type.
+pub(super) fn old_material(kind: &str, params: &mut Params) -> Option<Made> {
+    let kind = match kind {
+        "matte" => {
+            let line = params.peek("sigma").map(|p| p.line);
+            let sigma = params.scalar("sigma", 0.0, |_| true, "finite");
+            if let (Some(line), true) = (line, sigma != Scalar::Constant(0.0)) {
+                params.notice(line, format!("sigma of {} (Oren-Nayar) is read as 0 (Lambert)", params.of));
+            }
+            MaterialKind::Diffuse { reflectance: params.color("Kd", [0.5; 3]) }
         }
-    }
-
-    /// Executes `Renderer`, `SurfaceIntegrator` or `VolumeIntegrator`, pbrt-v2's directives in place of `Integrator`.
-    pub(super) fn read_old_transport(&mut self, mut d: Directive<'_>) {
-        let mut params = self.params(&mut d, "");
-        let kind = d.texts[0].as_str();
-        let what = format!("{} (of pbrt-v2) is ignored; {}", params.of, transport(kind));
-        self.log.ignored_setting(&d.source, what);
-        let depth = match d.word {
-            "SurfaceIntegrator" => {
-                let depth = params.integer("maxdepth", 0, i32::MAX).unwrap_or(5) as u32;
-                // pbrt-v2's path tracer also lights the vertex after the last bounce: one event more than others.
-                Some(if kind == "path" { depth.saturating_add(1) } else { depth })
+        "plastic" | "substrate" => {
+            let default = if kind == "plastic" { [0.25; 3] } else { [0.5; 3] };
+            let [diffuse, specular] = ["Kd", "Ks"].map(|name| params.color(name, default));
+            let roughness = old_roughness(params, 0.1);
+            match kind {
+                "plastic" => MaterialKind::Plastic { diffuse, specular, roughness },
+                _ => MaterialKind::Substrate { diffuse, specular, roughness },
             }
-            "Renderer" if kind == "metropolis" => Some(params.integer("maxdepth", 0, i32::MAX).unwrap_or(7) as u32),
-            _ => None,
-        };
-        if let Some(depth) = depth {
-            self.meet("depth", &d.source);
-            self.scene.max_depth = Some(depth);
         }
-        params.ignore_rest();
-        params.finish(&mut self.log);
-    }
+        "metal" => MaterialKind::Conductor {
+            fresnel: fresnel(params, ["", "eta", "k"]),
+            roughness: old_roughness(params, 0.01),
+        },
+        "mirror" => MaterialKind::Mirror { reflectance: params.color("Kr", [0.9; 3]) },
+        "glass" => glass(params),
+        "mix" => return Some(old_mix(params)),
+        "none" | "" if params.context.version == Version::V3 => MaterialKind::Interface,
+        _ => return None,
+    };
+    Some(kind.into())
+}
 
-    /// Makes a material of the pbrt-v2 or v3 type `kind`; `None` for an unknown or unsupported type.
-    pub(super) fn old_material(&self, kind: &str, params: &mut Params) -> Option<Made> {
-        let kind = match kind {
-            "matte" => {
-                let line = params.peek("sigma").map(|p| p.line);
-                let sigma = params.scalar("sigma", 0.0, |_| true, "finite");
-                if let (Some(line), true) = (line, sigma != Scalar::Constant(0.0)) {
-                    params.notice(line, format!("sigma of {} (Oren-Nayar) is read as 0 (Lambert)", params.of));
-                }
-                MaterialKind::Diffuse { reflectance: params.color("Kd", [0.5; 3]) }
-            }
-            "plastic" | "substrate" => {
-                let default = if kind == "plastic" { [0.25; 3] } else { [0.5; 3] };
-                let [diffuse, specular] = ["Kd", "Ks"].map(|name| params.color(name, default));
-                let roughness = self.old_roughness(params, 0.1);
-                match kind {
-                    "plastic" => MaterialKind::Plastic { diffuse, specular, roughness },
-                    _ => MaterialKind::Substrate { diffuse, specular, roughness },
-                }
-            }
-            "metal" => MaterialKind::Conductor {
-                fresnel: fresnel(params, ["", "eta", "k"]),
-                roughness: self.old_roughness(params, 0.01),
-            },
-            "mirror" => MaterialKind::Mirror { reflectance: params.color("Kr", [0.9; 3]) },
-            "glass" => self.glass(params),
-            "mix" => return Some(self.old_mix(params)),
-            "none" | "" if self.context.version == Version::V3 => MaterialKind::Interface,
-            _ => return None,
-        };
-        Some(kind.into())
-    }
-
-    fn glass(&self, params: &mut Params) -> MaterialKind {
-        let name = if params.has("eta") && self.context.version == Version::V3 { "eta" } else { "index" };
-        let eta = params.constant(name, 1.5, |v| v > 0.0, "above 0");
-        let roughness = match self.context.version {
-            Version::V3 if params.has("uroughness") || params.has("vroughness") => self.old_roughness(params, 0.0),
-            _ => {
-                params.ignore(&["uroughness", "vroughness", "remaproughness"]);
-                Roughness::constant(0.0, 0.0, false)
-            }
-        };
-        MaterialKind::Dielectric {
-            eta,
-            roughness,
-            reflectance: params.color("Kr", [1.0; 3]),
-            transmittance: params.color("Kt", [1.0; 3]),
+fn glass(params: &mut Params) -> MaterialKind {
+    let name = if params.has("eta") && params.context.version == Version::V3 { "eta" } else { "index" };
+    let eta = params.constant(name, 1.5, |v| v > 0.0, "above 0");
+    let roughness = match params.context.version {
+        Version::V3 if params.has("uroughness") || params.has("vroughness") => old_roughness(params, 0.0),
+        _ => {
+            params.ignore(&["uroughness", "vroughness", "remaproughness"]);
+            Roughness::constant(0.0, 0.0, false)
         }
-    }
+    };
+    let [reflectance, transmittance] = ["Kr", "Kt"].map(|name| params.color(name, [1.0; 3]));
+    MaterialKind::Dielectric { eta, roughness, reflectance, transmittance }
+}
 
-    /// Makes a mix of two materials. The file's `amount` is the weight of the first material, here of the second, so it
-    /// is subtracted from 1.
-    fn old_mix(&self, params: &mut Params) -> Made {
-        let names = ["namedmaterial1", "namedmaterial2"].map(|name| params.needed_text(name).map(|text| text.0));
-        let mixes = if let [Some(first), Some(second)] = names { Some([first, second]) } else { None };
-        let line = params.line();
-        let amount = match params.color("amount", [0.5; 3]) {
-            Color::Constant([r, g, b]) if r == g && g == b => 1.0 - r,
-            _ => {
-                params.unsupported(line, format!("an amount that is a texture or not gray in {}", params.of));
-                0.5
-            }
-        };
-        Made { kind: MaterialKind::Mix { materials: [MaterialId(0); 2], amount: Scalar::Constant(amount) }, mixes }
-    }
-
-    /// Reads the roughness parameters and converts them to microfacet widths (alpha) by the rule of the file's version.
-    fn old_roughness(&self, params: &mut Params, default: f32) -> Roughness {
-        let remap = self.context.version == Version::V3 && params.flag("remaproughness", true);
-        let read = |params: &mut Params, name| self.old_alpha(params, name, default, remap);
-        roughness_by(params, ROUGHNESS, false, read)
-    }
-
-    fn old_alpha(&self, params: &mut Params, name: &'static str, default: f32, remap: bool) -> Scalar {
-        let line = params.peek(name).map(|p| p.line);
-        let roughness = params.scalar(name, default, |v| v >= 0.0, "at least 0");
-        match (roughness, self.context.version) {
-            (Scalar::Constant(r), Version::V2) => {
-                let alpha = alpha_of_blinn(r);
-                if let Some(line) = line {
-                    let what = format!(
-                        "{name} {r} of {} (Blinn) is read as Trowbridge-Reitz microfacets of alpha {alpha:.3}",
-                        params.of
-                    );
-                    params.notice(line, what);
-                }
-                Scalar::Constant(alpha)
-            }
-            (Scalar::Constant(r), _) if remap => Scalar::Constant(alpha_of_third(r)),
-            (Scalar::Texture(_), version) if remap || version == Version::V2 => {
-                let what = format!("a texture as {name} of {} (other than as alpha itself)", params.of);
-                params.unsupported(line.unwrap_or(params.line()), what);
-                Scalar::Constant(default)
-            }
-            (scalar, _) => scalar,
+/// Makes a mix of two materials. The file's `amount` is the weight of the first material, here of the second, so it
+/// is subtracted from 1.
+fn old_mix(params: &mut Params) -> Made {
+    let names = ["namedmaterial1", "namedmaterial2"].map(|name| params.needed_text(name).map(|text| text.0));
+    let mixes = if let [Some(first), Some(second)] = names { Some([first, second]) } else { None };
+    let amount = match params.color("amount", [0.5; 3]) {
+        Color::Constant([r, g, b]) if r == g && g == b => 1.0 - r,
+        _ => {
+            params.unsupported(params.line(), format!("an amount that is a texture or not gray in {}", params.of));
+            0.5
         }
+    };
+    Made { kind: MaterialKind::Mix { materials: [MaterialId(0); 2], amount: Scalar::Constant(amount) }, mixes }
+}
+
+/// Reads the roughness parameters and converts them to microfacet widths (alpha) by the rule of the file's version.
+fn old_roughness(params: &mut Params, default: f32) -> Roughness {
+    let remap = params.context.version == Version::V3 && params.flag("remaproughness", true);
+    let read = |params: &mut Params, name| old_alpha(params, name, default, remap);
+    roughness_by(params, ROUGHNESS, false, read)
+}
+
+fn old_alpha(params: &mut Params, name: &'static str, default: f32, remap: bool) -> Scalar {
+    let line = params.peek(name).map(|p| p.line);
+    let roughness = params.scalar(name, default, |v| v >= 0.0, "at least 0");
+    match (roughness, params.context.version) {
+        (Scalar::Constant(r), Version::V2) => {
+            let alpha = alpha_of_blinn(r);
+            if let Some(line) = line {
+                let read_as = format!("Trowbridge-Reitz microfacets of alpha {alpha:.3}");
+                params.notice(line, format!("{name} {r} of {} (Blinn) is read as {read_as}", params.of));
+            }
+            Scalar::Constant(alpha)
+        }
+        (Scalar::Constant(r), _) if remap => Scalar::Constant(alpha_of_third(r)),
+        (Scalar::Texture(_), version) if remap || version == Version::V2 => {
+            let what = format!("a texture as {name} of {} (other than as alpha itself)", params.of);
+            params.unsupported(line.unwrap_or(params.line()), what);
+            Scalar::Constant(default)
+        }
+        (scalar, _) => scalar,
     }
 }
 

@@ -1,12 +1,13 @@
 //! Lights of pbrt scenes, and the emission of shapes.
 
-use super::directive::{Directive, shown};
-use super::legacy::{Version, light_scale};
+use super::directive::Directive;
+use super::images::{Channel, Decoding};
+use super::legacy::light_scale;
 use super::params::{Params, Type};
-use super::reader::Reader;
+use super::reader::{AreaLight, Reader};
 use super::spectra::Gamut;
-use super::state::AreaLight;
-use super::textures::{Channel, Decoding};
+use super::tokens::shown;
+use super::version::Version;
 use crate::image::Image;
 use crate::{EnvironmentRadiance, Light, LightKind, SpotFalloff};
 use glam::{DAffine3, DMat3, DVec3};

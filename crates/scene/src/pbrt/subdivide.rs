@@ -171,13 +171,9 @@ impl Control {
                 positions.push((pa + pb) * (3.0 / 8.0) + (pc + pd) * (1.0 / 8.0));
             }
         }
-        let parts = self
-            .faces
-            .iter()
-            .zip(&middles)
-            .flat_map(|(&[a, b, c], &[ab, bc, ca])| [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
-        let faces = parts.collect();
-        Ok(Self::new(positions, faces))
+        let faces = self.faces.iter().zip(&middles);
+        let parts = faces.flat_map(|(&[a, b, c], &[ab, bc, ca])| [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
+        Ok(Self::new(positions, parts.collect()))
     }
 
     /// Returns the mesh with each vertex moved to its limit position, and with normals.
