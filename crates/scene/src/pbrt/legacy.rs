@@ -6,23 +6,12 @@ use super::spectra::Gamut;
 use super::tokens::{Kind, Tokens};
 use super::version::Version;
 use crate::{Color, MaterialId, MaterialKind, Roughness, Scalar};
-use std::collections::HashSet;
 
 /// Supported material types of pbrt-v2 and v3 that pbrt-v4 no longer has.
 pub(super) const OLD_MATERIALS: &str = "matte plastic substrate metal mirror glass";
 
 /// Material types of pbrt-v2 or v3 that pbrt-v4 no longer has and that are not supported.
 const FOREIGN_MATERIALS: &str = "disney fourier kdsubsurface shinymetal translucent uber";
-
-/// Directives that only pbrt-v4 has, and types of directives.
-const NEW: &str = "Attribute ColorSpace Import Option Film/rgb Film/gbuffer Film/spectral Sampler/independent \
-                   Sampler/paddedsobol Sampler/pmj02bn Sampler/zsobol";
-/// Directives and types that only versions before pbrt-v4 have.
-const OLD: &str = "WorldEnd Renderer SurfaceIntegrator VolumeIntegrator Volume Film/image AreaLightSource/area";
-/// Directives that only pbrt-v2 has.
-const SECOND: &str = "Renderer SurfaceIntegrator VolumeIntegrator Volume";
-/// Directives that pbrt-v3 and later have.
-const THIRD: &str = "Integrator MakeNamedMedium MediumInterface";
 
 impl Version {
     /// Returns the pbrt version of a file, derived from its directives and types, since files do not state it.
@@ -31,9 +20,6 @@ impl Version {
     /// have. Otherwise an `Integrator` or a medium, without a directive of pbrt-v2 alone, identifies pbrt-v3. All other
     /// files are pbrt-v2.
     pub(super) fn of(text: &str) -> Self {
-        let words = |list: &'static str| list.split(' ').collect::<HashSet<_>>();
-        let [news, olds, seconds, thirds] = [NEW, OLD, SECOND, THIRD].map(words);
-        let [new_materials, old_materials] = [words(NEW_MATERIALS), &words(OLD_MATERIALS) | &words(FOREIGN_MATERIALS)];
         let [mut new, mut old, mut second, mut third] = [false; 4];
         let mut tokens = Tokens::new(text);
         let mut word = "";
@@ -41,27 +27,32 @@ impl Version {
         let (mut place, mut before) = (0, "");
         while let Some(token) = tokens.next() {
             let Ok(token) = token else { continue };
+            let text = token.text;
             if token.is_name() {
-                (word, place, before) = (token.text, 0, "");
-                new |= news.contains(word);
-                old |= olds.contains(word);
-                second |= seconds.contains(word);
-                third |= thirds.contains(word);
+                (word, place, before) = (text, 0, "");
+                new |= matches!(word, "Attribute" | "ColorSpace" | "Import" | "Option");
+                second |= matches!(word, "Renderer" | "SurfaceIntegrator" | "Volume" | "VolumeIntegrator");
+                third |= matches!(word, "Integrator" | "MakeNamedMedium" | "MediumInterface");
+                old |= second || word == "WorldEnd";
             } else if token.kind == Kind::Text {
-                let text = token.text;
                 let declared = word == "MakeNamedMaterial" && before.split_ascii_whitespace().eq(["string", "type"]);
-                if declared || (word == "Material" && place == 0) {
-                    new |= new_materials.contains(text);
-                    old |= old_materials.contains(text);
-                } else if place == 0 {
-                    let typed = format!("{word}/{text}");
-                    new |= news.contains(typed.as_str());
-                    old |= olds.contains(typed.as_str());
-                } else {
+                match (word, text) {
+                    _ if declared || (word == "Material" && place == 0) => {
+                        let among = |list: &str| list.split(' ').any(|known| known == text);
+                        new |= among(NEW_MATERIALS);
+                        old |= among(OLD_MATERIALS) || among(FOREIGN_MATERIALS);
+                    }
                     // The types in declarations of parameters.
-                    let words: Vec<&str> = text.split_ascii_whitespace().collect();
-                    old |= matches!(words[..], ["color" | "xyz" | "point" | "vector", _]);
-                    old |= word == "Texture" && place == 1 && text == "color";
+                    _ if place > 0 => {
+                        let mut words = text.split_ascii_whitespace();
+                        let first_of_two = words.next().filter(|_| words.next().is_some() && words.next().is_none());
+                        old |= matches!(first_of_two, Some("color" | "xyz" | "point" | "vector"));
+                        old |= word == "Texture" && place == 1 && text == "color";
+                    }
+                    ("Film", "rgb" | "gbuffer" | "spectral") => new = true,
+                    ("Sampler", "independent" | "paddedsobol" | "pmj02bn" | "zsobol") => new = true,
+                    ("Film", "image") | ("AreaLightSource", "area") => old = true,
+                    _ => {}
                 }
                 place += 1;
                 before = text;
