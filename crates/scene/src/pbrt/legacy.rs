@@ -180,38 +180,3 @@ pub(super) fn light_scale(params: &mut Params) -> [f32; 3] {
     }
     params.rgb("scale", Gamut::Unbounded).unwrap_or([1.0; 3])
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn versions_by_their_words() {
-        for (text, version) in [
-            ("Film \"image\"\nWorldBegin\nMaterial \"matte\"\nWorldEnd", Version::V2),
-            ("Integrator \"path\"\nWorldBegin\nMaterial \"matte\" \"color Kd\" [1 1 1]", Version::V3),
-            ("Integrator \"path\"\nFilm \"rgb\"\nWorldBegin\nMaterial \"diffuse\"", Version::V4),
-            ("SurfaceIntegrator \"path\"", Version::V2),
-            ("MakeNamedMaterial \"m\" \"string type\" [\"uber\"] MakeNamedMedium \"x\"", Version::V3),
-            // One mark of the newest version outweighs the older ones.
-            ("Film \"rgb\"\nWorldBegin\nMaterial \"matte\"\nWorldEnd", Version::V4),
-            ("MakeNamedMaterial \"matte\" \"string type\" [\"diffuse\"]", Version::V4),
-            ("MakeNamedMaterial \"matte\"", Version::V4),
-            ("", Version::V4),
-            ("\"unclosed\nFilm \"image\"", Version::V2),
-        ] {
-            assert_eq!(Version::of(text), version, "{text}");
-        }
-    }
-
-    #[test]
-    fn roughness_of_older_versions() {
-        assert!((alpha_of_blinn(0.001) - (2.0f32 / 1002.0).sqrt()).abs() < 1e-7);
-        assert_eq!(alpha_of_blinn(0.0), alpha_of_blinn(1e-9));
-        assert!((alpha_of_blinn(f32::INFINITY) - 1.0).abs() < 1e-7);
-        // Worked out by hand at roughness 1 and 0.1.
-        assert_eq!(alpha_of_third(1.0), 1.62142);
-        assert!((alpha_of_third(0.1) - 0.4618).abs() < 2e-4, "{}", alpha_of_third(0.1));
-        assert_eq!(alpha_of_third(0.0), alpha_of_third(1e-3));
-    }
-}

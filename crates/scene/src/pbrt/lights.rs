@@ -262,22 +262,3 @@ fn height_of(u: f64, v: f64) -> f64 {
     let r = 1.0 - inward.abs();
     (1.0 - r * r).copysign(inward)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// The illuminance under an environment of radiance 1 is pi.
-    #[test]
-    fn white_skies() {
-        for (size, equal_area, close) in [([128, 64], false, 1e-3), ([64, 64], true, 1e-3)] {
-            let image = Image::filled(size, [1.0; 3]).unwrap();
-            let found = illuminance_of(&image, equal_area);
-            assert!((found / PI - 1.0).abs() < close, "{found}");
-        }
-        // Nothing from below.
-        let mut image = Image::filled([4, 4], [1.0; 3]).unwrap();
-        image.pixels[..8].fill([0.0; 3]);
-        assert_eq!(illuminance_of(&image, false), 0.0);
-    }
-}

@@ -193,27 +193,3 @@ pub(super) fn numbers(bytes: &[u8]) -> Result<Vec<f64>, (u32, String)> {
     }
     Ok(numbers)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::super::tokens::did_you_mean;
-    use super::*;
-
-    #[test]
-    fn metals_have_names() {
-        assert_eq!(metal("metal-Cu-eta"), Some([0.200_437_7, 0.924_033_4, 1.102_212]));
-        assert_eq!(metal("metal-Cu-j"), None);
-        assert_eq!(metal("metal-Xx-k"), None);
-        assert_eq!((glass("glass-BK7"), glass("glass-BK"), glass("metal-Cu-k")), (Some(1.5168), None, None));
-        assert!(names().all(|name| metal(name).is_some() || glass(name).is_some() || illuminant(name).is_some()));
-        assert_eq!(did_you_mean("metal-Cu-etta", names()), "; did you mean \"metal-Cu-eta\"?");
-    }
-
-    #[test]
-    fn files_of_numbers() {
-        assert_eq!(numbers(b"# gold\n400 1.5\r\n500 2e0 # end\n").unwrap(), [400.0, 1.5, 500.0, 2.0]);
-        let (line, what) = numbers(b"400 1\n500 x").unwrap_err();
-        assert!(line == 2 && what.contains("\"x\" is not a number"));
-        assert!(numbers(b"400 nan").is_err() && numbers(b"\xff").is_err());
-    }
-}
