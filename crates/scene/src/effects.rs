@@ -141,8 +141,15 @@ pub struct Called {
     pub objects: usize,
 }
 
-/// The objects that call for one effect: the reason and the place of each.
-type Found = Vec<(String, Source)>;
+/// The first object that calls for an effect, as the reason and its place, and the number of all such objects.
+type Found = Option<(String, Source, usize)>;
+
+/// Counts the objects that call for an effect. `describe` returns the reason and the place of the first.
+fn found<T>(objects: impl IntoIterator<Item = T>, describe: impl FnOnce(T) -> (String, Source)) -> Found {
+    let mut objects = objects.into_iter();
+    let (because, source) = describe(objects.next()?);
+    Some((because, source, 1 + objects.count()))
+}
 
 /// The effects that a scene calls for, each once, with the first object that calls for it.
 ///
@@ -170,9 +177,8 @@ impl Effects {
     pub fn of(scene: &Scene) -> Self {
         let visible = Visible::of(scene);
         let find = |effect: Effect| {
-            let found = effect.find()(&visible);
-            let objects = found.len();
-            found.into_iter().next().map(|(because, source)| Called { effect, because, source, objects })
+            let (because, source, objects) = effect.find()(&visible)?;
+            Some(Called { effect, because, source, objects })
         };
         Self { called: Effect::ALL.into_iter().filter_map(find).collect(), max_depth: scene.max_depth }
     }
@@ -272,22 +278,5 @@ impl Scene {
         effect.remove()(&mut scene, albedo);
         let lost = lights::powers(&scene).is_empty() && !lights::powers(self).is_empty();
         if lost { Err(WithoutError::NoLight { effect }) } else { Ok(scene) }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn names_are_distinct_and_parse() {
-        for (i, effect) in Effect::ALL.into_iter().enumerate() {
-            assert_eq!(effect.name().parse(), Ok(effect));
-            assert_eq!(effect as usize, i, "in the order of ALL");
-        }
-        let near = "soft-shadow".parse::<Effect>().map_err(|e| e.to_string());
-        assert_eq!(near, Err("unknown effect \"soft-shadow\"; did you mean \"soft-shadows\"?".into()));
-        let wrong = "soft".parse::<Effect>().map_err(|e| e.to_string());
-        assert!(wrong.is_err_and(|e| e.starts_with("unknown effect \"soft\"; choose among soft-shadows, several")));
     }
 }

@@ -14,7 +14,7 @@ mod textures;
 use crate::files::Files;
 use crate::image::Image;
 use crate::model::{ModelError as Fault, UpAxis, scene_of, studio};
-use crate::readers::SceneReader;
+use crate::scene_reader::SceneReader;
 use crate::{ObjectId, Scene, Source};
 use ::gltf::json::validation::Checked;
 use ::gltf::{Document, json};

@@ -18,7 +18,9 @@ pub mod model;
 pub mod pbrt;
 mod polygon;
 mod readers;
+mod scene_reader;
 
 pub use description::*;
 pub use effects::{Albedo, Called, Effect, Effects, UnknownEffect, WithoutError};
-pub use readers::{AnyOptions, Problem, ProblemKind, READERS, ReadError, SceneReader, read_any, read_any_from};
+pub use readers::{READERS, read_any, read_any_from};
+pub use scene_reader::{AnyOptions, Problem, ProblemKind, ReadError, SceneReader};

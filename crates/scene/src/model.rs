@@ -25,48 +25,14 @@ pub use ply::read_ply;
 pub(crate) use stl::STL;
 pub use stl::read_stl;
 
-use crate::ReadError;
+pub use crate::scene_reader::{ModelOptions, UpAxis};
+
 use crate::files::Files;
-use crate::readers::unreadable;
+use crate::scene_reader::{ReadError, unreadable};
 use crate::{Color, Geometry, Material, MaterialId, MaterialKind, MeshData, MeshFault, Scene, Shape, Source};
-use glam::{DAffine3, DVec3};
+use glam::DAffine3;
 use std::path::Path;
 use std::sync::Arc;
-
-/// The axis of a model file that points up.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum UpAxis {
-    /// +y is up; the front faces +z.
-    Y,
-    /// +z is up; the front faces -y.
-    Z,
-}
-
-impl UpAxis {
-    /// Returns three directions: to the front, to the right of a viewer in front, and up.
-    pub(crate) fn axes(self) -> (DVec3, DVec3, DVec3) {
-        match self {
-            Self::Y => (DVec3::Z, DVec3::X, DVec3::Y),
-            Self::Z => (DVec3::NEG_Y, DVec3::X, DVec3::Z),
-        }
-    }
-}
-
-/// Options of the model readers.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct ModelOptions {
-    /// The axis that points up; `None` is y for OBJ and PLY files and z for STL files.
-    pub up: Option<UpAxis>,
-    /// Width over height of the image that the model should fill; `None` is 4:3.
-    pub aspect: Option<f64>,
-}
-
-impl ModelOptions {
-    /// The stage of a model whose format has `up` as its usual axis.
-    pub(crate) fn stage(&self, up: UpAxis) -> studio::Stage {
-        (self.up.unwrap_or(up), self.aspect)
-    }
-}
 
 /// A mesh from a model file, as [`read_ply`] and [`read_stl`] return it.
 #[derive(Clone, Debug)]
@@ -89,10 +55,6 @@ pub struct ModelError {
 }
 
 impl ModelError {
-    fn new(what: impl Into<String>) -> Self {
-        Self { line: None, what: what.into() }
-    }
-
     pub(crate) fn at(line: u32, what: impl Into<String>) -> Self {
         Self { line: Some(line), what: what.into() }
     }
@@ -100,13 +62,13 @@ impl ModelError {
 
 impl From<MeshFault> for ModelError {
     fn from(fault: MeshFault) -> Self {
-        Self::new(fault.to_string())
+        fault.to_string().into()
     }
 }
 
 impl<T: Into<String>> From<T> for ModelError {
     fn from(what: T) -> Self {
-        Self::new(what)
+        Self { line: None, what: what.into() }
     }
 }
 

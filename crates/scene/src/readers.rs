@@ -1,28 +1,11 @@
-//! The readers of all scene and model formats, the choice of a reader for a file, and the errors of readers.
+//! The readers of all scene and model formats, and the choice of a reader for a file.
 
 use crate::files::{Disk, Files};
-use crate::model::ModelOptions;
-use crate::pbrt::ReadOptions;
+use crate::scene_reader::{AnyOptions, ReadError, SceneReader, unreadable};
 use crate::{Scene, Source};
 use std::cell::RefCell;
-use std::fmt;
 use std::path::Path;
 use std::sync::Arc;
-
-/// A reader of one file format of scenes or models.
-///
-/// A new format is a value of this type in [`READERS`].
-pub struct SceneReader {
-    /// The format's name, for messages.
-    pub name: &'static str,
-    /// The file name extensions of the format, in lower case without a dot. The empty string stands for files without
-    /// an extension.
-    pub extensions: &'static [&'static str],
-    /// Returns true if the bytes of a file show that it has this format, whatever its name.
-    pub recognizes: fn(&[u8]) -> bool,
-    /// Reads a file and all files that it names as one scene, or returns all problems found, each with file and line.
-    pub read: fn(&dyn Files, &Path, &AnyOptions) -> Result<Scene, ReadError>,
-}
 
 /// The readers of all supported formats.
 // One a line, so that a new one is a line of its own.
@@ -34,15 +17,6 @@ pub const READERS: &[SceneReader] = &[
     crate::model::PLY,
     crate::model::STL,
 ];
-
-/// Options of [`read_any`] for all formats.
-#[derive(Clone, Debug, Default)]
-pub struct AnyOptions {
-    /// Options of the pbrt reader.
-    pub scene: ReadOptions,
-    /// Options of the model readers (glTF, OBJ, PLY, STL).
-    pub model: ModelOptions,
-}
 
 /// Reads a scene (pbrt, glTF) or a model (OBJ, PLY, STL) from disk.
 ///
@@ -90,21 +64,6 @@ impl Files for Opened<'_> {
         let opened = if path == self.path { self.content.take() } else { None };
         opened.map_or_else(|| self.files.read(path), Ok)
     }
-}
-
-/// The first word of a text, after empty lines and `#` comments. Only the first 64 KiB count.
-pub(crate) fn first_word(content: &[u8]) -> Option<&[u8]> {
-    let head = &content[..content.len().min(1 << 16)];
-    let head = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(head);
-    let mut lines = head.split(|byte| matches!(byte, b'\n' | b'\r')).map(<[u8]>::trim_ascii);
-    let first = lines.find(|line| !line.is_empty() && !line.starts_with(b"#"))?;
-    first.split(|byte| byte.is_ascii_whitespace() || matches!(byte, b'"' | b'[')).next()
-}
-
-/// Makes the error of a file that cannot be opened.
-pub(crate) fn unreadable(source: Source, e: &std::io::Error) -> ReadError {
-    let message = format!("cannot read {}: {e}; check the name and that the file is there", source.file.display());
-    ReadError::invalid(source, message)
 }
 
 /// The conversion of formats that Blender imports.
@@ -187,72 +146,4 @@ fn compression(bytes: &[u8]) -> Option<&'static str> {
         return Some("USD files are not supported; open it in Blender and export glTF");
     }
     STARTS.iter().find(|(start, _)| bytes.starts_with(start)).map(|(_, message)| *message)
-}
-
-/// The kind of a problem in a scene file, which decides on the remedy.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum ProblemKind {
-    /// The file is invalid or unreadable.
-    Invalid,
-    /// The file is valid and uses a feature that Dapple lacks.
-    /// [`allow_unsupported`](crate::pbrt::ReadOptions::allow_unsupported) leaves the feature out.
-    Unsupported,
-}
-
-/// One problem of a scene file.
-///
-/// Displayed as `FILE:LINE: message`; advice follows for an unsupported feature. A program that gives its own advice
-/// formats [`source`](Self::source) and [`message`](Self::message) by [`kind`](Self::kind).
-#[derive(Clone, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub struct Problem {
-    /// The file and line of the problem.
-    pub source: Source,
-    /// The kind of problem: an invalid file or an unsupported feature.
-    pub kind: ProblemKind,
-    /// One sentence: the error and its remedy, or the name of the unsupported feature.
-    pub message: String,
-}
-
-impl fmt::Display for Problem {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: {}", self.source, self.message)?;
-        match self.kind {
-            ProblemKind::Invalid => Ok(()),
-            ProblemKind::Unsupported => f.write_str("; remove it, or allow unsupported directives"),
-        }
-    }
-}
-
-/// All problems of a scene file, in the order found. Displayed with one problem per line.
-#[derive(Clone, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub struct ReadError {
-    /// The first problems, at most 100; never empty.
-    pub problems: Vec<Problem>,
-    /// Number of further problems that are not listed.
-    pub more: usize,
-}
-
-impl ReadError {
-    /// Makes an error with one problem of kind [`ProblemKind::Invalid`].
-    pub(crate) fn invalid(source: Source, message: impl Into<String>) -> Self {
-        let problem = Problem { source, kind: ProblemKind::Invalid, message: message.into() };
-        Self { problems: vec![problem], more: 0 }
-    }
-}
-
-impl std::error::Error for ReadError {}
-
-impl fmt::Display for ReadError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for (i, problem) in self.problems.iter().enumerate() {
-            write!(f, "{}{problem}", if i == 0 { "" } else { "\n" })?;
-        }
-        if self.more > 0 {
-            write!(f, "\n… and {} more problems", self.more)?;
-        }
-        Ok(())
-    }
 }

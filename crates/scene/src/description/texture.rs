@@ -136,32 +136,3 @@ fn mean_within(textures: &[Texture], id: TextureId, depth: u32) -> Vec3 {
         }
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn means_of_nested_textures() {
-        // Top row 0.1 0.2, bottom row 0.3 0.4.
-        let pixels = [0.1, 0.2, 0.3, 0.4].map(|v| [v, 2.0 * v, 0.0]).to_vec();
-        let image = Arc::new(Image::new([2, 2], pixels).expect("four pixels"));
-        let image = TextureKind::image(image, 1.0);
-        let (half, dot) = (Color::Constant([0.5; 3]), Color::Texture(TextureId(0)));
-        let checks =
-            TextureKind::Checkerboard { scale: [1.0; 2], shift: [0.0; 2], colors: [half, Color::Constant([0.1; 3])] };
-        let kinds = [
-            image.clone(),
-            image,
-            TextureKind::Product { factors: [half, dot] },
-            TextureKind::Mix { colors: [half, dot], amount: Scalar::Texture(TextureId(0)) },
-            checks,
-        ];
-        let texture = |kind| Texture { name: String::new(), kind, source: Source::default() };
-        let textures: Vec<Texture> = kinds.into_iter().map(texture).collect();
-        let means = [0.25, 0.25, 0.125, 0.4375, 0.3];
-        for (id, mean) in means.into_iter().enumerate() {
-            assert!((texture_mean(&textures, TextureId(id as u32))[0] - mean).abs() < 1e-6, "{id}");
-        }
-    }
-}

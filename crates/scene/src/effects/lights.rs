@@ -2,7 +2,7 @@
 //! which a path tracer finds by chance only.
 
 use super::visible::{Visible, worn};
-use super::{Called, Effect, Found};
+use super::{Called, Effect, Found, found};
 use crate::{Emission, Geometry, Light, LightKind, Material, Scene, Shape, Source, SpotFalloff};
 use dapple_core::luminance;
 use glam::{DAffine3, DMat3, DVec3};
@@ -12,15 +12,15 @@ use std::f64::consts::PI;
 const FLAT: f64 = 0.9;
 
 pub(super) fn find_lamps(visible: &Visible<'_>) -> Found {
-    let found = |shape: &Shape| {
-        let sides = if LampShape::of(shape)?.emission.two_sided { " from both sides" } else { "" };
+    let lamps = visible.scene.shapes.iter().filter_map(|shape| Some((shape, LampShape::of(shape)?)));
+    found(lamps, |(shape, lamp)| {
+        let sides = if lamp.emission.two_sided { " from both sides" } else { "" };
         let because = match &shape.geometry {
             Geometry::Mesh(mesh) => format!("a mesh of {} triangles shines{sides}", mesh.triangles.len()),
             geometry => format!("a {} shines{sides}", geometry.name()),
         };
-        Some((because, shape.source.clone()))
-    };
-    visible.scene.shapes.iter().filter_map(found).collect()
+        (because, shape.source.clone())
+    })
 }
 
 /// Replaces each lamp by lights without extent.
@@ -53,16 +53,13 @@ fn along(axis: DVec3, origin: DVec3) -> DAffine3 {
     DAffine3 { matrix3: DMat3::from_cols(x, axis.cross(x), axis), translation: origin }
 }
 
-/// Finds all lights if there are several, the second one first.
+/// Finds all lights if there are several, and reports the second one.
 pub(super) fn find_several(visible: &Visible<'_>) -> Found {
     let lamps = visible.scene.shapes.iter().filter(|shape| LampShape::of(shape).is_some()).map(|shape| &shape.source);
     let lights = visible.scene.lights.iter().filter(|light| light.kind.shines()).map(|light| &light.source);
-    let mut sources: Vec<&Source> = lamps.chain(lights).collect();
-    if sources.len() < 2 {
-        return Found::new();
-    }
-    sources.rotate_left(1);
-    sources.iter().map(|s| (format!("the second of {} lights", sources.len()), Source::clone(s))).collect()
+    let sources: Vec<&Source> = lamps.chain(lights).collect();
+    let (count, second) = (sources.len(), Source::clone(sources.get(1)?));
+    Some((format!("the second of {count} lights"), second, count))
 }
 
 pub(super) fn keep_strongest(scene: &mut Scene) {
@@ -78,14 +75,15 @@ pub(super) fn keep_strongest(scene: &mut Scene) {
 }
 
 pub(super) fn find_environments(visible: &Visible<'_>) -> Found {
-    let found = |light: &Light| {
-        let because = match light.kind.environment()?.image() {
+    let shining = visible.scene.lights.iter().filter(|light| light.kind.shines());
+    let environments = shining.filter_map(|light| Some((light, light.kind.environment()?)));
+    found(environments, |(light, environment)| {
+        let because = match environment.image() {
             Some(image) => format!("an image of {}x{} surrounds the scene", image.size[0], image.size[1]),
             None => "the same light comes from everywhere".into(),
         };
-        light.kind.shines().then(|| (because, light.source.clone()))
-    };
-    visible.scene.lights.iter().filter_map(found).collect()
+        (because, light.source.clone())
+    })
 }
 
 /// The size and emission of a shape that emits light.
@@ -267,44 +265,5 @@ fn solid_angle(scene: &Scene, light: LightNumber, from: DVec3) -> Option<f64> {
             let shown = if matches!(shape.geometry, Geometry::Sphere { .. }) { 0.25 } else { 1.0 };
             Some(shown * lamp.area / lamp.centre.distance_squared(from))
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::{MaterialId, MeshData, Source};
-    use std::sync::Arc;
-
-    fn lamp(geometry: Geometry, to_world: DAffine3) -> LampShape {
-        let mut shape = Shape::new(geometry, to_world, MaterialId(0), Source::default());
-        assert_eq!(LampShape::of(&shape), None, "dark");
-        shape.emission = Some(Emission { radiance: [1.0, 2.0, 3.0], two_sided: false });
-        LampShape::of(&shape).expect("it shines")
-    }
-
-    #[test]
-    fn areas_middles_and_sides() {
-        let at = DAffine3::from_translation(DVec3::new(1.0, 2.0, 3.0)) * DAffine3::from_scale(DVec3::splat(2.0));
-        let sphere = lamp(Geometry::Sphere { radius: 0.5 }, at);
-        assert!((sphere.area - 4.0 * PI).abs() < 1e-12 && sphere.facing == DVec3::ZERO);
-        assert_eq!(sphere.centre, DVec3::new(1.0, 2.0, 3.0));
-        let disk = lamp(Geometry::Disk { height: 1.0, radius: 0.5, inner_radius: 0.25 }, at);
-        assert!((disk.area - PI * (1.0 - 0.25)).abs() < 1e-12, "{disk:?}");
-        assert_eq!((disk.centre, disk.facing), (DVec3::new(1.0, 2.0, 5.0), DVec3::Z));
-
-        // Two triangles of areas 2 and 1, of which the middle is nearer to the larger.
-        let positions = [[0.0, 0.0], [2.0, 0.0], [0.0, 2.0], [3.0, 0.0], [4.0, 0.0], [3.0, 2.0]];
-        let positions = positions.map(|[x, y]| DVec3::new(x, y, 0.0)).to_vec();
-        let triangles = vec![[0, 1, 2], [3, 4, 5]];
-        let mesh = Geometry::Mesh(Arc::new(MeshData { positions, triangles, ..MeshData::default() }));
-        let flat = lamp(mesh.clone(), DAffine3::IDENTITY);
-        assert!((flat.area - 3.0).abs() < 1e-12 && (flat.facing - DVec3::Z).length() < 1e-12, "{flat:?}");
-        let middle = (2.0 * DVec3::new(2.0, 2.0, 0.0) + DVec3::new(10.0, 2.0, 0.0)) / 9.0;
-        assert!((flat.centre - middle).length() < 1e-12, "{flat:?}");
-        // A mirror does not turn the side.
-        let mirrored = lamp(mesh, DAffine3::from_scale(DVec3::new(-1.0, 1.0, 1.0)));
-        assert!((mirrored.facing - DVec3::Z).length() < 1e-12, "{mirrored:?}");
-        assert!((flat.power()[1] - 6.0 * PI).abs() < 1e-12);
     }
 }

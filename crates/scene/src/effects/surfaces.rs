@@ -1,9 +1,9 @@
 //! Effects of surfaces: glossy and mirror reflection, refraction, textures, transparency.
 
 use super::visible::Visible;
-use super::{Albedo, Found};
+use super::{Albedo, Found, found};
 use crate::description::{Lobe, Parameter, texture_mean};
-use crate::{Color, Material, MaterialKind, Roughness, Scalar, Scene, Shape, Source, Texture, TextureId, TextureKind};
+use crate::{Color, Material, MaterialKind, Roughness, Scalar, Scene, Shape, Texture, TextureId, TextureKind};
 
 /// Returns true for a lobe that may be rough.
 pub(super) fn is_glossy(lobe: &Lobe<'_>) -> bool {
@@ -17,12 +17,8 @@ pub(super) fn is_mirror(lobe: &Lobe<'_>) -> bool {
 
 /// Finds visible materials with a lobe for which `wanted` returns true.
 pub(super) fn find_lobes(visible: &Visible<'_>, wanted: fn(&Lobe<'_>) -> bool) -> Found {
-    let lobe = |material: &Material| {
-        let lobes = material.kind.lobes();
-        let lobe = lobes.iter().find(|lobe| wanted(lobe))?;
-        Some((describe(material, lobe), material.source.clone()))
-    };
-    visible.materials().filter_map(lobe).collect()
+    let materials = visible.materials().filter_map(|m| Some((m, m.kind.lobes().into_iter().find(wanted)?)));
+    found(materials, |(material, lobe)| (describe(material, &lobe), material.source.clone()))
 }
 
 fn describe(material: &Material, lobe: &Lobe<'_>) -> String {
@@ -81,19 +77,19 @@ fn diffuse_color(material: &Material, textures: &mut Vec<Texture>, albedo: &Albe
 
 /// Finds visible materials that look up textures, and visible shapes whose opacity is a texture.
 pub(super) fn find_textures(visible: &Visible<'_>) -> Found {
-    let because = |who: &str, id: TextureId, what: &str, source: &Source| {
-        let texture = visible.scene.textures.get(id.0 as usize).map_or("?", |t| &t.name);
-        (format!("{who} uses texture \"{texture}\" ({what})"), source.clone())
-    };
     let materials = visible.materials().filter_map(|material| {
         let (id, what) = first_texture(material)?;
-        Some(because(&format!("material \"{}\"", material.name), id, what, &material.source))
+        Some((Some(&material.name), id, what, &material.source))
     });
     let shapes = visible.shapes.iter().filter_map(|shape| match shape.alpha {
-        Some(Scalar::Texture(id)) => Some(because("a shape", id, "opacity", &shape.source)),
+        Some(Scalar::Texture(id)) => Some((None, id, "opacity", &shape.source)),
         _ => None,
     });
-    materials.chain(shapes).collect()
+    found(materials.chain(shapes), |(material, id, what, source)| {
+        let who = material.map_or("a shape".into(), |name| format!("material \"{name}\""));
+        let texture = visible.scene.textures.get(id.0 as usize).map_or("?", |t| &t.name);
+        (format!("{who} uses texture \"{texture}\" ({what})"), source.clone())
+    })
 }
 
 /// Returns the first texture that a material looks up and the name of its use, such as "roughness".
@@ -145,15 +141,15 @@ fn mean_scalar(scalar: Scalar, textures: &[Texture]) -> Scalar {
 }
 
 pub(super) fn find_holes(visible: &Visible<'_>) -> Found {
-    let hole = |shape: &&Shape| {
-        let alpha = match shape.alpha? {
-            Scalar::Constant(alpha) if alpha >= 1.0 => return None,
+    let opaque = |alpha: &Scalar| matches!(alpha, Scalar::Constant(alpha) if *alpha >= 1.0);
+    let holes = visible.shapes.iter().filter_map(|shape| Some((shape, shape.alpha.filter(|alpha| !opaque(alpha))?)));
+    found(holes, |(shape, alpha)| {
+        let alpha = match alpha {
             Scalar::Constant(alpha) => alpha.to_string(),
             Scalar::Texture(_) => "a texture".to_owned(),
         };
-        Some((format!("a shape has an opacity of {alpha}"), shape.source.clone()))
-    };
-    visible.shapes.iter().filter_map(hole).collect()
+        (format!("a shape has an opacity of {alpha}"), shape.source.clone())
+    })
 }
 
 /// Removes mostly transparent shapes that emit no light, and makes all others opaque.

@@ -1,7 +1,7 @@
 //! The visible part of a scene: objects that can affect its image. Effects of the camera and of repeated scattering:
 //! depth of field, motion blur, interreflection, absorbing and scattering media.
 
-use super::Found;
+use super::{Found, found};
 use crate::{Color, Instance, Material, MaterialId, MaterialKind, Medium, MediumId, Scalar, Scene, Shape, Source};
 
 /// The shapes, instances, materials and media of a scene that can affect its image.
@@ -82,8 +82,8 @@ fn mixed(materials: &[MaterialId; 2], amount: Scalar) -> impl Iterator<Item = Ma
 
 pub(super) fn find_lens(visible: &Visible<'_>) -> Found {
     let camera = &visible.scene.camera;
-    let found = (format!("the lens has radius {}", camera.lens_radius), camera.source.clone());
-    if camera.lens_radius == 0.0 { Found::new() } else { vec![found] }
+    let open = camera.lens_radius != 0.0;
+    open.then(|| (format!("the lens has radius {}", camera.lens_radius), camera.source.clone(), 1))
 }
 
 pub(super) fn find_motion(visible: &Visible<'_>) -> Found {
@@ -94,14 +94,14 @@ pub(super) fn find_motion(visible: &Visible<'_>) -> Found {
     let second = if first == second { first + 1.0 } else { second };
     // Nothing moves before and after the motion. NaN counts as an open shutter.
     if open == close || close <= first || open >= second {
-        return Found::new();
+        return None;
     }
     let camera = [("the camera", camera.to_world, camera.moves_to, &camera.source)];
     let instances = visible.instances.iter().map(|i| ("an instance", i.to_world, i.moves_to, &i.source));
     let shapes = visible.shapes.iter().map(|s| ("a shape", s.to_world, s.moves_to, &s.source));
     let moving = camera.into_iter().chain(instances).chain(shapes);
     let moving = moving.filter(|(_, to_world, moves_to, _)| moves_to.is_some_and(|to| to != *to_world));
-    moving.map(|(what, .., source)| (format!("{what} moves while the shutter is open"), source.clone())).collect()
+    found(moving, |(what, .., source)| (format!("{what} moves while the shutter is open"), source.clone()))
 }
 
 /// Opens and closes the shutter at the middle of the exposure.
@@ -115,12 +115,12 @@ pub(super) fn find_interreflection(visible: &Visible<'_>) -> Found {
     let scatters = visible.shapes.iter().any(|shape| !is_black(scene, shape))
         || visible.media().any(|medium| medium.scattering != [0.0; 3]);
     let because = match scene.max_depth {
-        _ if !scatters => return Found::new(),
-        Some(..=1) => return Found::new(),
+        _ if !scatters => return None,
+        Some(..=1) => return None,
         Some(depth) => format!("up to {depth} scattering events are asked for"),
         None => "paths of any length are asked for".into(),
     };
-    vec![(because, Source { line: 0, ..scene.camera.source.clone() })]
+    Some((because, Source { line: 0, ..scene.camera.source.clone() }, 1))
 }
 
 /// Returns true if a shape scatters no light: a black diffuse surface, or an interface between media.
@@ -133,9 +133,9 @@ fn is_black(scene: &Scene, shape: &Shape) -> bool {
 }
 
 pub(super) fn find_media(visible: &Visible<'_>, does: &str, coefficient: fn(&Medium) -> [f32; 3]) -> Found {
-    let found = visible.media().filter(|medium| coefficient(medium) != [0.0; 3]);
+    let media = visible.media().filter(|medium| coefficient(medium) != [0.0; 3]);
     let because = |medium: &Medium| format!("medium \"{}\" {does} {:?} per unit", medium.name, coefficient(medium));
-    found.map(|medium| (because(medium), medium.source.clone())).collect()
+    found(media, |medium| (because(medium), medium.source.clone()))
 }
 
 /// Edits each medium by `thin`, and removes media that are left without any coefficient.

@@ -32,9 +32,7 @@ pub(super) fn place(document: &Document) -> Result<Vec<Placed<'_>>, Fault> {
         Some(scene) => scene.nodes().collect(),
         None => {
             let mut child = vec![false; seen.len()];
-            for node in document.nodes() {
-                node.children().for_each(|c| child[c.index()] = true);
-            }
+            document.nodes().flat_map(|node| node.children()).for_each(|c| child[c.index()] = true);
             document.nodes().filter(|node| !child[node.index()]).collect()
         }
     };

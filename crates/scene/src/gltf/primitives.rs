@@ -24,9 +24,8 @@ impl Reader<'_> {
     /// Adds the meshes of all nodes. A mesh that several nodes place becomes instances of one object, unless it shines.
     pub(super) fn add_shapes(&mut self, placed: &[Placed<'_>]) -> Result<(), Fault> {
         let mut uses: BTreeMap<usize, usize> = BTreeMap::new();
-        for mesh in placed.iter().filter_map(|p| p.node.mesh()) {
-            *uses.entry(mesh.index()).or_default() += 1;
-        }
+        let meshes = placed.iter().filter_map(|p| p.node.mesh());
+        meshes.for_each(|mesh| *uses.entry(mesh.index()).or_default() += 1);
         for Placed { node, to_world } in placed {
             let Some(mesh) = node.mesh() else { continue };
             if node.skin().is_some() || morphs(node, &mesh) {

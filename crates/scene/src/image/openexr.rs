@@ -26,28 +26,22 @@ pub enum Plane<'a> {
     F16(Cow<'a, [f32]>),
 }
 
-impl From<Vec<f32>> for Plane<'_> {
-    fn from(values: Vec<f32>) -> Self {
-        Self::F32(values.into())
-    }
+/// Implements the conversion of values to a plane of their type.
+macro_rules! planes {
+    ($($variant:ident: $values:ty;)*) => {
+        $(impl<'a> From<$values> for Plane<'a> {
+            fn from(values: $values) -> Self {
+                Self::$variant(values.into())
+            }
+        })*
+    };
 }
 
-impl<'a> From<&'a [f32]> for Plane<'a> {
-    fn from(values: &'a [f32]) -> Self {
-        Self::F32(values.into())
-    }
-}
-
-impl From<Vec<u32>> for Plane<'_> {
-    fn from(values: Vec<u32>) -> Self {
-        Self::U32(values.into())
-    }
-}
-
-impl<'a> From<&'a [u32]> for Plane<'a> {
-    fn from(values: &'a [u32]) -> Self {
-        Self::U32(values.into())
-    }
+planes! {
+    F32: Vec<f32>;
+    F32: &'a [f32];
+    U32: Vec<u32>;
+    U32: &'a [u32];
 }
 
 impl Plane<'_> {

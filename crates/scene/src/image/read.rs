@@ -199,10 +199,7 @@ fn decode<D: ImageDecoder>(
     let alpha = opacities(packed, color);
     expand(&mut pixels, color, encoding).map_err(|what| file.unsupported(what, "RGB of 8 bits per channel"))?;
     let image = Image::new([width, height], pixels)?;
-    Ok(match alpha {
-        Some(alpha) => image.with_alpha(alpha)?,
-        None => image,
-    })
+    Ok(if let Some(alpha) = alpha { image.with_alpha(alpha)? } else { image })
 }
 
 /// Checks a PNG's size, for which the decoder has no clear error, and its end, since the decoder accepts truncated
@@ -279,12 +276,8 @@ fn check_jpeg(file: &File<'_>) -> Result<u64, ImageError> {
 
 /// Returns the memory in bytes, at most two per pixel, of the palette indices that the decoder of a TGA copies.
 fn tga_copy(file: &File<'_>) -> u64 {
-    match file.bytes.first_chunk::<16>() {
-        Some(&[.., w0, w1, h0, h1]) => {
-            2 * u64::from(u16::from_le_bytes([w0, w1])) * u64::from(u16::from_le_bytes([h0, h1]))
-        }
-        None => 0,
-    }
+    let Some(&[.., w0, w1, h0, h1]) = file.bytes.first_chunk::<16>() else { return 0 };
+    2 * u64::from(u16::from_le_bytes([w0, w1])) * u64::from(u16::from_le_bytes([h0, h1]))
 }
 
 /// Largest accepted header of a Radiance HDR file, in bytes. Small attributes take tens of times their bytes in memory

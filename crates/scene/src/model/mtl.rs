@@ -20,12 +20,10 @@ pub(super) struct Materials {
 impl Materials {
     pub(super) fn open(&mut self, scene: &mut Scene, name: &str, files: &dyn Files, source: &Source) {
         let path = beside(&source.file, name);
-        let bytes = match files.read(&path) {
+        let fault = |e| format!("the materials of {} cannot be read ({e}); grey instead", path.display());
+        let bytes = match files.read(&path).map_err(fault) {
             Ok(bytes) => bytes,
-            Err(e) => {
-                scene.warn(source, format!("the materials of {} cannot be read ({e}); grey instead", path.display()));
-                return;
-            }
+            Err(what) => return scene.warn(source, what),
         };
         let library = read_mtl(&bytes);
         let file = Arc::new(path);
@@ -200,26 +198,5 @@ fn calls_for_more(keyword: &str, numbers: &[f64]) -> bool {
         "map_Ka" | "map_Ns" => false,
         "bump" | "norm" | "disp" | "decal" | "refl" => true,
         _ => keyword.starts_with("map_"),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_is_wrong_is_left_out_and_noted() {
-        let text = b"newmtl red\nKd 1 0 0\nKs 0.5 0.5 0.5\nd 1\nillum 2\n\
-            newmtl\nnewmtl short\nKd 1 2\nmap_Kd -s 2 2 1 brick wall.png\nmap_Kd\n\
-            newmtl a b\nKd nan 0 0\nKd 2 -1 0.5\nmap_Kd wood \xff.png\nd 0.5\nillum x\nNs\n";
-        let library = read_mtl(text);
-        let material = |name: &str| library.materials[name].clone();
-        assert_eq!(material("red"), Statements { diffuse: Some([1.0, 0.0, 0.0]), texture: None, line: 1 });
-        assert_eq!(material("short"), Statements { diffuse: None, texture: Some("wall.png".into()), line: 7 });
-        assert_eq!(material("a b").diffuse, Some([1.0, 0.0, 0.5]));
-        assert_eq!(material("a b").texture.as_deref(), Some("wood \u{fffd}.png"));
-        let lines: Vec<u32> = library.notices.iter().map(|n| n.0).collect();
-        assert_eq!(lines, [8, 9, 10, 12, 0]);
-        assert!(library.notices[4].1.contains("Ks, d not followed"), "{}", library.notices[4].1);
     }
 }

@@ -7,7 +7,7 @@ use super::mtl::Materials;
 use super::{ModelError, UpAxis, model_scene};
 use crate::files::Files;
 use crate::polygon;
-use crate::readers::{SceneReader, first_word};
+use crate::scene_reader::{SceneReader, first_word};
 use crate::{Geometry, MeshData, Scene, Shape, Source};
 use glam::{DAffine3, DVec3};
 use std::collections::{BTreeMap, HashMap};

@@ -6,7 +6,7 @@
 use super::{ModelError, ModelMesh, UpAxis, mesh_scene};
 use crate::MeshData;
 use crate::polygon;
-use crate::readers::SceneReader;
+use crate::scene_reader::SceneReader;
 use glam::dvec3;
 
 /// The reader of PLY models.
@@ -225,7 +225,7 @@ impl<'b> Rows<'b> {
         for (at, Property { name, count, number }) in element.properties.iter().enumerate() {
             let bad = || {
                 let what = format!("{} {index} cannot be read ({name} lacks a number of its type)", element.name);
-                ModelError::new(what + "; the file is cut off or damaged")
+                ModelError::from(what + "; the file is cut off or damaged")
             };
             let count = count.map_or(Some(1.0), &mut next).filter(|count| *count >= 0.0).ok_or_else(bad)?;
             for _ in 0..count as u64 {
@@ -305,7 +305,7 @@ fn cut(faces: &Faces, data: &mut MeshData) -> Result<(), ModelError> {
     for (face, &end) in faces.ends.iter().enumerate() {
         let corners = &faces.corners[start..end];
         start = end;
-        let bad = |what: &str| ModelError::new(format!("face {face}: {what}"));
+        let bad = |what: &str| ModelError::from(format!("face {face}: {what}"));
         if let Some(corner) = corners.iter().find(|&&c| c as usize >= vertices) {
             return Err(bad(&format!("corner {corner} is beyond the last of {vertices} vertices, which count from 0")));
         }

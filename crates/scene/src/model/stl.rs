@@ -2,7 +2,7 @@
 
 use super::{ModelError, ModelMesh, UpAxis, mesh_scene};
 use crate::MeshData;
-use crate::readers::SceneReader;
+use crate::scene_reader::SceneReader;
 use glam::DVec3;
 use std::collections::HashMap;
 
@@ -53,7 +53,7 @@ pub fn read_stl(bytes: &[u8]) -> Result<ModelMesh, ModelError> {
         // The normal comes first, and two bytes without meaning last.
         let float = |i: usize| f32::from_le_bytes([facet[i], facet[i + 1], facet[i + 2], facet[i + 3]]);
         let corners = [12, 24, 36].map(|corner| [corner, corner + 4, corner + 8].map(float));
-        let not_finite = || ModelError::new(format!("facet {number}: a corner is not finite; mend the mesh"));
+        let not_finite = || ModelError::from(format!("facet {number}: a corner is not finite; mend the mesh"));
         welder.add(corners).ok_or_else(not_finite)?;
     }
     let mut data = welder.mesh;

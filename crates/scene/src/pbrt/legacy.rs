@@ -1,35 +1,17 @@
-//! Files of pbrt-v2 and pbrt-v3: detection of the version, and materials, lights and integrators that pbrt-v4 dropped.
+//! Files of pbrt-v2 and pbrt-v3: detection of the version, materials, and the scale of lights.
 
-use super::directive::{Directive, Kind, Tokens};
-use super::materials::{Made, NEW_MATERIALS, OLD_MATERIALS, ROUGHNESS, fresnel, roughness_by};
-use super::options::transport;
+use super::materials::{Made, NEW_MATERIALS, ROUGHNESS, fresnel, roughness_by};
 use super::params::{Params, Type};
-use super::reader::Reader;
 use super::spectra::Gamut;
-use crate::{Color, MaterialId, MaterialKind, Roughness, Scalar, Source};
-use std::collections::HashSet;
+use super::tokens::{Kind, Tokens};
+use super::version::Version;
+use crate::{Color, MaterialId, MaterialKind, Roughness, Scalar};
 
-/// A version of the pbrt file format, which decides the meaning of directives.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Version {
-    V2,
-    V3,
-    #[default]
-    V4,
-}
+/// Supported material types of pbrt-v2 and v3 that pbrt-v4 no longer has.
+pub(super) const OLD_MATERIALS: &str = "matte plastic substrate metal mirror glass";
 
 /// Material types of pbrt-v2 or v3 that pbrt-v4 no longer has and that are not supported.
 const FOREIGN_MATERIALS: &str = "disney fourier kdsubsurface shinymetal translucent uber";
-
-/// Directives that only pbrt-v4 has, and types of directives.
-const NEW: &str = "Attribute ColorSpace Import Option Film/rgb Film/gbuffer Film/spectral Sampler/independent \
-                   Sampler/paddedsobol Sampler/pmj02bn Sampler/zsobol";
-/// Directives and types that only versions before pbrt-v4 have.
-const OLD: &str = "WorldEnd Renderer SurfaceIntegrator VolumeIntegrator Volume Film/image AreaLightSource/area";
-/// Directives that only pbrt-v2 has.
-const SECOND: &str = "Renderer SurfaceIntegrator VolumeIntegrator Volume";
-/// Directives that pbrt-v3 and later have.
-const THIRD: &str = "Integrator MakeNamedMedium MediumInterface";
 
 impl Version {
     /// Returns the pbrt version of a file, derived from its directives and types, since files do not state it.
@@ -38,9 +20,6 @@ impl Version {
     /// have. Otherwise an `Integrator` or a medium, without a directive of pbrt-v2 alone, identifies pbrt-v3. All other
     /// files are pbrt-v2.
     pub(super) fn of(text: &str) -> Self {
-        let words = |list: &'static str| list.split(' ').collect::<HashSet<_>>();
-        let [news, olds, seconds, thirds] = [NEW, OLD, SECOND, THIRD].map(words);
-        let [new_materials, old_materials] = [words(NEW_MATERIALS), &words(OLD_MATERIALS) | &words(FOREIGN_MATERIALS)];
         let [mut new, mut old, mut second, mut third] = [false; 4];
         let mut tokens = Tokens::new(text);
         let mut word = "";
@@ -48,27 +27,32 @@ impl Version {
         let (mut place, mut before) = (0, "");
         while let Some(token) = tokens.next() {
             let Ok(token) = token else { continue };
+            let text = token.text;
             if token.is_name() {
-                (word, place, before) = (token.text, 0, "");
-                new |= news.contains(word);
-                old |= olds.contains(word);
-                second |= seconds.contains(word);
-                third |= thirds.contains(word);
+                (word, place, before) = (text, 0, "");
+                new |= matches!(word, "Attribute" | "ColorSpace" | "Import" | "Option");
+                second |= matches!(word, "Renderer" | "SurfaceIntegrator" | "Volume" | "VolumeIntegrator");
+                third |= matches!(word, "Integrator" | "MakeNamedMedium" | "MediumInterface");
+                old |= second || word == "WorldEnd";
             } else if token.kind == Kind::Text {
-                let text = token.text;
                 let declared = word == "MakeNamedMaterial" && before.split_ascii_whitespace().eq(["string", "type"]);
-                if declared || (word == "Material" && place == 0) {
-                    new |= new_materials.contains(text);
-                    old |= old_materials.contains(text);
-                } else if place == 0 {
-                    let typed = format!("{word}/{text}");
-                    new |= news.contains(typed.as_str());
-                    old |= olds.contains(typed.as_str());
-                } else {
+                match (word, text) {
+                    _ if declared || (word == "Material" && place == 0) => {
+                        let among = |list: &str| list.split(' ').any(|known| known == text);
+                        new |= among(NEW_MATERIALS);
+                        old |= among(OLD_MATERIALS) || among(FOREIGN_MATERIALS);
+                    }
                     // The types in declarations of parameters.
-                    let words: Vec<&str> = text.split_ascii_whitespace().collect();
-                    old |= matches!(words[..], ["color" | "xyz" | "point" | "vector", _]);
-                    old |= word == "Texture" && place == 1 && text == "color";
+                    _ if place > 0 => {
+                        let mut words = text.split_ascii_whitespace();
+                        let first_of_two = words.next().filter(|_| words.next().is_some() && words.next().is_none());
+                        old |= matches!(first_of_two, Some("color" | "xyz" | "point" | "vector"));
+                        old |= word == "Texture" && place == 1 && text == "color";
+                    }
+                    ("Film", "rgb" | "gbuffer" | "spectral") => new = true,
+                    ("Sampler", "independent" | "paddedsobol" | "pmj02bn" | "zsobol") => new = true,
+                    ("Film", "image") | ("AreaLightSource", "area") => old = true,
+                    _ => {}
                 }
                 place += 1;
                 before = text;
@@ -80,148 +64,96 @@ impl Version {
             _ => Self::V2,
         }
     }
-
-    /// Returns true for versions before pbrt-v4.
-    pub(super) fn is_old(self) -> bool {
-        self < Self::V4
-    }
-
-    /// Returns the name of the version, such as "pbrt-v3", for messages.
-    pub(super) fn name(self) -> &'static str {
-        ["pbrt-v2", "pbrt-v3", "pbrt-v4"][self as usize]
-    }
 }
 
-impl Reader<'_> {
-    /// Adds a notice if a pbrt-v2 file names no `SurfaceIntegrator`, since pbrt-v2's default differs from path tracing.
-    pub(super) fn check_old_transport(&mut self, whole: &Source) {
-        if self.context.version == Version::V2 && !self.once.contains_key("depth") {
-            let what = "no SurfaceIntegrator is named: pbrt-v2 would light directly and follow 5 mirrors; \
-                        light is transported by path tracing of that depth";
-            self.log.notice(whole, what);
+/// Makes a material of the pbrt-v2 or v3 type `kind`; `None` for an unknown or unsupported type.
+pub(super) fn old_material(kind: &str, params: &mut Params) -> Option<Made> {
+    let kind = match kind {
+        "matte" => {
+            let line = params.peek("sigma").map(|p| p.line);
+            let sigma = params.scalar("sigma", 0.0, |_| true, "finite");
+            if let (Some(line), true) = (line, sigma != Scalar::Constant(0.0)) {
+                params.notice(line, format!("sigma of {} (Oren-Nayar) is read as 0 (Lambert)", params.of));
+            }
+            MaterialKind::Diffuse { reflectance: params.color("Kd", [0.5; 3]) }
         }
-    }
-
-    /// Executes `Renderer`, `SurfaceIntegrator` or `VolumeIntegrator`, pbrt-v2's directives in place of `Integrator`.
-    pub(super) fn read_old_transport(&mut self, mut d: Directive<'_>) {
-        let mut params = self.params(&mut d, "");
-        let kind = d.texts[0].as_str();
-        let what = format!("{} (of pbrt-v2) is ignored; {}", params.of, transport(kind));
-        self.log.ignored_setting(&d.source, what);
-        let depth = match d.word {
-            "SurfaceIntegrator" => {
-                let depth = params.integer("maxdepth", 0, i32::MAX).unwrap_or(5) as u32;
-                // pbrt-v2's path tracer also lights the vertex after the last bounce: one event more than others.
-                Some(if kind == "path" { depth.saturating_add(1) } else { depth })
+        "plastic" | "substrate" => {
+            let default = if kind == "plastic" { [0.25; 3] } else { [0.5; 3] };
+            let [diffuse, specular] = ["Kd", "Ks"].map(|name| params.color(name, default));
+            let roughness = old_roughness(params, 0.1);
+            match kind {
+                "plastic" => MaterialKind::Plastic { diffuse, specular, roughness },
+                _ => MaterialKind::Substrate { diffuse, specular, roughness },
             }
-            "Renderer" if kind == "metropolis" => Some(params.integer("maxdepth", 0, i32::MAX).unwrap_or(7) as u32),
-            _ => None,
-        };
-        if let Some(depth) = depth {
-            self.meet("depth", &d.source);
-            self.scene.max_depth = Some(depth);
         }
-        params.ignore_rest();
-        params.finish(&mut self.log);
-    }
+        "metal" => MaterialKind::Conductor {
+            fresnel: fresnel(params, ["", "eta", "k"]),
+            roughness: old_roughness(params, 0.01),
+        },
+        "mirror" => MaterialKind::Mirror { reflectance: params.color("Kr", [0.9; 3]) },
+        "glass" => glass(params),
+        "mix" => return Some(old_mix(params)),
+        "none" | "" if params.context.version == Version::V3 => MaterialKind::Interface,
+        _ => return None,
+    };
+    Some(kind.into())
+}
 
-    /// Makes a material of the pbrt-v2 or v3 type `kind`; `None` for an unknown or unsupported type.
-    pub(super) fn old_material(&self, kind: &str, params: &mut Params) -> Option<Made> {
-        let kind = match kind {
-            "matte" => {
-                let line = params.peek("sigma").map(|p| p.line);
-                let sigma = params.scalar("sigma", 0.0, |_| true, "finite");
-                if let (Some(line), true) = (line, sigma != Scalar::Constant(0.0)) {
-                    params.notice(line, format!("sigma of {} (Oren-Nayar) is read as 0 (Lambert)", params.of));
-                }
-                MaterialKind::Diffuse { reflectance: params.color("Kd", [0.5; 3]) }
-            }
-            "plastic" | "substrate" => {
-                let default = if kind == "plastic" { [0.25; 3] } else { [0.5; 3] };
-                let [diffuse, specular] = ["Kd", "Ks"].map(|name| params.color(name, default));
-                let roughness = self.old_roughness(params, 0.1);
-                match kind {
-                    "plastic" => MaterialKind::Plastic { diffuse, specular, roughness },
-                    _ => MaterialKind::Substrate { diffuse, specular, roughness },
-                }
-            }
-            "metal" => MaterialKind::Conductor {
-                fresnel: fresnel(params, ["", "eta", "k"]),
-                roughness: self.old_roughness(params, 0.01),
-            },
-            "mirror" => MaterialKind::Mirror { reflectance: params.color("Kr", [0.9; 3]) },
-            "glass" => self.glass(params),
-            "mix" => return Some(self.old_mix(params)),
-            "none" | "" if self.context.version == Version::V3 => MaterialKind::Interface,
-            _ => return None,
-        };
-        Some(kind.into())
-    }
-
-    fn glass(&self, params: &mut Params) -> MaterialKind {
-        let name = if params.has("eta") && self.context.version == Version::V3 { "eta" } else { "index" };
-        let eta = params.constant(name, 1.5, |v| v > 0.0, "above 0");
-        let roughness = match self.context.version {
-            Version::V3 if params.has("uroughness") || params.has("vroughness") => self.old_roughness(params, 0.0),
-            _ => {
-                params.ignore(&["uroughness", "vroughness", "remaproughness"]);
-                Roughness::constant(0.0, 0.0, false)
-            }
-        };
-        MaterialKind::Dielectric {
-            eta,
-            roughness,
-            reflectance: params.color("Kr", [1.0; 3]),
-            transmittance: params.color("Kt", [1.0; 3]),
+fn glass(params: &mut Params) -> MaterialKind {
+    let name = if params.has("eta") && params.context.version == Version::V3 { "eta" } else { "index" };
+    let eta = params.constant(name, 1.5, |v| v > 0.0, "above 0");
+    let roughness = match params.context.version {
+        Version::V3 if params.has("uroughness") || params.has("vroughness") => old_roughness(params, 0.0),
+        _ => {
+            params.ignore(&["uroughness", "vroughness", "remaproughness"]);
+            Roughness::constant(0.0, 0.0, false)
         }
-    }
+    };
+    let [reflectance, transmittance] = ["Kr", "Kt"].map(|name| params.color(name, [1.0; 3]));
+    MaterialKind::Dielectric { eta, roughness, reflectance, transmittance }
+}
 
-    /// Makes a mix of two materials. The file's `amount` is the weight of the first material, here of the second, so it
-    /// is subtracted from 1.
-    fn old_mix(&self, params: &mut Params) -> Made {
-        let names = ["namedmaterial1", "namedmaterial2"].map(|name| params.needed_text(name).map(|text| text.0));
-        let mixes = if let [Some(first), Some(second)] = names { Some([first, second]) } else { None };
-        let line = params.line();
-        let amount = match params.color("amount", [0.5; 3]) {
-            Color::Constant([r, g, b]) if r == g && g == b => 1.0 - r,
-            _ => {
-                params.unsupported(line, format!("an amount that is a texture or not gray in {}", params.of));
-                0.5
-            }
-        };
-        Made { kind: MaterialKind::Mix { materials: [MaterialId(0); 2], amount: Scalar::Constant(amount) }, mixes }
-    }
-
-    /// Reads the roughness parameters and converts them to microfacet widths (alpha) by the rule of the file's version.
-    fn old_roughness(&self, params: &mut Params, default: f32) -> Roughness {
-        let remap = self.context.version == Version::V3 && params.flag("remaproughness", true);
-        let read = |params: &mut Params, name| self.old_alpha(params, name, default, remap);
-        roughness_by(params, ROUGHNESS, false, read)
-    }
-
-    fn old_alpha(&self, params: &mut Params, name: &'static str, default: f32, remap: bool) -> Scalar {
-        let line = params.peek(name).map(|p| p.line);
-        let roughness = params.scalar(name, default, |v| v >= 0.0, "at least 0");
-        match (roughness, self.context.version) {
-            (Scalar::Constant(r), Version::V2) => {
-                let alpha = alpha_of_blinn(r);
-                if let Some(line) = line {
-                    let what = format!(
-                        "{name} {r} of {} (Blinn) is read as Trowbridge-Reitz microfacets of alpha {alpha:.3}",
-                        params.of
-                    );
-                    params.notice(line, what);
-                }
-                Scalar::Constant(alpha)
-            }
-            (Scalar::Constant(r), _) if remap => Scalar::Constant(alpha_of_third(r)),
-            (Scalar::Texture(_), version) if remap || version == Version::V2 => {
-                let what = format!("a texture as {name} of {} (other than as alpha itself)", params.of);
-                params.unsupported(line.unwrap_or(params.line()), what);
-                Scalar::Constant(default)
-            }
-            (scalar, _) => scalar,
+/// Makes a mix of two materials. The file's `amount` is the weight of the first material, here of the second, so it
+/// is subtracted from 1.
+fn old_mix(params: &mut Params) -> Made {
+    let names = ["namedmaterial1", "namedmaterial2"].map(|name| params.needed_text(name).map(|text| text.0));
+    let mixes = if let [Some(first), Some(second)] = names { Some([first, second]) } else { None };
+    let amount = match params.color("amount", [0.5; 3]) {
+        Color::Constant([r, g, b]) if r == g && g == b => 1.0 - r,
+        _ => {
+            params.unsupported(params.line(), format!("an amount that is a texture or not gray in {}", params.of));
+            0.5
         }
+    };
+    Made { kind: MaterialKind::Mix { materials: [MaterialId(0); 2], amount: Scalar::Constant(amount) }, mixes }
+}
+
+/// Reads the roughness parameters and converts them to microfacet widths (alpha) by the rule of the file's version.
+fn old_roughness(params: &mut Params, default: f32) -> Roughness {
+    let remap = params.context.version == Version::V3 && params.flag("remaproughness", true);
+    let read = |params: &mut Params, name| old_alpha(params, name, default, remap);
+    roughness_by(params, ROUGHNESS, false, read)
+}
+
+fn old_alpha(params: &mut Params, name: &'static str, default: f32, remap: bool) -> Scalar {
+    let line = params.peek(name).map(|p| p.line);
+    let roughness = params.scalar(name, default, |v| v >= 0.0, "at least 0");
+    match (roughness, params.context.version) {
+        (Scalar::Constant(r), Version::V2) => {
+            let alpha = alpha_of_blinn(r);
+            if let Some(line) = line {
+                let read_as = format!("Trowbridge-Reitz microfacets of alpha {alpha:.3}");
+                params.notice(line, format!("{name} {r} of {} (Blinn) is read as {read_as}", params.of));
+            }
+            Scalar::Constant(alpha)
+        }
+        (Scalar::Constant(r), _) if remap => Scalar::Constant(alpha_of_third(r)),
+        (Scalar::Texture(_), version) if remap || version == Version::V2 => {
+            let what = format!("a texture as {name} of {} (other than as alpha itself)", params.of);
+            params.unsupported(line.unwrap_or(params.line()), what);
+            Scalar::Constant(default)
+        }
+        (scalar, _) => scalar,
     }
 }
 
@@ -247,39 +179,4 @@ pub(super) fn light_scale(params: &mut Params) -> [f32; 3] {
         return [params.float32("scale", 1.0, |v| v >= 0.0, "at least 0"); 3];
     }
     params.rgb("scale", Gamut::Unbounded).unwrap_or([1.0; 3])
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn versions_by_their_words() {
-        for (text, version) in [
-            ("Film \"image\"\nWorldBegin\nMaterial \"matte\"\nWorldEnd", Version::V2),
-            ("Integrator \"path\"\nWorldBegin\nMaterial \"matte\" \"color Kd\" [1 1 1]", Version::V3),
-            ("Integrator \"path\"\nFilm \"rgb\"\nWorldBegin\nMaterial \"diffuse\"", Version::V4),
-            ("SurfaceIntegrator \"path\"", Version::V2),
-            ("MakeNamedMaterial \"m\" \"string type\" [\"uber\"] MakeNamedMedium \"x\"", Version::V3),
-            // One mark of the newest version outweighs the older ones.
-            ("Film \"rgb\"\nWorldBegin\nMaterial \"matte\"\nWorldEnd", Version::V4),
-            ("MakeNamedMaterial \"matte\" \"string type\" [\"diffuse\"]", Version::V4),
-            ("MakeNamedMaterial \"matte\"", Version::V4),
-            ("", Version::V4),
-            ("\"unclosed\nFilm \"image\"", Version::V2),
-        ] {
-            assert_eq!(Version::of(text), version, "{text}");
-        }
-    }
-
-    #[test]
-    fn roughness_of_older_versions() {
-        assert!((alpha_of_blinn(0.001) - (2.0f32 / 1002.0).sqrt()).abs() < 1e-7);
-        assert_eq!(alpha_of_blinn(0.0), alpha_of_blinn(1e-9));
-        assert!((alpha_of_blinn(f32::INFINITY) - 1.0).abs() < 1e-7);
-        // Worked out by hand at roughness 1 and 0.1.
-        assert_eq!(alpha_of_third(1.0), 1.62142);
-        assert!((alpha_of_third(0.1) - 0.4618).abs() < 2e-4, "{}", alpha_of_third(0.1));
-        assert_eq!(alpha_of_third(0.0), alpha_of_third(1e-3));
-    }
 }

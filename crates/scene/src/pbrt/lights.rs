@@ -1,12 +1,13 @@
 //! Lights of pbrt scenes, and the emission of shapes.
 
-use super::directive::{Directive, shown};
-use super::legacy::{Version, light_scale};
+use super::directive::Directive;
+use super::images::{Channel, Decoding};
+use super::legacy::light_scale;
 use super::params::{Params, Type};
-use super::reader::Reader;
+use super::reader::{AreaLight, Reader};
 use super::spectra::Gamut;
-use super::state::AreaLight;
-use super::textures::{Channel, Decoding};
+use super::tokens::shown;
+use super::version::Version;
 use crate::image::Image;
 use crate::{EnvironmentRadiance, Light, LightKind, SpotFalloff};
 use glam::{DAffine3, DMat3, DVec3};
@@ -260,23 +261,4 @@ fn height_of(u: f64, v: f64) -> f64 {
     let inward = 1.0 - (2.0 * u - 1.0).abs() - (2.0 * v - 1.0).abs();
     let r = 1.0 - inward.abs();
     (1.0 - r * r).copysign(inward)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// The illuminance under an environment of radiance 1 is pi.
-    #[test]
-    fn white_skies() {
-        for (size, equal_area, close) in [([128, 64], false, 1e-3), ([64, 64], true, 1e-3)] {
-            let image = Image::filled(size, [1.0; 3]).unwrap();
-            let found = illuminance_of(&image, equal_area);
-            assert!((found / PI - 1.0).abs() < close, "{found}");
-        }
-        // Nothing from below.
-        let mut image = Image::filled([4, 4], [1.0; 3]).unwrap();
-        image.pixels[..8].fill([0.0; 3]);
-        assert_eq!(illuminance_of(&image, false), 0.0);
-    }
 }

@@ -1,17 +1,12 @@
 //! Materials of pbrt-v4. Materials of older versions are in `legacy`.
 
-use super::directive::{Directive, shown};
 use super::params::{Params, Type};
-use super::reader::Reader;
 use super::spectra::{Gamut, metal};
-use super::state::MaterialRef;
-use crate::{Coating, Color, ConductorFresnel, Material, MaterialId, MaterialKind, Roughness, Scalar, TextureKind};
+use crate::{Coating, Color, ConductorFresnel, MaterialId, MaterialKind, Roughness, Scalar};
 
 /// Material types that pbrt-v4 introduced, all supported.
 pub(super) const NEW_MATERIALS: &str =
     "diffuse diffusetransmission conductor dielectric thindielectric coateddiffuse coatedconductor interface";
-/// Supported material types of pbrt-v2 and v3 that pbrt-v4 no longer has.
-pub(super) const OLD_MATERIALS: &str = "matte plastic substrate metal mirror glass";
 
 /// The usual names of a roughness: for both directions, for u, for v.
 pub(super) const ROUGHNESS: [&str; 3] = ["roughness", "uroughness", "vroughness"];
@@ -28,7 +23,7 @@ pub(super) struct Made {
 }
 
 /// The names of the two mixed materials; `None` if the material is no mix.
-type Mixes = Option<[String; 2]>;
+pub(super) type Mixes = Option<[String; 2]>;
 
 impl From<MaterialKind> for Made {
     fn from(kind: MaterialKind) -> Self {
@@ -36,101 +31,8 @@ impl From<MaterialKind> for Made {
     }
 }
 
-impl Reader<'_> {
-    /// Executes `Material`: makes the current material.
-    pub(super) fn set_material(&mut self, mut d: Directive<'_>) {
-        let params = self.params(&mut d, "material");
-        let name = format!("material {}", self.scene.materials.len());
-        let (material, mixes) = self.make_material(name, (&d.texts[0], d.source.line), params);
-        let id = self.scene.add_material(material);
-        self.settle_mix(id, mixes);
-        self.state.material = MaterialRef::Made(id);
-    }
-
-    /// Executes `MakeNamedMaterial`: defines a named material.
-    pub(super) fn make_named_material(&mut self, mut d: Directive<'_>) {
-        let mut params = self.params(&mut d, "material");
-        let name = d.texts.swap_remove(0);
-        let kind = params.text("type").or_else(|| params.lacks("its type; add \"string type\" \"diffuse\""));
-        if let Some(first) = self.named_materials.get(&name) {
-            let first = &self.scene.materials[first].source;
-            let what = |how| format!("material {} is made {how} (first at {first})", shown(&name));
-            match self.context.version.is_old() {
-                true => params.notice(d.source.line, what("anew")),
-                false => params.problem(d.source.line, what("twice")),
-            }
-        }
-        let (kind, line) = kind.unwrap_or(("diffuse".into(), d.source.line));
-        let (material, mixes) = self.make_material(name.clone(), (&kind, line), params);
-        let id = MaterialId(self.named_materials.define(&name, material, &mut self.scene.materials) as u32);
-        self.settle_mix(id, mixes);
-    }
-
-    /// Makes a material of type `kind`; after an error a placeholder, so that reading can continue. Also returns the names
-    /// of the materials that it mixes, if it is a mix.
-    fn make_material(&mut self, name: String, kind: (&str, u32), mut params: Params) -> (Material, Mixes) {
-        let ((kind, line), old) = (kind, self.context.version.is_old());
-        let shades = !matches!(kind, "mix" | "interface" | "none" | "");
-        let bump_name = if old { "bumpmap" } else { "displacement" };
-        let bump = (shades && params.has(bump_name))
-            .then(|| params.scalar(bump_name, 0.0, |_| true, "finite"))
-            // A constant height tilts no normals.
-            .filter(|bump| matches!(bump, Scalar::Texture(_)));
-        let normal_map = if shades && !old { self.normal_map(&mut params) } else { None };
-        if let (Some(_), Some(_)) = (bump, normal_map) {
-            params.problem(line, format!("{} has both displacement and normalmap; remove one", params.of));
-        }
-        let made = match kind {
-            "diffusetransmission" if !old => Some(self.diffuse_transmission(&mut params).into()),
-            _ if old => self.old_material(kind, &mut params),
-            _ => new_material(kind, &mut params),
-        };
-        let made = made.unwrap_or_else(|| {
-            let known: Vec<&str> = if old { OLD_MATERIALS } else { NEW_MATERIALS }.split(' ').chain(["mix"]).collect();
-            params.unsupported_type(line, "Material", kind, &known);
-            default_kind().into()
-        });
-        let material = Material { bump, normal_map, ..Material::new(name, made.kind, params.source.clone()) };
-        params.finish(&mut self.log);
-        (material, made.mixes)
-    }
-
-    /// Sets the materials of a mix by their names.
-    fn settle_mix(&mut self, mix: MaterialId, names: Mixes) {
-        let Some(names) = names else { return };
-        let source = self.scene.materials[mix.0 as usize].source.clone();
-        let found = names.map(|name| self.material_named(&name, &source));
-        if let MaterialKind::Mix { materials, .. } = &mut self.scene.materials[mix.0 as usize].kind {
-            *materials = found;
-        }
-    }
-
-    fn diffuse_transmission(&mut self, params: &mut Params) -> MaterialKind {
-        let given = ["reflectance", "transmittance"].map(|name| params.color(name, [0.25; 3]));
-        let scale = params.float32("scale", 1.0, |v| v >= 0.0, "at least 0");
-        let [reflectance, transmittance] = given.map(|color| match color {
-            Color::Constant(c) => Color::Constant(c.map(|c| c * scale)),
-            color if scale == 1.0 => color,
-            color => {
-                let factors = [color, Color::Constant([scale; 3])];
-                self.add_texture("scaled", TextureKind::Product { factors }, params)
-            }
-        });
-        if let (Color::Constant(r), Color::Constant(t)) = (reflectance, transmittance) {
-            if r.iter().chain(&t).any(|&c| c > 1.0) {
-                let what = format!("{}: reflectance and transmittance, scaled, must not be above 1", params.of);
-                params.problem(params.line(), what);
-            } else if (0..3).any(|i| r[i] + t[i] > 1.0) {
-                let what = format!("{} gives back more light than it gets; the sum of both is above 1", params.of);
-                params.notice(params.line(), what);
-            }
-        }
-        MaterialKind::DiffuseTransmission { reflectance, transmittance }
-    }
-}
-
 /// Makes a material of the pbrt-v4 type `kind`; `None` for an unknown type.
-fn new_material(kind: &str, params: &mut Params) -> Option<Made> {
+pub(super) fn new_material(kind: &str, params: &mut Params) -> Option<Made> {
     let kind = match kind {
         "diffuse" => MaterialKind::Diffuse { reflectance: params.color("reflectance", [0.5; 3]) },
         "conductor" => MaterialKind::Conductor {
@@ -230,68 +132,4 @@ pub(super) fn roughness_by(
     let [u, v] = [u, v].map(|(name, given)| if given { read(params, name) } else { both });
     params.ignore(&names);
     Roughness { u, v, remap }
-}
-
-impl Params {
-    /// Reads a reflectance parameter: a constant or a texture. Returns `default` if it is absent or invalid.
-    pub(super) fn color(&mut self, name: &'static str, default: [f32; 3]) -> Color {
-        self.color_in(Gamut::Reflectance, name, default)
-    }
-
-    /// Reads a colour parameter: a constant or a texture. Returns `default` if it is absent or invalid.
-    pub(super) fn color_in(&mut self, gamut: Gamut, name: &'static str, default: [f32; 3]) -> Color {
-        let default_color = Color::Constant(default);
-        match self.peek(name).map(|p| p.ty) {
-            Some(Type::Texture) => {}
-            // pbrt-v2 and v3 take a number for gray in textures.
-            Some(Type::Float) if gamut == Gamut::Unbounded && self.context.version.is_old() => {
-                return Color::Constant([self.float32(name, default[0], |v| v >= 0.0, "at least 0"); 3]);
-            }
-            _ => return Color::Constant(self.rgb(name, gamut).unwrap_or(default)),
-        }
-        let Some((texture, line)) = self.text_of(name, Type::Texture) else { return default_color };
-        match self.context.textures.clone().spectrum(&texture) {
-            Ok(Color::Constant(c)) if gamut == Gamut::Reflectance && c.iter().any(|&c| c > 1.0) => {
-                let what = format!("texture {} is above 1: {name} of {} must not be", shown(&texture), self.of);
-                self.problem(line, what);
-            }
-            Ok(color) => return color,
-            Err(message) => self.problem(line, message),
-        }
-        default_color
-    }
-
-    /// Reads a number parameter: a constant or a texture. `ok` accepts valid constants; `range` describes these in
-    /// messages. Returns `default` if the parameter is absent or invalid.
-    pub(super) fn scalar(&mut self, name: &'static str, default: f32, ok: impl Fn(f64) -> bool, range: &str) -> Scalar {
-        let default_scalar = Scalar::Constant(default);
-        if self.peek(name).is_none_or(|p| p.ty != Type::Texture) {
-            return Scalar::Constant(self.float32(name, default, ok, range));
-        }
-        let Some((texture, line)) = self.text_of(name, Type::Texture) else { return default_scalar };
-        match self.context.textures.clone().float(&texture) {
-            Ok(Ok(Scalar::Constant(value))) if !ok(f64::from(*value)) => {
-                self.bad(name, line, format!("must be {range}, not {value}"));
-            }
-            Ok(Ok(scalar)) => return *scalar,
-            Ok(Err(class)) => {
-                self.unsupported(line, format!("a texture of class {} as {name} of {}", shown(class), self.of));
-            }
-            Err(message) => self.problem(line, message),
-        }
-        default_scalar
-    }
-
-    /// Reads a number parameter that must not vary: a constant or a constant texture. `ok` accepts valid numbers;
-    /// `range` describes these in messages. Returns `default` if the parameter is absent, invalid or varies.
-    pub(super) fn constant(&mut self, name: &'static str, default: f32, ok: impl Fn(f64) -> bool, range: &str) -> f32 {
-        let line = self.peek(name).map_or(0, |p| p.line);
-        match self.scalar(name, default, ok, range) {
-            Scalar::Constant(value) => value,
-            Scalar::Texture(_) => {
-                self.unsupported(line, format!("a texture as {name} of {}", self.of));
-                default
-            }
-        }
-    }
 }

@@ -1,8 +1,10 @@
 //! Directives before `WorldBegin`: camera, film, pixel filter, sampler, integrator.
 
-use super::directive::{Directive, shown};
+use super::directive::Directive;
 use super::params::{Params, Type};
 use super::reader::Reader;
+use super::tokens::shown;
+use super::version::Version;
 use crate::{Camera, PixelFilter, Projection, Source};
 
 impl Reader<'_> {
@@ -20,6 +22,38 @@ impl Reader<'_> {
         }
     }
 
+    /// Adds a notice if a pbrt-v2 file names no `SurfaceIntegrator`, since pbrt-v2's default differs from path tracing.
+    pub(super) fn check_old_transport(&mut self, whole: &Source) {
+        if self.context.version == Version::V2 && !self.once.contains_key("depth") {
+            let what = "no SurfaceIntegrator is named: pbrt-v2 would light directly and follow 5 mirrors; \
+                        light is transported by path tracing of that depth";
+            self.log.notice(whole, what);
+        }
+    }
+
+    /// Executes `Renderer`, `SurfaceIntegrator` or `VolumeIntegrator`, pbrt-v2's directives in place of `Integrator`.
+    pub(super) fn read_old_transport(&mut self, mut d: Directive<'_>) {
+        let mut params = self.params(&mut d, "");
+        let kind = d.texts[0].as_str();
+        let what = format!("{} (of pbrt-v2) is ignored; {}", params.of, transport(kind));
+        self.log.ignored_setting(&d.source, what);
+        let depth = match d.word {
+            "SurfaceIntegrator" => {
+                let depth = params.integer("maxdepth", 0, i32::MAX).unwrap_or(5) as u32;
+                // pbrt-v2's path tracer also lights the vertex after the last bounce: one event more than others.
+                Some(if kind == "path" { depth.saturating_add(1) } else { depth })
+            }
+            "Renderer" if kind == "metropolis" => Some(params.integer("maxdepth", 0, i32::MAX).unwrap_or(7) as u32),
+            _ => None,
+        };
+        if let Some(depth) = depth {
+            self.meet("depth", &d.source);
+            self.scene.max_depth = Some(depth);
+        }
+        params.ignore_rest();
+        params.finish(&mut self.log);
+    }
+
     fn read_camera(&mut self, kind: &str, source: Source, mut params: Params) {
         if !matches!(kind, "perspective" | "orthographic") {
             // Another projection would change the whole image, so it is always an error.
@@ -35,8 +69,7 @@ impl Reader<'_> {
             params.ignore(&["fov"]);
             Projection::Orthographic
         };
-        let aspect = params.has("frameaspectratio");
-        let aspect = aspect.then(|| params.float("frameaspectratio", 1.0, positive, "above 0"));
+        let aspect = params.has("frameaspectratio").then(|| params.float("frameaspectratio", 1.0, positive, "above 0"));
         let lens_radius = params.float("lensradius", 0.0, |v| v >= 0.0, "at least 0");
         let focal_distance = params.float("focaldistance", 1e6, positive, "above 0");
         let window = params.array::<4>("screenwindow", Type::Float);
@@ -161,7 +194,7 @@ impl Reader<'_> {
 }
 
 /// Returns the integrator that takes the place of pbrt's by default, and how to request one like it if there is one.
-pub(super) fn transport(kind: &str) -> String {
+fn transport(kind: &str) -> String {
     let (ours, method) = match kind {
         "bdpt" => ("bdpt", "bidirectional path tracing"),
         "mlt" | "metropolis" => ("metropolis", "Metropolis sampling"),

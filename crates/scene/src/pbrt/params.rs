@@ -1,9 +1,9 @@
 //! The parameters of a directive: typed values by name, each taken at most once.
 
-use super::Log;
-use super::directive::{Fault, Kind, Token, Tokens, number, shown, unescape};
-use super::legacy::Version;
-use super::textures::Textures;
+use super::log::Log;
+use super::names::Textures;
+use super::tokens::{Fault, Kind, Token, Tokens, did_you_mean, number, shown, unescape};
+use super::version::Version;
 use crate::Source;
 use dapple_core::nearest_name;
 use std::path::PathBuf;
@@ -114,10 +114,8 @@ pub(super) fn read_param(tokens: &mut Tokens<'_>, file: &Arc<PathBuf>, log: &mut
     let declaration = declaration?;
     let words: Vec<&str> = declaration.text.split_ascii_whitespace().take(3).collect();
     let [type_name, name] = words[..] else {
-        let what = format!(
-            "{} declares no parameter; write a type and a name, as in \"float radius\"",
-            shown(declaration.text)
-        );
+        let text = shown(declaration.text);
+        let what = format!("{text} declares no parameter; write a type and a name, as in \"float radius\"");
         return Err((declaration.line, what));
     };
     let mut report = |(line, message): Fault| log.problem(&Source { file: file.clone(), line }, message);
@@ -446,9 +444,4 @@ impl Params {
         }
         good
     }
-}
-
-/// Returns advice to be appended to a message about an unknown name: the nearest known name, if there is one.
-pub(super) fn did_you_mean<'k>(name: &str, known: impl IntoIterator<Item = &'k str>) -> String {
-    nearest_name(name, known).map_or(String::new(), |near| format!("; did you mean \"{near}\"?"))
 }

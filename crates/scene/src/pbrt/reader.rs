@@ -1,51 +1,32 @@
-//! Execution of the directives of a pbrt file, one by one, on a graphics state.
+//! The reader of one pbrt scene as the state on which directives are executed, and the graphics state in it.
 
-use super::Log;
-use super::ReadOptions;
-use super::directive::{Directive, Directives, shown};
-use super::legacy::Version;
+use super::directive::Directive;
+use super::images::{Images, ReadAs, decode};
+use super::log::Log;
+use super::materials::default_kind;
 use super::names::Names;
-use super::params::{Context, Param, Params, Values};
-use super::state::{Ctm, MaterialRef, State};
-use super::textures::Images;
-use crate::ReadError;
+use super::params::{Context, Param, Params, Type, Values};
+use super::spectra::{names, numbers};
+use super::tokens::{did_you_mean, shown};
 use crate::files::Files;
-use crate::{MaterialId, MeshData, ObjectId, PixelFilter, Scene, Source};
-use dapple_core::nearest_name;
+use crate::image::Image;
+use crate::scene_reader::ReadOptions;
+use crate::{Material, MaterialId, Medium, MediumId, MeshData, ObjectId, PixelFilter, Scene, Source};
 use glam::DAffine3;
 use std::collections::BTreeMap;
+use std::io::ErrorKind;
 use std::path::{Component, Path, PathBuf};
 use std::rc::Rc;
 use std::sync::Arc;
 
 /// The deepest nesting of blocks. Scenes have a few levels, and each level costs memory.
 const DEEPEST_BLOCK: usize = 4096;
-/// The deepest nesting of included files. Each level costs stack memory.
-const DEEPEST_INCLUDE: usize = 32;
-/// The largest number of included files, which bounds the work for a few small files that include each other many
-/// times.
-const MOST_INCLUDES: usize = 10_000;
-
-/// The largest number of parameters that `Attribute` may add to one kind of directive. Each directive copies these
-/// parameters.
-const MOST_ATTRIBUTES: usize = 64;
-/// The kinds of directives to which `Attribute` adds parameters.
-const ATTRIBUTED: [&str; 5] = ["shape", "light", "material", "medium", "texture"];
-
-/// An open block: its opening directive and the state to restore at its end.
-pub(super) struct Block {
-    /// The opening directive: `AttributeBegin`, `TransformBegin` or `ObjectBegin`.
-    pub(super) begin: &'static str,
-    pub(super) source: Source,
-    saved: State,
-}
 
 /// The reader of one pbrt scene: the scene so far, the graphics state, and all named objects.
 #[derive(Default)]
 pub(super) struct Reader<'a> {
     pub(super) files: &'a dyn Files,
-    folder: PathBuf,
-    path: PathBuf,
+    pub(super) path: PathBuf,
     pub(super) log: Log,
     pub(super) scene: Scene,
     pub(super) state: State,
@@ -69,12 +50,12 @@ pub(super) struct Reader<'a> {
     pub(super) memory: Option<u64>,
     /// The places in the file of directives that should occur only once, by name.
     pub(super) once: BTreeMap<String, Source>,
-    including: Vec<PathBuf>,
-    included: usize,
+    pub(super) including: Vec<PathBuf>,
+    pub(super) included: usize,
     /// Number of `Shape` directives so far, including failed ones. `lights_met` counts directives that emit light.
     pub(super) shapes_met: usize,
     pub(super) lights_met: usize,
-    stopped: bool,
+    pub(super) stopped: bool,
 }
 
 impl<'a> Reader<'a> {
@@ -83,19 +64,9 @@ impl<'a> Reader<'a> {
         scene.name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         // pbrt-v4's default filter.
         scene.film.pixel_filter = PixelFilter::Gaussian { radius: [1.5, 1.5], sigma: 0.5 };
-        let (folder, path) = (path.parent().unwrap_or(Path::new("")).to_owned(), path.to_owned());
-        let (log, memory) = (Log::new(options.allow_unsupported), options.memory);
-        Self { files, folder, path, log, scene, memory, ..Self::default() }
-    }
-
-    pub(super) fn read(mut self) -> Result<Scene, ReadError> {
-        let whole = Source { file: Arc::new(self.path.clone()), line: 0 };
-        self.read_file(&self.path.clone(), &whole);
-        if !self.stopped {
-            self.check_complete(&whole);
-        }
-        self.scene.notices = self.log.finish()?;
-        Ok(self.scene)
+        let mut reader = Self { files, path: path.to_owned(), scene, memory: options.memory, ..Self::default() };
+        reader.log.allow_unsupported = options.allow_unsupported;
+        reader
     }
 
     /// Returns the bytes of a file that the scene names at `source`; `None`, with a reported problem, if it cannot be
@@ -112,122 +83,20 @@ impl<'a> Reader<'a> {
 
     /// Returns the path of a file that the scene names: relative to the folder of the main scene file.
     pub(super) fn resolve(&self, name: &str) -> PathBuf {
-        tidy(&self.folder.join(name))
+        tidy(&self.path.parent().unwrap_or(Path::new("")).join(name))
     }
 
-    fn read_file(&mut self, path: &Path, named_at: &Source) {
-        let Some(bytes) = self.load(path, named_at) else {
-            self.stopped |= self.including.is_empty();
-            return;
-        };
-        let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
-        let file = Arc::new(path.to_owned());
-        let text = match std::str::from_utf8(bytes) {
-            Ok(text) => text,
-            Err(e) => {
-                let good = &bytes[..e.valid_up_to()];
-                let line = 1 + good.iter().filter(|&&b| b == b'\n').count() as u32;
-                let what = format!("the byte at offset {} is not UTF-8; save the file as UTF-8", good.len());
-                self.log.problem(&Source { file, line }, what);
-                self.stopped = true;
-                return;
-            }
-        };
-        if self.including.is_empty() {
-            self.set_version(Version::of(text), named_at);
+    /// Returns the image of a file that the scene names. Decodes the file at its first use. `None`, with a reported
+    /// problem, if the file cannot be read.
+    pub(super) fn image(&mut self, name: &str, read_as: ReadAs, source: &Source) -> Option<Arc<Image>> {
+        let key = (self.resolve(name), read_as);
+        if let Some(image) = self.images.get(&key) {
+            return Some(image.clone());
         }
-        self.including.push(path.to_owned());
-        let mut directives = Directives::new(text, file);
-        while let Some(directive) = directives.next(&mut self.log) {
-            self.execute(directive);
-            if self.stopped {
-                return;
-            }
-        }
-        if !text.is_empty() && !text.ends_with('\n') {
-            let what = "the last line has no line break; if the file was cut off, something may be missing";
-            self.log.notice(&directives.here(), what);
-        }
-        self.including.pop();
-    }
-
-    /// Sets the pbrt version whose rules and defaults apply. Adds a notice for a version before pbrt-v4.
-    fn set_version(&mut self, version: Version, whole: &Source) {
-        self.context.version = version;
-        if version.is_old() {
-            let what =
-                format!("this file is written for an older version; it is read by the rules of {}", version.name());
-            self.log.notice(whole, what);
-            self.scene.film.resolution = [640, 480];
-            self.scene.film.pixel_filter = PixelFilter::Box { radius: [0.5, 0.5] };
-        }
-    }
-
-    fn execute(&mut self, mut d: Directive<'_>) {
-        if self.transform(&d) {
-            return;
-        }
-        let source = d.source.clone();
-        match d.word {
-            "ReverseOrientation" if self.in_world(&d) => self.state.reversed = !self.state.reversed,
-            "WorldBegin" => self.begin_world(&source),
-            "AttributeBegin" if self.in_world(&d) => self.begin_block("AttributeBegin", source),
-            "TransformBegin" if self.context.version.is_old() => self.begin_block("TransformBegin", source),
-            "TransformBegin" if self.in_world(&d) => {
-                let what = "TransformBegin is read as AttributeBegin, as pbrt-v4 does; write that instead";
-                self.log.notice(&source, what);
-                self.begin_block("TransformBegin", source);
-            }
-            "ObjectBegin" if self.in_world(&d) => self.begin_object(&d),
-            "ObjectInstance" if self.in_world(&d) => self.add_instance(&d),
-            "AttributeEnd" => self.end_block("AttributeBegin", &d),
-            "TransformEnd" => self.end_block("TransformBegin", &d),
-            "ObjectEnd" => self.end_block("ObjectBegin", &d),
-            "Attribute" => self.add_attributes(d),
-            "Include" | "Import" => self.include(&d.texts[0], &source),
-            "Option" => self.read_option(d),
-            "ColorSpace" if d.texts[0] != "srgb" => {
-                self.log.unsupported(&source, &format!("ColorSpace {}", shown(&d.texts[0])));
-            }
-            "ColorSpace" => {}
-            "Camera" | "Film" | "Sampler" | "Integrator" | "PixelFilter" if self.is_placed(&d, false) => {
-                self.read_rendering_option(d);
-            }
-            // Advice on speed, which does not change the image.
-            "Accelerator" => {}
-            "MakeNamedMaterial" => self.make_named_material(d),
-            "NamedMaterial" if self.in_world(&d) => {
-                self.state.material = MaterialRef::Named(d.texts.swap_remove(0).into(), Rc::new(source));
-            }
-            "Material" if self.in_world(&d) => self.set_material(d),
-            "Texture" if self.in_world(&d) => self.make_texture(d),
-            "Shape" if self.in_world(&d) => self.add_shape(d),
-            "AreaLightSource" if self.in_world(&d) => self.set_area_light(d),
-            "LightSource" if self.in_world(&d) => self.add_light(d),
-            "TransformTimes" if self.is_placed(&d, false) => self.set_times(&d),
-            "MakeNamedMedium" => self.make_medium(d),
-            "MediumInterface" => self.set_media(d),
-            "WorldEnd" if self.context.version.is_old() => {}
-            "WorldEnd" => self.log.notice(&source, "WorldEnd is not needed since pbrt-v4"),
-            "Renderer" | "SurfaceIntegrator" | "VolumeIntegrator" => self.read_old_transport(d),
-            "Volume" => self.log.unsupported(&source, "Volume (of pbrt-v2)"),
-            // A directive in the wrong part of the file, which has been reported.
-            _ => {}
-        }
-    }
-
-    fn in_world(&mut self, d: &Directive<'_>) -> bool {
-        self.is_placed(d, true)
-    }
-
-    /// Returns true if a directive stands where it belongs, before or after `WorldBegin`; else reports it.
-    fn is_placed(&mut self, d: &Directive<'_>, after: bool) -> bool {
-        let placed = self.once.contains_key("WorldBegin") == after;
-        if !placed {
-            let side = if after { "after" } else { "before" };
-            self.log.problem(&d.source, format!("{} belongs {side} WorldBegin; move it there", d.word));
-        }
-        placed
+        let image = decode(&self.load(&key.0, source)?, name, read_as);
+        let image = Arc::new(image.map_err(|e| self.log.problem(source, e.to_string())).ok()?);
+        self.images.insert(key, image.clone());
+        Some(image)
     }
 
     /// Records a directive that should occur only once. Adds a notice if it has occurred before.
@@ -235,16 +104,6 @@ impl<'a> Reader<'a> {
         if let Some(first) = self.once.insert(word.to_owned(), source.clone()) {
             self.log.notice(source, format!("a second {word} (the first is at {first}); this one counts"));
         }
-    }
-
-    fn begin_world(&mut self, source: &Source) {
-        if let Some(first) = self.once.get("WorldBegin").cloned() {
-            self.log.problem(source, format!("a second WorldBegin (the first is at {first}); remove one"));
-            return;
-        }
-        self.once.insert("WorldBegin".into(), source.clone());
-        self.state.ctm = Ctm::default();
-        self.spaces.insert("world".into(), [DAffine3::IDENTITY; 2]);
     }
 
     pub(super) fn begin_block(&mut self, begin: &'static str, source: Source) {
@@ -257,70 +116,41 @@ impl<'a> Reader<'a> {
         self.blocks.push(Block { begin, source, saved: self.state.clone() });
     }
 
-    fn end_block(&mut self, begin: &'static str, d: &Directive<'_>) {
-        match self.blocks.pop() {
-            Some(block) => {
-                if block.begin != begin {
-                    let what = format!("{} closes the {} of {}; they must match", d.word, block.begin, block.source);
-                    self.log.problem(&d.source, what);
-                }
-                if block.begin == "ObjectBegin" {
-                    self.object = None;
-                }
-                if block.begin == "TransformBegin" && self.context.version.is_old() {
-                    // In older versions such a block saves only the transform.
-                    self.state.ctm = block.saved.ctm;
-                } else {
-                    self.state = block.saved;
-                }
+    /// Replaces each file name in a spectrum parameter by the numbers in the file.
+    pub(super) fn load_spectra(&mut self, params: &mut [Param], source: &Source) {
+        for param in params.iter_mut().filter(|p| p.ty == Type::Spectrum) {
+            let Values::Texts(texts) = &param.values else { continue };
+            let [name] = &texts[..] else { continue };
+            if names().any(|known| known == name) {
+                continue;
             }
-            None => self.log.problem(&d.source, format!("{} without {begin}; remove it", d.word)),
+            let at = Source { line: param.line, ..source.clone() };
+            let name = name.clone();
+            param.values = self.spectrum_file(&name, &at).map_or(Values::Broken, Values::Numbers);
         }
     }
 
-    fn add_attributes(&mut self, mut d: Directive<'_>) {
-        self.load_spectra(&mut d.params, &d.source);
-        let kind = ATTRIBUTED.iter().find(|kind| **kind == d.texts[0]);
-        let Some(kind) = kind else {
-            let what = "is unknown; use shape, light, material, medium or texture";
-            self.log.problem(&d.source, format!("Attribute {} {what}", shown(&d.texts[0])));
-            return;
-        };
-        let list = Rc::make_mut(&mut self.state.attributes).entry(kind).or_default();
-        // Later parameters replace earlier ones of the same name.
-        list.retain(|old: &Param| d.params.iter().all(|new| new.name != old.name));
-        list.extend(d.params);
-        if list.len() > MOST_ATTRIBUTES {
-            let what = format!("more than {MOST_ATTRIBUTES} attributes of one kind; give them where they belong");
-            self.log.problem(&d.source, what);
-            self.stopped = true;
-        }
-    }
-
-    fn include(&mut self, name: &str, source: &Source) {
+    fn spectrum_file(&mut self, name: &str, at: &Source) -> Option<Vec<f64>> {
         let path = self.resolve(name);
-        self.included += 1;
-        if self.including.iter().any(|open| tidy(open) == path) {
-            self.log.problem(source, format!("{} includes itself; remove this Include", path.display()));
-        } else if self.including.len() > DEEPEST_INCLUDE {
-            self.log.problem(source, format!("files are included too deep; at most {DEEPEST_INCLUDE} may be open"));
-        } else if self.included > MOST_INCLUDES {
-            self.log.problem(source, format!("more than {MOST_INCLUDES} files are included; the rest is not read"));
-            self.stopped = true;
-        } else {
-            self.read_file(&path, source);
+        if self.files.read(&path).is_err_and(|e| e.kind() == ErrorKind::NotFound) {
+            let near = did_you_mean(name, names());
+            self.log.problem(at, format!("spectrum {} is neither known by name nor a file{near}", shown(name)));
+            return None;
         }
+        let read = numbers(&self.load(&path, at)?);
+        let file = Arc::new(path);
+        read.map_err(|(line, what)| self.log.problem(&Source { file, line }, what)).ok()
     }
 
-    fn read_option(&mut self, d: Directive<'_>) {
-        for param in &d.params {
-            // The only option that changes materials.
-            if param.name == "forcediffuse" && param.values != Values::Bools(vec![false]) {
-                self.log.unsupported(&d.source, "Option forcediffuse");
-            } else {
-                self.log.notice(&d.source, format!("Option {} is not followed", shown(&param.name)));
-            }
-        }
+    pub(super) fn material_named(&mut self, name: &str, source: &Source) -> MaterialId {
+        let item = |source| Material::new(name, default_kind(), source);
+        MaterialId(self.named_materials.used(name, source, &mut self.scene.materials, item) as u32)
+    }
+
+    pub(super) fn medium_named(&mut self, name: Option<&str>, source: &Source) -> Option<MediumId> {
+        let (name, none) = (name?, [0.0; 3]);
+        let item = |source| Medium { name: name.to_owned(), absorption: none, scattering: none, g: 0.0, source };
+        Some(MediumId(self.named_media.used(name, source, &mut self.scene.media, item) as u32))
     }
 
     /// Returns the parameters of a directive, with those that `Attribute` added for directives of `kind` (`shape`,
@@ -333,21 +163,8 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// Returns the message for an unknown name. It suggests the nearest known name or, if none is near, gives `advice`.
-pub(super) fn unknown_name<'k>(
-    what: &str,
-    name: &str,
-    known: impl IntoIterator<Item = &'k (impl AsRef<str> + ?Sized + 'k)>,
-    advice: &str,
-) -> String {
-    match nearest_name(name, known.into_iter().map(AsRef::as_ref)) {
-        Some(near) => format!("unknown {what} {}; did you mean \"{near}\"?", shown(name)),
-        None => format!("unknown {what} {}; {advice}", shown(name)),
-    }
-}
-
 /// Returns a path without `.` components, and without `..` components that follow a folder's name.
-fn tidy(path: &Path) -> PathBuf {
+pub(super) fn tidy(path: &Path) -> PathBuf {
     let mut tidy = PathBuf::new();
     for part in path.components() {
         match part {
@@ -359,4 +176,75 @@ fn tidy(path: &Path) -> PathBuf {
         }
     }
     tidy
+}
+
+/// The graphics state, which `AttributeBegin` saves and `AttributeEnd` restores.
+#[derive(Clone, Debug, Default)]
+pub(super) struct State {
+    /// The current transformation matrix: from the current space to world space (before `WorldBegin`, to camera space).
+    pub(super) ctm: Ctm,
+    pub(super) reversed: bool,
+    pub(super) material: MaterialRef,
+    pub(super) emission: Option<AreaLight>,
+    pub(super) media: Option<Rc<MediaRef>>,
+    /// Parameters that `Attribute` adds to directives, for each kind of directive.
+    pub(super) attributes: Rc<BTreeMap<&'static str, Vec<Param>>>,
+}
+
+/// The current transformation matrix at the start and at the end of the motion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Ctm {
+    pub(super) start: DAffine3,
+    pub(super) end: DAffine3,
+    /// Two flags: directives change the transform at the start; directives change the transform at the end.
+    pub(super) active: [bool; 2],
+}
+
+impl Default for Ctm {
+    fn default() -> Self {
+        Self { start: DAffine3::IDENTITY, end: DAffine3::IDENTITY, active: [true, true] }
+    }
+}
+
+impl Ctm {
+    /// Returns the transform at the end of the motion; `None` if it equals [`start`](Self::start).
+    pub(super) fn moves_to(&self) -> Option<DAffine3> {
+        (self.end != self.start).then_some(self.end)
+    }
+}
+
+/// The arguments of `AreaLightSource`, for the emission of subsequent shapes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct AreaLight {
+    /// Radiance, linear RGB, with the parameter `scale` applied.
+    pub(super) radiance: [f32; 3],
+    pub(super) two_sided: bool,
+    /// Total power of each shape, if given. A shape's radiance is then `radiance * power / (pi * area)`, with the area
+    /// of both sides if two-sided.
+    pub(super) power: Option<f64>,
+}
+
+/// The names of media in a `MediumInterface`. As in pbrt, names are looked up at the end of the file.
+#[derive(Clone, Debug)]
+pub(super) struct MediaRef {
+    pub(super) inside: Option<String>,
+    pub(super) outside: Option<String>,
+    pub(super) source: Source,
+}
+
+/// The current material: the default, an index, or a name. As in pbrt, names are looked up at the end of the file.
+#[derive(Clone, Debug, Default)]
+pub(super) enum MaterialRef {
+    #[default]
+    Default,
+    Made(MaterialId),
+    Named(Rc<str>, Rc<Source>),
+}
+
+/// An open block: its opening directive and the state to restore at its end.
+pub(super) struct Block {
+    /// The opening directive: `AttributeBegin`, `TransformBegin` or `ObjectBegin`.
+    pub(super) begin: &'static str,
+    pub(super) source: Source,
+    pub(super) saved: State,
 }

@@ -1,13 +1,10 @@
 //! Conversion of colours, spectra and named metals, glasses and illuminants to linear RGB. Files of spectra.
 
 use super::colorimetry::{Sampled, blackbody, blackbody_of_peak_one, rgb_of_chromaticity, rgb_of_xyz};
-use super::directive::shown;
-use super::legacy::Version;
-use super::params::{Param, Params, Type, Values, did_you_mean};
-use super::reader::Reader;
-use crate::Source;
+use super::params::{Params, Type, Values};
+use super::tokens::shown;
+use super::version::Version;
 use glam::DVec3;
-use std::io::ErrorKind;
 use std::str::FromStr;
 
 /// The valid range of a colour, and the illuminant under which a spectrum is converted.
@@ -178,41 +175,12 @@ fn illuminant(name: &str) -> Option<[f32; 3]> {
 }
 
 /// The names of the known metals, glasses and illuminants of pbrt-v4.
-fn names() -> impl Iterator<Item = &'static str> {
+pub(super) fn names() -> impl Iterator<Item = &'static str> {
     NAMED.lines().filter_map(|line| line.split('\t').next())
 }
 
-impl Reader<'_> {
-    /// Replaces each file name in a spectrum parameter by the numbers in the file.
-    pub(super) fn load_spectra(&mut self, params: &mut [Param], source: &Source) {
-        for param in params.iter_mut().filter(|p| p.ty == Type::Spectrum) {
-            let Values::Texts(texts) = &param.values else { continue };
-            let [name] = &texts[..] else { continue };
-            if names().any(|known| known == name) {
-                continue;
-            }
-            let at = Source { line: param.line, ..source.clone() };
-            let name = name.clone();
-            param.values = self.spectrum_file(&name, &at).map_or(Values::Broken, Values::Numbers);
-        }
-    }
-
-    fn spectrum_file(&mut self, name: &str, at: &Source) -> Option<Vec<f64>> {
-        let path = self.resolve(name);
-        let missing = self.files.read(&path).err().filter(|e| e.kind() == ErrorKind::NotFound);
-        if missing.is_some() {
-            let near = did_you_mean(name, names());
-            self.log.problem(at, format!("spectrum {} is neither known by name nor a file{near}", shown(name)));
-            return None;
-        }
-        let read = numbers(&self.load(&path, at)?);
-        let file = std::sync::Arc::new(path);
-        read.map_err(|(line, what)| self.log.problem(&Source { file, line }, what)).ok()
-    }
-}
-
 /// Parses all numbers of a text; `#` begins a comment. The error is the line, from 1, and a message.
-fn numbers(bytes: &[u8]) -> Result<Vec<f64>, (u32, String)> {
+pub(super) fn numbers(bytes: &[u8]) -> Result<Vec<f64>, (u32, String)> {
     let mut numbers = Vec::new();
     for (line, content) in (1..).zip(bytes.split(|&b| b == b'\n')) {
         let content = content.split(|&b| b == b'#').next().unwrap_or_default();
@@ -224,27 +192,4 @@ fn numbers(bytes: &[u8]) -> Result<Vec<f64>, (u32, String)> {
         }
     }
     Ok(numbers)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn metals_have_names() {
-        assert_eq!(metal("metal-Cu-eta"), Some([0.200_437_7, 0.924_033_4, 1.102_212]));
-        assert_eq!(metal("metal-Cu-j"), None);
-        assert_eq!(metal("metal-Xx-k"), None);
-        assert_eq!((glass("glass-BK7"), glass("glass-BK"), glass("metal-Cu-k")), (Some(1.5168), None, None));
-        assert!(names().all(|name| metal(name).is_some() || glass(name).is_some() || illuminant(name).is_some()));
-        assert_eq!(did_you_mean("metal-Cu-etta", names()), "; did you mean \"metal-Cu-eta\"?");
-    }
-
-    #[test]
-    fn files_of_numbers() {
-        assert_eq!(numbers(b"# gold\n400 1.5\r\n500 2e0 # end\n").unwrap(), [400.0, 1.5, 500.0, 2.0]);
-        let (line, what) = numbers(b"400 1\n500 x").unwrap_err();
-        assert!(line == 2 && what.contains("\"x\" is not a number"));
-        assert!(numbers(b"400 nan").is_err() && numbers(b"\xff").is_err());
-    }
 }

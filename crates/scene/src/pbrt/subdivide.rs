@@ -171,13 +171,9 @@ impl Control {
                 positions.push((pa + pb) * (3.0 / 8.0) + (pc + pd) * (1.0 / 8.0));
             }
         }
-        let parts = self
-            .faces
-            .iter()
-            .zip(&middles)
-            .flat_map(|(&[a, b, c], &[ab, bc, ca])| [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
-        let faces = parts.collect();
-        Ok(Self::new(positions, faces))
+        let faces = self.faces.iter().zip(&middles);
+        let parts = faces.flat_map(|(&[a, b, c], &[ab, bc, ca])| [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
+        Ok(Self::new(positions, parts.collect()))
     }
 
     /// Returns the mesh with each vertex moved to its limit position, and with normals.
@@ -264,59 +260,4 @@ fn neighbors(edges: &[(u32, u32, u32, u8)], faces: usize) -> Vec<[u32; 3]> {
         }
     }
     neighbors
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use glam::dvec3;
-
-    fn octahedron() -> (Vec<DVec3>, Vec<[u32; 3]>) {
-        let positions = [DVec3::X, -DVec3::X, DVec3::Y, -DVec3::Y, DVec3::Z, -DVec3::Z].to_vec();
-        let faces = [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]];
-        (positions, faces.to_vec())
-    }
-
-    /// The limit of a corner is half as far from the centre, as calculated by hand: with valence 4,
-    /// gamma = 1 / (4 + 3 / (8 * 3/32)) = 1/8, and the neighbours of a corner have their mean at the origin.
-    #[test]
-    fn corners_of_an_octahedron() {
-        let (positions, faces) = octahedron();
-        for levels in 0..4 {
-            let mesh = subdivide(positions.clone(), faces.clone(), levels).unwrap();
-            assert_eq!(mesh.triangles.len(), 8 << (2 * levels));
-            // Closed: Euler's formula.
-            assert_eq!(mesh.positions.len(), mesh.triangles.len() / 2 + 2);
-            // The limit of a corner does not depend on the level at which it is taken.
-            assert!((mesh.positions[0] - DVec3::X * 0.5).length() < 1e-12, "{levels}: {}", mesh.positions[0]);
-            // pbrt's normals point inwards for faces that wind outwards.
-            assert!((DVec3::from_array(mesh.normals[4].map(f64::from)) + DVec3::Z).length() < 1e-6);
-            assert!(mesh.check().is_ok());
-        }
-    }
-
-    /// A flat sheet stays flat, and its normals point opposite to the winding, as in pbrt.
-    #[test]
-    fn sheets_stay_flat() {
-        let positions: Vec<DVec3> = (0..9).map(|i| dvec3(f64::from(i % 3), f64::from(i / 3), 7.0)).collect();
-        let cell = |i: u32| [[i, i + 1, i + 4], [i, i + 4, i + 3]];
-        let faces: Vec<[u32; 3]> = [0, 1, 3, 4].into_iter().flat_map(cell).collect();
-        let mesh = subdivide(positions, faces, 2).unwrap();
-        assert_eq!(mesh.triangles.len(), 128);
-        assert!(mesh.positions.iter().all(|p| (p.z - 7.0).abs() < 1e-12));
-        assert!(mesh.normals.iter().all(|n| (n[2] + 1.0).abs() < 1e-6), "{:?}", mesh.normals);
-        assert!((mesh.positions[4] - dvec3(1.0, 1.0, 7.0)).length() < 1e-12);
-    }
-
-    #[test]
-    fn unfit_meshes_are_refused() {
-        let points = |n: usize| (0..n).map(|i| dvec3(i as f64, (i * i) as f64, 1.0)).collect::<Vec<_>>();
-        assert_eq!(subdivide(points(3), vec![[0, 1, 1]], 1), Err(Unfit::Collapsed(0)));
-        // Two triangles that turn against each other, and three on one edge: an answer, whatever it is.
-        for faces in [vec![[0, 1, 2], [0, 1, 3]], vec![[0, 1, 2], [1, 0, 3], [0, 1, 4]], vec![[0, 1, 2]; 5]] {
-            let _ = subdivide(points(5), faces, 3);
-        }
-        // A vertex without faces stays.
-        assert_eq!(subdivide(points(4), vec![[0, 1, 2]], 0).unwrap().positions[3], points(4)[3]);
-    }
 }

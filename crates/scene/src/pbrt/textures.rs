@@ -1,50 +1,20 @@
 //! Textures of pbrt scenes, by name, and the images that a scene names. Constant textures become plain values.
 
-use super::directive::{Directive, shown};
-use super::legacy::Version;
+use super::directive::Directive;
+use super::images::{Channel, Decoding};
 use super::params::Params;
-use super::reader::{Reader, unknown_name};
+use super::reader::Reader;
 use super::spectra::Gamut;
-use crate::image::{Encoding, Image, read_image};
-use crate::{Color, Scalar, Source, TextureId, TextureKind, Wrap};
-use std::collections::BTreeMap;
-use std::path::PathBuf;
+use super::tokens::shown;
+use super::version::Version;
+use crate::{Color, Scalar, TextureId, TextureKind, Wrap};
 use std::rc::Rc;
-use std::sync::Arc;
 
 /// The colour in place of an unsupported or invalid texture.
 const GREY: Color = Color::Constant([0.5; 3]);
 
 /// The deepest nesting of textures within textures. A look-up evaluates all levels.
 const DEEPEST_TEXTURE: u32 = 8;
-
-/// The textures defined so far, by name.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Textures {
-    spectra: BTreeMap<String, Color>,
-    /// Float textures by name. `Err` holds the name of an unsupported class of texture.
-    floats: BTreeMap<String, Result<Scalar, String>>,
-}
-
-impl Textures {
-    /// Returns the spectrum (colour) texture with this name. The error is a message for an unknown name.
-    pub(super) fn spectrum(&self, name: &str) -> Result<Color, String> {
-        let wrong = self.floats.contains_key(name).then_some("it is a float texture, and a spectrum texture is needed");
-        self.spectra.get(name).copied().ok_or_else(|| unknown_texture(name, self.spectra.keys(), wrong))
-    }
-
-    /// Returns the float texture with this name. The outer error is a message for an unknown name. The inner error
-    /// names an unsupported class of texture.
-    pub(super) fn float(&self, name: &str) -> Result<&Result<Scalar, String>, String> {
-        let wrong =
-            self.spectra.contains_key(name).then_some("it is a spectrum texture, and a float texture is needed");
-        self.floats.get(name).ok_or_else(|| unknown_texture(name, self.floats.keys(), wrong))
-    }
-}
-
-fn unknown_texture<'k>(name: &str, known: impl IntoIterator<Item = &'k String>, wrong: Option<&str>) -> String {
-    unknown_name("texture", name, known, wrong.unwrap_or("make it by Texture above this line"))
-}
 
 impl Reader<'_> {
     /// Executes `Texture`: defines a named texture.
@@ -64,14 +34,13 @@ impl Reader<'_> {
                 return;
             }
         };
-        let known = params.context.textures.clone();
+        let known = &params.context.textures;
         let made = if colors { known.spectra.contains_key(name) } else { known.floats.contains_key(name) };
         match made {
             true if old => params.notice(line, format!("texture {} is made anew", shown(name))),
             true => params.problem(line, format!("{ty} texture {} is made twice; rename one", shown(name))),
             false => {}
         }
-        drop(known);
         let color = self.texture_color(name, class, colors, &mut params);
         if color.is_none() {
             params.ignore_rest();
@@ -188,7 +157,7 @@ impl Reader<'_> {
             params.ignore(&["trilinear"]);
         }
         let Some((file, line)) = params.needed_text("filename") else { return GREY };
-        let decoding = self.decoding(params, &file);
+        let decoding = Decoding::of(params, &file);
         let channel = match colors {
             true => Channel::Rgb,
             false if self.context.version.is_old() => Channel::Luminance,
@@ -274,111 +243,4 @@ fn mapping(params: &mut Params) -> ([f32; 2], [f32; 2]) {
     let scale = [read("uscale", 1.0), read("vscale", 1.0)];
     let shift = [read("udelta", 0.0), read("vdelta", 0.0)];
     (scale, shift)
-}
-
-/// Decoded images by path, decoding of integers, and channel.
-pub(super) type Images = BTreeMap<(PathBuf, Decoding, Channel), Arc<Image>>;
-
-/// The conversion of an image file's integers to linear intensity.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Decoding {
-    Srgb,
-    Linear,
-    /// Raises the integer, scaled to 0..=1, to this power. Holds the bits of an `f32`, so that the type can be a map
-    /// key.
-    Gamma(u32),
-}
-
-/// The part of an image's pixels that a texture reads.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Channel {
-    /// The colour (RGB).
-    Rgb,
-    /// Opacity if it is not 1 everywhere, else the mean of R, G and B, as in pbrt-v4.
-    AlphaOrMean,
-    /// Luminance of the colour, as in pbrt-v2 and v3.
-    Luminance,
-}
-
-impl Channel {
-    fn of(self, mut image: Image) -> Image {
-        // A float texture does not need the opacity besides its values.
-        let alpha = if self == Self::Rgb { Vec::new() } else { std::mem::take(&mut image.alpha) };
-        match self {
-            Self::Rgb => {}
-            Self::AlphaOrMean if !alpha.is_empty() => {
-                image.pixels = alpha.into_iter().map(|a| [a; 3]).collect();
-            }
-            Self::AlphaOrMean => image.pixels.iter_mut().for_each(|p| *p = [(p[0] + p[1] + p[2]) / 3.0; 3]),
-            Self::Luminance => {
-                // The weights of pbrt-v3's RGB spectra.
-                let y = |p: &[f32; 3]| 0.212_671 * p[0] + 0.715_160 * p[1] + 0.072_169 * p[2];
-                image.pixels.iter_mut().for_each(|p| *p = [y(p); 3]);
-            }
-        }
-        image
-    }
-}
-
-impl Reader<'_> {
-    /// Returns the image of a file that the scene names. Decodes the file at its first use. `None`, with a reported
-    /// problem, if the file cannot be read.
-    pub(super) fn image(&mut self, name: &str, read_as: (Decoding, Channel), source: &Source) -> Option<Arc<Image>> {
-        let (decoding, channel) = read_as;
-        let key = (self.resolve(name), decoding, channel);
-        if let Some(image) = self.images.get(&key) {
-            return Some(image.clone());
-        }
-        let bytes = self.load(&key.0, source)?;
-        let encoding = if decoding == Decoding::Srgb { Encoding::Srgb } else { Encoding::Linear };
-        let read = read_image(&bytes, name, encoding).and_then(|image| image.checked_finite(name));
-        let mut image = read.map_err(|e| self.log.problem(source, e.to_string())).ok()?;
-        if let Decoding::Gamma(bits) = decoding
-            && holds_integers(&bytes)
-        {
-            let gamma = f32::from_bits(bits);
-            image.pixels.iter_mut().for_each(|p| *p = p.map(|c| c.powf(gamma)));
-        }
-        let image = Arc::new(channel.of(image));
-        self.images.insert(key, image.clone());
-        Some(image)
-    }
-
-    /// Returns the decoding of an image map's integers, from the directive's parameters and the version of pbrt.
-    pub(super) fn decoding(&self, params: &mut Params, file: &str) -> Decoding {
-        match self.context.version {
-            Version::V2 => {
-                let gamma = params.float("gamma", 1.0, |v| v > 0.0, "above 0");
-                if gamma != 1.0 {
-                    params.unsupported(params.line(), "an image with a gamma other than 1 (of pbrt-v2)");
-                }
-                Decoding::Linear
-            }
-            Version::V3 => {
-                let integers = [".tga", ".png"].iter().any(|e| file.to_ascii_lowercase().ends_with(e));
-                if params.flag("gamma", integers) { Decoding::Srgb } else { Decoding::Linear }
-            }
-            Version::V4 => match params.text("encoding") {
-                None => Decoding::Srgb,
-                Some((text, line)) => match text.split_ascii_whitespace().collect::<Vec<_>>()[..] {
-                    ["sRGB"] => Decoding::Srgb,
-                    ["linear"] => Decoding::Linear,
-                    ["gamma", power] if power.parse::<f32>().is_ok_and(|p| p > 0.0 && p.is_finite()) => {
-                        Decoding::Gamma(power.parse::<f32>().unwrap_or(1.0).to_bits())
-                    }
-                    _ => {
-                        let what = format!("must be sRGB, linear, or gamma and a number above 0, not {}", shown(&text));
-                        params.bad("encoding", line, what);
-                        Decoding::Srgb
-                    }
-                },
-            },
-        }
-    }
-}
-
-/// Returns true if a file's values are encoded integers, false for OpenEXR, Radiance HDR and PFM files, which hold
-/// linear values.
-fn holds_integers(bytes: &[u8]) -> bool {
-    ![&b"\x76\x2f\x31\x01"[..], b"#?", b"PF", b"Pf"].iter().any(|magic| bytes.starts_with(magic))
 }

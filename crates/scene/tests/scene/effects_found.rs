@@ -428,3 +428,15 @@ fn light_found_by_chance() {
     let found = chance(&point).expect("a point");
     assert!((found.source.line, found.objects) == (200, 2) && found.because.contains("not found at all"), "{found:?}");
 }
+
+#[test]
+fn names_are_distinct_and_parse() {
+    for (i, effect) in Effect::ALL.into_iter().enumerate() {
+        assert_eq!(effect.name().parse(), Ok(effect));
+        assert_eq!(effect as usize, i, "in the order of ALL");
+    }
+    let near = "soft-shadow".parse::<Effect>().map_err(|e| e.to_string());
+    assert_eq!(near, Err("unknown effect \"soft-shadow\"; did you mean \"soft-shadows\"?".into()));
+    let wrong = "soft".parse::<Effect>().map_err(|e| e.to_string());
+    assert!(wrong.is_err_and(|e| e.starts_with("unknown effect \"soft\"; choose among soft-shadows, several")));
+}

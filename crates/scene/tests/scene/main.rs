@@ -2,15 +2,19 @@
 
 mod bundled;
 mod effects_found;
+mod effects_removed;
 mod fuzz_corpus;
 mod gltf;
 mod image;
 #[cfg(target_os = "linux")] // Reads /proc.
 mod image_memory;
+mod model_views;
 mod models;
 mod reader_directives;
 mod reader_hard;
+mod reader_made;
 mod reader_messages;
 mod reader_old;
+mod reader_parts;
 mod reader_scenes;
 mod support;

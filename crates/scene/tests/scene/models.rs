@@ -279,3 +279,20 @@ fn extensions_decide_and_directories_are_refused_i10() {
         assert!(read_any(&path, &options).unwrap_err().to_string().contains("not a regular file"));
     }
 }
+
+#[test]
+fn wrong_statements_of_materials_are_left_out_and_noted() {
+    let mtl = b"newmtl red\nKd 1 0 0\nKs 0.5 0.5 0.5\nd 1\nillum 2\n\
+        newmtl\nnewmtl short\nKd 1 2\nmap_Kd -s 2 2 1 brick wall.png\nmap_Kd\n\
+        newmtl a b\nKd nan 0 0\nKd 2 -1 0.5\nmap_Kd wood \xff.png\nd 0.5\nillum x\nNs\n";
+    let face = |name: &str| format!("usemtl {name}\nf 1 2 3\n");
+    let obj = ["mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\n".into(), face("red"), face("short"), face("a b")].concat();
+    let scene = read(&[("m.obj", obj.as_bytes()), ("m.mtl", mtl)]).unwrap();
+    let colors = [0, 1, 2].map(|shape| reflectance(&scene, shape));
+    assert_eq!(colors, [[1.0, 0.0, 0.0], [0.5; 3], [1.0, 0.0, 0.5]].map(Color::Constant));
+    let noted: Vec<_> = scene.notices.iter().map(|n| n.source.line).collect();
+    assert_eq!(noted, [8, 9, 10, 12, 0, 7, 11]);
+    for (notice, what) in [(4, "Ks, d not followed"), (5, "wall.png: "), (6, "wood \u{fffd}.png: ")] {
+        assert!(scene.notices[notice].message.contains(what), "{}", scene.notices[notice].message);
+    }
+}

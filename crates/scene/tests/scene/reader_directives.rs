@@ -1,6 +1,7 @@
 //! Directives of pbrt-v4, materials and textures: the descriptions that they make.
 
 use crate::reader_messages::*;
+use dapple_scene::pbrt::{ReadOptions, read_scene_from};
 use dapple_scene::{
     Color, ConductorFresnel, EnvironmentRadiance, Geometry, LightKind, MaterialKind, MediumInterface, Projection,
     Scalar, SpotFalloff, TextureKind, Wrap,
@@ -345,4 +346,61 @@ fn numbers_are_opacity_where_an_image_has_any() {
     // Opaque throughout, it is as if there were none.
     let [numbers, _] = image_of("opaque.png");
     assert!(close(numbers[0], [120.0 / 255.0; 3], 1e-6) && numbers[1] == [0.0; 3], "{numbers:?}");
+}
+
+/// The illuminance under an environment of radiance 1 is pi.
+#[test]
+fn white_skies() {
+    let light = |size: [u32; 2], dark: u32| {
+        let image = pfm(size, |i| [if i < dark { 0.0 } else { 1.0 }; 3]);
+        let text = "Camera \"perspective\"\nWorldBegin\nShape \"sphere\"\nLightSource \"infinite\" \"string filename\" \"sky.pfm\" \"float illuminance\" 3.14159265\n";
+        let files: &[(&str, &[u8])] = &[("s.pbrt", text.as_bytes()), ("sky.pfm", &image)];
+        let scene = read_scene_from(files, "s.pbrt", &ReadOptions::default()).map_err(|e| e.to_string())?;
+        match &scene.lights[0].kind {
+            LightKind::Infinite { radiance: EnvironmentRadiance::LatLong { scale, .. } } => Ok(*scale),
+            // pbrt-v4 takes half of what a square gives.
+            LightKind::Infinite { radiance: EnvironmentRadiance::EqualArea { scale, .. } } => Ok(scale / 2.0),
+            other => Err(format!("{other:?}")),
+        }
+    };
+    for size in [[128, 64], [64, 64]] {
+        assert!((light(size, 0).unwrap() - 1.0).abs() < 1e-3, "{size:?}");
+    }
+    assert!(light([8, 4], 16).is_err_and(|e| e.contains("gives no light from above")));
+}
+
+#[test]
+fn spectra_have_names_or_files() {
+    let spectrum = |name: &str, eta: &str| format!("Material \"{name}\" \"spectrum eta\" \"{eta}\"");
+    let metal = |name: &str| kind(&spectrum("conductor", name));
+    assert!(format!("{:?}", metal("metal-Cu-eta")).contains("eta: [0.2004377, 0.9240334, 1.102212]"));
+    let index = |name: &str| match kind(&spectrum("dielectric", name)) {
+        MaterialKind::Dielectric { eta, .. } => eta,
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(index("glass-BK7"), 1.5168);
+    // Each is known: others are errors.
+    for line in include_str!("../../src/pbrt/spectra.tsv").lines() {
+        let name = line.split('\t').next().expect("a name");
+        match name.split('-').next() {
+            Some("metal") => drop(metal(name)),
+            Some("glass") => assert!(index(name) > 1.0, "{name}"),
+            _ => drop(light(&format!("LightSource \"point\" \"spectrum I\" \"{name}\""))),
+        }
+    }
+    for (material, name, what) in [
+        ("conductor", "metal-Cu-j", "neither known by name nor a file"),
+        ("conductor", "metal-Xx-k", "neither known by name nor a file"),
+        ("conductor", "metal-Cu-etta", "; did you mean \"metal-Cu-eta\"?"),
+        ("dielectric", "glass-BK", "neither known by name nor a file"),
+        ("dielectric", "metal-Cu-k", "spectrum \"metal-Cu-k\" as eta of Material \"dielectric\" is not supported"),
+        ("dielectric", "bad.spd", "bad.spd:2: \"one\" is not a number"),
+        ("dielectric", "nan.spd", "nan.spd:1: \"nan\" is not a number"),
+        ("dielectric", "bytes.spd", "bytes.spd:1: this is not UTF-8"),
+    ] {
+        let found = complaint(&spectrum(material, name));
+        assert!(found.contains(what), "{found}");
+    }
+    // Between its values at 500 and 600 nm.
+    assert!((index("glass.spd") - 1.938).abs() < 1e-6);
 }

@@ -30,7 +30,7 @@ fn rgba(format: ImageFormat, pixels: [[u8; 4]; 2]) -> Vec<u8> {
     bytes.into_inner()
 }
 
-fn read_with(text: &str, options: &ReadOptions) -> Result<Scene, ReadError> {
+pub(crate) fn read_with(text: &str, options: &ReadOptions) -> Result<Scene, ReadError> {
     let mut files: BTreeMap<PathBuf, Vec<u8>> = BTreeMap::new();
     files.insert("s.pbrt".into(), text.as_bytes().to_vec());
     files.insert("square.pfm".into(), pfm([32, 32], |_| [1.0, 2.0, 3.0]));
@@ -41,6 +41,9 @@ fn read_with(text: &str, options: &ReadOptions) -> Result<Scene, ReadError> {
     files.insert("opaque.png".into(), rgba(ImageFormat::Png, [[60, 120, 180, 255], [0, 0, 0, 255]]));
     files.insert("flat.spd".into(), b"# no colour\n400 0.25\n700 0.25\n".to_vec());
     files.insert("bad.spd".into(), b"400 1\n500 one\n".to_vec());
+    files.insert("nan.spd".into(), b"400 nan\n".to_vec());
+    files.insert("bytes.spd".into(), b"\xff".to_vec());
+    files.insert("glass.spd".into(), b"# glass\n500 1.5\r\n600 2e0 # end\n".to_vec());
     files.insert("loop-a.pbrt".into(), b"Include \"loop-b.pbrt\"\n".to_vec());
     files.insert("loop-b.pbrt".into(), b"Include \"./loop-a.pbrt\"\n".to_vec());
     files.insert("part.pbrt".into(), b"Shape \"sphere\"\n".to_vec());

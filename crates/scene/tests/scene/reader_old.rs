@@ -1,6 +1,6 @@
 //! Files of pbrt-v2 and pbrt-v3.
 
-use crate::reader_messages::pfm;
+use crate::reader_messages::{WORLD, pfm, read_with};
 use dapple_scene::ReadError;
 use dapple_scene::pbrt::{ReadOptions, read_scene_from};
 use dapple_scene::{
@@ -148,4 +148,43 @@ fn transform_blocks_keep_the_rest() {
     assert_eq!(scene.shapes[1].to_world.translation, DVec3::ZERO);
     assert_eq!(scene.shapes[0].material, scene.shapes[1].material);
     assert!(!said(&scene).contains("TransformBegin"));
+}
+
+#[test]
+fn versions_by_their_words() {
+    for (before, within, end, version) in [
+        ("Film \"image\"", "Material \"matte\"", "WorldEnd", 2),
+        ("Integrator \"path\"", "Material \"matte\" \"color Kd\" [1 1 1]", "", 3),
+        ("Integrator \"path\"\nFilm \"rgb\"", "Material \"diffuse\"", "", 4),
+        ("SurfaceIntegrator \"path\"", "", "", 2),
+        ("", r#"MakeNamedMaterial "m" "string type" "uber""#, r#"MakeNamedMedium "x" "string type" "homogeneous""#, 3),
+        // One mark of the newest version outweighs the older ones.
+        ("Film \"rgb\"", "Material \"matte\"", "WorldEnd", 4),
+        ("", "MakeNamedMaterial \"matte\" \"string type\" [\"diffuse\"]", "", 4),
+        // The name of a material is no type.
+        ("", "MakeNamedMaterial \"matte\" \"string type\" [\"none\"]", "", 4),
+        ("", "", "", 4),
+    ] {
+        let text = format!("{before}\n{WORLD}LightSource \"point\"\nShape \"sphere\"\n{within}\n{end}\n");
+        let options = ReadOptions { allow_unsupported: true, ..ReadOptions::default() };
+        let said = said(&read_with(&text, &options).unwrap_or_else(|e| panic!("{text}: {e}")));
+        let old = (2..4).find(|version| said.contains(&format!("the rules of pbrt-v{version}")));
+        assert_eq!(old.unwrap_or(4), version, "{text}: {said}");
+    }
+}
+
+#[test]
+fn roughness_of_older_versions() {
+    let alpha = |version: u32, roughness: f32| {
+        let kind = kind(version, &format!("Material \"plastic\" \"float roughness\" {roughness}"));
+        let MaterialKind::Plastic { roughness, .. } = kind else { panic!("{kind:?}") };
+        roughness.constants().expect("constants")[0]
+    };
+    assert!((alpha(2, 0.001) - (2.0f32 / 1002.0).sqrt()).abs() < 1e-7);
+    assert_eq!(alpha(2, 0.0), alpha(2, 1e-9));
+    assert!((alpha(2, 1e30) - 1.0).abs() < 1e-7);
+    // Worked out by hand at roughness 1 and 0.1.
+    assert_eq!(alpha(3, 1.0), 1.62142);
+    assert!((alpha(3, 0.1) - 0.4618).abs() < 2e-4, "{}", alpha(3, 0.1));
+    assert_eq!(alpha(3, 0.0), alpha(3, 1e-3));
 }

@@ -243,3 +243,42 @@ fn extensions_tell_the_format() {
         assert!(message.contains(".exr, .pfm or .png"), "{message}");
     }
 }
+
+#[test]
+fn bytes_are_the_nearest_to_the_curve() {
+    let values: Vec<f32> = (0..=200_000).map(|i| i as f32 / 200_000.0).collect();
+    let image = Image::new([200_001, 1], values.iter().map(|v| [*v; 3]).collect()).unwrap();
+    let bytes = bytes_of(&encode_png(&image, 0.0).unwrap());
+    for (x, byte) in values.iter().zip(bytes.chunks_exact(3)) {
+        assert!((f64::from(byte[0]) - 255.0 * srgb_encode(f64::from(*x))).abs() <= 0.5 + 1e-9, "{x}");
+    }
+}
+
+/// A value turns from one byte to the next at the middle between both, divided by the power of two.
+#[test]
+fn exposure_is_a_power_of_two() {
+    for i in -400i32..400 {
+        let stops = i as f32 / 40.0;
+        let middle = srgb_decode((f64::from(i.rem_euclid(255)) + 0.5) / 255.0) / f64::from(stops).exp2();
+        let beside = [1.0 - 2e-7, 1.0 + 2e-7].map(|factor| [(middle * factor) as f32; 3]);
+        let bytes = bytes_of(&encode_png(&Image::new([2, 1], beside.to_vec()).unwrap(), stops).unwrap());
+        assert_eq!([bytes[0], bytes[3]].map(i32::from), [0, 1].map(|next| i.rem_euclid(255) + next), "{stops}");
+    }
+}
+
+#[test]
+fn the_curve_is_the_standards_within_1e_14() {
+    for i in 0..=100_000 {
+        let x = f64::from(i) / 100_000.0;
+        let decoded = if x <= 0.04045 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) };
+        let encoded = if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 };
+        assert!((srgb_decode(x) - decoded).abs() < 1e-14, "decode {x}: {} {decoded}", srgb_decode(x));
+        assert!((srgb_encode(x) - encoded).abs() < 1e-14, "encode {x}: {} {encoded}", srgb_encode(x));
+    }
+}
+
+#[test]
+fn out_of_range_is_clamped() {
+    let clamped = |f: fn(f64) -> f64| [f64::NAN, -1.0, f64::NEG_INFINITY, 7.0, f64::INFINITY].map(f);
+    assert_eq!([srgb_decode, srgb_encode].map(clamped), [[0.0, 0.0, 0.0, 1.0, 1.0]; 2]);
+}

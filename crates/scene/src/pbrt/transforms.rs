@@ -1,79 +1,13 @@
-//! The graphics state: transform, material, emission and media that apply to subsequent shapes and lights. Directives
-//! that change the transform.
+//! Directives that change the transform.
 
-use super::directive::{Directive, shown};
-use super::params::Param;
-use super::reader::{Reader, unknown_name};
-use crate::{MaterialId, Source};
+use super::directive::Directive;
+use super::reader::{Ctm, Reader};
+use super::tokens::{shown, unknown_name};
+use crate::Source;
 use glam::{DAffine3, DMat3, DVec3};
-use std::collections::BTreeMap;
-use std::rc::Rc;
-
-/// The graphics state, which `AttributeBegin` saves and `AttributeEnd` restores.
-#[derive(Clone, Debug, Default)]
-pub(super) struct State {
-    /// The current transformation matrix: from the current space to world space (before `WorldBegin`, to camera space).
-    pub(super) ctm: Ctm,
-    pub(super) reversed: bool,
-    pub(super) material: MaterialRef,
-    pub(super) emission: Option<AreaLight>,
-    pub(super) media: Option<Rc<MediaRef>>,
-    /// Parameters that `Attribute` adds to directives, for each kind of directive.
-    pub(super) attributes: Rc<BTreeMap<&'static str, Vec<Param>>>,
-}
-
-/// The current transformation matrix at the start and at the end of the motion.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Ctm {
-    pub(super) start: DAffine3,
-    pub(super) end: DAffine3,
-    /// Two flags: directives change the transform at the start; directives change the transform at the end.
-    pub(super) active: [bool; 2],
-}
-
-impl Default for Ctm {
-    fn default() -> Self {
-        Self { start: DAffine3::IDENTITY, end: DAffine3::IDENTITY, active: [true, true] }
-    }
-}
-
-impl Ctm {
-    /// Returns the transform at the end of the motion; `None` if it equals [`start`](Self::start).
-    pub(super) fn moves_to(&self) -> Option<DAffine3> {
-        (self.end != self.start).then_some(self.end)
-    }
-}
-
-/// The arguments of `AreaLightSource`, for the emission of subsequent shapes.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct AreaLight {
-    /// Radiance, linear RGB, with the parameter `scale` applied.
-    pub(super) radiance: [f32; 3],
-    pub(super) two_sided: bool,
-    /// Total power of each shape, if given. A shape's radiance is then `radiance * power / (pi * area)`, with the area
-    /// of both sides if two-sided.
-    pub(super) power: Option<f64>,
-}
-
-/// The names of media in a `MediumInterface`. As in pbrt, names are looked up at the end of the file.
-#[derive(Clone, Debug)]
-pub(super) struct MediaRef {
-    pub(super) inside: Option<String>,
-    pub(super) outside: Option<String>,
-    pub(super) source: Source,
-}
-
-/// The current material: the default, an index, or a name. As in pbrt, names are looked up at the end of the file.
-#[derive(Clone, Debug, Default)]
-pub(super) enum MaterialRef {
-    #[default]
-    Default,
-    Made(MaterialId),
-    Named(Rc<str>, Rc<Source>),
-}
 
 /// Returns the affine transform of a 4 x 4 matrix, given column by column; an error for a projective matrix.
-pub(super) fn matrix(m: &[f64]) -> Result<DAffine3, String> {
+fn matrix(m: &[f64]) -> Result<DAffine3, String> {
     if m[3] != 0.0 || m[7] != 0.0 || m[11] != 0.0 || m[15] == 0.0 {
         return Err("this transform is projective; every fourth number must be 0, the last one 1".into());
     }
@@ -82,7 +16,7 @@ pub(super) fn matrix(m: &[f64]) -> Result<DAffine3, String> {
 }
 
 /// Returns the rotation by an angle in degrees around an axis; an error for axis 0.
-pub(super) fn rotation(degrees: f64, axis: DVec3) -> Result<DAffine3, String> {
+fn rotation(degrees: f64, axis: DVec3) -> Result<DAffine3, String> {
     // Divides by the largest coordinate first, since squares of tiny coordinates underflow.
     let axis = axis / axis.abs().max_element();
     match axis.try_normalize() {
@@ -93,7 +27,7 @@ pub(super) fn rotation(degrees: f64, axis: DVec3) -> Result<DAffine3, String> {
 
 /// Returns the transform from world space to the space of a viewer at `eye` (x right, y up, z forward, left-handed); an
 /// error if the directions are degenerate.
-pub(super) fn look_at(eye: DVec3, target: DVec3, up: DVec3) -> Result<DAffine3, String> {
+fn look_at(eye: DVec3, target: DVec3, up: DVec3) -> Result<DAffine3, String> {
     let axes = || {
         let forward = (target - eye).try_normalize()?;
         let right = up.try_normalize()?.cross(forward).try_normalize()?;
@@ -105,7 +39,7 @@ pub(super) fn look_at(eye: DVec3, target: DVec3, up: DVec3) -> Result<DAffine3, 
 }
 
 /// Returns true if a transform can be inverted: the transform and its inverse are finite.
-pub(super) fn is_invertible(transform: &DAffine3) -> bool {
+fn is_invertible(transform: &DAffine3) -> bool {
     let determinant = transform.matrix3.determinant();
     transform.is_finite() && determinant.is_finite() && determinant != 0.0 && transform.inverse().is_finite()
 }
