@@ -54,12 +54,11 @@ fn check_furnaces(cases: &[(f32, Option<u32>, f64)], most: u64) {
     }
 }
 
-/// Tolerances of noisy cases are 0.2 to 10 %. With roulette, 0.1 % takes minutes; the slow test has it.
+/// Tolerances of noisy cases are 0.4 to 10 %. With roulette, 0.1 % takes minutes; the slow test has it.
 #[test]
 fn closed_furnace_has_its_closed_form_l01() {
     let rhos = thorough(&[0.5, 0.99][..], &[0.0, 0.5, 0.9, 0.99]);
-    let exact =
-        rhos.iter().flat_map(|rho| [0, 1, 3].map(|d| (*rho, Some(d), if *rho > 0.9 && d == 3 { 2e-3 } else { 1e-3 })));
+    let exact = rhos.iter().flat_map(|rho| [0, 1, 3].map(|d| (*rho, Some(d), 1e-3)));
     let noisy =
         [(0.5, None, 4e-3), (0.9, Some(30), 3e-2), (0.5, Some(12), 4e-3), (0.9, None, 3e-2), (0.99, None, 1e-1)];
     check_furnaces(&exact.chain(noisy.into_iter().take(thorough(2, 5))).collect::<Vec<_>>(), 1024);
