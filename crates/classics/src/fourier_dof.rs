@@ -114,13 +114,6 @@ fn threshold(tile: &BlueNoise<Origin>, pixel: [u32; 2]) -> f64 {
     f64::from(tile.block(SampleId::new(pixel.map(|c| c % SIDE), streams::PROBE, 0), 0)[0])
 }
 
-/// The variance over the lens of a sinusoid of amplitude 1, averaged over its phase. `x` is the sinusoid's angular frequency
-/// times the radius of the circle of confusion.
-fn variance_over_lens(x: f64) -> f64 {
-    let kept = if x > 0.0 { 2.0 * libm::j1(x) / x } else { 1.0 };
-    0.5 * (1.0 - kept * kept).max(0.0)
-}
-
 impl<P: PointSet> Sampler for FourierDof<P> {
     fn name(&self) -> &str {
         "fourier-dof"
@@ -298,6 +291,3 @@ fn splat_row(sums: &mut [[f64; 4]], film: &Film, kernels: &[Kernel], [from, to]:
         }
     }
 }
-
-#[cfg(test)]
-mod tests;

@@ -417,6 +417,3 @@ fn select(film: &Film, bank: &Bank, gamma: f64) -> Vec<Selected> {
     }
     selection
 }
-
-#[cfg(test)]
-mod tests;

@@ -1,11 +1,9 @@
 //! Published methods of adaptive sampling and reconstruction.
 //!
-//! Each file is a method or several of one kind: their options, the rules, and the tests that prove them. A method whose core is recalled
+//! Each file is a method or several of one kind: their options and the rules. A method whose core is recalled
 //! rather than read in its source is named "after" its authors.
 
 mod awr;
-#[cfg(test)]
-mod conformance;
 mod dct;
 mod deviations;
 mod divergence;
@@ -22,8 +20,6 @@ mod pixel_parts;
 mod placed;
 mod recorders;
 mod staged;
-#[cfg(test)]
-mod support;
 mod sure;
 mod tlfr;
 mod tree;

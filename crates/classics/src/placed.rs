@@ -438,6 +438,3 @@ impl fmt::Debug for FilmPoints {
         f.debug_struct("FilmPoints").field("points", &self.points.describe()).field("domain", &self.domain).finish()
     }
 }
-
-#[cfg(test)]
-mod tests;

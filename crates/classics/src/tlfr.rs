@@ -6,7 +6,7 @@ use crate::method::{FilterMethod, MethodFilter};
 use crate::recorders::Singles;
 use crate::{Defocus, FilmPoints};
 use dapple_core::{Error, Film, Filtered, parallel};
-use samples::{At, Axes, Seen, Tree};
+use samples::{At, Axes, Near, Tree, covers, divide, join_small, surrounds};
 
 dapple_core::options! {
     /// The parameters of [`Tlfr`].
@@ -166,78 +166,3 @@ impl LightField {
         if weights > 0.0 { sum.map(|x| x / weights) } else { nearest.1 }
     }
 }
-
-/// A sample near the output point: its index, and its place relative to the point.
-type Near = (u32, Seen);
-
-/// The least number of samples of a surface.
-const LEAST: usize = 4;
-/// The number of samples with which a surface covers the output point in any case.
-const MANY: usize = 200;
-
-/// Returns true if two samples pass each other within a box around the output point: `lens` is its half width on the lens,
-/// and `time` that in time.
-///
-/// They do if the offset from one to the other, in its own direction, reverses.
-fn pass(a: &Seen, b: &Seen, [lens, time]: [f64; 2]) -> bool {
-    let apart = |of: fn(&Seen) -> [f64; 2]| [0, 1].map(|axis| of(b)[axis] - of(a)[axis]);
-    let ([x, y], [u, v], [s, t]) = (apart(|seen| seen.place), apart(|seen| seen.by_lens), apart(|seen| seen.by_time));
-    let least = lens * ((x * u).abs() + (y * v).abs()) + time * (x * s + y * t).abs();
-    let moves = [u, v, s, t] != [0.0; 4];
-    moves && x * x + y * y <= least
-}
-
-/// Sorts samples by depth, and divides them into surfaces: consecutive samples of which no two pass each other. Writes the
-/// end of each surface.
-fn divide(near: &mut [Near], widths: [f64; 2], ends: &mut Vec<usize>) {
-    near.sort_unstable_by(|(a, p), (b, q)| q.inverse_depth.total_cmp(&p.inverse_depth).then(a.cmp(b)));
-    ends.clear();
-    let mut first = 0;
-    for next in 1..near.len() {
-        if near[first..next].iter().any(|(_, seen)| pass(seen, &near[next].1, widths)) {
-            ends.push(next);
-            first = next;
-        }
-    }
-    if !near.is_empty() {
-        ends.push(near.len());
-    }
-}
-
-/// Joins surfaces of less than four samples to the next one behind.
-fn join_small(ends: &mut Vec<usize>) {
-    let (mut first, last) = (0, ends.last().copied());
-    ends.retain(|&end| {
-        let stays = end - first >= LEAST || Some(end) == last;
-        if stays {
-            first = end;
-        }
-        stays
-    });
-}
-
-/// Returns true if there are samples in all four quadrants around the output point.
-fn surrounds(surface: &[Near]) -> bool {
-    let quadrant = |(_, seen): &Near| 1 << (2 * u8::from(seen.place[0] >= 0.0) + u8::from(seen.place[1] >= 0.0));
-    surface.iter().fold(0_u8, |all, near| all | quadrant(near)) == 15
-}
-
-/// Returns true if a surface covers the output point: if it has many samples, or a triangle of them around the point. Its
-/// edges are at most two radii long, and a corner lies within one.
-fn covers(surface: &[Near], radius: f64) -> bool {
-    let cross = |[ax, ay]: [f64; 2], [bx, by]: [f64; 2]| ax * by - ay * bx;
-    let apart = |[ax, ay]: [f64; 2], [bx, by]: [f64; 2]| (ax - bx) * (ax - bx) + (ay - by) * (ay - by);
-    let (inner, edge) = (radius * radius, 4.0 * radius * radius);
-    let corners = || surface.iter().map(|(_, seen)| seen.place);
-    let is_corner = |a: [f64; 2]| {
-        let beside = |b: &[f64; 2]| apart(a, *b) <= edge;
-        // Counterclockwise: b to the left of the line from the point to a, c to its right.
-        corners().filter(beside).filter(|&b| cross(a, b) >= 0.0 && b != a).any(|b| {
-            corners().filter(beside).any(|c| cross(c, a) >= 0.0 && cross(b, c) >= 0.0 && apart(b, c) <= edge && c != b)
-        })
-    };
-    surface.len() >= MANY || corners().filter(|&a| apart(a, [0.0; 2]) <= inner).any(is_corner)
-}
-
-#[cfg(test)]
-mod tests;

@@ -1,6 +1,5 @@
 //! The bandwidth of the image through a lens, the deviation of samples over the lens, and the surfaces that both follow from.
 
-use super::variance_over_lens;
 use crate::windows::{beside, window_sums};
 use dapple_core::{FirstHit, Frame, parallel};
 use std::f64::consts::{PI, TAU};
@@ -150,6 +149,13 @@ fn blurs(
         Blur { bandwidth: blur.bandwidth.clamp(options.least, NYQUIST), ..blur }
     };
     parallel::map(surfaces.len(), of)
+}
+
+/// The variance over the lens of a sinusoid of amplitude 1, averaged over its phase. `x` is the sinusoid's angular frequency
+/// times the radius of the circle of confusion.
+fn variance_over_lens(x: f64) -> f64 {
+    let kept = if x > 0.0 { 2.0 * libm::j1(x) / x } else { 1.0 };
+    0.5 * (1.0 - kept * kept).max(0.0)
 }
 
 /// The standard deviation over the lens: of a sinusoid with the surface's bandwidth, whose variance over the image is that of
@@ -319,31 +325,4 @@ fn is_break(a: &Surface, b: &Surface, [sine, cosine, contrast]: [f32; 3]) -> boo
     let is_step = rise > sine * dot(apart, apart).sqrt();
     let is_texture = a.albedo.iter().zip(b.albedo).any(|(a, b)| (a - b).abs() > contrast);
     is_step || dot(a.shading_normal, b.shading_normal) < cosine || is_texture
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use dapple_core::mix;
-
-    #[test]
-    fn growth_matches_brute_force_over_paths() {
-        for (size, slope) in [([13, 9], 1.0), ([1, 7], 0.5), ([8, 1], 2.0), ([1, 1], 1.0)] {
-            let [width, height] = size;
-            let pick =
-                |i: u64| if mix(i).is_multiple_of(7) { (mix(i ^ 99) % 50) as f32 * 0.1 - 3.0 } else { f32::INFINITY };
-            let values: Vec<f32> = (0..(width * height) as u64).map(pick).collect();
-            let found = least_grown(size, values.clone(), slope);
-            for (i, &(value, source)) in found.iter().enumerate() {
-                let path = |q: usize| {
-                    let d = [(q % width).abs_diff(i % width), (q / width).abs_diff(i / width)];
-                    let (long, short) = (d[0].max(d[1]) as f32, d[0].min(d[1]) as f32);
-                    values[q] + slope * (long - short + short * std::f32::consts::SQRT_2)
-                };
-                let least = (0..values.len()).map(path).fold(f32::INFINITY, f32::min);
-                assert!(value == least || (value - least).abs() < 1e-4, "{size:?} {i}: {value} and {least}");
-                assert!(value.is_infinite() || (path(source as usize) - value).abs() < 1e-4);
-            }
-        }
-    }
 }

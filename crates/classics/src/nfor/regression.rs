@@ -278,22 +278,3 @@ impl NormalEquations {
         Some(solution)
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn dependent_regressors_change_no_fitted_value() {
-        let mut equations = NormalEquations::default();
-        // Slopes of the second and third regressor cannot be told apart; the others are constant.
-        let x = |k: usize| [1.0, k as f64, 2.0 * k as f64, 0.0, 0.0, 0.0, 0.0, 0.0];
-        (0..9).for_each(|k| equations.add(1.0, &x(k), &[3.0 + 5.0 * k as f64, 7.0, 0.0]));
-        let fit = equations.solved().unwrap();
-        for k in 0..9 {
-            let value = |c: usize| (0..UNKNOWNS).map(|j| x(k)[j] * fit[j][c]).sum::<f64>();
-            assert!((value(0) - 3.0 - 5.0 * k as f64).abs() < 1e-9 && (value(1) - 7.0).abs() < 1e-9, "{fit:?}");
-        }
-        assert!(NormalEquations::default().solved().is_none());
-    }
-}

@@ -1,4 +1,5 @@
-//! Samples with their trajectories over lens and time, output points, and a tree of samples with bounds that are linear in time.
+//! Samples with their trajectories over lens and time, output points, a tree of samples with bounds that are linear in time,
+//! and the surfaces into which samples are divided.
 
 use crate::recorders::FilmSamples;
 use crate::{Defocus, Domain, FilmPoints, Role};
@@ -354,99 +355,74 @@ impl Tree {
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::tree::unit;
+/// A sample near the output point: its index, and its place relative to the point.
+pub(super) type Near = (u32, Seen);
 
-    #[test]
-    fn every_axis_of_the_output_points_has_one_point_in_each_of_128_intervals() {
-        for axis in 0..5 {
-            let mut cells: Vec<u32> = (0..128).map(|number| sobol(axis, number) >> 25).collect();
-            cells.sort_unstable();
-            assert!(cells.iter().copied().eq(0..128), "axis {axis}");
-        }
-        // The lens gets a net: one point in each elementary interval.
-        for wide in 0..=7 {
-            let mut cells: Vec<u32> = (0..128)
-                .map(|number| {
-                    let [u, v] = [0, 1].map(|axis| u64::from(sobol(axis, number)));
-                    ((u >> (32 - wide)) << (7 - wide) | v >> (25 + wide)) as u32
-                })
-                .collect();
-            cells.sort_unstable();
-            assert!(cells.iter().copied().eq(0..128), "2^{wide} columns");
-        }
-    }
+/// The least number of samples of a surface.
+const LEAST: usize = 4;
+/// The number of samples with which a surface covers the output point in any case.
+const MANY: usize = 200;
 
-    #[test]
-    fn the_map_to_the_disk_keeps_area() {
-        let inside = (0..10_000).filter(|k| {
-            let [x, y] = on_disk([0.005 + f64::from(k % 100) / 100.0, 0.005 + f64::from(k / 100) / 100.0]);
-            assert!(x * x + y * y <= 1.0);
-            x * x + y * y < 0.25
-        });
-        assert!((inside.count() as f64 - 2500.0).abs() <= 100.0);
-        assert_eq!(
-            [on_disk([0.5, 0.5]), on_disk([1.0, 0.5]), on_disk([0.5, 0.0])],
-            [[0.0, 0.0], [1.0, 0.0], [0.0, -1.0]]
-        );
-    }
+/// Returns true if two samples pass each other within a box around the output point: `lens` is its half width on the lens,
+/// and `time` that in time.
+///
+/// They do if the offset from one to the other, in its own direction, reverses.
+fn pass(a: &Seen, b: &Seen, [lens, time]: [f64; 2]) -> bool {
+    let apart = |of: fn(&Seen) -> [f64; 2]| [0, 1].map(|axis| of(b)[axis] - of(a)[axis]);
+    let ([x, y], [u, v], [s, t]) = (apart(|seen| seen.place), apart(|seen| seen.by_lens), apart(|seen| seen.by_time));
+    let least = lens * ((x * u).abs() + (y * v).abs()) + time * (x * s + y * t).abs();
+    let moves = [u, v, s, t] != [0.0; 4];
+    moves && x * x + y * y <= least
+}
 
-    #[test]
-    fn samples_that_pass_the_camera_are_at_rest() {
-        let at = At { place: [3.0, 4.0], time: 0.5, ..At::default() };
-        let none = Defocus::new([0.0; 2], [0.0; 2]);
-        let sample = Sample::new(&at, &Trajectory { inverse_depth: 1.0, motion: [0.0, 0.0, -3.0] }, &none, [1.0; 3]);
-        assert_eq!(sample.seen(&none, [0.0; 2], 1.0).place, [3.0, 4.0]);
-    }
-
-    #[test]
-    fn a_gather_finds_exactly_the_samples_within_reach() {
-        let defocus = Defocus::new([9.0, -8.0], [-20.0, 18.0]);
-        let of = |k: u64| {
-            let u = |lane: u64| f64::from(unit(16 * k + lane));
-            let at = At { place: [40.0 * u(0), 30.0 * u(1)], lens: on_disk([u(2), u(3)]), time: u(4) };
-            let motion = [6.0 * u(5) - 3.0, 4.0 * u(6) - 2.0, 1.4 * u(7) - 0.7].map(|x| x as f32);
-            (at, Trajectory { inverse_depth: u(8) as f32, motion })
-        };
-        let made = (0..3000).map(|k| {
-            let (at, path) = of(k);
-            Sample::new(&at, &path, &defocus, [k as f32; 3])
-        });
-        let samples: Vec<Sample> = made.collect();
-        let tree = Tree::new(samples.clone(), defocus);
-        let mut most = 0;
-        for k in 0..400 {
-            let (at, reach) = (of(10_000 + k).0, 0.3 * (1 << (k % 4)) as f64);
-            let mut found = Vec::new();
-            tree.gather(&at, reach, |index, _| found.push(tree.sample(index).radiance[0]));
-            found.sort_by(f32::total_cmp);
-            let near = |sample: &&Sample| {
-                let [x, y] = sample.seen(&defocus, at.lens, at.time).place;
-                (x - at.place[0]).powi(2) + (y - at.place[1]).powi(2) <= reach * reach
-            };
-            let expected: Vec<f32> = samples.iter().filter(near).map(|sample| sample.radiance[0]).collect();
-            assert_eq!(found, expected);
-            most = most.max(found.len());
-        }
-        assert!(most > 20, "{most}");
-    }
-
-    #[test]
-    fn a_sample_made_at_a_point_is_seen_there() {
-        let defocus = Defocus::new([9.0, -8.0], [-20.0, 18.0]);
-        let at = At { place: [17.5, 3.25], lens: [0.5, -0.25], time: 0.75 };
-        let sample = Sample::new(&at, &Trajectory { inverse_depth: 0.7, motion: [2.0, -1.0, 0.3] }, &defocus, [0.0; 3]);
-        let seen = sample.seen(&defocus, at.lens, at.time);
-        assert!((0..2).all(|axis| (seen.place[axis] - at.place[axis]).abs() < 1e-5), "{seen:?}");
-        // Its changes with lens and time are those of finite differences.
-        let step = 1e-6;
-        let later = sample.seen(&defocus, at.lens, at.time + step);
-        let aside = sample.seen(&defocus, at.lens.map(|x| x + step), at.time);
-        for axis in 0..2 {
-            let [by_time, by_lens] = [later, aside].map(|other| (other.place[axis] - seen.place[axis]) / step);
-            assert!((by_time - seen.by_time[axis]).abs() < 1e-3 && (by_lens - seen.by_lens[axis]).abs() < 1e-3);
+/// Sorts samples by depth, and divides them into surfaces: consecutive samples of which no two pass each other. Writes the
+/// end of each surface.
+pub(super) fn divide(near: &mut [Near], widths: [f64; 2], ends: &mut Vec<usize>) {
+    near.sort_unstable_by(|(a, p), (b, q)| q.inverse_depth.total_cmp(&p.inverse_depth).then(a.cmp(b)));
+    ends.clear();
+    let mut first = 0;
+    for next in 1..near.len() {
+        if near[first..next].iter().any(|(_, seen)| pass(seen, &near[next].1, widths)) {
+            ends.push(next);
+            first = next;
         }
     }
+    if !near.is_empty() {
+        ends.push(near.len());
+    }
+}
+
+/// Joins surfaces of less than four samples to the next one behind.
+pub(super) fn join_small(ends: &mut Vec<usize>) {
+    let (mut first, last) = (0, ends.last().copied());
+    ends.retain(|&end| {
+        let stays = end - first >= LEAST || Some(end) == last;
+        if stays {
+            first = end;
+        }
+        stays
+    });
+}
+
+/// Returns true if there are samples in all four quadrants around the output point.
+pub(super) fn surrounds(surface: &[Near]) -> bool {
+    let quadrant = |(_, seen): &Near| 1 << (2 * u8::from(seen.place[0] >= 0.0) + u8::from(seen.place[1] >= 0.0));
+    surface.iter().fold(0_u8, |all, near| all | quadrant(near)) == 15
+}
+
+/// Returns true if a surface covers the output point: if it has many samples, or a triangle of them around the point. Its
+/// edges are at most two radii long, and a corner lies within one.
+pub(super) fn covers(surface: &[Near], radius: f64) -> bool {
+    let cross = |[ax, ay]: [f64; 2], [bx, by]: [f64; 2]| ax * by - ay * bx;
+    let apart = |[ax, ay]: [f64; 2], [bx, by]: [f64; 2]| (ax - bx) * (ax - bx) + (ay - by) * (ay - by);
+    let (inner, edge) = (radius * radius, 4.0 * radius * radius);
+    let corners = || surface.iter().map(|(_, seen)| seen.place);
+    let is_corner = |a: [f64; 2]| {
+        let beside = |b: &[f64; 2]| apart(a, *b) <= edge;
+        // Counterclockwise: b to the left of the line from the point to a, c to its right.
+        corners().filter(beside).filter(|&b| cross(a, b) >= 0.0 && b != a).any(|b| {
+            corners().filter(beside).any(|c| cross(c, a) >= 0.0 && cross(b, c) >= 0.0 && apart(b, c) <= edge && c != b)
+        })
+    };
+    surface.len() >= MANY || corners().filter(|&a| apart(a, [0.0; 2]) <= inner).any(is_corner)
 }

@@ -342,19 +342,3 @@ impl Round {
         Ok(())
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn places_on_the_far_side_of_a_cell_stay_in_the_image() {
-        let mut at = At::default();
-        (at[0], at[1]) = (8.0, 8.0_f32.next_down());
-        let (pixel, inside) = pixel_of([72, 48], [64, 40], &at);
-        assert_eq!(pixel, [71, 47]);
-        assert!(inside[..2].iter().all(|x| (0.999..1.0).contains(x)), "{inside:?}");
-        // In the middle of the image, the next pixel begins there.
-        assert_eq!(pixel_of([72, 48], [8, 8], &at).0, [16, 15]);
-    }
-}

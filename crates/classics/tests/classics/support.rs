@@ -1,17 +1,35 @@
 //! Points, scenes, films and rounds of this crate's tests.
 
 use crate::recorders::Singles;
-use crate::{Axis, Domain, FilmPoints, PlacedHandle, Role};
+use dapple_classics::{Axis, Domain, FilmPoints, PlacedHandle, Role};
+use dapple_conformance::toys;
 pub(crate) use dapple_conformance::toys::{Field, Traced};
 use dapple_core::{
     Block, BudgetLeft, Draws, Estimate, Feedback, Film, Filter, Frame, Integrator, Limits, Needs, Plan, PointSet,
-    Progress, Render, Sampler, Worker, mix,
+    Progress, Render, SampleId, Sampler, Worker, mix,
 };
+use dapple_low_discrepancy::{Random, Sobol};
 use std::sync::Arc;
+
+/// Points of one type, so that each method is compiled for one.
+pub(crate) type Points = Arc<dyn PointSet>;
+
+pub(crate) fn random(seed: u64) -> Points {
+    Arc::new(Random::new(seed))
+}
+
+pub(crate) fn sobol(seed: u64) -> Points {
+    Arc::new(Sobol::new(seed))
+}
 
 /// No bounds of a pixel's count.
 pub(crate) const ANY: [u32; 2] = [1, u32::MAX];
 pub(crate) const VARIANCE: Needs = Needs::none().with_variance();
+
+/// A number in `[0, 1)` from a hash.
+pub(crate) fn unit(key: u64) -> f32 {
+    (mix(key) >> 40) as f32 / (1 << 24) as f32
+}
 
 /// A standard normal number by Box and Muller's method, a function of `key`.
 pub(crate) fn normal(key: u64) -> f64 {
@@ -125,8 +143,21 @@ pub(crate) fn domain(roles: &[Role]) -> Domain {
     Domain::new(place.into_iter().chain(rest)).unwrap()
 }
 
-pub(crate) fn film_points(points: impl PointSet + 'static, roles: &[Role], placed: Option<PlacedHandle>) -> FilmPoints {
-    FilmPoints::new(Arc::new(points), domain(roles)).with_placed(placed)
+pub(crate) fn film_points(points: Points, roles: &[Role], placed: Option<PlacedHandle>) -> FilmPoints {
+    FilmPoints::new(points, domain(roles)).with_placed(placed)
+}
+
+/// The film of samples with these places in the image, one by one, and their points.
+pub(crate) fn film_at(size: [u32; 2], samples: &[([f32; 2], [f32; 3])]) -> (Film, FilmPoints) {
+    let mut film = Film::with_recorders(frame(size), Needs::none(), Singles::All.list());
+    let mut places = vec![Vec::new(); film.frame().pixels()];
+    for &([x, y], value) in samples {
+        let i = y as usize * size[0] as usize + x as usize;
+        film.push(i, 0, value);
+        places[i].push([x.fract(), y.fract(), 0.0, 0.0]);
+    }
+    let at = move |id: SampleId, _| places[(id.pixel[1] * size[0] + id.pixel[0]) as usize][id.index as usize];
+    (film, film_points(Arc::new(toys::Points(at)), &[], None))
 }
 
 /// The film of a function, with all samples.

@@ -1,9 +1,8 @@
 //! Samples that a sampler places: the placed coordinates, all others the inner set's, through snapshots and for filters.
 
-use super::*;
-use crate::support::frame;
-use dapple_core::mix;
-use dapple_low_discrepancy::Random;
+use crate::support::{Points, frame, random};
+use dapple_classics::{Axis, Domain, FilmPoints, Placed, PlacedHandle, Role};
+use dapple_core::{Error, Frame, PointSet as _, SampleId, mix, streams};
 
 fn domain() -> Domain {
     let axes = [(Role::Place, 0, 0), (Role::Place, 0, 1), (Role::Lens, 0, 3), (Role::Time, 9, 2)];
@@ -17,8 +16,8 @@ fn hashed(id: SampleId) -> [f32; 4] {
 }
 
 /// All samples of the first three rounds of a sampler, with the filters' view of them.
-fn placed(frame: &Frame) -> (Placed<Random>, PlacedHandle) {
-    let mut points = Placed::new(Random::new(3), domain());
+fn placed(frame: &Frame) -> (Placed<Points>, PlacedHandle) {
+    let mut points = Placed::new(random(3), domain());
     let handle = points.handle();
     for (x, y, index) in (0..4).flat_map(|x| (0..3).flat_map(move |y| [0, 2, 3].map(|index| (x, y, index)))) {
         let id = SampleId::new([x + 7, y + 1], streams::HALVES[0], index);
@@ -32,8 +31,8 @@ fn only_the_placed_lanes_of_placed_samples_differ_from_the_inner_set() {
     let window = frame([20, 10]).crop(7, 1, 11, 4).unwrap();
     let (mut points, handle) = placed(&window);
     points.publish();
-    let inner = Random::new(3);
-    let film = FilmPoints::new(Arc::new(inner), domain()).with_placed(Some(handle)).now();
+    let inner = random(3);
+    let film = FilmPoints::new(inner.clone(), domain()).with_placed(Some(handle)).now();
     let mut changed = 0;
     for (x, y, stream) in (5..13).flat_map(|x| (0..6).flat_map(move |y| (0..6).map(move |s| (x, y, s)))) {
         for (index, block) in (0..6).flat_map(|index| [0, 1, 8, 9, 10].map(|block| (index, block))) {
@@ -52,12 +51,12 @@ fn only_the_placed_lanes_of_placed_samples_differ_from_the_inner_set() {
         }
     }
     assert_eq!(changed, 4 * 3 * 3 * 2);
-    assert_eq!(points.describe(), format!("placed({})", Random::new(3).describe()));
+    assert_eq!(points.describe(), format!("placed({})", random(3).describe()));
 }
 
 #[test]
 fn coordinates_are_clamped_below_one() {
-    let (frame, mut points) = (frame([1, 1]), Placed::new(Random::new(1), domain()));
+    let (frame, mut points) = (frame([1, 1]), Placed::new(random(1), domain()));
     let id = SampleId::new([0, 0], streams::WHOLE, 0);
     points.add(&frame, id, &[1.0, -0.5, f32::NAN, 7.0]).unwrap();
     let [u, v, _, lens] = points.block(id, 0);
@@ -67,7 +66,7 @@ fn coordinates_are_clamped_below_one() {
 
 #[test]
 fn samples_are_placed_once_in_order_and_within_the_frame() {
-    let (frame, mut points) = (frame([2, 2]), Placed::new(Random::new(1), domain()));
+    let (frame, mut points) = (frame([2, 2]), Placed::new(random(1), domain()));
     let mut add = |pixel, stream, index, axes: usize| {
         points.add(&frame, SampleId::new(pixel, stream, index), &[0.5; 8][..axes]).is_ok()
     };
@@ -89,7 +88,7 @@ fn samples_are_placed_once_in_order_and_within_the_frame() {
 fn saved_samples_are_restored_and_damaged_bytes_refused() {
     let window = frame([20, 10]).crop(7, 1, 11, 4).unwrap();
     let (points, _) = placed(&window);
-    let mut other = Placed::new(Random::new(3), domain());
+    let mut other = Placed::new(random(3), domain());
     let saved = points.save();
     other.restore(&saved).unwrap();
     let id = SampleId::new([8, 2], streams::HALVES[0], 2);
@@ -101,7 +100,7 @@ fn saved_samples_are_restored_and_damaged_bytes_refused() {
     damaged.push(0);
     assert!(matches!(other.restore(&damaged), Err(Error::BadSnapshot { .. })));
     other.restore(&[]).unwrap();
-    assert_eq!(other.block(id, 0), Random::new(3).block(id, 0));
+    assert_eq!(other.block(id, 0), random(3).block(id, 0));
 }
 
 #[test]
