@@ -229,38 +229,3 @@ fn key(x: f32) -> i32 {
     let bits = (x + 0.0).to_bits() as i32;
     bits ^ ((bits >> 31) as u32 >> 1) as i32
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::greedy::tests::{first_fit, normals};
-    use crate::params::Order;
-
-    #[test]
-    fn lanes_compute_first_fit() {
-        for (round, count) in (0..600).zip((1..=128).cycle().step_by(7)) {
-            let two_sided = round % 2 == 0;
-            // Coarse directions, so that many are equal in z, in y too, or altogether.
-            let coarse = |n: [f32; 3]| {
-                let steps = n.map(|x| (4.0 * x).round());
-                let length = steps.iter().map(|x| x * x).sum::<f32>().sqrt();
-                if length > 0.0 { steps.map(|x| x / length) } else { n }
-            };
-            let all = normals(128 + round, two_sided);
-            let normals: Vec<[f32; 3]> = all[round as usize..].iter().map(|&n| coarse(n)).collect();
-            let axes: [[f32; 128]; 3] = std::array::from_fn(|axis| std::array::from_fn(|i| normals[i][axis]));
-            let cosine = [0.99, 0.9, 0.5][round as usize % 3];
-            let (axes, mut class) = (axes.each_ref(), [0; 128]);
-            let classes = if two_sided {
-                classify::<128, true>(axes, count, cosine, &mut class)
-            } else {
-                classify::<128, false>(axes, count, cosine, &mut class)
-            };
-            let expected =
-                first_fit(&normals[..count], Rule { cosine, two_sided, order: Order::Canonical, steep: 0.0 });
-            let most = expected.iter().max().map_or(0, |&class| class as usize + 1);
-            assert_eq!(classes, if most > MAX_CLASSES { usize::MAX } else { most }, "round {round}");
-            assert!(most > MAX_CLASSES || class[..count] == expected, "round {round}");
-        }
-    }
-}
