@@ -405,25 +405,3 @@ fn set_ends(row: &mut [f32], mix: &[f64]) {
 fn share(row: &[f32], light: usize) -> f32 {
     row[light] - if light > 0 { row[light - 1] } else { 0.0 }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn bytes(cells: &LightCells) -> u64 {
-        (4 * (cells.ends.len() + cells.expected.len() + cells.rows.len()) + 8 * cells.seen.len()) as u64
-    }
-
-    #[test]
-    fn the_memory_of_a_table_is_bounded_by_its_notes_and_its_cells() {
-        let options = LightCellOptions { resolution: 6, ..LightCellOptions::default() };
-        let mut cells = LightCells::new([[0.0; 3], [1.0; 3]], 5, &options, |_, _, _, _| 1.0).unwrap().unwrap();
-        let keys = cells.key(cells.cells() as u32, 0);
-        assert_eq!(bytes(&cells), cells.memory(0));
-        // Each note opens a cell of its own, then all cells are open.
-        cells.learn((0..40).map(|cell| (5 * cell, 1, 0.5)), |_, _, _, _| 1.0);
-        assert_eq!(bytes(&cells), cells.memory(40));
-        cells.learn((0..keys).map(|key| (key, 1, 0.5)), |_, _, _, _| 1.0);
-        assert_eq!(bytes(&cells), cells.memory(u64::MAX));
-    }
-}

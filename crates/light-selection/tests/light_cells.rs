@@ -179,3 +179,24 @@ fn odd_input_is_refused_or_passed_over() {
     cells.learn([(u64::MAX, 1, 1.0), (0, 1, f64::NAN), (1, 1, -1.0), (1, 1, f64::INFINITY)].into_iter(), alike);
     assert_eq!(cells, before);
 }
+
+/// The bytes of a table's lists. They end its debug text, beside the number of shared rows, and each number takes four.
+fn bytes(cells: &LightCells) -> u64 {
+    let shown = format!("{cells:?}");
+    let (_, lists) = shown.split_once("rows: ").unwrap();
+    let numbers = lists.split([' ', '[']).filter(|word| word.starts_with(|c: char| c.is_ascii_digit()));
+    4 * (numbers.count() as u64 - 1)
+}
+
+#[test]
+fn the_memory_of_a_table_is_bounded_by_its_notes_and_its_cells() {
+    let options = LightCellOptions { resolution: 6, ..LightCellOptions::default() };
+    let mut cells = LightCells::new([[0.0; 3], [1.0; 3]], 5, &options, alike).unwrap().unwrap();
+    let keys = cells.key(cells.cells() as u32, 0);
+    assert_eq!(bytes(&cells), cells.memory(0));
+    // Each note opens a cell of its own, then all cells are open.
+    cells.learn((0..40).map(|cell| (5 * cell, 1, 0.5)), alike);
+    assert_eq!(bytes(&cells), cells.memory(40));
+    cells.learn((0..keys).map(|key| (key, 1, 0.5)), alike);
+    assert_eq!(bytes(&cells), cells.memory(u64::MAX));
+}
