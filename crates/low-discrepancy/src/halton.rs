@@ -149,38 +149,3 @@ fn shuffled(index: u32, key: u64) -> u64 {
 fn below(bits: u64, n: u64) -> u64 {
     (bits * n) >> 32
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::keys::mix64;
-
-    #[test]
-    fn shuffles_keep_aligned_blocks() {
-        for key in (0..50).map(mix64) {
-            for size in [1_u64, 2, 6, 12, 36, 216] {
-                for block in [0, 1, 5, 100_000] {
-                    let to: Vec<u64> = (0..size).map(|i| shuffled((block * size + i) as u32, key)).collect();
-                    let home = to[0] / size;
-                    let mut seen = vec![false; size as usize];
-                    for t in to {
-                        assert_eq!(t / size, home);
-                        assert!(!std::mem::replace(&mut seen[(t % size) as usize], true));
-                    }
-                }
-            }
-            for i in [u32::MAX, 6_u32.pow(12), 6_u32.pow(12) - 1] {
-                assert!(shuffled(i, key) < 6_u64.pow(13));
-            }
-        }
-    }
-
-    #[test]
-    fn preferred_counts_fill_blocks_of_six() {
-        let halton = Halton::new(0);
-        let counts: Vec<u64> =
-            [0, 1, 5, 6, 7, 12, 25, 36, 37, 72, 73, 216, 217].map(|n| halton.preferred_count(n)).into();
-        assert_eq!(counts, [1, 1, 5, 6, 12, 12, 30, 36, 72, 72, 108, 216, 432]);
-        assert!(halton.preferred_count(u64::MAX) == u64::MAX);
-    }
-}

@@ -255,38 +255,3 @@ fn distance(a: [u32; 2], b: [u32; 2]) -> u64 {
     let along = |axis: usize| u64::from((a[axis].wrapping_sub(b[axis]) as i32).unsigned_abs() >> 1);
     along(0).pow(2) + along(1).pow(2)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn is_net(points: &[[u32; 2]]) -> bool {
-        let mut strata = Strata::new(points.len().ilog2());
-        points.iter().all(|p| {
-            let free = strata.is_free(0..=strata.bits, *p);
-            strata.insert(*p);
-            free
-        })
-    }
-
-    #[test]
-    fn every_aligned_run_is_a_net() {
-        for sequence in sequences().chunks_exact(LENGTH) {
-            for size in (0..=LOG2_LENGTH).map(|k| 1 << k) {
-                assert!(sequence.chunks_exact(size).all(is_net), "a run of {size}");
-            }
-        }
-        // Negative control: a run that is not aligned.
-        assert!(!sequences().chunks_exact(LENGTH).all(|s| is_net(&s[3..67])));
-    }
-
-    #[test]
-    fn sequences_differ_and_coordinates_are_uniform() {
-        let all = sequences();
-        assert!(all[..LENGTH].iter().zip(&all[LENGTH..]).all(|(a, b)| a != b));
-        // Nets are exact: 16 sequences have 16 points in each of 1024 columns.
-        let mut columns = vec![0; LENGTH];
-        all.iter().for_each(|p| columns[(p[0] >> 22) as usize] += 1);
-        assert!(columns.iter().all(|n| *n == SEQUENCES));
-    }
-}

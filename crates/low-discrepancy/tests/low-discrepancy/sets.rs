@@ -50,7 +50,7 @@ fn half_open_interval(draws: u64) {
     }
 }
 
-/// 2 * 10^6 coordinates of each set; 10^9 are tested below. The unit tests of `keys.rs` cover the input of all
+/// 2 * 10^6 coordinates of each set; 10^9 are tested below. The tests of hashing cover the input of all
 /// ones, and `floor(u n) < n` for every `n` up to 2^24.
 #[test]
 fn two_million_coordinates_lie_in_the_half_open_interval_s01() {
