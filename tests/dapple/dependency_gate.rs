@@ -3,64 +3,18 @@
 //! Also licences, second versions and sources, by the lists of deny.toml. `cargo deny check` also reads licence texts and
 //! advisories; it takes two minutes to install, so that CI runs it only where it is.
 
-use serde::Deserialize;
-use serde::de::DeserializeOwned;
+use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 use std::process::Command;
 
 type Names = BTreeSet<String>;
 
-#[derive(Deserialize)]
-struct Metadata {
-    packages: Vec<Package>,
-    resolve: Option<Resolved>,
+fn text<'a>(of: &'a Value, key: &str) -> &'a str {
+    of[key].as_str().expect(key)
 }
 
-#[derive(Deserialize)]
-struct Package {
-    id: String,
-    name: String,
-    license: Option<String>,
-    rust_version: Option<String>,
-    features: BTreeMap<String, Vec<String>>,
-    dependencies: Vec<Dependency>,
-    targets: Vec<Target>,
-}
-
-#[derive(Deserialize)]
-struct Dependency {
-    name: String,
-    optional: bool,
-}
-
-#[derive(Deserialize)]
-struct Target {
-    name: String,
-    #[serde(default, rename = "required-features")]
-    required_features: Vec<String>,
-}
-
-#[derive(Deserialize)]
-struct Resolved {
-    nodes: Vec<Node>,
-}
-
-#[derive(Deserialize)]
-struct Node {
-    id: String,
-    deps: Vec<Edge>,
-}
-
-#[derive(Deserialize)]
-struct Edge {
-    pkg: String,
-    dep_kinds: Vec<EdgeKind>,
-}
-
-/// `None` is a normal dependency.
-#[derive(Deserialize)]
-struct EdgeKind {
-    kind: Option<String>,
+fn list<'a>(of: &'a Value, key: &str) -> &'a [Value] {
+    of[key].as_array().expect(key)
 }
 
 fn cargo(arguments: &[&str]) -> Vec<u8> {
@@ -71,23 +25,23 @@ fn cargo(arguments: &[&str]) -> Vec<u8> {
     output.stdout
 }
 
-fn metadata(more: &[&str]) -> Metadata {
-    let text = cargo(&[&["metadata", "--format-version", "1"], more].concat());
-    serde_json::from_slice(&text).expect("metadata")
+fn metadata(more: &[&str]) -> Value {
+    serde_json::from_slice(&cargo(&[&["metadata", "--format-version", "1"], more].concat())).expect("metadata")
 }
 
 /// The package of this name among those of the workspace and their dependencies.
-fn package<'a>(metadata: &'a Metadata, name: &str) -> &'a Package {
-    metadata.packages.iter().find(|p| p.name == name).expect("a package")
+fn package<'a>(metadata: &'a Value, name: &str) -> &'a Value {
+    list(metadata, "packages").iter().find(|p| p["name"] == name).expect("a package")
 }
 
 /// The resolved graph of normal dependencies: each package with its direct dependencies.
-fn graph(metadata: &Metadata) -> BTreeMap<&str, BTreeSet<&str>> {
-    let names: BTreeMap<&str, &str> = metadata.packages.iter().map(|p| (p.id.as_str(), p.name.as_str())).collect();
-    let is_normal = |edge: &&Edge| edge.dep_kinds.iter().any(|k| k.kind.is_none());
-    let needs = |node: &Node| node.deps.iter().filter(is_normal).map(|edge| names[edge.pkg.as_str()]).collect();
-    let nodes = &metadata.resolve.as_ref().expect("a graph").nodes;
-    nodes.iter().map(|node| (names[node.id.as_str()], needs(node))).collect()
+fn graph<'a>(metadata: &'a Value) -> BTreeMap<&'a str, BTreeSet<&'a str>> {
+    let names: BTreeMap<&str, &str> =
+        list(metadata, "packages").iter().map(|p| (text(p, "id"), text(p, "name"))).collect();
+    let is_normal = |edge: &&Value| list(edge, "dep_kinds").iter().any(|k| k["kind"].is_null());
+    let needs =
+        |node: &'a Value| list(node, "deps").iter().filter(is_normal).map(|edge| names[text(edge, "pkg")]).collect();
+    list(&metadata["resolve"], "nodes").iter().map(|node| (names[text(node, "id")], needs(node))).collect()
 }
 
 fn reaches<'a>(graph: &BTreeMap<&'a str, BTreeSet<&'a str>>, from: &'a str) -> BTreeSet<&'a str> {
@@ -183,7 +137,7 @@ fn crates_depend_only_on_allowed_crates() {
         }
     }
     // Every crate needs a rule; benches may use all.
-    let names = metadata.packages.iter().filter_map(|package| package.name.strip_prefix("dapple-"));
+    let names = list(&metadata, "packages").iter().filter_map(|package| text(package, "name").strip_prefix("dapple-"));
     for name in names.filter(|&name| name != "benches") {
         assert!(RULES.iter().any(|rule| rule.0 == name), "{name} has no rule in tests/dapple/dependency_gate.rs");
     }
@@ -215,9 +169,9 @@ fn no_program_is_built_with_libloading_or_mpi_unless_asked() {
 fn a_foreign_renderer_takes_no_scene_along() {
     let metadata = metadata(&["--no-deps"]);
     let facade = package(&metadata, "dapple");
-    let example = facade.targets.iter().find(|t| t.name == "foreign_renderer").expect("the example");
-    let asked = example.required_features.join(",");
-    assert_eq!(asked, FOREIGN, "the example asks for other features than are checked here");
+    let example = list(facade, "targets").iter().find(|t| t["name"] == "foreign_renderer").expect("the example");
+    let asked: Vec<_> = list(example, "required-features").iter().filter_map(Value::as_str).collect();
+    assert_eq!(asked.join(","), FOREIGN, "the example asks for other features than are checked here");
     let built = facade_built_with(FOREIGN);
     assert!(built.contains("dapple-cluster-adaptive"), "cargo tree shows nothing of what the example uses");
     let control = facade_built_with("renderer");
@@ -232,7 +186,8 @@ fn a_foreign_renderer_takes_no_scene_along() {
 fn features_of_the_facade_enable_the_crates_that_they_export() {
     let metadata = metadata(&["--no-deps"]);
     let facade = package(&metadata, "dapple");
-    let enables = |feature: &str, name: &str| facade.features[feature].contains(&format!("dep:{name}"));
+    let enables =
+        |feature: &str, name: &str| list(&facade["features"], feature).contains(&format!("dep:{name}").into());
     let mut exported = BTreeSet::new();
     let lines: Vec<&str> = include_str!("../../src/lib.rs").lines().collect();
     for pair in lines.windows(2) {
@@ -244,8 +199,8 @@ fn features_of_the_facade_enable_the_crates_that_they_export() {
         exported.insert(name);
     }
     // All but the core, which every feature has, and the control: a feature does not enable every crate.
-    let optional = facade.dependencies.iter().filter(|d| d.optional);
-    assert_eq!(exported, optional.map(|d| d.name.clone()).collect());
+    let optional = list(facade, "dependencies").iter().filter(|d| d["optional"] == true);
+    assert_eq!(exported, optional.map(|d| text(d, "name").to_owned()).collect());
     assert!(!enables("scene", "dapple-renderer"));
 }
 
@@ -276,25 +231,25 @@ fn minor(version: &str) -> (u32, u32) {
 #[test]
 fn no_dependency_needs_a_newer_compiler_than_ours() {
     let metadata = metadata(&[]);
-    let needed = |package: &Package| package.rust_version.as_deref().map(minor);
+    let needed = |package: &Value| package["rust_version"].as_str().map(minor);
     let ours = needed(package(&metadata, "dapple")).expect("our rust-version");
-    for package in &metadata.packages {
-        let (name, needed) = (&package.name, needed(package));
+    for package in list(&metadata, "packages") {
+        let (name, needed) = (text(package, "name"), needed(package));
         assert!(needed.is_none_or(|needed| needed <= ours), "{name} needs Rust {needed:?}; rust-version is {ours:?}");
     }
-    assert!(metadata.packages.iter().filter_map(needed).count() > 50, "few packages state a version");
+    assert!(list(&metadata, "packages").iter().filter_map(needed).count() > 50, "few packages state a version");
     assert!(minor("1.100.0") > minor("1.90"), "versions are compared as text");
 }
 
 /// A file of this repository in TOML.
-fn file<T: DeserializeOwned>(name: &str) -> T {
+fn file(name: &str) -> toml::Table {
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(name);
     toml::from_str(&std::fs::read_to_string(path).expect(name)).expect(name)
 }
 
 /// Entries of one of deny.toml's lists: texts, or the crates of tables.
 fn listed(section: &str, key: &str) -> Names {
-    let deny: toml::Table = file("deny.toml");
+    let deny = file("deny.toml");
     let of = |entry: &toml::Value| entry.get("crate").unwrap_or(entry).as_str().expect("a name").to_owned();
     deny[section][key].as_array().expect("a list").iter().map(of).collect()
 }
@@ -312,9 +267,9 @@ fn allows(allowed: &Names, expression: &str) -> bool {
 #[test]
 fn licences_are_among_those_of_deny_toml() {
     let allowed = listed("licenses", "allow");
-    for package in metadata(&["--all-features"]).packages {
-        let licence = package.license.as_deref().unwrap_or("none");
-        assert!(allows(&allowed, licence), "{} has the licence {licence}", package.name);
+    for package in list(&metadata(&["--all-features"]), "packages") {
+        let licence = package["license"].as_str().unwrap_or("none");
+        assert!(allows(&allowed, licence), "{} has the licence {licence}", package["name"]);
     }
     assert!(allows(&allowed, "(MIT OR LGPL-2.1) AND Unicode-3.0"));
     for other in ["none", "GPL-3.0-only", "MIT AND GPL-3.0-only", "Apache-2.0 WITH LLVM-exception"] {
@@ -322,32 +277,21 @@ fn licences_are_among_those_of_deny_toml() {
     }
 }
 
-/// Cargo.lock.
-#[derive(Deserialize)]
-struct Lock {
-    package: Vec<Locked>,
-}
-
-#[derive(Deserialize)]
-struct Locked {
-    name: String,
-    version: String,
-    /// `None` for the workspace's own.
-    source: Option<String>,
-}
-
 #[test]
 fn second_versions_are_those_that_deny_toml_explains() {
-    let mut locked: Vec<Locked> = file::<Lock>("Cargo.lock").package;
-    locked.retain(|package| package.source.is_some());
+    let lock = file("Cargo.lock");
+    // Name, version and source; the workspace's own have no source.
+    let keys = |package| ["name", "version", "source"].map(|key| toml::Value::get(package, key)?.as_str());
+    let packages = lock["package"].as_array().expect("packages").iter().map(keys);
+    let mut locked: Vec<_> =
+        packages.filter(|[_, _, source]| source.is_some()).map(|all| all.map(|text| text.expect("text"))).collect();
     assert!(locked.len() > 100, "{} packages", locked.len());
-    for Locked { name, source, .. } in &locked {
-        let ours = Some("registry+https://github.com/rust-lang/crates.io-index");
-        assert_eq!(source.as_deref(), ours, "{name} is from elsewhere");
+    for [name, _, source] in &locked {
+        assert_eq!(*source, "registry+https://github.com/rust-lang/crates.io-index", "{name} is from elsewhere");
     }
     // Packages beside the newest of the same name.
-    locked.sort_by(|a, b| (&a.name, minor(&a.version)).cmp(&(&b.name, minor(&b.version))));
-    let older = locked.windows(2).filter(|pair| pair[0].name == pair[1].name);
-    let older: Names = older.map(|pair| format!("{}@{}", pair[0].name, pair[0].version)).collect();
+    locked.sort_by_key(|[name, version, _]| (*name, minor(version)));
+    let older = locked.windows(2).filter(|pair| pair[0][0] == pair[1][0]);
+    let older: Names = older.map(|pair| format!("{}@{}", pair[0][0], pair[0][1])).collect();
     assert_eq!(older, listed("bans", "skip"));
 }
