@@ -23,7 +23,7 @@ CAUGHT, MISSED = Path(".ci/mutants-caught.tsv"), Path(".ci/mutants-missed.tsv")
 COLUMNS = ["crate", "function", "kind", "original", "mutated", "ordinal"]
 WEIGHTS = {"operator": 40, "body": 20, "number": 20, "call": 10, "not": 5, "guard": 5}
 # Programs that render images by all crates, in the order in which they are tried, and their processor seconds for one mutant.
-WHOLE = {"session": 30.0, "cli": 20.0, "golden": 60.0}
+WHOLE = {"dapple": 30.0, "cli": 20.0, "golden": 60.0}
 # Processor seconds of one mutant's tests: of its own crate, and of others but `WHOLE`.
 OWN, OTHERS = 60.0, 10.0
 # Tests that take longer without a mutant are not run.
