@@ -153,11 +153,13 @@ fn a_forbidden_edge_would_be_seen() {
 }
 
 #[test]
-fn no_program_is_built_with_libloading_or_mpi_unless_asked() {
-    for name in ["dapple", "dapple-registry", "dapple-job", "dapple-cli", "dapple-study"] {
+fn only_the_program_is_built_with_libloading_and_nothing_with_mpi_unless_asked() {
+    for name in ["dapple", "dapple-registry", "dapple-job", "dapple-study"] {
         assert!(!built_with(name).contains("libloading"), "{name} loads libraries without the feature oidn");
     }
     assert!(!facade_built_with("full").contains("libloading"), "the feature full has oidn");
+    let without = tree(&["--package", "dapple-cli", "--no-default-features"]);
+    assert!(!without.contains("libloading"), "the program loads libraries without the feature oidn");
     assert!(!built_with("dapple-cli").contains("mpi"), "the default program needs MPI");
     for (feature, brings) in [("oidn", "libloading"), ("mpi", "dapple-mpi")] {
         let asked = tree(&["--package", "dapple-cli", "--features", feature]);

@@ -9,9 +9,10 @@ dapple_core::options! {
     pub struct AdaptiveOptions {
         /// Samples per pixel before counts adapt; 0 takes half of the mean budget up to 8, or a quarter if that is more.
         ///
-        /// That is rounded down to a count on the ladder of well-stratified counts, and at least 4. Any other pilot has at
-        /// least 2 samples per pixel, and 4 with [`PilotPolicy::Cross`], because each half needs a variance.
-        pub pilot: u32 = 0, |pilot| pilot != 1, "two samples or more have a variance; 0 chooses";
+        /// That is rounded down to a count on the ladder of well-stratified counts, and at least 4, or 1
+        /// with [`PilotPolicy::Neighbours`]. [`PilotPolicy::Cross`] needs 4, because each half needs a variance. After a pilot of
+        /// 1, the variance is that of pairs of neighbours.
+        pub pilot: u32 = 0;
         /// Rounds for the rest of the budget; 0 takes 3 with keep, 2 with neighbours, 1 with discard or cross.
         ///
         /// Each round is planned from the samples before it. With [`PilotPolicy::Neighbours`], more than two rounds would
@@ -19,7 +20,7 @@ dapple_core::options! {
         pub rounds: u32 = 0, |rounds| rounds <= 64, "1 to 64; 0 chooses";
         /// Pool of variances: similar (similar neighbours weigh more) or window.
         pub pool: PoolShape = PoolShape::Similar => "similar";
-        /// Radius of the pooling window, 2 radius + 1 pixels wide and high.
+        /// Radius of the pooling window, 2 radius + 1 pixels wide and high; doubled after a pilot of less than 4.
         pub radius: u32 = 2, |radius| radius <= 64, "at most 64 pixels";
         /// Weight of the pooled variance, in degrees of freedom; inf uses the pool alone.
         pub prior: f64 = 12.0 => "12", |prior| prior >= 0.0, "a weight of 0 or more, or inf";
@@ -113,8 +114,7 @@ dapple_core::options! {
     pub struct VarianceOptions {
         /// Samples per pixel before counts adapt; 0 takes half of the mean budget up to 8, or a quarter if that is more.
         ///
-        /// Any other pilot has at least 2 samples per pixel, and 4 with [`PilotPolicy::Cross`], because each half needs
-        /// a variance.
+        /// See [`AdaptiveOptions::pilot`].
         pub pilot: u32 = 0;
         /// Radius of the window over which variance and mean are pooled, 2 radius + 1 pixels wide and high.
         pub radius: u32 = 2;

@@ -8,7 +8,8 @@ pub struct Pilot {
     /// The use of pilot samples in the image. [`PilotPolicy::Refined`] is treated as [`PilotPolicy::Keep`].
     pub policy: PilotPolicy,
     /// Pilot samples per pixel. 0 chooses half of the mean budget up to 8, or a quarter if that is more; rounded down to a
-    /// ladder count, and at least 4.
+    /// ladder count, and at least 4, or 1 with
+    /// [`PilotPolicy::Neighbours`].
     pub samples: u32,
 }
 
@@ -19,7 +20,9 @@ impl Pilot {
     }
 
     fn wanted(self, mean: u32, ladder: Ladder) -> u32 {
-        if self.samples > 0 { self.samples } else { LEAST.max(ladder.floor((mean / 4).max((mean / 2).min(ENOUGH)))) }
+        // Only what neighbours decide has been measured below 4.
+        let least = if self.policy == PilotPolicy::Neighbours { 1 } else { 4 };
+        if self.samples > 0 { self.samples } else { least.max(ladder.floor((mean / 4).max((mean / 2).min(ENOUGH)))) }
     }
 
     /// Returns `true` if the pilot spends the whole budget of these limits, so that no adapted counts are planned.
@@ -69,10 +72,6 @@ pub struct PilotRound {
     pub is_missing: bool,
 }
 
-/// The smallest pilot chosen by default, in samples per pixel: enough for pooling over 25 pixels, few enough for a
-/// budget of 8 samples per pixel.
-const LEAST: u32 = 4;
-
 /// The pilot that a quarter of the budget must exceed, in samples per pixel. With 4, nine scenes have 13 % more error at
 /// 16 spp, and nine held-out ones as much as with 8 (docs/results/default-image.md).
 const ENOUGH: u32 = 8;
@@ -85,7 +84,7 @@ mod tests {
     fn pilots_are_half_of_a_small_budget_and_a_quarter_of_a_large_one() {
         let budgets = [1, 5, 8, 12, 16, 24, 32, 64, 256];
         let pilot = Pilot::new(PilotPolicy::Neighbours, 0);
-        let wanted = [4, 4, 4, 6, 8, 8, 8, 16, 64];
+        let wanted = [1, 2, 4, 6, 8, 8, 8, 16, 64];
         assert_eq!(budgets.map(|mean| pilot.wanted(mean, Ladder::Whole)), wanted);
         assert_eq!(Pilot::new(PilotPolicy::Neighbours, 5).wanted(64, Ladder::Whole), 5);
     }

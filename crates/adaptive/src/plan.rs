@@ -14,6 +14,10 @@ const TABLE: u32 = 4096;
 /// the mean.
 const FLOOR: u64 = 4;
 
+/// The samples per pixel below which the pool is wider. On eight scenes at 480x270 the filtered image has 0.71 of the error so at
+/// 2 spp and 0.94 at 4; at 8 and 16 spp it would have 1.05.
+const FEW: u64 = 4;
+
 /// The smallest score of a pixel, as a fraction of the mean score.
 const SCORE_FLOOR: f64 = 0.01;
 
@@ -36,12 +40,16 @@ impl<P: PointSet> Adaptive<P> {
     /// Returns each pixel's scores. `moments` returns a pixel's sample statistics.
     fn scores(&self, film: &Film, moments: impl Fn(usize) -> RgbMoments + Sync + Send) -> Result<Scores, Error> {
         let sources = self.sources(film);
-        let AdaptiveOptions { pool, radius, prior, power, epsilon, cost, .. } = self.options;
+        let AdaptiveOptions { pool, prior, power, epsilon, cost, .. } = self.options;
+        let radius = self.radius(film);
         let pooling = Pooling { pool, radius, prior, power, epsilon, sources };
         let [width, height] = film.frame().size().map(|n| n as usize);
         let mut known = vec![RgbMoments::default(); width * height];
         parallel::fill(&mut known, moments);
         let surfaces = if self.reads_surfaces() { Surfaces::of_film(film) } else { None };
+        if known.iter().all(|moments| moments.count == 1) {
+            known = paired(&known, [width, height], surfaces.as_ref());
+        }
         let mut scores = pooled_variance(&known, [width, height], &pooling, surfaces.as_ref());
         raise_to_floor(&mut scores, width);
         if let Some(map) = &self.errors {
@@ -54,6 +62,13 @@ impl<P: PointSet> Adaptive<P> {
         }
         let costs = (cost == 1).then(|| relative_costs(film, radius, sources));
         Ok(Scores { width, errors: scores, costs })
+    }
+
+    /// The radius of the pool: twice that of the options while pixels have as few samples as a pilot of less than 4.
+    fn radius(&self, film: &Film) -> u32 {
+        let AdaptiveOptions { pool, radius, .. } = self.options;
+        let is_few = || (0..film.frame().pixels()).any(|i| film.count(i) + film.discarded(i).count < FEW);
+        if pool == PoolShape::Similar && is_few() { 2 * radius } else { radius }
     }
 
     /// True if the features of pixels decide on weights. The film has no features of one half alone.
@@ -184,6 +199,28 @@ impl<P: PointSet> Adaptive<P> {
         plan.second_half = Some(planned(1, second)?);
         Ok(())
     }
+}
+
+/// The moments of pixels with one sample each, which have no variance: each with the most alike of its diagonal neighbours. These
+/// lie an even number of steps away, so that a pixel's sample decides nothing for pixels an odd number of steps away but those that
+/// its own moments decide for.
+fn paired(single: &[RgbMoments], [width, height]: [usize; 2], surfaces: Option<&Surfaces>) -> Vec<RgbMoments> {
+    let mut pairs = single.to_vec();
+    parallel::fill(&mut pairs, |i| {
+        let (x, y) = (i % width, i / width);
+        let beside = [(-1, -1), (1, -1), (-1, 1), (1, 1)].into_iter().filter_map(|(dx, dy)| {
+            let column = x.checked_add_signed(dx).filter(|column| *column < width)?;
+            let row = y.checked_add_signed(dy).filter(|row| *row < height)?;
+            Some([column, row])
+        });
+        let likeness = |at: [usize; 2]| surfaces.map_or(1.0, |surfaces| surfaces.likeness([x, y], at));
+        let mut moments = single[i];
+        if let Some([column, row]) = beside.max_by(|a, b| likeness(*a).total_cmp(&likeness(*b))) {
+            moments.merge(&single[row * width + column]);
+        }
+        moments
+    });
+    pairs
 }
 
 /// The rays per sample of each pixel, pooled over a window, relative to the cheapest pixel: 1 or above.

@@ -93,6 +93,11 @@ impl Surfaces {
         Some(Self { size: film.frame().size().map(|n| n as usize), of })
     }
 
+    /// The likeness of the surfaces of two pixels.
+    pub(crate) fn likeness(&self, a: [usize; 2], b: [usize; 2]) -> f64 {
+        self.at(a).likeness(self.at(b))
+    }
+
     fn at(&self, [x, y]: [usize; 2]) -> &Surface {
         &self.of[y * self.size[0] + x]
     }

@@ -95,7 +95,19 @@ pub(crate) fn filters(args: &ListArgs) -> Result<Outcome> {
     for (name, feature) in NOT_BUILT.iter().filter(|_| args.name.is_none()) {
         tell(format!("{name:<19}not in this program; build it with the feature \"{feature}\""))?;
     }
+    if args.name.is_none() {
+        tell(format!("{:<19}here {}, since Open Image Denoise is {}", "best", registry::best_filter(), found()))?;
+    }
     Ok(Outcome::Done)
+}
+
+/// What there is of Open Image Denoise.
+fn found() -> String {
+    match registry::open_image_denoise() {
+        None => "not in this program".to_owned(),
+        Some(Ok(library)) => format!("found: {library}"),
+        Some(Err(why)) => format!("not found: {why}"),
+    }
 }
 
 pub(crate) fn integrators(args: &ListArgs) -> Result<Outcome> {

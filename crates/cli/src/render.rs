@@ -345,8 +345,12 @@ impl Report<'_> {
         let counts = film.counts();
         let (least, most) = (counts.iter().min().copied().unwrap_or(0), counts.iter().max().copied().unwrap_or(0));
         let rate = film.record().rays as f64 / image.seconds.trace.max(1e-9) * 1e-6;
+        // Which one `best` is depends on the machine.
+        let filter = image.filter.split(':').next().filter(|_| job.spec().filter.trim() == "best");
+        let filter = filter.map_or_else(String::new, |name| format!(", filtered by {name}"));
+        let scene = &job.scene().name;
         let mut lines = vec![
-            format!("{}, {w}x{h}: {:.2} spp ({least} to {most}) in {seconds:.2} s", job.scene().name, image.spp()),
+            format!("{scene}, {w}x{h}: {:.2} spp ({least} to {most}) in {seconds:.2} s{filter}", image.spp()),
             format!("{} samples, {} rays, {rate:.2} million rays per second", film.record().samples, image.rays()),
         ];
         let record = film.record();

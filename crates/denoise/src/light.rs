@@ -10,7 +10,7 @@ use dapple_core::{Film, Filtered, RgbMoments, parallel};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Layers {
-    /// Two from 16 samples per pixel on, else one: the second takes as much time as some samples per pixel.
+    /// Two from 2 samples per pixel on, else one.
     #[default]
     Auto,
     /// All light at once.
@@ -24,7 +24,7 @@ dapple_core::choices!(Layers { Auto = "auto", One = "1", Two = "2" });
 impl Layers {
     /// Returns `true` if direct and indirect light are filtered one by one at this number of samples per pixel.
     pub(crate) fn are_two(self, spp: f64) -> bool {
-        self == Self::Two || self == Self::Auto && spp >= 16.0
+        self == Self::Two || self == Self::Auto && spp >= 2.0
     }
 }
 

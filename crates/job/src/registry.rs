@@ -2,7 +2,8 @@
 
 pub use dapple_registry::{
     AnyPoints, Entry, FILTERS, MakeFilter, MakePoints, MakeSampler, NOT_BUILT, POINTS, Parameter, Parameters,
-    RegistryError, SAMPLERS, Setting, check_filter, check_points, check_sampler, points, verdicts,
+    RegistryError, SAMPLERS, Setting, best_filter, check_filter, check_points, check_sampler, open_image_denoise,
+    points, verdicts,
 };
 
 use crate::WorldClusters;

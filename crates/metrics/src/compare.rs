@@ -193,7 +193,7 @@ fn worst_block(relative: &[f64], size: [u32; 2]) -> WorstBlock {
 
 /// Converts a finite linear intensity, clamped to 0..=1, to an sRGB value in 0..=1 [IEC 61966-2-1].
 /// It uses IEEE-exact operations only: the same bits on every machine.
-fn srgb_encode(x: f64) -> f64 {
+pub(crate) fn srgb_encode(x: f64) -> f64 {
     let x = x.clamp(0.0, 1.0);
     if x <= 0.003_130_8 {
         return 12.92 * x;

@@ -2,6 +2,8 @@
 //!
 //! Studies record them, compare them and write them to CSV and HTML, and `dapple compare` prints them, in this order.
 
+mod means;
+
 use crate::{
     Comparison, Corrected, MetricsError, NoisyReference, PIXELS_PER_DEGREE, Pixels, compare, compare_corrected, flip,
 };
@@ -49,6 +51,11 @@ pub const METRICS: &[Metric] = &[
     metric(Better::Lower, ["srgb8_mse", "sRGB MSE", "as displayed, on a scale of 0 to 255"], |m| {
         Ok(m.comparison.srgb8_mse - m.noise.map_or(0.0, |noise| noise.srgb8_mse))
     }),
+    metric(
+        Better::Lower,
+        ["srgb8_mse4", "sRGB MSE of 4x4", "of means of 4x4 pixels, on a scale of 0 to 255"],
+        means::of,
+    ),
     metric(Better::Lower, ["flip", "FLIP", "0 to 1, as seen at 67 pixels per degree"], |m| {
         Ok(flip(m.image, m.reference, PIXELS_PER_DEGREE)?.mean)
     }),
@@ -82,6 +89,8 @@ pub struct Measurement<'a> {
     pub reference: Pixels<'a>,
     /// The errors as [`compare`] measures them, with the reference's noise.
     pub comparison: Comparison,
+    /// The variance of the reference's mean, per pixel and channel, in squared radiance, if it is known.
+    pub variance: Option<Pixels<'a>>,
     /// The influence of the reference's own noise; `None` if its variance is unknown.
     pub noise: Option<ReferenceNoise>,
 }
@@ -103,7 +112,7 @@ impl<'a> Measurement<'a> {
     ///
     /// # Errors
     /// Those of [`compare`] and [`compare_corrected`].
-    pub fn new(image: Pixels<'a>, reference: Pixels<'a>, variance: Option<Pixels<'_>>) -> Result<Self, MetricsError> {
+    pub fn new(image: Pixels<'a>, reference: Pixels<'a>, variance: Option<Pixels<'a>>) -> Result<Self, MetricsError> {
         let noise = variance.map(|variance| -> Result<ReferenceNoise, MetricsError> {
             let corrected = compare_corrected(image, NoisyReference::Variance { mean: reference, variance })?;
             let half = |sign: f32| -> Vec<[f32; 3]> {
@@ -114,7 +123,8 @@ impl<'a> Measurement<'a> {
             let halves = compare(Pixels::new(reference.size, &a)?, Pixels::new(reference.size, &b)?)?;
             Ok(ReferenceNoise { corrected, srgb8_mse: 0.25 * halves.srgb8_mse })
         });
-        Ok(Self { image, reference, comparison: compare(image, reference)?, noise: noise.transpose()? })
+        let comparison = compare(image, reference)?;
+        Ok(Self { image, reference, comparison, variance, noise: noise.transpose()? })
     }
 
     /// Returns `true` if the reference's noise limits the precision of MSE or relMSE.

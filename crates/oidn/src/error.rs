@@ -4,8 +4,8 @@ use crate::VARIABLE;
 use std::path::PathBuf;
 
 /// The advice at the end of each error of loading.
-const ADVICE: &str = "install Open Image Denoise 2 (https://www.openimagedenoise.org), and set DAPPLE_OIDN to the path of \
-                      its library unless the system finds it";
+const ADVICE: &str = "install Open Image Denoise 2 (`pip install pyoidn`, your system's package, or an archive of \
+                      https://www.openimagedenoise.org), and set DAPPLE_OIDN to the path of its library unless it is found";
 
 /// The reason why the library cannot be used.
 #[non_exhaustive]

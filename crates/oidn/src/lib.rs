@@ -23,9 +23,10 @@
 //!
 //! # The library
 //!
-//! OIDN 2 is needed, from <https://www.openimagedenoise.org> or a package manager. The variable `DAPPLE_OIDN` names the
-//! file, or a folder that holds it. Without the variable, the system's search path is used: `libOpenImageDenoise.so.2`,
-//! `libOpenImageDenoise.dylib` or `OpenImageDenoise.dll`. The library runs on the CPU, on as many threads as rayon's pool.
+//! OIDN 2 is needed: `pip install pyoidn`, a package of the system, or an archive of <https://www.openimagedenoise.org>. The
+//! variable `DAPPLE_OIDN` names the file, or a folder that holds it. Without the variable, `libOpenImageDenoise.so.2`,
+//! `libOpenImageDenoise.dylib` or `OpenImageDenoise.dll` is looked for on the system's search path, then, for each folder of
+//! programs in `PATH`, in the `lib` beside it and where its Python's pip installs `pyoidn`. The library runs on the CPU, on as many threads as rayon's pool.
 //!
 //! # What OIDN gets
 //!

@@ -90,35 +90,48 @@ functions! {
 pub struct Library {
     functions: Functions,
     name: String,
+    /// Minor version and patch.
+    version: [c_int; 2],
 }
 
 impl Library {
-    /// Loads the library that [`VARIABLE`] names, or the system's. The first call in a process decides for all later ones.
+    /// Loads the library: that which [`VARIABLE`] names, the system's, or the first beside the programs of `PATH` and where pip
+    /// installs it. The first call in a process decides for all later ones.
     ///
     /// # Errors
     ///
-    /// [`LoadError`], with the package to install and the variable to set.
+    /// [`LoadError`], with the ways to install it and the variable to set.
     pub fn load() -> Result<&'static Self, LoadError> {
         static LOADED: OnceLock<Result<Library, LoadError>> = OnceLock::new();
-        let loaded = LOADED.get_or_init(|| Self::search(std::env::var_os(VARIABLE).as_deref()));
+        let loaded = LOADED.get_or_init(|| {
+            let programs = std::env::var_os("PATH").unwrap_or_default();
+            let home = std::env::home_dir().map(|home| home.join(".local/bin"));
+            let programs = std::env::split_paths(&programs).chain(home).collect::<Vec<_>>();
+            Self::search(std::env::var_os(VARIABLE).as_deref(), &programs)
+        });
         loaded.as_ref().map_err(LoadError::clone)
     }
 
-    /// Loads the library from the path `named` (a file or a folder), or from the system's search path. An empty path
-    /// counts as none.
-    pub(crate) fn search(named: Option<&OsStr>) -> Result<Self, LoadError> {
+    /// Loads the library from the path `named` (a file or a folder). Without it, or if it is empty, from the system's search path,
+    /// else from what belongs to one of the folders of `programs`.
+    pub(crate) fn search(named: Option<&OsStr>, programs: &[PathBuf]) -> Result<Self, LoadError> {
         if let Some(path) = named.filter(|path| !path.is_empty()) {
             let path = Path::new(path);
             return Self::open(&in_folder(path))?.map_err(|why| LoadError::NotLoaded { path: path.to_owned(), why });
         }
-        let mut first = None;
-        for name in NAMES {
-            match Self::open(Path::new(name))? {
-                Ok(library) => return Ok(library),
-                Err(why) => first = first.or(Some(why)),
+        let beside = programs.iter().flat_map(|folder| beside(folder)).map(|folder| in_folder(&folder));
+        let names = NAMES.iter().map(PathBuf::from).chain(beside.filter(|path| path.is_file()));
+        let (mut missing, mut refused) = (None, None);
+        for path in names {
+            match Self::open(&path) {
+                Ok(Ok(library)) => return Ok(library),
+                Ok(Err(why)) => missing = missing.or(Some(why)),
+                // An older version, say: another may lie elsewhere.
+                Err(error) => refused = refused.or(Some(error)),
             }
         }
-        Err(LoadError::NotFound { names: NAMES.join(" or "), why: first.unwrap_or_default() })
+        let not_found = || LoadError::NotFound { names: NAMES.join(" or "), why: missing.unwrap_or_default() };
+        Err(refused.unwrap_or_else(not_found))
     }
 
     /// Loads the library at `path`, and checks its functions, version and CPU device. The inner error is the system's
@@ -139,20 +152,21 @@ impl Library {
         };
         // Never unloaded: the functions above, and threads that the library starts, stay valid.
         std::mem::forget(loaded);
-        let library = Self { functions, name };
-        library.check()?;
+        let mut library = Self { functions, name, version: [0; 2] };
+        library.version = library.check()?;
         Ok(Ok(library))
     }
 
-    /// Checks that the version is 2, and that a device can be made.
-    fn check(&self) -> Result<(), LoadError> {
+    /// Checks that the version is 2, and that a device can be made; returns the minor version and the patch.
+    fn check(&self) -> Result<[c_int; 2], LoadError> {
         let no_device = |why: String| LoadError::NoDevice { library: self.name.clone(), why };
         let device = Device::new(self).map_err(no_device)?;
         let version = device.get(c"versionMajor");
         if version != MAJOR {
             return Err(LoadError::Version { library: self.name.clone(), version });
         }
-        device.commit(1).map_err(no_device)
+        device.commit(1).map_err(no_device)?;
+        Ok([device.get(c"versionMinor"), device.get(c"versionPatch")])
     }
 
     /// Runs OIDN's ray tracing filter ("RT") at its highest quality, on `threads` threads.
@@ -175,6 +189,13 @@ impl Library {
     }
 }
 
+/// Name or path, and version.
+impl std::fmt::Display for Library {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}, version {MAJOR}.{}.{}", self.name, self.version[0], self.version[1])
+    }
+}
+
 impl std::fmt::Debug for Library {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "Library({})", self.name)
@@ -186,6 +207,20 @@ fn in_folder(path: &Path) -> PathBuf {
     let folders = [path.to_owned(), path.join("lib")];
     let files = NAMES.iter().flat_map(|name| folders.iter().map(move |folder| folder.join(name)));
     files.into_iter().find(|file| file.is_file()).unwrap_or_else(|| path.to_owned())
+}
+
+/// Folders that may hold the library if programs are in `folder`: the `lib` beside it, and `pyoidn` in its Python's packages.
+fn beside(folder: &Path) -> Vec<PathBuf> {
+    let Some(root) = folder.parent() else { return Vec::new() };
+    let pythons = std::fs::read_dir(root.join("lib")).into_iter().flatten().flatten().map(|entry| entry.path());
+    let mut pythons: Vec<_> = pythons
+        .filter(|path| path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("python3")))
+        .collect();
+    pythons.sort();
+    pythons.push(root.join("Lib"));
+    let packages = ["site-packages", "dist-packages"].map(|packages| Path::new(packages).join("pyoidn/oidn"));
+    let packages = pythons.iter().flat_map(|python| packages.each_ref().map(|packages| python.join(packages)));
+    std::iter::once(root.join("lib")).chain(packages).collect()
 }
 
 /// Images of one run: three floats per pixel, row by row.

@@ -28,7 +28,7 @@ fn compiled(flags: &[&str]) -> TempDir {
 }
 
 fn search(path: impl AsRef<OsStr>) -> Result<Library, LoadError> {
-    Library::search(Some(path.as_ref()))
+    Library::search(Some(path.as_ref()), &[])
 }
 
 /// The stand-in, which copies its input.
@@ -73,8 +73,8 @@ fn a_missing_library_is_reported_with_the_variable_and_the_package() {
     if cfg!(target_os = "linux") {
         assert!(text.contains("cannot be loaded: /nonesuch/libOpenImageDenoise.so: cannot open"), "{text}");
     }
-    assert!(text.contains("install Open Image Denoise 2 (https://www.openimagedenoise.org)"), "{text}");
-    assert!(text.ends_with("set DAPPLE_OIDN to the path of its library unless the system finds it"), "{text}");
+    assert!(text.contains("install Open Image Denoise 2 (`pip install pyoidn`, "), "{text}");
+    assert!(text.ends_with("set DAPPLE_OIDN to the path of its library unless it is found"), "{text}");
 
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("library.so");
@@ -82,7 +82,7 @@ fn a_missing_library_is_reported_with_the_variable_and_the_package() {
     for path in [folder.path(), &file] {
         assert!(matches!(search(path), Err(LoadError::NotLoaded { .. })), "{}", path.display());
     }
-    match Library::search(None) {
+    match Library::search(None, &[]) {
         Ok(_) => eprintln!("skipped: the system has OIDN"),
         Err(error) => {
             assert!(matches!(error, LoadError::NotFound { .. }), "{error:?}");
@@ -113,7 +113,27 @@ fn a_library_is_found_in_a_folder_and_below_its_lib() {
     assert!(search(folder.path()).is_ok());
     let outer = tempfile::tempdir().expect("a folder");
     std::fs::rename(folder.path(), outer.path().join("lib")).expect("moved");
-    assert!(search(outer.path()).is_ok());
+    let found = search(outer.path()).expect("a library").to_string();
+    assert!(found.contains("lib") && found.ends_with(", version 2.7.1"), "{found}");
+}
+
+/// Beside the programs of `PATH`, as Homebrew and conda install it, and where pip does. A library that is refused is passed over.
+#[test]
+fn a_library_is_found_beside_programs_and_among_pythons_packages() {
+    if Library::search(None, &[]).is_ok() {
+        return eprintln!("skipped: the system has OIDN");
+    }
+    let (old, new) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
+    let programs = [&old, &new].map(|folder| folder.path().join("bin"));
+    let move_to = |library: TempDir, folder: &Path| {
+        std::fs::create_dir_all(folder.parent().expect("a parent")).expect("folders");
+        std::fs::rename(library.path(), folder).expect("moved");
+    };
+    move_to(compiled(&["version3"]), &old.path().join("lib"));
+    assert!(matches!(Library::search(None, &programs), Err(LoadError::Version { version: 3, .. })));
+    move_to(compiled(&[]), &new.path().join("lib/python3.11/site-packages/pyoidn/oidn/lib"));
+    let found = Library::search(None, &programs).expect("a library").to_string();
+    assert!(found.contains("pyoidn") && found.ends_with(", version 2.7.1"), "{found}");
 }
 
 /// Without this check, the library would read or write beyond the images.

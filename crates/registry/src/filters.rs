@@ -247,6 +247,20 @@ fn both(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Box<dyn Filter>, R
     Ok(Box::new(Both::new(oidn, cluster_regression(p, inputs)?)))
 }
 
+/// The filter `best`: of those that this program and this machine have, the one with the least error in the race.
+pub fn best_filter() -> &'static str {
+    let found = open_image_denoise().is_some_and(|library| library.is_ok());
+    if found { "both" } else { crate::DEFAULT_FILTER }
+}
+
+/// The library that `oidn` and `both` use: its path and version, or how to get it. `None` without the feature `oidn`.
+pub fn open_image_denoise() -> Option<Result<String, String>> {
+    #[cfg(feature = "oidn")]
+    return Some(Library::load().map(ToString::to_string).map_err(|e| e.to_string()));
+    #[cfg(not(feature = "oidn"))]
+    None
+}
+
 fn cluster_gaussian(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Box<dyn Filter>, RegistryError> {
     let (kernel, options) = (Gaussian::with_options(p.options()?)?, p.options()?);
     labelled(p, inputs, None, |label| {

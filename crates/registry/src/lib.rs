@@ -12,7 +12,7 @@ mod samplers;
 pub use dapple_cluster_adaptive::ProbesHandle;
 pub use dapple_core::Parameter;
 pub use error::RegistryError;
-pub use filters::{FILTERS, MakeFilter, NOT_BUILT};
+pub use filters::{FILTERS, MakeFilter, NOT_BUILT, best_filter, open_image_denoise};
 pub use inputs::{ClusterInputError, ClusterInputs, ClusterProbes, HostClusters, LensProbes, TraceLensProbe};
 pub use parameters::Parameters;
 pub use points::{AnyPoints, MakePoints, POINTS};
@@ -152,7 +152,7 @@ pub fn sampler(description: &str, points: AnyPoints, inputs: &dyn ClusterInputs)
     (entry.make)(&parameters, points, inputs)
 }
 
-/// Makes a filter (denoiser) from its description (`NAME` or `NAME:key=value,…`).
+/// Makes a filter (denoiser) from its description (`NAME` or `NAME:key=value,…`). `best` is [`best_filter`].
 ///
 /// # Errors
 ///
@@ -160,6 +160,7 @@ pub fn sampler(description: &str, points: AnyPoints, inputs: &dyn ClusterInputs)
 /// [`RegistryError::NotBuilt`] for a filter whose feature is off, [`RegistryError::NoLibrary`] for one whose library is
 /// missing. [`RegistryError::NeedsWorld`] if the filter cannot do without clusters and `inputs` has none.
 pub fn filter(description: &str, inputs: &dyn ClusterInputs) -> Result<Box<dyn Filter>, RegistryError> {
+    let description = if description.trim() == "best" { best_filter() } else { description };
     let name = description.split(':').next().unwrap_or_default().trim();
     if let Some(&(of, feature)) = NOT_BUILT.iter().find(|(absent, _)| *absent == name) {
         return Err(RegistryError::NotBuilt { of, feature });

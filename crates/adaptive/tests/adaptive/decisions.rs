@@ -221,7 +221,6 @@ fn tiny_budgets_and_frames_are_met() {
 fn wrong_options_are_refused() {
     let good = options();
     for bad in [
-        good.pilot(1),
         good.pilot(2).policy(PilotPolicy::Cross),
         good.rounds(65),
         good.rounds(2).policy(PilotPolicy::Discard),
@@ -255,7 +254,7 @@ fn working_memory_of_threads_is_counted_z03() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(memory).planning
     };
-    let (wide, narrow) = (4096 * (256 + 2) * 64, 4096 * (8 + 2) * 64);
+    let (wide, narrow) = (4096 * (512 + 2) * 64, 4096 * (16 + 2) * 64);
     assert_eq!(planning(64, 1) - planning(2, 1), wide - narrow);
     assert_eq!(planning(64, 4) - planning(64, 1), 3 * wide);
     assert_eq!(planning(64, 8), planning(64, 20), "there are eight tasks");

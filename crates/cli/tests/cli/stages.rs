@@ -27,7 +27,7 @@ fn stages_make_the_default_image_of_one_machine() {
     for (words, of, expected) in [
         ("render room --resolution 16x50 --spp 17", 3, 6),
         ("render tiny.pbrt --max-depth 4 --sampler uniform --light-selection power --spp 5", 2, 1),
-        ("render tiny.pbrt --max-depth 4 --error 0.05 --max-spp 64", 2, 3),
+        ("render tiny.pbrt --max-depth 4 --error 0.05 --max-spp 64", 2, 4),
     ] {
         folder.done(&format!("{words} -q -o whole.exr -o whole.pfm"));
         let stages = staged(&folder, words, of);

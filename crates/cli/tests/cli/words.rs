@@ -26,6 +26,17 @@ fn optional_filters_name_what_is_missing() {
     let listed = folder.done("filters");
     let of = listed.lines().find(|line| line.starts_with("oidn ")).expect("it is listed");
     assert_eq!(of.contains("feature \"oidn\""), !cfg!(feature = "oidn"), "{of}");
+    // What `best` takes, and how to get more.
+    let mut command = folder.command("filters");
+    let output = command.env("DAPPLE_OIDN", "/nonesuch/oidn.so").output().expect("the program starts");
+    let listed = String::from_utf8_lossy(&output.stdout).into_owned();
+    let best = listed.lines().find(|line| line.starts_with("best ")).expect("it is listed");
+    assert!(best.contains("here cluster-regression, since Open Image Denoise is not "), "{best}");
+    assert_eq!(best.contains("`pip install pyoidn`"), cfg!(feature = "oidn"), "{best}");
+    let mut command = folder.command("render room --filter best --resolution 8x8 --spp 2 -o best.exr");
+    let output = command.env("DAPPLE_OIDN", "/nonesuch/oidn.so").output().expect("the program starts");
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success() && said.contains("cluster-regression"), "{said}");
 }
 
 #[test]

@@ -3,6 +3,7 @@
 mod compare;
 mod discrepancy;
 mod flip;
+mod means;
 mod metric;
 mod noise;
 mod statistics;

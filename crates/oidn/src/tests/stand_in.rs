@@ -42,8 +42,11 @@ unsafe extern "C" fn oidnSetDeviceInt(device: *mut c_void, name: *const c_char, 
 
 #[unsafe(no_mangle)]
 unsafe extern "C" fn oidnGetDeviceInt(_: *mut c_void, name: *const c_char) -> c_int {
-    assert_eq!(unsafe { text(name) }, "versionMajor");
-    if cfg!(version3) { 3 } else { 2 }
+    match unsafe { text(name) }.as_str() {
+        "versionMajor" => 2 + c_int::from(cfg!(version3)),
+        "versionMinor" => 7,
+        name => c_int::from(name == "versionPatch"),
+    }
 }
 
 #[unsafe(no_mangle)]

@@ -1,0 +1,44 @@
+//! The sRGB MSE of means of 4x4 pixels: what an eye sees that does not count single pixels.
+
+use super::Measurement;
+use crate::compare::srgb_encode;
+use crate::sum::Sum;
+use crate::{MetricsError, Pixels, block_means};
+
+/// Mean of `(x - a) (x - b)` over blocks and channels, for the blocks' means x of the image and a and b of the reference's two
+/// halves, as displayed, on a scale of 0 to 255. The halves' noise cancels, since it is independent.
+pub(super) fn of(measurement: &Measurement<'_>) -> Result<f64, MetricsError> {
+    let (image, reference) = (measurement.image, measurement.reference);
+    let x = displayed(image.size, image.values)?;
+    let [a, b] = match measurement.variance {
+        None => [displayed(reference.size, reference.values)?, displayed(reference.size, reference.values)?],
+        Some(variance) => {
+            let [a, b] = halves(reference.values, variance.values);
+            [displayed(reference.size, &a)?, displayed(reference.size, &b)?]
+        }
+    };
+    let products: Sum = x.iter().zip(a.iter().zip(&b)).map(|(x, (a, b))| (x - a) * (x - b)).collect();
+    Ok(255.0 * 255.0 * products.value() / x.len() as f64)
+}
+
+/// The values of blocks as displayed; an image with a side below 4 has one block across it.
+fn displayed(size: [u32; 2], values: &[[f32; 3]]) -> Result<Vec<f64>, MetricsError> {
+    let means = block_means(Pixels::new(size, values)?, size.map(|side| side.min(4)))?.means;
+    Ok(means.into_iter().flatten().map(srgb_encode).collect())
+}
+
+/// The halves of the reference, but for their order. It is drawn for each pixel and channel, so that the noise of neighbours stays
+/// independent: one half that is always the larger would have a mean of its own.
+fn halves(reference: &[[f32; 3]], variance: &[[f32; 3]]) -> [Vec<[f32; 3]>; 2] {
+    [1.0, -1.0].map(|order: f32| {
+        let values = reference.iter().zip(variance).enumerate();
+        let of_pixel = |(i, (r, v)): (usize, (&[f32; 3], &[f32; 3]))| {
+            std::array::from_fn(|c| {
+                let hash = (3 * i as u64 + c as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+                let hash = (hash ^ hash >> 31).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+                r[c] + if hash >> 63 == 0 { order } else { -order } * v[c].sqrt()
+            })
+        };
+        values.map(of_pixel).collect()
+    })
+}
