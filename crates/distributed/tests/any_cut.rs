@@ -345,13 +345,13 @@ fn a_state_at_a_stage_s_end_is_resumed_by_any_number_of_processes() {
 fn a_render_interrupted_within_a_pass_is_resumed_by_several_processes() {
     for (number, toy) in toys().into_iter().enumerate() {
         let frame = Frame::new(90, 50).unwrap();
-        let project = Project { frame, ..Project::new(toy, ADAPTIVE, Limits::spp(7.0)) };
+        let project = Project { frame, ..Project::new(toy, ADAPTIVE, Limits::spp(8.0)) };
         let mut keeper = Keeper::default();
         let whole = project.alone(None, &mut keeper);
         // Some states within passes, and the one after the last sample of the first round.
         let samples = |state: &[u8]| Snapshot::from_bytes(state).unwrap().film().record().samples;
         let within = keeper.0.iter().filter(|state| !samples(state).is_multiple_of(4500)).step_by(5);
-        let round = keeper.0.iter().filter(|state| samples(state) == 3 * 4500);
+        let round = keeper.0.iter().filter(|state| samples(state) == 4 * 4500);
         let states: Vec<_> = within.chain(round).collect();
         assert!(states.len() > 2, "{}", states.len());
         for (k, state) in states.into_iter().enumerate() {
