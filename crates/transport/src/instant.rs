@@ -134,10 +134,6 @@ impl VertexLight for VirtualLights<'_> {
         (sum, traced)
     }
 
-    fn samples_lights(&self, _: &Gathered, _: &GatherPoint<'_>) -> bool {
-        true
-    }
-
     fn share(&self, state: &Gathered, vertex: &GatherPoint<'_>) -> f32 {
         let Some([position, normal]) = state.last.filter(|_| is_rough(vertex.bsdf)) else { return 1.0 };
         let (point, back) = (vertex.at.point(), vertex.back);
@@ -155,14 +151,6 @@ impl VertexLight for VirtualLights<'_> {
 
     fn scattered_in_medium(&self, state: &mut Gathered) {
         *state = Gathered::default();
-    }
-
-    fn replaces(&self, _: &Gathered, _: u32, _: bool) -> bool {
-        false
-    }
-
-    fn ends(&self, _: &Gathered, _: bool) -> bool {
-        false
     }
 
     fn prepares(&self) -> Prepares {

@@ -349,10 +349,6 @@ impl VertexLight for CutLight<'_> {
         !specular && state.has_direct
     }
 
-    fn ends(&self, _: &Cut, _: bool) -> bool {
-        false
-    }
-
     fn prepares(&self) -> Prepares {
         Prepares::Once
     }

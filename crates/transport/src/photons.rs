@@ -220,10 +220,6 @@ impl VertexLight for PhotonLight<'_> {
         (self.density(vertex, &self.maps[(draws.sample_number() & 1) as usize], !all), 0)
     }
 
-    fn samples_lights(&self, _: &Gathered, _: &GatherPoint<'_>) -> bool {
-        true
-    }
-
     fn scattered(&self, state: &mut Gathered, specular: bool) {
         if !specular {
             state.now = state.next;

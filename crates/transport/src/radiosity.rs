@@ -153,10 +153,6 @@ impl VertexLight for PatchLight<'_> {
         (self.radiance(vertex, &self.irradiance[(draws.sample_number() & 1) as usize]), 0)
     }
 
-    fn samples_lights(&self, _: &Gathered, _: &GatherPoint<'_>) -> bool {
-        true
-    }
-
     fn scattered(&self, state: &mut Gathered, specular: bool) {
         if !specular {
             state.ends = state.next;
@@ -167,10 +163,6 @@ impl VertexLight for PatchLight<'_> {
 
     fn scattered_in_medium(&self, state: &mut Gathered) {
         *state = Gathered::default();
-    }
-
-    fn replaces(&self, _: &Gathered, _: u32, _: bool) -> bool {
-        false
     }
 
     fn ends(&self, state: &Gathered, _: bool) -> bool {
