@@ -106,6 +106,10 @@ fn check_unbiased(side: u32) {
         (Light::Lamps(P), surfaces.epsilon(0.3)),
         (Light::Lamps(P), surfaces),
         (Light::Lamps(RARE), surfaces.epsilon(0.3)),
+        (Light::Chance(RARE), surfaces.pilot(1)),
+        (Light::Lamps(P), surfaces.pilot(1)),
+        (Light::Lamps(RARE), surfaces.pilot(1).epsilon(0.3)),
+        (Light::Lamps(RARE), surfaces.pilot(2).epsilon(0.3)),
     ];
     for (light, options) in known.map(|options| (Light::Chance(P), options)).chain(more) {
         let z = deviation(light, options, side);
