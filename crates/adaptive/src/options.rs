@@ -10,8 +10,9 @@ dapple_core::options! {
         /// Samples per pixel before counts adapt; 0 takes half of the mean budget up to 8, or a quarter if that is more.
         ///
         /// That is rounded down to a count on the ladder of well-stratified counts, and at least 4, or 1
-        /// with [`PilotPolicy::Neighbours`]. [`PilotPolicy::Cross`] needs 4, because each half needs a variance. After a pilot of
-        /// 1, the variance is that of pairs of neighbours.
+        /// with [`PilotPolicy::Neighbours`]. Any other pilot has at least 2 samples per pixel, 1 with
+        /// [`PilotPolicy::Neighbours`], which then takes the variance of pairs of pixels, and 4 with [`PilotPolicy::Cross`],
+        /// because each half needs a variance.
         pub pilot: u32 = 0;
         /// Rounds for the rest of the budget; 0 takes 3 with keep, 2 with neighbours, 1 with discard or cross.
         ///
@@ -75,7 +76,9 @@ impl AdaptiveOptions {
         let (crosses, reads_neighbours) = (policy == PilotPolicy::Cross, policy == PilotPolicy::Neighbours);
         let is_one_round = crosses || policy == PilotPolicy::Discard;
         let name = || policy.name().to_owned();
-        let (option, value, allowed) = if crosses && (1..4).contains(&pilot) {
+        let (option, value, allowed) = if pilot == 1 && !reads_neighbours {
+            ("pilot", pilot.to_string(), "two samples or more have a variance; 0 chooses")
+        } else if crosses && (1..4).contains(&pilot) {
             ("pilot", pilot.to_string(), "each of the two halves needs two samples; 0 chooses")
         } else if is_one_round && rounds > 1 {
             ("rounds", rounds.to_string(), "1 with discard or cross: more rounds would bias the image")

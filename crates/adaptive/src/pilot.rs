@@ -8,8 +8,7 @@ pub struct Pilot {
     /// The use of pilot samples in the image. [`PilotPolicy::Refined`] is treated as [`PilotPolicy::Keep`].
     pub policy: PilotPolicy,
     /// Pilot samples per pixel. 0 chooses half of the mean budget up to 8, or a quarter if that is more; rounded down to a
-    /// ladder count, and at least 4, or 1 with
-    /// [`PilotPolicy::Neighbours`].
+    /// ladder count, and at least 4, or 1 with [`PilotPolicy::Neighbours`].
     pub samples: u32,
 }
 

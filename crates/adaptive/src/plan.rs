@@ -14,8 +14,8 @@ const TABLE: u32 = 4096;
 /// the mean.
 const FLOOR: u64 = 4;
 
-/// The samples per pixel below which the pool is wider. On eight scenes at 480x270 the filtered image has 0.71 of the error so at
-/// 2 spp and 0.94 at 4; at 8 and 16 spp it would have 1.05.
+/// The samples per pixel below which the pool is wider. At 480x270 the filtered image has 0.71 of the error so at 2 spp and 0.94 at 4
+/// (eight scenes, two seeds); at 8 and 16 spp it would have 1.05 (six scenes, one seed).
 const FEW: u64 = 4;
 
 /// The smallest score of a pixel, as a fraction of the mean score.
@@ -201,9 +201,8 @@ impl<P: PointSet> Adaptive<P> {
     }
 }
 
-/// The moments of pixels with one sample each, which have no variance: each with the most alike of its diagonal neighbours. These
-/// lie an even number of steps away, so that a pixel's sample decides nothing for pixels an odd number of steps away but those that
-/// its own moments decide for.
+/// The moments of pixels with one sample each, which have no variance: each is joined with the most alike of its diagonal
+/// neighbours. These have the pixel's own colour on the chessboard of [`Sources`], so that sources of the other colour stay so.
 fn paired(single: &[RgbMoments], [width, height]: [usize; 2], surfaces: Option<&Surfaces>) -> Vec<RgbMoments> {
     let mut pairs = single.to_vec();
     parallel::fill(&mut pairs, |i| {

@@ -101,7 +101,7 @@ pub(crate) fn filters(args: &ListArgs) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// What there is of Open Image Denoise.
+/// The state of Open Image Denoise, which decides what `best` is.
 fn found() -> String {
     match registry::open_image_denoise() {
         None => "not in this program".to_owned(),

@@ -23,7 +23,7 @@ dapple_core::options! {
         /// Weight of a pixel of another cluster relative to one of the same; 1: no clusters.
         pub outside: f64 = 0.2,
             |w| (0.0..=1.0).contains(&w), "0 (nothing crosses a border) to 1 (clusters do not matter)";
-        /// Parts of the light that are filtered one by one: 2 (direct and indirect), 1, or auto (2 from 16 spp on).
+        /// Parts of the light that are filtered one by one: 2 (direct and indirect), 1, or auto (2 from 2 spp on).
         pub layers: Layers = Layers::Auto => "auto";
         /// Coarse scales that correct the image: auto (by the image's size), or 0 (none) to 8.
         pub scales: Scales = Scales::Auto => "auto",

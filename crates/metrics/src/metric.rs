@@ -115,11 +115,7 @@ impl<'a> Measurement<'a> {
     pub fn new(image: Pixels<'a>, reference: Pixels<'a>, variance: Option<Pixels<'a>>) -> Result<Self, MetricsError> {
         let noise = variance.map(|variance| -> Result<ReferenceNoise, MetricsError> {
             let corrected = compare_corrected(image, NoisyReference::Variance { mean: reference, variance })?;
-            let half = |sign: f32| -> Vec<[f32; 3]> {
-                let values = reference.values.iter().zip(variance.values);
-                values.map(|(r, v)| std::array::from_fn(|c| r[c] + sign * v[c].sqrt())).collect()
-            };
-            let [a, b] = [half(-1.0), half(1.0)];
+            let [a, b] = means::halves(reference.values, variance.values);
             let halves = compare(Pixels::new(reference.size, &a)?, Pixels::new(reference.size, &b)?)?;
             Ok(ReferenceNoise { corrected, srgb8_mse: 0.25 * halves.srgb8_mse })
         });

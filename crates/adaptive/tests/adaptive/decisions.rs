@@ -221,6 +221,7 @@ fn tiny_budgets_and_frames_are_met() {
 fn wrong_options_are_refused() {
     let good = options();
     for bad in [
+        good.pilot(1),
         good.pilot(2).policy(PilotPolicy::Cross),
         good.rounds(65),
         good.rounds(2).policy(PilotPolicy::Discard),

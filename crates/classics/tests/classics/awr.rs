@@ -29,7 +29,7 @@ fn samples_go_where_the_variance_is() {
     }
 }
 
-/// Where all pixels have equal means and variances, the keys of all levels are equal. The largest blocks come first, and spread
+/// The keys of all levels are equal where all pixels have equal means and variances. The largest blocks come first, and spread
 /// their samples over all their pixels.
 #[test]
 fn large_blocks_sample_all_their_pixels() {

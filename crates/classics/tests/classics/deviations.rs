@@ -120,7 +120,7 @@ fn critical_values_have_their_probability() {
     }
 }
 
-/// Whether the next round has no samples.
+/// True if the next round has no samples.
 fn stops(options: VarianceThresholdOptions, film: &Film) -> bool {
     let budget = BudgetLeft::new(1 << 40).with_spent(film.record().samples);
     let mut plan = Plan::empty(1);

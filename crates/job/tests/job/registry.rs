@@ -180,7 +180,7 @@ fn wrong_cluster_words_are_refused_without_a_world() {
     for words in wrong.split(' ') {
         assert_ne!(refusal(check_sampler(&format!("cluster-thesis:{words}"))), "", "{words}");
     }
-    for words in "by=guess rounds=65 pool=sea prior=-1 gain=2 policy=maybe".split(' ') {
+    for words in "by=guess policy=keep,pilot=1 rounds=65 pool=sea prior=-1 gain=2 policy=maybe".split(' ') {
         assert_ne!(refusal(check_sampler(&format!("adaptive:{words}"))), "", "{words}");
     }
     for words in "outside=2 hits=0 hits=9 alpha=0 radius=-1 k=NaN order=random".split(' ') {

@@ -9,14 +9,9 @@ use crate::{MetricsError, Pixels, block_means};
 /// halves, as displayed, on a scale of 0 to 255. The halves' noise cancels, since it is independent.
 pub(super) fn of(measurement: &Measurement<'_>) -> Result<f64, MetricsError> {
     let (image, reference) = (measurement.image, measurement.reference);
-    let x = displayed(image.size, image.values)?;
-    let [a, b] = match measurement.variance {
-        None => [displayed(reference.size, reference.values)?, displayed(reference.size, reference.values)?],
-        Some(variance) => {
-            let [a, b] = halves(reference.values, variance.values);
-            [displayed(reference.size, &a)?, displayed(reference.size, &b)?]
-        }
-    };
+    let halves = measurement.variance.map(|variance| halves(reference.values, variance.values));
+    let [a, b] = halves.as_ref().map_or([reference.values; 2], |[a, b]| [a, b]);
+    let [x, a, b] = [displayed(image.size, image.values)?, displayed(image.size, a)?, displayed(image.size, b)?];
     let products: Sum = x.iter().zip(a.iter().zip(&b)).map(|(x, (a, b))| (x - a) * (x - b)).collect();
     Ok(255.0 * 255.0 * products.value() / x.len() as f64)
 }
@@ -29,7 +24,7 @@ fn displayed(size: [u32; 2], values: &[[f32; 3]]) -> Result<Vec<f64>, MetricsErr
 
 /// The halves of the reference, but for their order. It is drawn for each pixel and channel, so that the noise of neighbours stays
 /// independent: one half that is always the larger would have a mean of its own.
-fn halves(reference: &[[f32; 3]], variance: &[[f32; 3]]) -> [Vec<[f32; 3]>; 2] {
+pub(super) fn halves(reference: &[[f32; 3]], variance: &[[f32; 3]]) -> [Vec<[f32; 3]>; 2] {
     [1.0, -1.0].map(|order: f32| {
         let values = reference.iter().zip(variance).enumerate();
         let of_pixel = |(i, (r, v)): (usize, (&[f32; 3], &[f32; 3]))| {

@@ -1,5 +1,5 @@
 //! Tokens, colorimetry and polygons of readers. Their files use no others and are mounted here.
-#![allow(dead_code)]
+#![allow(dead_code, reason = "tests use a part of the mounted files")]
 
 use approx::assert_abs_diff_eq;
 use colorimetry::{Sampled, blackbody, blackbody_of_peak_one, rgb_of_chromaticity};
