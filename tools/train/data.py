@@ -1,0 +1,84 @@
+"""data.py FOLDER FIRST END [STEP]: films of the random scenes FIRST, FIRST + STEP, ... below END as FOLDER/SEED.npz; goes on where it stopped.
+
+Each scene is rendered by the default at 1, 2 and 4 samples per pixel and at 8 or 16, and once at 64 with another seed: its filtered image is the
+target, its unfiltered image holds the energy. DAPPLE names the program.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+
+OPTIONS = "--pixel-filter box --quiet --threads 1".split()
+
+
+def channels(path):
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        return {name: np.asarray(c.pixels, np.float32) for name, c in file.channels().items()}
+
+
+def film(path):
+    """The planes of a film: c, v and n are mean, variance and count; a, m, z and k albedo, normal, depth and coverage; f and e image and error."""
+    all = channels(path)
+    layer = lambda prefix, names="RGB": np.stack([all[prefix + name] for name in names], -1)
+    small = lambda values: np.clip(np.nan_to_num(values), -6e4, 6e4).astype(np.float16)
+    unfiltered = "unfiltered." if "unfiltered.R" in all else ""
+    return dict(
+        c=np.nan_to_num(layer(unfiltered)),
+        v=np.nan_to_num(layer("variance."), nan=-1).astype(np.float32),
+        n=all["count.Y"].astype(np.uint16),
+        a=small(layer("albedo.")),
+        m=small(layer("normal.", "XYZ")),
+        z=np.nan_to_num(all["depth.Y"], posinf=0),
+        k=small(all["coverage.Y"]),
+        f=layer(""),
+        e=all["error.Y"],
+    )
+
+
+def make(seed, folder):
+    work = folder / f"work-{seed}"
+    scenes = Path(__file__).with_name("scenes.py")
+    subprocess.run([sys.executable, scenes, str(seed), work], check=True)
+
+    def render(spp, seed, name):
+        command = [
+            os.environ.get("DAPPLE", "dapple"),
+            "render",
+            work / "s.pbrt",
+            *OPTIONS,
+            "--spp",
+            str(spp),
+            "--seed",
+            str(seed),
+            "-o",
+            work / name,
+        ]
+        subprocess.run(command, check=True, timeout=90, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        return film(work / name)
+
+    target = render(64, 901, "target.exr")
+    planes = {f"r.{key}": target[key] for key in "cvnf"}
+    more = int(np.random.default_rng(seed + 10**6).choice([8, 16]))
+    for spp in (1, 2, 4, more):
+        planes |= {f"a{spp}.{key}": plane for key, plane in render(spp, seed + spp, "film.exr").items()}
+    np.savez(work / "all.npz", **planes)
+    os.replace(work / "all.npz", folder / f"{seed}.npz")
+    shutil.rmtree(work)
+
+
+if __name__ == "__main__":
+    folder, (first, end, *step) = Path(sys.argv[1]), map(int, sys.argv[2:])
+    folder.mkdir(parents=True, exist_ok=True)
+    for seed in range(first, end, *step):
+        if (folder / f"{seed}.npz").exists():
+            continue
+        try:
+            make(seed, folder)
+        except subprocess.SubprocessError as error:
+            print(f"left out: scene {seed}: {error}", file=sys.stderr)
+            shutil.rmtree(folder / f"work-{seed}", ignore_errors=True)
