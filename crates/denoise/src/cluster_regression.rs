@@ -4,6 +4,7 @@ use crate::averaging::prefilter;
 use crate::error_map::{ERROR, EVIDENCE, LAST, filtered, relative_weight, select, shrink};
 use crate::inputs::{ClusterLookup, Inputs, Reads, guide, residual_guide};
 use crate::light::{self, Layers, Part};
+use crate::network;
 use crate::one_window::Bilateral;
 use crate::outliers;
 use crate::planes::Pair;
@@ -28,6 +29,8 @@ dapple_core::options! {
         /// Coarse scales that correct the image: auto (by the image's size), or 0 (none) to 8.
         pub scales: Scales = Scales::Auto => "auto",
             |scales| matches!(scales, Scales::Auto | Scales::Fixed(0..=Scales::MOST)), "auto, or 0 (none) to 8 scales";
+        /// If true, a trained network mends the image of the regression (docs/results/learned.md).
+        pub network: bool = false => "false";
     }
 }
 
@@ -81,6 +84,8 @@ dapple_core::options! {
 ///    step 6, with the light of outliers in the image. Then more is needed to count as an outlier or as detail.
 /// 9. With two `layers`, these steps filter direct light, then indirect light, and both images are added. Indirect light has
 ///    few edges: colours and features may differ 1.4 times as much from step 4 on, and detail needs 2 times the evidence.
+/// 10. With `network`, a small trained network averages the film and this image anew and blends both [after Isik 2021]. From 24 samples
+///     per pixel on, its part falls with the square of their number.
 ///
 /// # Guarantees
 ///
@@ -272,7 +277,8 @@ impl Filter for ClusterRegression {
         let at_most = kept + if self.is_one_pass { pair + regression::bytes_per_pixel(2) } else { passes };
         // The image of the first part of the light is kept meanwhile.
         let parts = if self.options.layers == Layers::One || !needs.indirect { 0 } else { 16 };
-        FilterMemory::new(frame, making.max(at_most + parts), ImagePlanes::RadianceAndError)
+        let after = if self.options.network { network::BYTES_PER_PIXEL } else { 0 };
+        FilterMemory::new(frame, making.max(at_most + parts).max(after), ImagePlanes::RadianceAndError)
     }
 
     fn runs(&self, needs: &Needs, spp: f64) -> u32 {
@@ -291,6 +297,7 @@ impl Filter for ClusterRegression {
             let other = self.image(&mut inputs);
             add(&mut image, inputs.restored(part, other));
         }
-        Ok(image)
+        drop(inputs);
+        Ok(if self.options.network { network::improve(film, image) } else { image })
     }
 }

@@ -76,6 +76,7 @@ mod features;
 mod gaussian;
 mod inputs;
 mod light;
+mod network;
 mod normal_equations;
 mod one_sample;
 mod one_window;
@@ -107,5 +108,6 @@ mod internals {
     mod images;
     #[cfg(not(debug_assertions))]
     mod kernels;
+    mod network;
     mod parts;
 }

@@ -70,3 +70,9 @@ fn cluster_regression_conforms() {
         conformance::filter(|| Box::new(ClusterRegression::with_options(options).unwrap()));
     }
 }
+
+#[test]
+fn the_network_conforms() {
+    let options = ClusterRegressionOptions::default().network(true);
+    conformance::filter(|| Box::new(ClusterRegression::with_options(options).unwrap()));
+}

@@ -40,11 +40,13 @@ fn film(hits: bool, seed: u64, spp: u64) -> Film {
 fn filters() -> Vec<Box<dyn Filter>> {
     let nlm = NlMeansOptions::default().window(5).patch(2).k(0.6).features(Some(0.6));
     let bilateral = Bilateral::with_options(BilateralOptions::default().outside(0.5)).unwrap();
-    let more: [Box<dyn Filter>; 4] = [
+    let network = ClusterRegression::with_options(ClusterRegressionOptions::default().network(true)).unwrap();
+    let more: [Box<dyn Filter>; 5] = [
         Box::new(NlMeans::with_options(nlm).unwrap()),
         Box::new(bilateral.with_clusters(label(), "")),
         Box::new(ClusterRegression::new().one_pass().with_clusters(label(), "")),
         Box::new(ClusterRegression::new().with_clusters(label(), "")),
+        Box::new(network.with_clusters(label(), "")),
     ];
     support::over_halves().into_iter().chain(more).collect()
 }

@@ -2,12 +2,12 @@
 //! crate together, and `tests/golden.rs` sees any change.
 
 use super::images::{PIXELS, SIDE, inputs, unfiltered_pair};
-use crate::ClusterRegression;
 use crate::averaging::{VANISHING, Window, average};
 use crate::inputs::{Guide, Inputs, guide};
 use crate::planes::{LANES, Pair};
 use crate::regression::regress;
 use crate::tile::Likeness;
+use crate::{ClusterRegression, ClusterRegressionOptions};
 use dapple_core::{Estimate, Film, Filter, Frame, Needs};
 use std::sync::atomic::Ordering;
 
@@ -75,9 +75,10 @@ fn images_have_the_same_bits_for_any_number_of_lanes() {
             film.push_estimate(pixel, sample % 2, &Estimate::new([radiance; 3]));
         }
     }
+    let options = ClusterRegressionOptions::default().network(true);
     let image = |lanes| {
         LANES.store(lanes, Ordering::Relaxed);
-        let image = ClusterRegression::new().apply(&film).unwrap();
+        let image = ClusterRegression::with_options(options).unwrap().apply(&film).unwrap();
         LANES.store(0, Ordering::Relaxed);
         image.radiance.iter().flatten().map(|v| v.to_bits()).collect::<Vec<_>>()
     };

@@ -1,0 +1,95 @@
+//! A small network on top of the filtered image: it learned from random scenes which pixels belong together (docs/results/learned.md).
+//!
+//! A U-Net of isotropic convolutions ([`convolution`]) gives each pixel 8 features for each of 6 distances. Pixels at that distance are
+//! averaged with the weight `exp(-|f_p - f_q|^2)` [after Isik 2021], in the film and in the filtered image ([`passes`]).
+//! The result is a blend of all of these averages and of the filtered image itself. So colours are never invented, any exposure gets the
+//! same treatment, and the mirrored or transposed film gives the mirrored or transposed image.
+
+mod convolution;
+mod passes;
+mod reads;
+
+use crate::planes::dispatch;
+use convolution::{Layer, Maps, RowTask, Source, convolve};
+use dapple_core::{Film, Filtered, parallel};
+use passes::{Heads, blend};
+use reads::{INPUTS, Reads};
+
+/// The weights, 16 bits each: the upper half of an `f32`. `tools/train/export.py` writes them, a layer after the other.
+const WEIGHTS: &[u8] = include_bytes!("network/weights.bin");
+/// The number of channels at full, half, quarter and eighth size.
+const CHANNELS: [usize; 4] = [16, 32, 48, 64];
+/// The image is padded to multiples of this size.
+const GRID: usize = 8;
+/// The mean number of samples per pixel from which on the filtered image replaces the network's. The network has learned from 1 to 16.
+const MOST: f64 = 24.0;
+
+/// The memory of [`improve`] per pixel in bytes: the features, two states of all passes, and what a pass reads.
+pub(crate) const BYTES_PER_PIXEL: usize = 4 * (CHANNELS[0] + 2 * passes::STATE + passes::READ + 9);
+
+/// Replaces the filtered image of a film by the network's. Its error stays: the network's own predictions were further off.
+pub(crate) fn improve(film: &Film, image: Filtered) -> Filtered {
+    let pixels = film.frame().pixels();
+    let spp = (0..pixels).map(|i| film.count(i)).sum::<u64>() as f64 / pixels as f64;
+    let Some(reads) = Reads::new(film, &image).filter(|_| spp > 0.0) else { return image };
+    let mut layers = Layers { rest: WEIGHTS };
+    let trunk = trunk(&reads, &mut layers);
+    let heads = Heads::new(&mut layers);
+    let radiance = blend(&reads, &trunk, &heads, (MOST / spp).powi(2).min(1.0) as f32);
+    Filtered::new(image.size, radiance).with_error(image.error)
+}
+
+/// Layers in the order of the file.
+struct Layers {
+    rest: &'static [u8],
+}
+
+impl Layers {
+    /// The weights of the next layer's outputs, each followed by its bias.
+    fn rows(&mut self, outputs: usize, inputs: usize) -> Vec<Vec<f32>> {
+        let (bytes, rest) = self.rest.split_at(2 * outputs * (inputs + 1));
+        self.rest = rest;
+        let value = |b: &[u8]| f32::from_bits(u32::from(u16::from_le_bytes([b[0], b[1]])) << 16);
+        bytes.chunks_exact(2 * (inputs + 1)).map(|row| row.chunks_exact(2).map(value).collect()).collect()
+    }
+
+    /// The next layer, with so many outputs and inputs.
+    fn next(&mut self, outputs: usize, inputs: usize) -> Layer {
+        Layer::new(&self.rows(outputs, inputs))
+    }
+
+    /// The next layer of a convolution.
+    fn convolution(&mut self, outputs: usize, inputs: usize) -> Layer {
+        self.next(outputs, 3 * inputs)
+    }
+}
+
+/// The features of each pixel of the padded image: [`CHANNELS`]`[0]` channels.
+fn trunk(reads: &Reads<'_>, layers: &mut Layers) -> Maps {
+    let [c0, ..] = CHANNELS;
+    let size = reads.padded();
+    let first = layers.next(c0, INPUTS);
+    let mut maps = Maps::new(size, c0);
+    let stride = maps.stride();
+    parallel::chunks(&mut maps.values, c0 * size[0], |y, to| {
+        let mut stack = vec![0.0; INPUTS * stride];
+        reads.row(y, &mut stack, stride);
+        dispatch(RowTask { stack: &stack, stride, layer: &first, width: size[0], is_rectified: true, to });
+    });
+    let mut levels = vec![convolve(&[Source::Same(&maps)], &layers.convolution(c0, c0))];
+    drop(maps);
+    for level in 1..4 {
+        let [fine, own] = [CHANNELS[level - 1], CHANNELS[level]];
+        let maps = convolve(&[Source::Half(&levels[level - 1])], &layers.convolution(own, fine));
+        levels.push(convolve(&[Source::Same(&maps)], &layers.convolution(own, own)));
+    }
+    let mut coarse = levels.pop().unwrap_or_else(|| Maps::new(size, 0));
+    for level in (0..3).rev() {
+        let [own, below] = [CHANNELS[level], CHANNELS[level + 1]];
+        let fine = levels.pop().unwrap_or_else(|| Maps::new(size, 0));
+        let layer = layers.convolution(own, below + own);
+        let maps = convolve(&[Source::Double(&coarse), Source::Same(&fine)], &layer);
+        coarse = convolve(&[Source::Same(&maps)], &layers.convolution(own, own));
+    }
+    coarse
+}

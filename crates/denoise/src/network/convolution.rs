@@ -1,0 +1,202 @@
+//! Convolutions of 3x3 pixels with one weight for the centre, one for its four neighbours and one for the four corners.
+//!
+//! Such a convolution treats a mirrored or transposed image as the image itself, to the last bit: sums are made in pairs of opposite
+//! pixels. Every value is computed by itself in a fixed order, so no bit depends on threads or vectors.
+
+use crate::planes::dispatch;
+use dapple_core::parallel;
+use pulp::{Simd, WithSimd};
+
+/// The largest number of lanes of a vector.
+const LANES: usize = 16;
+/// The outputs that are computed together: as many sums as hide the latency of an addition.
+const OUTPUTS: usize = 8;
+
+/// Channels of an image. Each row holds all channels, one after the other.
+pub(super) struct Maps {
+    pub(super) size: [usize; 2],
+    pub(super) channels: usize,
+    pub(super) values: Vec<f32>,
+}
+
+impl Maps {
+    pub(super) fn new(size: [usize; 2], channels: usize) -> Self {
+        Self { size, channels, values: vec![0.0; size[0] * size[1] * channels] }
+    }
+
+    /// The row of a channel.
+    pub(super) fn row(&self, y: usize, channel: usize) -> &[f32] {
+        &self.values[(y * self.channels + channel) * self.size[0]..][..self.size[0]]
+    }
+
+    /// The distance between rows of a stack: the width, rounded up.
+    pub(super) fn stride(&self) -> usize {
+        self.size[0].next_multiple_of(LANES)
+    }
+}
+
+/// Weights and biases of a layer, in groups of [`OUTPUTS`] outputs; zero beyond the last.
+pub(super) struct Layer {
+    outputs: usize,
+    inputs: usize,
+    weights: Vec<[f32; OUTPUTS]>,
+    biases: Vec<[f32; OUTPUTS]>,
+}
+
+impl Layer {
+    /// A layer of these outputs: the weights of each, then its bias.
+    pub(super) fn new<T: AsRef<[f32]>>(rows: &[T]) -> Self {
+        let (outputs, inputs) = (rows.len(), rows.first().map_or(0, |row| row.as_ref().len() - 1));
+        let value = |o: usize, k: usize| rows.get(o).map_or(0.0, |row| row.as_ref()[k]);
+        let group = |g: usize, k: usize| std::array::from_fn(|j| value(OUTPUTS * g + j, k));
+        let groups = outputs.div_ceil(OUTPUTS);
+        let weights = (0..groups * inputs).map(|n| group(n / inputs, n % inputs)).collect();
+        Self { outputs, inputs, weights, biases: (0..groups).map(|g| group(g, inputs)).collect() }
+    }
+
+    pub(super) fn outputs(&self) -> usize {
+        self.outputs
+    }
+}
+
+/// One row of all outputs of a layer, from rows of its inputs.
+pub(super) struct RowTask<'a> {
+    /// The rows of all inputs, [`Maps::stride`] apart.
+    pub(super) stack: &'a [f32],
+    pub(super) stride: usize,
+    pub(super) layer: &'a Layer,
+    pub(super) width: usize,
+    /// If `true`, negative outputs are replaced by 0.
+    pub(super) is_rectified: bool,
+    /// The rows of all outputs.
+    pub(super) to: &'a mut [f32],
+}
+
+impl WithSimd for RowTask<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { stack, stride, layer, width, is_rectified, to } = self;
+        let (stack, step) = (S::as_simd_f32s(stack).0, stride / S::F32_LANES);
+        let least = simd.splat_f32s(if is_rectified { 0.0 } else { f32::NEG_INFINITY });
+        for (group, biases) in layer.biases.iter().enumerate() {
+            let weights = &layer.weights[group * layer.inputs..][..layer.inputs];
+            let first = OUTPUTS * group;
+            for block in 0..width.div_ceil(S::F32_LANES) {
+                let mut sums = biases.map(|bias| simd.splat_f32s(bias));
+                for (k, weights) in weights.iter().enumerate() {
+                    let values = stack[k * step + block];
+                    for j in 0..OUTPUTS {
+                        sums[j] = simd.add_f32s(sums[j], simd.mul_f32s(simd.splat_f32s(weights[j]), values));
+                    }
+                }
+                let x = block * S::F32_LANES;
+                let count = S::F32_LANES.min(width - x);
+                for (j, sum) in sums.into_iter().enumerate().take(layer.outputs - first) {
+                    let mut lanes = [0.0; LANES];
+                    S::as_mut_simd_f32s(&mut lanes).0[0] = simd.max_f32s(sum, least);
+                    to[(first + j) * width + x..][..count].copy_from_slice(&lanes[..count]);
+                }
+            }
+        }
+    }
+}
+
+/// Channels that a convolution reads.
+#[derive(Clone, Copy)]
+pub(super) enum Source<'a> {
+    /// At the size of the result.
+    Same(&'a Maps),
+    /// At twice its size: means of 2x2 pixels.
+    Half(&'a Maps),
+    /// At half its size: each pixel four times.
+    Double(&'a Maps),
+}
+
+impl Source<'_> {
+    fn maps(&self) -> &Maps {
+        match self {
+            Source::Same(maps) | Source::Half(maps) | Source::Double(maps) => maps,
+        }
+    }
+
+    fn size(&self) -> [usize; 2] {
+        match self {
+            Source::Same(maps) => maps.size,
+            Source::Half(maps) => maps.size.map(|n| n / 2),
+            Source::Double(maps) => maps.size.map(|n| 2 * n),
+        }
+    }
+
+    /// Copies a row of a channel.
+    fn copy(&self, y: usize, channel: usize, to: &mut [f32]) {
+        match self {
+            Source::Same(maps) => to.copy_from_slice(maps.row(y, channel)),
+            Source::Half(maps) => {
+                let [above, below] = [maps.row(2 * y, channel), maps.row(2 * y + 1, channel)];
+                for (to, (a, b)) in to.iter_mut().zip(above.as_chunks::<2>().0.iter().zip(below.as_chunks::<2>().0)) {
+                    *to = 0.25 * ((a[0] + b[1]) + (a[1] + b[0]));
+                }
+            }
+            Source::Double(maps) => {
+                to.as_chunks_mut::<2>()
+                    .0
+                    .iter_mut()
+                    .zip(maps.row(y / 2, channel))
+                    .for_each(|(to, own)| *to = [*own; 2]);
+            }
+        }
+    }
+}
+
+/// Convolves the channels of all sources, and replaces negative results by 0. Beyond the image, channels are 0.
+pub(super) fn convolve(sources: &[Source<'_>], layer: &Layer) -> Maps {
+    let size = sources[0].size();
+    let [width, height] = size;
+    let mut maps = Maps::new(size, layer.outputs);
+    let stride = maps.stride();
+    parallel::chunks(&mut maps.values, layer.outputs * width, |y, to| {
+        let mut stack = vec![0.0; layer.inputs * stride];
+        // The rows above, of and below the result, with a 0 at either end.
+        let mut near = [0; 3].map(|_| vec![0.0; width + 2]);
+        let channels = sources.iter().flat_map(|source| (0..source.maps().channels).map(move |c| (source, c)));
+        for ((source, channel), stack) in channels.zip(stack.chunks_mut(3 * stride)) {
+            for (k, row) in near.iter_mut().enumerate() {
+                match (y + k).checked_sub(1).filter(|y| *y < height) {
+                    Some(y) => source.copy(y, channel, &mut row[1..=width]),
+                    None => row.fill(0.0),
+                }
+            }
+            dispatch(SumTask { near: near.each_ref().map(|row| &row[..]), stack, stride, width });
+        }
+        dispatch(RowTask { stack: &stack, stride, layer, width, is_rectified: true, to });
+    });
+    maps
+}
+
+/// The centre of each pixel of a row, the sum of its neighbours, and that of its corners.
+struct SumTask<'a> {
+    near: [&'a [f32]; 3],
+    stack: &'a mut [f32],
+    stride: usize,
+    width: usize,
+}
+
+impl WithSimd for SumTask<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { near, stack, stride, width } = self;
+        let [above, own, below] = near.map(|row| &row[..width + 2]);
+        let (centres, rest) = stack.split_at_mut(stride);
+        let (edges, corners) = rest.split_at_mut(stride);
+        let (centres, edges, corners) = (&mut centres[..width], &mut edges[..width], &mut corners[..width]);
+        for x in 0..width {
+            centres[x] = own[x + 1];
+            edges[x] = (above[x + 1] + below[x + 1]) + (own[x] + own[x + 2]);
+            corners[x] = (above[x] + below[x + 2]) + (above[x + 2] + below[x]);
+        }
+    }
+}

@@ -1,0 +1,301 @@
+//! Averages of pixels at distances 1 to 32, weighted by learned features, and the blend of all of them.
+
+use super::convolution::{Layer, Maps, RowTask};
+use super::reads::{Colours, Reads};
+use super::{CHANNELS, Layers};
+use crate::planes::dispatch;
+use crate::tile::exp_minus;
+use dapple_core::parallel;
+use pulp::{Simd, WithSimd};
+
+/// The distances of averaged pixels, in the order of the passes, as in wavelets with holes [after Isik 2021].
+const DISTANCES: [usize; 6] = [1, 2, 4, 8, 16, 32];
+/// The number of features that a pass compares.
+const FEATURES: usize = 8;
+/// The values that passes average: the film's colours over albedo (3), the film's colours (3), the image over albedo (3).
+const VALUES: usize = 9;
+/// A pixel's state between passes: the values, the blend of the film's averages and its weight, that of the image's averages and its weight.
+pub(super) const STATE: usize = VALUES + 8;
+/// What a pass reads of a pixel: values times their trust, and both trusts, then features, the weight of the pixel itself, and three weights in
+/// the blend.
+pub(super) const READ: usize = SUMS + FEATURES + 4;
+/// The values times their trust, and both trusts.
+const SUMS: usize = VALUES + 2;
+
+/// The layers that turn a pixel's features into what the passes need.
+pub(super) struct Heads {
+    /// The weights of the unaveraged values, and of the image.
+    first: Layer,
+    passes: [Layer; 6],
+    /// The share of the image's averages in the result.
+    last: Layer,
+}
+
+impl Heads {
+    pub(super) fn new(layers: &mut Layers) -> Self {
+        let inputs = CHANNELS[0];
+        let (n, own) = (DISTANCES.len(), FEATURES + 3);
+        let outputs = n * own + 3 * (n + 1) + 2;
+        let rows = layers.rows(outputs, inputs);
+        let layer = |numbers: &[usize]| Layer::new(&numbers.iter().map(|k| &rows[*k]).collect::<Vec<_>>());
+        // The weights in the blend: of the film's averages over albedo and of those with it, by turns, then of the image's averages.
+        let (film, image) = (n * own, n * own + 2 * (n + 1));
+        let passes = std::array::from_fn(|pass| {
+            let level = pass + 1;
+            let blend = [film + 2 * level, film + 2 * level + 1, image + level];
+            layer(&(pass * own..(pass + 1) * own).chain(blend).collect::<Vec<_>>())
+        });
+        let first = layer(&[film, film + 1, image, image + n + 1]);
+        Self { first, passes, last: layer(&[image + n + 2]) }
+    }
+}
+
+/// `e^x` for `x` in -60 .. 20, by [`exp_minus`].
+#[inline(always)]
+fn exp(x: f32) -> f32 {
+    const E20: f32 = 485_165_200.0;
+    exp_minus(20.0 - x) * E20
+}
+
+/// The weight of a value in a blend from its logarithm.
+#[inline(always)]
+fn share(x: f32) -> f32 {
+    exp(x.clamp(-20.0, 20.0))
+}
+
+/// `strength` of the network's image, and the rest of the filtered image.
+pub(super) fn blend(reads: &Reads<'_>, trunk: &Maps, heads: &Heads, strength: f32) -> Vec<[f32; 3]> {
+    let albedo = albedo(reads);
+    let mut state = first(reads, trunk, &heads.first);
+    for (layer, distance) in heads.passes.iter().zip(DISTANCES) {
+        state = pass(&read(reads, trunk, layer, &state), &state, &albedo, distance);
+    }
+    let [width, height] = reads.size;
+    let mut radiance = vec![[0.0; 3]; width * height];
+    parallel::chunks(&mut radiance, width, |y, to| {
+        let outputs = outputs(reads, trunk, &heads.last, y);
+        let at = |channel: usize, x: usize| state.row(y, VALUES + channel)[x];
+        for (x, to) in to.iter_mut().enumerate() {
+            let i = y * width + x;
+            let Colours { image, .. } = reads.colours(i);
+            let share = 0.02 + 0.96 / (1.0 + exp((-outputs[x]).clamp(-20.0, 20.0)));
+            let colour = [0, 1, 2].map(|c| {
+                let network = share * at(4 + c, x) / at(7, x) + (1.0 - share) * at(c, x) / at(3, x);
+                image[c] + strength * (network - image[c])
+            });
+            *to = reads.radiance(i, colour);
+        }
+    });
+    radiance
+}
+
+/// The rows of a layer's outputs for row `y` of the image.
+fn outputs(reads: &Reads<'_>, trunk: &Maps, layer: &Layer, y: usize) -> Vec<f32> {
+    let ([width, _], [left, top]) = (reads.size, reads.padding());
+    let stride = trunk.stride();
+    let mut stack = vec![0.0; trunk.channels * stride];
+    for channel in 0..trunk.channels {
+        stack[channel * stride..][..width].copy_from_slice(&trunk.row(y + top, channel)[left..][..width]);
+    }
+    let mut to = vec![0.0; layer.outputs() * width];
+    dispatch(RowTask { stack: &stack, stride, layer, width, is_rectified: false, to: &mut to });
+    to
+}
+
+/// The divisors for albedo.
+fn albedo(reads: &Reads<'_>) -> Maps {
+    let width = reads.size[0];
+    let mut maps = Maps::new(reads.size, 3);
+    parallel::chunks(&mut maps.values, 3 * width, |y, to| {
+        for x in 0..width {
+            let albedo = reads.colours(y * width + x).albedo;
+            (0..3).for_each(|c| to[c * width + x] = albedo[c]);
+        }
+    });
+    maps
+}
+
+/// The state before the first pass.
+fn first(reads: &Reads<'_>, trunk: &Maps, layer: &Layer) -> Maps {
+    let width = reads.size[0];
+    let mut state = Maps::new(reads.size, STATE);
+    parallel::chunks(&mut state.values, STATE * width, |y, to| {
+        let outputs = outputs(reads, trunk, layer, y);
+        for x in 0..width {
+            let Colours { film, albedo, image } = reads.colours(y * width + x);
+            let [divided, plain, averaged, whole] = [0, 1, 2, 3].map(|k| share(outputs[k * width + x]));
+            for c in 0..3 {
+                let values = [film[c] / albedo[c], film[c], image[c] / albedo[c]];
+                values.into_iter().enumerate().for_each(|(k, value)| to[(3 * k + c) * width + x] = value);
+                to[(VALUES + c) * width + x] = (divided + plain) * film[c];
+                to[(VALUES + 4 + c) * width + x] = (averaged + whole) * image[c];
+            }
+            to[(VALUES + 3) * width + x] = divided + plain;
+            to[(VALUES + 7) * width + x] = averaged + whole;
+        }
+    });
+    state
+}
+
+/// What a pass reads, made from the state before it.
+fn read(reads: &Reads<'_>, trunk: &Maps, layer: &Layer, state: &Maps) -> Maps {
+    let width = reads.size[0];
+    let mut maps = Maps::new(reads.size, READ);
+    parallel::chunks(&mut maps.values, READ * width, |y, to| {
+        let outputs = outputs(reads, trunk, layer, y);
+        let state = &state.values[y * STATE * width..][..VALUES * width];
+        dispatch(ReadTask { outputs: &outputs, state, width, to });
+    });
+    maps
+}
+
+struct ReadTask<'a> {
+    outputs: &'a [f32],
+    state: &'a [f32],
+    width: usize,
+    to: &'a mut [f32],
+}
+
+impl WithSimd for ReadTask<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { outputs, state, width, to } = self;
+        let (sums, rest) = to.split_at_mut(SUMS * width);
+        let (features, weights) = rest.split_at_mut(FEATURES * width);
+        features.copy_from_slice(&outputs[..FEATURES * width]);
+        let output = |k: usize| &outputs[(FEATURES + k) * width..][..width];
+        let (values, trusts) = sums.split_at_mut(VALUES * width);
+        for (k, trusts) in trusts.chunks_exact_mut(width).enumerate() {
+            let log = output(k);
+            (0..width).for_each(|x| trusts[x] = exp(log[x].clamp(-8.0, 6.0)));
+        }
+        for (k, values) in values.chunks_exact_mut(width).enumerate() {
+            let (own, trust) = (&state[k * width..][..width], &trusts[k / 6 * width..][..width]);
+            (0..width).for_each(|x| values[x] = own[x] * trust[x]);
+        }
+        for (k, weights) in weights.chunks_exact_mut(width).enumerate() {
+            let (log, most) = (output(2 + k), if k == 0 { 6.0 } else { 20.0 });
+            (0..width).for_each(|x| weights[x] = exp(log[x].clamp(-most, most)));
+        }
+    }
+}
+
+/// The state after a pass over pixels at a distance.
+fn pass(read: &Maps, before: &Maps, albedo: &Maps, distance: usize) -> Maps {
+    let [width, height] = read.size;
+    let mut state = Maps::new(read.size, STATE);
+    parallel::chunks(&mut state.values, STATE * width, |y, to| {
+        let mut sums = vec![0.0; SUMS * width];
+        let mut pair = vec![0.0; SUMS * width];
+        let mut likeness = vec![0.0; width];
+        let row = |y: usize| &read.values[y * READ * width..][..READ * width];
+        let own = row(y);
+        let weight = &own[(SUMS + FEATURES) * width..];
+        for (k, sums) in sums.chunks_exact_mut(width).enumerate() {
+            (0..width).for_each(|x| sums[x] = weight[x] * own[k * width + x]);
+        }
+        let rows = [y.checked_sub(distance), Some(y), Some(y + distance).filter(|y| *y < height)].map(|y| y.map(row));
+        // Opposite pixels are added first, so that a mirrored or transposed image has the same bits.
+        for pairs in [[[(0, 0), (2, 0)], [(1, -1), (1, 1)]], [[(0, -1), (2, 1)], [(0, 1), (2, -1)]]] {
+            let mut both = vec![0.0; SUMS * width];
+            for two in pairs {
+                pair.fill(0.0);
+                for (row, side) in two {
+                    if let Some(there) = rows[row] {
+                        let task =
+                            GatherTask { own, there, side, distance, width, likeness: &mut likeness, sums: &mut pair };
+                        dispatch(task);
+                    }
+                }
+                both.iter_mut().zip(&pair).for_each(|(sum, value)| *sum += value);
+            }
+            sums.iter_mut().zip(&both).for_each(|(sum, value)| *sum += value);
+        }
+        let before = &before.values[y * STATE * width..][..STATE * width];
+        let albedo = &albedo.values[y * 3 * width..][..3 * width];
+        dispatch(FinishTask { sums: &sums, weights: &weight[width..], before, albedo, width, to });
+    });
+    state
+}
+
+/// Adds pixels at one offset to the sums of a row.
+struct GatherTask<'a> {
+    own: &'a [f32],
+    there: &'a [f32],
+    side: isize,
+    distance: usize,
+    width: usize,
+    likeness: &'a mut [f32],
+    sums: &'a mut [f32],
+}
+
+impl WithSimd for GatherTask<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { own, there, side, distance, width, likeness, sums } = self;
+        let shift = if side == 0 { 0 } else { distance.min(width) };
+        let count = width - shift;
+        // The first column of the row itself, and that of the other.
+        let (from, other) = if side < 0 { (shift, 0) } else { (0, shift) };
+        let likeness = &mut likeness[..count];
+        likeness.fill(0.0);
+        for k in SUMS..SUMS + FEATURES {
+            let (a, b) = (&own[k * width + from..][..count], &there[k * width + other..][..count]);
+            for x in 0..count {
+                let apart = a[x] - b[x];
+                likeness[x] += apart * apart;
+            }
+        }
+        likeness.iter_mut().for_each(|value| *value = exp_minus(*value));
+        for k in 0..SUMS {
+            let (sum, value) = (&mut sums[k * width + from..][..count], &there[k * width + other..][..count]);
+            for x in 0..count {
+                sum[x] += likeness[x] * value[x];
+            }
+        }
+    }
+}
+
+/// The state after a pass from the sums of a row. `weights` are those in the blend.
+struct FinishTask<'a> {
+    sums: &'a [f32],
+    weights: &'a [f32],
+    before: &'a [f32],
+    albedo: &'a [f32],
+    width: usize,
+    to: &'a mut [f32],
+}
+
+impl WithSimd for FinishTask<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { sums, weights, before, albedo, width, to } = self;
+        let (values, blends) = to.split_at_mut(VALUES * width);
+        for (k, values) in values.chunks_exact_mut(width).enumerate() {
+            let (sum, total) = (&sums[k * width..][..width], &sums[(VALUES + k / 6) * width..][..width]);
+            (0..width).for_each(|x| values[x] = sum[x] / total[x]);
+        }
+        let value = |k: usize| &values[k * width..][..width];
+        let [divided, plain, averaged] = [0, 1, 2].map(|k| &weights[k * width..][..width]);
+        for (k, blend) in blends.chunks_exact_mut(width).enumerate() {
+            let before = &before[(VALUES + k) * width..][..width];
+            let albedo = &albedo[(k % 4).min(2) * width..][..width];
+            let (of_film, film, image) = (value(k % 4 % 3), value(3 + k % 4 % 3), value(6 + k % 4 % 3));
+            for x in 0..width {
+                let more = match k {
+                    0..3 => divided[x] * of_film[x] * albedo[x] + plain[x] * film[x],
+                    3 => divided[x] + plain[x],
+                    4..7 => averaged[x] * image[x] * albedo[x],
+                    _ => averaged[x],
+                };
+                blend[x] = before[x] + more;
+            }
+        }
+    }
+}

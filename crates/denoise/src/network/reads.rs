@@ -1,0 +1,166 @@
+//! What the network reads of a film and of its filtered image.
+
+use super::GRID;
+use crate::features::ln;
+use crate::light::{Bounds, Light};
+use crate::planes::{per_pixel, quantile, sum_pixels};
+use crate::tile::exp_minus;
+use dapple_core::{Features, Film, Filtered, luminance};
+
+/// The number of values per pixel.
+pub(super) const INPUTS: usize = 24;
+/// The largest radiance of the film that the network reads, in units of its exposure.
+const BRIGHTEST: f32 = 1e4;
+/// The albedo of pixels without one is 1, and others are at least this, as divisors.
+const LEAST_ALBEDO: f32 = 0.03;
+
+/// A film, its filtered image, and the units in which the network reads them.
+pub(super) struct Reads<'a> {
+    film: &'a Film,
+    image: &'a Filtered,
+    pub(super) size: [usize; 2],
+    /// The factor on radiance: the geometric mean of the filtered image becomes 0.18.
+    exposure: f32,
+    /// The median logarithm of depth.
+    middle: f32,
+    /// The light that the network does not get ([`Bounds`]).
+    bounds: Bounds,
+}
+
+/// Colours that passes filter, in units of the exposure.
+pub(super) struct Colours {
+    /// The film's mean, the divisor for its albedo, and the filtered image.
+    pub(super) film: [f32; 3],
+    pub(super) albedo: [f32; 3],
+    pub(super) image: [f32; 3],
+}
+
+impl<'a> Reads<'a> {
+    /// `None` if the image is black.
+    pub(super) fn new(film: &'a Film, image: &'a Filtered) -> Option<Self> {
+        let size = film.frame().size().map(|n| n as usize);
+        let pixels = film.frame().pixels();
+        let bright = |i: usize| luminance(image.radiance[i].map(f64::from)).max(0.0);
+        let [sum] = sum_pixels(size, |i| [bright(i)]);
+        let mean = sum / pixels as f64;
+        let usable = (1e-18..1e18).contains(&mean);
+        let [sum] = sum_pixels(size, |i| [f64::from(ln(bright(i).clamp(1e-3 * mean, 50.0 * mean) as f32))]);
+        let middle = (sum / pixels as f64) as f32;
+        let exposure = 0.18 * if middle > 0.0 { exp_minus(middle) } else { 1.0 / exp_minus(-middle) };
+        let depths = per_pixel(pixels, |i| surface(film, i).map_or(0.0, |f| f.depth));
+        let depth = quantile(depths.into_iter().filter(|depth| *depth > 0.0).collect(), 2);
+        let bounds = Bounds::new(Light::all(film), mean as f32);
+        usable.then_some(Self {
+            film,
+            image,
+            size,
+            exposure,
+            middle: ln(depth.unwrap_or(1.0).clamp(1e-18, 1e18)),
+            bounds,
+        })
+    }
+
+    /// The size of the image, padded to multiples of [`GRID`].
+    pub(super) fn padded(&self) -> [usize; 2] {
+        self.size.map(|n| n.next_multiple_of(GRID))
+    }
+
+    /// The columns to the left of the image and the rows above it in the padded one.
+    pub(super) fn padding(&self) -> [usize; 2] {
+        [0, 1].map(|k| (self.padded()[k] - self.size[k]) / 2)
+    }
+
+    /// The part of the image of pixel `i` that the network does not get: emission, and what is brighter than [`BRIGHTEST`].
+    fn withheld(&self, i: usize) -> [f32; 3] {
+        let emission = self.bounds.withheld_emission(Light::all(self.film), i);
+        let (image, most) = (self.image.radiance[i], BRIGHTEST / self.exposure);
+        [0, 1, 2].map(|c| (emission[c] as f32).max(image[c] - most).min(image[c].max(0.0)))
+    }
+
+    /// The colours of pixel `i`. Without samples, the film's mean is the image.
+    pub(super) fn colours(&self, i: usize) -> Colours {
+        let (mean, withheld) = (self.film.mean(i), self.withheld(i));
+        let albedo = surface(self.film, i).map_or([0.0; 3], |f| f.albedo.map(bounded));
+        let has_albedo = albedo.iter().any(|a| *a >= LEAST_ALBEDO);
+        let image = [0, 1, 2].map(|c| ((self.image.radiance[i][c] - withheld[c]) * self.exposure).max(0.0));
+        let film = [0, 1, 2].map(|c| ((mean[c] as f32 - withheld[c]) * self.exposure).clamp(0.0, BRIGHTEST));
+        let albedo = albedo.map(|a| if has_albedo { a.max(LEAST_ALBEDO) } else { 1.0 });
+        Colours { film: if self.film.count(i) > 0 { film } else { image }, albedo, image }
+    }
+
+    /// The radiance of pixel `i` whose colour the network gives in its units.
+    pub(super) fn radiance(&self, i: usize, colour: [f32; 3]) -> [f32; 3] {
+        let withheld = self.withheld(i);
+        [0, 1, 2].map(|c| (colour[c] / self.exposure + withheld[c]).min(f32::MAX))
+    }
+
+    /// Writes the values of a row of the padded image, `stride` apart.
+    pub(super) fn row(&self, y: usize, to: &mut [f32], stride: usize) {
+        let ([width, height], [left, top]) = (self.size, self.padding());
+        let y = y.saturating_sub(top).min(height - 1);
+        for x in 0..self.padded()[0] {
+            let values = self.values(y * width + x.saturating_sub(left).min(width - 1));
+            values.into_iter().enumerate().for_each(|(k, value)| to[k * stride + x] = value);
+        }
+    }
+
+    /// The values that the first layer reads of pixel `i`.
+    fn values(&self, i: usize) -> [f32; INPUTS] {
+        let Colours { film, albedo, image } = self.colours(i);
+        let surface = surface(self.film, i);
+        let count = self.film.count(i).max(1) as f32;
+        let grey = |[r, g, b]: [f32; 3]| 0.2126 * r + 0.7152 * g + 0.0722 * b;
+        let log = |x: f32| 0.5 * ln(1.0 + 8.0 * x);
+        let [film_grey, image_grey] = [grey(film), grey(image)];
+        let variance = self.film.moments(i).variance();
+        let noise = variance.map(|v| (luminance(v) as f32 / count).max(0.0).sqrt() * self.exposure);
+        let noise = noise.map(|noise| noise.min(BRIGHTEST));
+        let error = self.image.error.as_ref().map_or(0.0, |error| error[i].max(0.0).sqrt() * self.exposure);
+        let share = |x: f32| 0.4 * ln(x.min(1e9) / (image_grey + 0.02) + 1e-2);
+        let apart = (film_grey - image_grey) / (image_grey + 0.02);
+        let [lr, lg, lb] = [0, 1, 2].map(|c| log((film[c] / albedo[c]).min(BRIGHTEST)));
+        let [dr, dg, db] = [0, 1, 2].map(|c| log(image[c] / albedo[c]));
+        let [ir, ig, ib] = image.map(log);
+        let [ar, ag, ab] = surface.map_or([0.0; 3], |f| f.albedo.map(bounded));
+        let [nx, ny, nz] = surface.map_or([0.0; 3], |f| f.normal.map(bounded));
+        let depth = surface.filter(|f| f.depth > 0.0);
+        let depth = depth.map_or(3.0, |f| (ln(f.depth.clamp(1e-18, 1e18)) - self.middle).clamp(-3.0, 3.0));
+        let coverage = surface.map_or(0.0, |f| f.hits as f32 / f.samples.max(1) as f32);
+        [
+            lr,
+            lg,
+            lb,
+            dr,
+            dg,
+            db,
+            ir,
+            ig,
+            ib,
+            ar,
+            ag,
+            ab,
+            nx,
+            ny,
+            nz,
+            log(film_grey),
+            apart / (1.0 + apart.abs()),
+            noise.map_or(0.0, share),
+            f32::from(u8::from(noise.is_some())),
+            0.25 * std::f32::consts::LOG2_E * ln(count),
+            0.5 * depth,
+            coverage,
+            share(error),
+            log(noise.unwrap_or(0.0)),
+        ]
+    }
+}
+
+/// The features of pixel `i` that hit a surface.
+fn surface(film: &Film, i: usize) -> Option<Features> {
+    film.features(i).filter(|f| f.hits > 0)
+}
+
+/// A number within bounds that valid normals and albedos never reach.
+fn bounded(x: f32) -> f32 {
+    if x.is_nan() { 0.0 } else { x.clamp(-16.0, 16.0) }
+}

@@ -1,0 +1,84 @@
+//! The network on top of the filtered image.
+
+use crate::network::improve;
+use dapple_core::{Estimate, Film, Filtered, FirstHit, Frame, Needs, mix};
+
+const NEEDS: Needs = Needs::none().with_variance().with_halves().with_features().with_emission();
+
+/// A number in 0 to 1 by a hash.
+fn noise(i: usize, k: usize) -> f32 {
+    (mix((i * 31 + k) as u64) >> 40) as f32 / (1u64 << 24) as f32
+}
+
+/// A noisy film with edges of albedo and normal, and a smoother image of it, whose pixel `[x, y]` shows what `place` maps it to.
+fn noisy(size: [usize; 2], place: impl Fn([usize; 2]) -> [usize; 2]) -> (Film, Filtered) {
+    let mut film = Film::new(Frame::new(size[0] as u32, size[1] as u32).unwrap(), NEEDS);
+    let mut image = Vec::new();
+    for pixel in 0..size[0] * size[1] {
+        let [x, y] = place([pixel % size[0], pixel / size[0]]);
+        let i = 1000 * y + x;
+        let truth = if x < 20 { 0.2 } else { 0.7 } * if (x / 6 + y / 6) % 2 == 0 { 0.5 } else { 1.0 };
+        let normal = if y < 14 { [0.0, 0.0, 1.0] } else { [0.0, 1.0, 0.0] };
+        let hit = FirstHit::new([x as f32, y as f32, 0.0], [0.0, 0.0, 1.0], 5.0 + noise(i, 9))
+            .with_shading_normal(normal)
+            .with_albedo([truth, 0.5, 0.4])
+            .with_footprint(1.0);
+        for k in 0..4 {
+            let colour = [truth, 0.5 * truth, 0.4].map(|c| 2.0 * c * noise(i, k));
+            film.push_estimate(pixel, k % 2, &Estimate::new(colour).with_first_hit(Some(hit)));
+        }
+        image.push([truth, 0.5 * truth, 0.4].map(|c| c * (0.8 + 0.4 * noise(i, 5))));
+    }
+    let error = image.iter().map(|[r, ..]| 0.01 * r).collect::<Vec<f32>>();
+    (film, Filtered::new(size.map(|n| n as u32), image).with_error(error))
+}
+
+fn improved((film, image): (Film, Filtered)) -> Filtered {
+    improve(&film, image)
+}
+
+/// Sums over the whole image, of which the exposure is made, are in another order; that is all.
+#[test]
+fn the_image_of_a_mirrored_or_transposed_film_is_mirrored_or_transposed() {
+    // Padded by 4 and 2 columns, and by 0, 3 and 1 rows on either side.
+    for [w, h] in [[40, 32], [36, 26], [44, 30]] {
+        let plain = improved(noisy([w, h], |place| place));
+        let apart = plain
+            .radiance
+            .iter()
+            .zip(&noisy([w, h], |place| place).1.radiance)
+            .any(|(a, b)| (a[0] - b[0]).abs() > 1e-3);
+        assert!(apart, "the control: the network does nothing");
+        let mirrored = improved(noisy([w, h], |[x, y]| [w - 1 - x, y]));
+        let transposed = improved(noisy([h, w], |[x, y]| [y, x]));
+        for i in 0..w * h {
+            let [x, y] = [i % w, i / w];
+            for other in [mirrored.radiance[y * w + w - 1 - x], transposed.radiance[x * h + y]] {
+                let close = (0..3).all(|c| (other[c] - plain.radiance[i][c]).abs() < 1e-4 * plain.radiance[i][c]);
+                assert!(close, "[{x}, {y}] of {w}x{h}: {other:?}, not {:?}", plain.radiance[i]);
+            }
+        }
+    }
+}
+
+/// Powers of two change no other digit of any number but logarithms'.
+#[test]
+fn the_image_of_another_exposure_is_the_same() {
+    let scaled = |scale: f32| {
+        let (film, mut image) = noisy([40, 24], |place| place);
+        let mut other = Film::new(*film.frame(), NEEDS);
+        for i in 0..40 * 24 {
+            for half in 0..2 {
+                let mean = film.half(half, i).unwrap().mean.map(|v| v as f32 * scale);
+                (0..2).for_each(|_| other.push(i, half, mean));
+            }
+        }
+        image.radiance.iter_mut().flatten().for_each(|v| *v *= scale);
+        image.error.iter_mut().flatten().for_each(|v| *v *= scale * scale);
+        improved((other, image)).radiance
+    };
+    let (plain, bright) = (scaled(1.0), scaled(1024.0));
+    for (a, b) in plain.iter().zip(&bright) {
+        assert!((0..3).all(|c| (b[c] / 1024.0 - a[c]).abs() < 1e-3 * a[c]), "{a:?} {b:?}");
+    }
+}
