@@ -11,7 +11,7 @@ from torch import nn
 from features import INPUTS
 
 CHANNELS = (16, 32, 48, 64)
-DISTANCES = (1, 2, 4, 8, 16, 32)
+DISTANCES = (2, 8, 32, 16, 4, 1)
 FEATURES = 8
 LEVELS = len(DISTANCES) + 1
 # Weights in the blend: of the film's averages over albedo and with it by turns, of the image's averages, of the image; and the image's share.

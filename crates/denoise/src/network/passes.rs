@@ -8,8 +8,9 @@ use crate::tile::exp_minus;
 use dapple_core::parallel;
 use pulp::{Simd, WithSimd};
 
-/// The distances of averaged pixels, in the order of the passes, as in wavelets with holes [after Isik 2021].
-const DISTANCES: [usize; 6] = [1, 2, 4, 8, 16, 32];
+/// The distances of averaged pixels, in the order of the passes [after Isik 2021]. The last joins neighbours: with the largest last,
+/// walls show a grid.
+const DISTANCES: [usize; 6] = [2, 8, 32, 16, 4, 1];
 /// The number of features that a pass compares.
 const FEATURES: usize = 8;
 /// The values that passes average: the film's colours over albedo (3), the film's colours (3), the image over albedo (3).
