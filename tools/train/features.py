@@ -1,4 +1,4 @@
-"""What the network reads of a film, as in crates/denoise/src/network/reads.rs."""
+"""What the network reads of a film, as in crates/denoise/src/network/exposed_film.rs."""
 
 import numpy as np
 

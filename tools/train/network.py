@@ -22,7 +22,7 @@ PLACES = torch.tensor([2, 1, 2, 1, 0, 1, 2, 1, 2])
 
 def library():
     """The averages in C++, built beside this file if it is not there."""
-    source = Path(__file__).with_name("affine.cpp")
+    source = Path(__file__).with_name("gather.cpp")
     built = source.with_suffix(".so")
     if not built.exists() or built.stat().st_mtime < source.stat().st_mtime:
         subprocess.run(["g++", "-O3", "-march=native", "-ffast-math", "-fopenmp", "-shared", "-fPIC", source, "-o", built], check=True)

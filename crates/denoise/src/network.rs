@@ -2,18 +2,18 @@
 //!
 //! A U-Net of isotropic convolutions ([`convolution`]) gives each pixel 8 features for each of 6 distances. Pixels at that distance are
 //! averaged with the weight `exp(-|f_p - f_q|^2)` [after Isik 2021], in the film and in the filtered image ([`passes`]).
-//! The result is a blend of all of these averages and of the filtered image itself. So colours are never invented, any exposure gets the
-//! same treatment, and the mirrored or transposed film gives the mirrored or transposed image.
+//! The result is a blend of all of these averages and of the filtered image itself. Any exposure gets the same treatment. At even sizes
+//! a mirrored or transposed film and image give the mirrored or transposed result, up to rounding; at odd ones, borders differ.
 
 mod convolution;
+mod exposed_film;
 mod passes;
-mod reads;
 
 use crate::planes::dispatch;
 use convolution::{Layer, Maps, RowTask, Source, convolve};
 use dapple_core::{Film, Filtered, parallel};
+use exposed_film::{ExposedFilm, INPUTS};
 use passes::{Heads, blend};
-use reads::{INPUTS, Reads};
 
 /// The weights, 16 bits each: the upper half of an `f32`. `tools/train/export.py` writes them, a layer after the other.
 const WEIGHTS: &[u8] = include_bytes!("network/weights.bin");
@@ -24,18 +24,18 @@ const GRID: usize = 8;
 /// The mean number of samples per pixel from which on the filtered image replaces the network's. The network has learned from 1 to 16.
 const MOST: f64 = 24.0;
 
-/// The memory of [`improve`] per pixel in bytes: the features, two states of all passes, and what a pass reads.
+/// The memory of [`improve`] per pixel in bytes: the features, two states of all passes, and what a pass exposed.
 pub(crate) const BYTES_PER_PIXEL: usize = 4 * (CHANNELS[0] + 2 * passes::STATE + passes::READ + 9);
 
 /// Replaces the filtered image of a film by the network's. Its error stays: the network's own predictions were further off.
 pub(crate) fn improve(film: &Film, image: Filtered) -> Filtered {
     let pixels = film.frame().pixels();
     let spp = (0..pixels).map(|i| film.count(i)).sum::<u64>() as f64 / pixels as f64;
-    let Some(reads) = Reads::new(film, &image).filter(|_| spp > 0.0) else { return image };
+    let Some(exposed) = ExposedFilm::new(film, &image).filter(|_| spp > 0.0) else { return image };
     let mut layers = Layers { rest: WEIGHTS };
-    let trunk = trunk(&reads, &mut layers);
+    let trunk = trunk(&exposed, &mut layers);
     let heads = Heads::new(&mut layers);
-    let radiance = blend(&reads, &trunk, &heads, (MOST / spp).powi(2).min(1.0) as f32);
+    let radiance = blend(&exposed, &trunk, &heads, (MOST / spp).powi(2).min(1.0) as f32);
     Filtered::new(image.size, radiance).with_error(image.error)
 }
 
@@ -65,28 +65,27 @@ impl Layers {
 }
 
 /// The features of each pixel of the padded image: [`CHANNELS`]`[0]` channels.
-fn trunk(reads: &Reads<'_>, layers: &mut Layers) -> Maps {
+fn trunk(exposed: &ExposedFilm<'_>, layers: &mut Layers) -> Maps {
     let [c0, ..] = CHANNELS;
-    let size = reads.padded();
+    let size = exposed.padded();
     let first = layers.next(c0, INPUTS);
     let mut maps = Maps::new(size, c0);
     let stride = maps.stride();
     parallel::chunks(&mut maps.values, c0 * size[0], |y, to| {
         let mut stack = vec![0.0; INPUTS * stride];
-        reads.row(y, &mut stack, stride);
+        exposed.row(y, &mut stack, stride);
         dispatch(RowTask { stack: &stack, stride, layer: &first, width: size[0], is_rectified: true, to });
     });
-    let mut levels = vec![convolve(&[Source::Same(&maps)], &layers.convolution(c0, c0))];
+    let mut coarse = convolve(&[Source::Same(&maps)], &layers.convolution(c0, c0));
     drop(maps);
-    for level in 1..4 {
-        let [fine, own] = [CHANNELS[level - 1], CHANNELS[level]];
-        let maps = convolve(&[Source::Half(&levels[level - 1])], &layers.convolution(own, fine));
-        levels.push(convolve(&[Source::Same(&maps)], &layers.convolution(own, own)));
+    let mut finer = Vec::new();
+    for sizes in CHANNELS.windows(2) {
+        let maps = convolve(&[Source::Half(&coarse)], &layers.convolution(sizes[1], sizes[0]));
+        let next = convolve(&[Source::Same(&maps)], &layers.convolution(sizes[1], sizes[1]));
+        finer.push(std::mem::replace(&mut coarse, next));
     }
-    let mut coarse = levels.pop().unwrap_or_else(|| Maps::new(size, 0));
-    for level in (0..3).rev() {
-        let [own, below] = [CHANNELS[level], CHANNELS[level + 1]];
-        let fine = levels.pop().unwrap_or_else(|| Maps::new(size, 0));
+    while let Some(fine) = finer.pop() {
+        let [own, below] = [fine.channels, coarse.channels];
         let layer = layers.convolution(own, below + own);
         let maps = convolve(&[Source::Double(&coarse), Source::Same(&fine)], &layer);
         coarse = convolve(&[Source::Same(&maps)], &layers.convolution(own, own));

@@ -1,7 +1,7 @@
 //! Averages of pixels at distances 1 to 32, weighted by learned features, and the blend of all of them.
 
 use super::convolution::{Layer, Maps, RowTask};
-use super::reads::{Colours, Reads};
+use super::exposed_film::{ExposedFilm, PixelColours};
 use super::{CHANNELS, Layers};
 use crate::planes::dispatch;
 use crate::tile::exp_minus;
@@ -17,7 +17,7 @@ const FEATURES: usize = 8;
 const VALUES: usize = 9;
 /// A pixel's state between passes: the values, the blend of the film's averages and its weight, that of the image's averages and its weight.
 pub(super) const STATE: usize = VALUES + 8;
-/// What a pass reads of a pixel: values times their trust, and both trusts, then features, the weight of the pixel itself, and three weights in
+/// What a pass exposed of a pixel: values times their trust, and both trusts, then features, the weight of the pixel itself, and three weights in
 /// the blend.
 pub(super) const READ: usize = SUMS + FEATURES + 4;
 /// The values times their trust, and both trusts.
@@ -65,34 +65,34 @@ fn share(x: f32) -> f32 {
 }
 
 /// `strength` of the network's image, and the rest of the filtered image.
-pub(super) fn blend(reads: &Reads<'_>, trunk: &Maps, heads: &Heads, strength: f32) -> Vec<[f32; 3]> {
-    let albedo = albedo(reads);
-    let mut state = first(reads, trunk, &heads.first);
+pub(super) fn blend(exposed: &ExposedFilm<'_>, trunk: &Maps, heads: &Heads, strength: f32) -> Vec<[f32; 3]> {
+    let albedo = albedo(exposed);
+    let mut state = first(exposed, trunk, &heads.first);
     for (layer, distance) in heads.passes.iter().zip(DISTANCES) {
-        state = pass(&read(reads, trunk, layer, &state), &state, &albedo, distance);
+        state = pass(&read(exposed, trunk, layer, &state), &state, &albedo, distance);
     }
-    let [width, height] = reads.size;
+    let [width, height] = exposed.size;
     let mut radiance = vec![[0.0; 3]; width * height];
     parallel::chunks(&mut radiance, width, |y, to| {
-        let outputs = outputs(reads, trunk, &heads.last, y);
+        let outputs = outputs(exposed, trunk, &heads.last, y);
         let at = |channel: usize, x: usize| state.row(y, VALUES + channel)[x];
         for (x, to) in to.iter_mut().enumerate() {
             let i = y * width + x;
-            let Colours { image, .. } = reads.colours(i);
+            let PixelColours { image, .. } = exposed.colours(i);
             let share = 0.02 + 0.96 / (1.0 + exp((-outputs[x]).clamp(-20.0, 20.0)));
             let colour = [0, 1, 2].map(|c| {
                 let network = share * at(4 + c, x) / at(7, x) + (1.0 - share) * at(c, x) / at(3, x);
                 image[c] + strength * (network - image[c])
             });
-            *to = reads.radiance(i, colour);
+            *to = exposed.radiance(i, colour);
         }
     });
     radiance
 }
 
 /// The rows of a layer's outputs for row `y` of the image.
-fn outputs(reads: &Reads<'_>, trunk: &Maps, layer: &Layer, y: usize) -> Vec<f32> {
-    let ([width, _], [left, top]) = (reads.size, reads.padding());
+fn outputs(exposed: &ExposedFilm<'_>, trunk: &Maps, layer: &Layer, y: usize) -> Vec<f32> {
+    let ([width, _], [left, top]) = (exposed.size, exposed.padding());
     let stride = trunk.stride();
     let mut stack = vec![0.0; trunk.channels * stride];
     for channel in 0..trunk.channels {
@@ -104,12 +104,12 @@ fn outputs(reads: &Reads<'_>, trunk: &Maps, layer: &Layer, y: usize) -> Vec<f32>
 }
 
 /// The divisors for albedo.
-fn albedo(reads: &Reads<'_>) -> Maps {
-    let width = reads.size[0];
-    let mut maps = Maps::new(reads.size, 3);
+fn albedo(exposed: &ExposedFilm<'_>) -> Maps {
+    let width = exposed.size[0];
+    let mut maps = Maps::new(exposed.size, 3);
     parallel::chunks(&mut maps.values, 3 * width, |y, to| {
         for x in 0..width {
-            let albedo = reads.colours(y * width + x).albedo;
+            let albedo = exposed.colours(y * width + x).albedo;
             (0..3).for_each(|c| to[c * width + x] = albedo[c]);
         }
     });
@@ -117,13 +117,13 @@ fn albedo(reads: &Reads<'_>) -> Maps {
 }
 
 /// The state before the first pass.
-fn first(reads: &Reads<'_>, trunk: &Maps, layer: &Layer) -> Maps {
-    let width = reads.size[0];
-    let mut state = Maps::new(reads.size, STATE);
+fn first(exposed: &ExposedFilm<'_>, trunk: &Maps, layer: &Layer) -> Maps {
+    let width = exposed.size[0];
+    let mut state = Maps::new(exposed.size, STATE);
     parallel::chunks(&mut state.values, STATE * width, |y, to| {
-        let outputs = outputs(reads, trunk, layer, y);
+        let outputs = outputs(exposed, trunk, layer, y);
         for x in 0..width {
-            let Colours { film, albedo, image } = reads.colours(y * width + x);
+            let PixelColours { film, albedo, image } = exposed.colours(y * width + x);
             let [divided, plain, averaged, whole] = [0, 1, 2, 3].map(|k| share(outputs[k * width + x]));
             for c in 0..3 {
                 let values = [film[c] / albedo[c], film[c], image[c] / albedo[c]];
@@ -138,12 +138,12 @@ fn first(reads: &Reads<'_>, trunk: &Maps, layer: &Layer) -> Maps {
     state
 }
 
-/// What a pass reads, made from the state before it.
-fn read(reads: &Reads<'_>, trunk: &Maps, layer: &Layer, state: &Maps) -> Maps {
-    let width = reads.size[0];
-    let mut maps = Maps::new(reads.size, READ);
+/// What a pass exposed, made from the state before it.
+fn read(exposed: &ExposedFilm<'_>, trunk: &Maps, layer: &Layer, state: &Maps) -> Maps {
+    let width = exposed.size[0];
+    let mut maps = Maps::new(exposed.size, READ);
     parallel::chunks(&mut maps.values, READ * width, |y, to| {
-        let outputs = outputs(reads, trunk, layer, y);
+        let outputs = outputs(exposed, trunk, layer, y);
         let state = &state.values[y * STATE * width..][..VALUES * width];
         dispatch(ReadTask { outputs: &outputs, state, width, to });
     });

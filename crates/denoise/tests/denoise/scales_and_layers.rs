@@ -118,7 +118,7 @@ fn the_number_of_scales_is_auto_or_at_most_eight() {
     let options = |scales| ClusterRegressionOptions::default().scales(scales);
     assert!(ClusterRegression::with_options(options(Scales::Fixed(9))).is_err());
     assert!(ClusterRegression::with_options(options(Scales::Fixed(Scales::MOST))).is_ok());
-    assert!(options(Scales::Fixed(2)).describe().contains("scales=2"));
+    assert!(options(Scales::Fixed(2)).describe().ends_with("scales=2,network=false"));
 }
 
 const SIDE: u32 = 48;

@@ -1,4 +1,4 @@
-//! What the network reads of a film and of its filtered image.
+//! What the network exposed of a film and of its filtered image.
 
 use super::GRID;
 use crate::features::ln;
@@ -9,13 +9,13 @@ use dapple_core::{Features, Film, Filtered, luminance};
 
 /// The number of values per pixel.
 pub(super) const INPUTS: usize = 24;
-/// The largest radiance of the film that the network reads, in units of its exposure.
+/// The largest radiance of the film that the network exposed, in units of its exposure.
 const BRIGHTEST: f32 = 1e4;
 /// The albedo of pixels without one is 1, and others are at least this, as divisors.
 const LEAST_ALBEDO: f32 = 0.03;
 
-/// A film, its filtered image, and the units in which the network reads them.
-pub(super) struct Reads<'a> {
+/// A film, its filtered image, and the units in which the network exposed them.
+pub(super) struct ExposedFilm<'a> {
     film: &'a Film,
     image: &'a Filtered,
     pub(super) size: [usize; 2],
@@ -27,37 +27,32 @@ pub(super) struct Reads<'a> {
     bounds: Bounds,
 }
 
-/// Colours that passes filter, in units of the exposure.
-pub(super) struct Colours {
+/// PixelColours that passes filter, in units of the exposure.
+pub(super) struct PixelColours {
     /// The film's mean, the divisor for its albedo, and the filtered image.
     pub(super) film: [f32; 3],
     pub(super) albedo: [f32; 3],
     pub(super) image: [f32; 3],
 }
 
-impl<'a> Reads<'a> {
-    /// `None` if the image is black.
+impl<'a> ExposedFilm<'a> {
+    /// The film and its image; `None` if the image is black or so dark or bright that units fail.
     pub(super) fn new(film: &'a Film, image: &'a Filtered) -> Option<Self> {
         let size = film.frame().size().map(|n| n as usize);
         let pixels = film.frame().pixels();
         let bright = |i: usize| luminance(image.radiance[i].map(f64::from)).max(0.0);
         let [sum] = sum_pixels(size, |i| [bright(i)]);
         let mean = sum / pixels as f64;
-        let usable = (1e-18..1e18).contains(&mean);
+        if !(1e-18..1e18).contains(&mean) {
+            return None;
+        }
         let [sum] = sum_pixels(size, |i| [f64::from(ln(bright(i).clamp(1e-3 * mean, 50.0 * mean) as f32))]);
-        let middle = (sum / pixels as f64) as f32;
-        let exposure = 0.18 * if middle > 0.0 { exp_minus(middle) } else { 1.0 / exp_minus(-middle) };
+        let log = (sum / pixels as f64) as f32;
+        let exposure = 0.18 * if log > 0.0 { exp_minus(log) } else { 1.0 / exp_minus(-log) };
         let depths = per_pixel(pixels, |i| surface(film, i).map_or(0.0, |f| f.depth));
         let depth = quantile(depths.into_iter().filter(|depth| *depth > 0.0).collect(), 2);
-        let bounds = Bounds::new(Light::all(film), mean as f32);
-        usable.then_some(Self {
-            film,
-            image,
-            size,
-            exposure,
-            middle: ln(depth.unwrap_or(1.0).clamp(1e-18, 1e18)),
-            bounds,
-        })
+        let middle = ln(depth.unwrap_or(1.0).clamp(1e-18, 1e18));
+        Some(Self { film, image, size, exposure, middle, bounds: Bounds::new(Light::all(film), mean as f32) })
     }
 
     /// The size of the image, padded to multiples of [`GRID`].
@@ -78,14 +73,14 @@ impl<'a> Reads<'a> {
     }
 
     /// The colours of pixel `i`. Without samples, the film's mean is the image.
-    pub(super) fn colours(&self, i: usize) -> Colours {
+    pub(super) fn colours(&self, i: usize) -> PixelColours {
         let (mean, withheld) = (self.film.mean(i), self.withheld(i));
         let albedo = surface(self.film, i).map_or([0.0; 3], |f| f.albedo.map(bounded));
         let has_albedo = albedo.iter().any(|a| *a >= LEAST_ALBEDO);
         let image = [0, 1, 2].map(|c| ((self.image.radiance[i][c] - withheld[c]) * self.exposure).max(0.0));
         let film = [0, 1, 2].map(|c| ((mean[c] as f32 - withheld[c]) * self.exposure).clamp(0.0, BRIGHTEST));
         let albedo = albedo.map(|a| if has_albedo { a.max(LEAST_ALBEDO) } else { 1.0 });
-        Colours { film: if self.film.count(i) > 0 { film } else { image }, albedo, image }
+        PixelColours { film: if self.film.count(i) > 0 { film } else { image }, albedo, image }
     }
 
     /// The radiance of pixel `i` whose colour the network gives in its units.
@@ -104,12 +99,12 @@ impl<'a> Reads<'a> {
         }
     }
 
-    /// The values that the first layer reads of pixel `i`.
+    /// The values that the first layer exposed of pixel `i`.
     fn values(&self, i: usize) -> [f32; INPUTS] {
-        let Colours { film, albedo, image } = self.colours(i);
+        let PixelColours { film, albedo, image } = self.colours(i);
         let surface = surface(self.film, i);
         let count = self.film.count(i).max(1) as f32;
-        let grey = |[r, g, b]: [f32; 3]| 0.2126 * r + 0.7152 * g + 0.0722 * b;
+        let grey = |colour: [f32; 3]| luminance(colour.map(f64::from)) as f32;
         let log = |x: f32| 0.5 * ln(1.0 + 8.0 * x);
         let [film_grey, image_grey] = [grey(film), grey(image)];
         let variance = self.film.moments(i).variance();
