@@ -86,6 +86,7 @@ pub(crate) fn run(options: &StudyArgs) -> Result<Outcome> {
     // The plan allows at most 1024 threads, so that the number fits in 16 bits.
     start_threads(u16::try_from(plan.settings.threads).unwrap_or(0))?;
     let mut runner: Box<dyn Runner> = match plan.settings.fresh {
+        false if plan.settings.share_samples => Box::new(InProcess::new(cpu_seconds).sharing()),
         false => Box::new(InProcess::new(cpu_seconds)),
         true => Box::new(Processes::new(&itself()?, &[ONE])),
     };

@@ -252,6 +252,13 @@ impl Job {
         Ok(Traced { film, failure, checkpoint, checkpoints_written })
     }
 
+    /// Returns `true` if [`finish`](Self::finish) can take a film of a render that differs from this one in its filter only:
+    /// it has the same samples and all statistics. (Independent halves have other samples.)
+    pub fn is_recorded_by(&self, film: &Film) -> bool {
+        let (needs, there) = (self.needs.and(self.sampler.needs()), film.needs());
+        there.and(needs) == *there && there.halves == needs.halves && self.filter.recorders().is_empty()
+    }
+
     /// Returns `true` if a limit of error concerns the filtered image.
     pub(crate) fn is_error_of_filtered(&self) -> bool {
         self.spec.error_of == ErrorOf::Filtered && self.filter.name() != Unfiltered.name()

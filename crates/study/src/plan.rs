@@ -130,6 +130,9 @@ pub struct PlanSettings {
     pub threads: usize,
     /// If true, each run has a process of its own.
     pub fresh: bool,
+    /// If true, filters that follow each other with the same sampler, points, budget and seed get the same samples, taken once.
+    /// The first of them decides what is recorded, and the time of each counts that.
+    pub share_samples: bool,
     /// If true, unsupported directives of scene files are warnings, not errors.
     pub allow_unsupported: bool,
 }
@@ -157,6 +160,7 @@ impl Default for PlanSettings {
             lights: dapple_job::RenderSpec::new("").selection(),
             threads: 0,
             fresh: false,
+            share_samples: false,
             allow_unsupported: false,
         }
     }
@@ -434,6 +438,8 @@ impl PlanSettings {
         PlanError::unless((2..=1 << 32).contains(&spp), "reference_spp", message)?;
         let message = format!("{threads} is out of range; use 0 (one per core) to 1024");
         PlanError::unless(threads <= 1024, "threads", message)?;
+        let message = "true, with fresh = true; a process of its own takes its own samples: leave out one of the two";
+        PlanError::unless(!(self.share_samples && self.fresh), "share_samples", message)?;
         for integrator in self.scenes.iter().filter_map(|scene| scene.integrator.as_deref()) {
             dapple_job::check_integrator(integrator).map_err(|e| PlanError::of_value("scenes", integrator, e))?;
         }

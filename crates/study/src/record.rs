@@ -334,6 +334,9 @@ pub struct Manifest {
     /// True if each run had a process of its own.
     #[serde(default)]
     pub fresh: bool,
+    /// True if filters shared samples.
+    #[serde(default)]
+    pub share_samples: bool,
 }
 
 impl Manifest {

@@ -221,6 +221,7 @@ pub(crate) fn manifest_of(plan: &Plan, scenes: Vec<SceneRecord>, command: &[Stri
         seeds: plan.seeds.clone(),
         max_depth: plan.settings.max_depth,
         fresh: plan.settings.fresh,
+        share_samples: plan.settings.share_samples,
     }
 }
 

@@ -230,7 +230,7 @@ fn render(
             control
         };
         let order = Order { method: &method, seed, samples, external: None, threads: 0 };
-        let shot = shoot(subject, order, &mut monitor, || None)?;
+        let shot = shoot(subject, order, None, &mut monitor, || None)?;
         if stopped || shot.film.record().interrupted {
             return Ok(None);
         }

@@ -1,7 +1,7 @@
 //! Requests for runs of a study, and the runners that make the runs.
 
 use crate::reference::ReferenceImage;
-use crate::scene::{Order, Subject, View, shoot};
+use crate::scene::{Order, Shared, Subject, View, shoot};
 use crate::{External, Method, Run, RunBudget, StudyError};
 use dapple_core::NoMonitor;
 use dapple_job::output::sample_map;
@@ -53,6 +53,8 @@ pub trait Runner {
 pub struct InProcess {
     cpu: fn() -> Option<f64>,
     fresh: bool,
+    /// The last samples, if filters share them.
+    shared: Option<Option<Shared>>,
     subject: Option<Subject>,
     truth: Option<(PathBuf, ReferenceImage)>,
 }
@@ -61,7 +63,14 @@ impl InProcess {
     /// Makes a runner. `cpu` returns the user and system seconds of this process so far; `None` if the system does not
     /// report them.
     pub fn new(cpu: fn() -> Option<f64>) -> Self {
-        Self { cpu, fresh: false, subject: None, truth: None }
+        Self { cpu, fresh: false, shared: None, subject: None, truth: None }
+    }
+
+    /// Gives filters that follow each other with the same sampler, points, budget and seed the same samples, taken once. Each
+    /// run's time counts them.
+    #[must_use]
+    pub fn sharing(self) -> Self {
+        Self { shared: Some(None), ..self }
     }
 
     /// Makes a runner without warm-up, for a process that makes a single run. The run is marked as `fresh`. `cpu` is as
@@ -104,7 +113,7 @@ impl InProcess {
 fn warm_up(subject: &Subject) -> Result<(), StudyError> {
     let samples = WARM_UP_SPP * subject.view.pixels();
     let order = Order { method: &Method::default(), seed: 0, samples, external: None, threads: 0 };
-    shoot(subject, order, &mut NoMonitor, || None).map(|_| ())
+    shoot(subject, order, None, &mut NoMonitor, || None).map(|_| ())
 }
 
 const WARM_UP_SPP: u64 = 2;
@@ -117,7 +126,9 @@ impl Runner for InProcess {
         let RunRequest { method, seed, asked: samples, threads, .. } = request;
         let external = request.external.as_ref();
         let order = Order { method, seed: *seed, samples: *samples, external, threads: *threads };
-        let shot = shoot(self.subject(&request.view)?, order, &mut NoMonitor, cpu)?;
+        let mut shared = self.shared.take();
+        let shot = shoot(self.subject(&request.view)?, order, shared.as_mut(), &mut NoMonitor, cpu)?;
+        self.shared = shared;
         let truth = self.truth(request)?;
         let measured = truth.measure(&shot.filtered.radiance);
         let wrong = |e| StudyError::refused(format_args!("{}, {method}, seed {seed}", request.view.name), e);

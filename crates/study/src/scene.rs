@@ -157,11 +157,21 @@ pub(crate) struct Shot {
     pub(crate) cpu_s: Option<f64>,
 }
 
-/// Renders an image and measures its cost, the time of clustering included. The time in `monitor` does not count. `cpu`
-/// returns the user and system seconds of this process so far.
+/// Samples that several filters get.
+pub(crate) struct Shared {
+    /// The scene, the sampler, the points, the seed and the number of samples.
+    key: (View, [String; 2], [u64; 2]),
+    film: Film,
+    cpu_s: Option<f64>,
+}
+
+/// Renders an image and measures its cost, the time of clustering included. The time in `monitor` does not count. `cpu` returns the user and system seconds of this
+/// process so far. With `shared`, the filter gets the samples in there, if they are of this order and recorded what it needs;
+/// otherwise the new samples are left there.
 pub(crate) fn shoot(
     subject: &Subject,
     order: Order<'_>,
+    mut shared: Option<&mut Option<Shared>>,
     monitor: &mut dyn Monitor,
     cpu: fn() -> Option<f64>,
 ) -> Result<Shot, StudyError> {
@@ -176,23 +186,41 @@ pub(crate) fn shoot(
     let mut render = subject.prepared.job(&spec).map_err(job)?;
     let features = |_| Needs::none().with_features();
     render.record(external.map_or(Needs::none(), features));
-    let traced = render.run(None, &mut RenderMonitor(monitor)).map_err(job)?;
-    if let Some(panicked) = traced.failure {
-        return Err(wrong(panicked));
-    }
-    let rendered = cpu();
-    let image = match external {
-        None => render.finish(traced.film).map_err(job)?,
-        Some(external) => {
-            let unit = 1.0 / render.world().space().scale();
-            let (filtered, seconds) = external.apply(&traced.film, unit, threads).map_err(wrong)?;
-            render.finished(traced.film, filtered, external.name.clone(), seconds)
+    let key = (subject.view.clone(), [&method.sampler, &method.points].map(String::clone), [seed, samples]);
+    let known = shared.as_ref().and_then(|shared| shared.as_ref());
+    let known = known.filter(|known| known.key == key && render.is_recorded_by(&known.film));
+    let (film, sampled) = match known {
+        Some(known) => (known.film.clone(), known.cpu_s),
+        None => {
+            let traced = render.run(None, &mut RenderMonitor(monitor)).map_err(job)?;
+            if let Some(panicked) = traced.failure {
+                return Err(wrong(panicked));
+            }
+            let cpu_s = cpu().zip(before).map(|(after, before)| after - before);
+            if let Some(shared) = &mut shared {
+                **shared = Some(Shared { key, film: traced.film.clone(), cpu_s });
+            }
+            (traced.film, cpu_s)
         }
     };
+    let before = cpu();
+    let image = match external {
+        None => render.finish(film).map_err(job)?,
+        Some(external) => {
+            let unit = 1.0 / render.world().space().scale();
+            let (filtered, seconds) = external.apply(&film, unit, threads).map_err(wrong)?;
+            render.finished(film, filtered, external.name.clone(), seconds)
+        }
+    };
+    if let Some(shared) = shared.filter(|_| image.probe_rays > 0) {
+        // Another render would not count the probes.
+        *shared = None;
+    }
     let PhaseSeconds { load, bvh, cluster, probe, plan, trace, filter, .. } = image.seconds;
     // The time of an external program is its reported time, or else its wall time.
-    let finished = if external.is_none() { cpu() } else { rendered.map(|cpu| cpu + filter) };
-    let cpu_s = finished.zip(before).map(|(after, before)| after - before);
+    let of_filter =
+        if external.is_none() { cpu().zip(before).map(|(after, before)| after - before) } else { Some(filter) };
+    let cpu_s = sampled.zip(of_filter).map(|(samples, filter)| samples + filter);
     let (seconds, rays) = (Phases { load, bvh, cluster, probe, plan, trace, filter }, image.rays());
     Ok(Shot { film: image.film, filtered: image.filtered, seconds, rays, cpu_s })
 }

@@ -270,3 +270,26 @@ fn two_seeds_differ_by_twice_the_variance() {
     let other = against("images/tiny/uniform-none-64spp.exr");
     assert!((other / (2.0 * variance) - 0.625).abs() < 0.12, "{other} and {variance}");
 }
+
+#[test]
+fn filters_share_samples_if_the_first_recorded_enough() {
+    let place = Place::new();
+    let runs = |first: &str, second: &str, name: &str, shares: bool| {
+        let filters = format!("filters=[\"{first}\", \"{second}\"]");
+        let sets = [&*filters, "baseline=uniform/sobol/none", "time_of=0"];
+        let mut runner = if shares { in_process().sharing() } else { in_process() };
+        place.study(place.plan(&sets), name, &mut runner).runs().to_vec()
+    };
+    let (own, shared) =
+        (runs("cluster-gaussian", "none", "own", false), runs("cluster-gaussian", "none", "shared", true));
+    let other = runs("none", "cluster-gaussian", "other", true);
+    assert_eq!(own.len(), 16);
+    for ((own, shared), other) in own.chunks(2).zip(shared.chunks(2)).zip(other.chunks(2)) {
+        for (a, b) in own.iter().zip(shared).chain(own.iter().zip(other.iter().rev())) {
+            assert_eq!((&a.method, a.seed, &a.errors), (&b.method, b.seed, &b.errors));
+        }
+        assert_eq!(shared[0].seconds.trace, shared[1].seconds.trace);
+        assert_ne!(own[0].seconds.trace, own[1].seconds.trace);
+        assert_ne!(other[0].seconds.trace, other[1].seconds.trace, "the unfiltered film lacks what the filter needs");
+    }
+}
