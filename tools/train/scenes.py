@@ -2,6 +2,7 @@
 
 Rooms with lamps, rooms with an opening to a sky, fields below a sky, and objects on a floor below lamps. Surfaces are matte, coated, metal, glass
 or thin; textures and skies are formulas. Seeds from 3000 on give plain scenes: few large objects, few textures, narrow views.
+Seeds from 4000 on give plain scenes with calm light (large lamps, fewer textures) and a wide pixel filter.
 """
 
 import os
@@ -10,6 +11,13 @@ import sys
 import numpy as np
 import OpenEXR
 from PIL import Image
+
+# Pixel filters of scenes with a wide one.
+WIDE = [
+    'PixelFilter "triangle" "float xradius" 1 "float yradius" 1',
+    'PixelFilter "gaussian" "float xradius" 1.5 "float yradius" 1.5',
+    'PixelFilter "box"',
+]
 
 
 def noise(r, n, oct=5, rough=0.5):
@@ -98,6 +106,7 @@ class Scene:
 
     def __init__(s, seed, dir):
         s.plain = seed >= 3000
+        s.calm = seed >= 4000
         s.r = np.random.default_rng(seed)
         s.dir = dir
         s.o = []
@@ -117,7 +126,7 @@ class Scene:
         r = s.r
         k = r.choice(["diffuse", "coat", "metal", "glass", "trans"], p=kinds or [0.55, 0.2, 0.15, 0.07, 0.03])
         refl = f'"rgb reflectance" {s.v(col(r))}'
-        if k in ("diffuse", "coat") and r.random() < (0.2 if s.plain else 0.5):
+        if k in ("diffuse", "coat") and r.random() < (0.1 if s.calm else 0.2 if s.plain else 0.5):
             s.t += 1
             p = f"t{s.t}.png"
             texture(r, f"{s.dir}/{p}")
@@ -355,6 +364,8 @@ class Scene:
             else ""
         )
         s.w(f'Camera "perspective" "float fov" {fov:.4g}{lens}')
+        if s.calm:
+            s.w(r.choice(WIDE, p=[0.6, 0.2, 0.2]))
         s.w('Film "rgb" "integer xresolution" 320 "integer yresolution" 208 "string filename" "x.exr"')
         s.w(f'Integrator "path" "integer maxdepth" {r.choice([3, 6, 10, 20])}')
         s.w("WorldBegin")
@@ -398,7 +409,7 @@ class Scene:
                 n = r.choice([1, 1, 2, 3, 6, 20])
                 pw = r.uniform(15, 60) * W * D / 20
                 for _ in range(n):
-                    size = 10 ** r.uniform(-1.7, -0.1)
+                    size = 10 ** r.uniform(-0.7 if s.calm else -1.7, -0.1)
                     if r.random() < 0.6:
                         s.lamp(
                             (r.uniform(-0.8, 0.8) * x, r.uniform(-0.8, 0.8) * y, z - r.uniform(0.01, 0.5)),
@@ -449,7 +460,7 @@ class Scene:
                     d = r.normal(size=3)
                     d[2] = abs(d[2]) + 0.3
                     d *= r.uniform(2.5, 6) / np.linalg.norm(d)
-                    s.lamp(d, -d + r.normal(size=3) * 0.3, 10 ** r.uniform(-1.5, 0.2), r.uniform(60, 300) / n)
+                    s.lamp(d, -d + r.normal(size=3) * 0.3, 10 ** r.uniform(-0.5 if s.calm else -1.5, 0.2), r.uniform(60, 300) / n)
                 if r.random() < 0.4:
                     s.w("AttributeBegin")
                     s.w(f'LightSource "infinite" "rgb L" {s.v(col(r, .02, .3))}')

@@ -21,6 +21,8 @@ from network import Network
 
 CROP, BATCH, RATE = 128, 8, 2e-3
 COLOURS = (0, 3, 6, 9)
+# The place of the logarithm of the image's error, whose scale differs between versions of the estimate.
+ERROR = 22
 
 
 def srgb(x):
@@ -67,6 +69,7 @@ def batch(films, random):
         inputs, *rest = (np.asarray(plane[y : y + CROP, x : x + CROP], np.float32) for plane in film[:6])
         rest = [plane[..., order] for plane in rest]
         groups = [inputs[..., first + order] for first in COLOURS]
+        inputs[..., ERROR] -= random.uniform(0, 0.4)
         inputs = np.concatenate([*groups, inputs[..., 12:15] @ turn, inputs[..., 15:]], -1)
         if random.random() < 0.06:
             inputs, rest[1] = without_features(inputs, rest[0]), np.ones_like(rest[1])
