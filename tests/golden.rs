@@ -165,8 +165,6 @@ fn bits_of_each_sampler_and_filter_and_point_set_stay() {
         let spec = base.clone().filter(entry.name);
         entries.push((format!("filter {}", entry.name), rendered(&scene, &spec)));
     }
-    let network = base.clone().filter("cluster-regression:network=true");
-    entries.push(("filter cluster-regression with its network".to_owned(), rendered(&scene, &network)));
     for entry in registry::POINTS {
         let spec = base.clone().points(entry.name).filter("none");
         entries.push((format!("points {}", entry.name), rendered(&scene, &spec)));
@@ -262,7 +260,7 @@ fn optimisation_changes_no_pixel_d04() {
         let output = Command::new(env!("CARGO"))
             .args(["run", "--quiet", "--profile", profile, "-p", "dapple-cli", "--", "render", "cornell"])
             .args(
-                "--resolution 40x30 --spp 8 --sampler adaptive:epsilon=0.01 --filter cluster-regression:network=true -o".split(' '),
+                "--resolution 40x30 --spp 8 --sampler adaptive:epsilon=0.01 --filter cluster-regression -o".split(' '),
             )
             .arg(&out)
             .env("CARGO_TARGET_DIR", root.join("target/flavours").join(name))

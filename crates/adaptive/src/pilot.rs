@@ -72,7 +72,7 @@ pub struct PilotRound {
 }
 
 /// The pilot that a quarter of the budget must exceed, in samples per pixel. With 4, nine scenes have 13 % more error at
-/// 16 spp, and nine held-out ones as much as with 8 (docs/results/default-image.md).
+/// 16 spp, and nine held-out ones as much as with 8.
 const ENOUGH: u32 = 8;
 
 #[cfg(test)]

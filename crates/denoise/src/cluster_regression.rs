@@ -1,15 +1,13 @@
 //! The default filter: first-order regression on features and clusters, in passes with a choice by estimated error and blends.
 
 use crate::averaging::prefilter;
-use crate::error_map::{ERROR, EVIDENCE, LAST, filtered, relative_weight, select, shrink};
+use crate::error_map::{ERROR, EVIDENCE, LAST, Radii, filtered, relative_weight, select, shrink};
 use crate::inputs::{ClusterLookup, Inputs, Reads, guide, residual_guide};
 use crate::light::{self, Layers, Part};
 use crate::network;
 use crate::one_window::Bilateral;
-use crate::outliers;
 use crate::planes::Pair;
 use crate::regression::{self, regress};
-use crate::scales::{self, Scales};
 use crate::tile::{FeatureScales, Likeness};
 use crate::wide::{self, wide};
 use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _};
@@ -26,11 +24,6 @@ dapple_core::options! {
             |w| (0.0..=1.0).contains(&w), "0 (nothing crosses a border) to 1 (clusters do not matter)";
         /// Parts of the light that are filtered one by one: 2 (direct and indirect), 1, or auto (2 from 2 spp on).
         pub layers: Layers = Layers::Auto => "auto";
-        /// Coarse scales that correct the image: auto (by the image's size), or 0 (none) to 8.
-        pub scales: Scales = Scales::Auto => "auto",
-            |scales| matches!(scales, Scales::Auto | Scales::Fixed(0..=Scales::MOST)), "auto, or 0 (none) to 8 scales";
-        /// If true, a trained network mends the image of the regression (docs/results/learned.md).
-        pub network: bool = false => "false";
     }
 }
 
@@ -76,16 +69,10 @@ dapple_core::options! {
 /// 6. The choice among them guides a regression over 41x41 pixels around every sixth pixel of every sixth row, without albedo.
 ///    The choice is moved towards its image, and the unfiltered image towards the result, each as far as their difference is
 ///    noise by the halves [after James and Stein 1961].
-/// 7. Outliers are taken out of the halves before step 2: bright colours that the other half lacks. Their light is spread over the
-///    surface around them after step 6.
-/// 8. With coarse `scales`, means of 2x2 pixels make an image of half the size, and so on [after Delbracio 2014; Boughida
-///    and Boubekeur 2017]. At each of them a regression over 41x41 of its pixels corrects the mean of the finer result.
-///    The change is added to the finer image where normal and depth are alike. This happens before the last blend of
-///    step 6, with the light of outliers in the image. Then more is needed to count as an outlier or as detail.
-/// 9. With two `layers`, these steps filter direct light, then indirect light, and both images are added. Indirect light has
-///    few edges: colours and features may differ 1.4 times as much from step 4 on, and detail needs 2 times the evidence.
-/// 10. With `network`, a small trained network averages the film and this image anew and blends both [after Isik 2021]. From 24 samples
-///     per pixel on, its part falls with the square of their number.
+/// 7. With two `layers`, these steps filter direct light, then indirect light, and both images are added. Indirect light has
+///    few edges: colours and features may differ 1.4 times as much from step 4 on.
+/// 8. A small trained network averages the film and this image anew and blends both [after Isik 2021]
+///    (docs/results/learned.md). From 24 samples per pixel on, its part falls with the square of their number.
 ///
 /// # Guarantees
 ///
@@ -99,8 +86,8 @@ dapple_core::options! {
 ///
 /// # Reach
 ///
-/// Every pixel of the image may depend on every pixel of the film. The coarsest scale of `auto` is about a hundred pixels high, its
-/// windows, choices and blends reach as far, and the least error is a part of the mean error.
+/// Every pixel of the image may depend on every pixel of the film. The network gets the image in units of its mean
+/// brightness, the scale of errors is that of the whole image, and windows, choices and blends reach some hundred pixels far.
 #[derive(Clone, Debug, Default)]
 pub struct ClusterRegression {
     options: ClusterRegressionOptions,
@@ -124,7 +111,7 @@ impl ClusterRegression {
         Ok(Self { options, ..Self::default() })
     }
 
-    /// Runs the first pass alone, without coarse scales: a quick estimate of where errors are, for samplers.
+    /// Runs the first pass alone, without the network: a quick estimate of where errors are, for samplers.
     #[must_use]
     pub fn one_pass(self) -> Self {
         Self { is_one_pass: true, ..self }
@@ -173,8 +160,8 @@ impl ClusterRegression {
 
     /// The images that the guide of the second pass is chosen from: that of the first pass, if it runs, and the bilateral one.
     ///
-    /// In the first pass, no half's noise shapes its own windows. Only direct light by itself gains enough by it. Without it, all light at once has 1.5 % more error at 8 spp for a fifth
-    /// less time (docs/results/default-image.md).
+    /// In the first pass, no half's noise shapes its own windows. Only direct light by itself gains enough by it. Without it, all
+    /// light at once has 1.5 % more error at 8 spp for a fifth less time.
     fn before_second(&self, inputs: &Inputs) -> Vec<Pair> {
         let averaged = Bilateral::candidate().pair(inputs);
         if self.has_first(inputs) { vec![self.first(inputs, &averaged), averaged] } else { vec![averaged] }
@@ -190,48 +177,20 @@ impl ClusterRegression {
         if self.is_one_pass {
             return filtered(inputs, &self.before_second(inputs)[0], ERROR);
         }
-        let scales = self.options.scales.of(inputs.size);
-        let coarse = (scales > 0).then(|| scales::coarser(inputs));
-        let mut outliers = outliers::take(inputs, scales::ratio(scales), scales > 0);
-
         // Two passes of narrow windows, each with a choice by estimated error.
         let mut images = self.before_second(inputs);
         let weight = relative_weight(inputs, &images[0]);
-        let certain = if scales == 0 { 0.0 } else { CERTAIN };
-        let chosen = select(inputs, &images, &weight, CHOICE, Some(certain));
+        let chosen = select(inputs, &images, &weight, CHOICE, true);
         images.push(self.second(inputs, &chosen));
-        let base = select(inputs, &images, &weight, CHOICE, None);
+        let base = select(inputs, &images, &weight, CHOICE, false);
         drop((images, chosen));
 
-        // A pass of wide windows.
+        // A pass of wide windows, then the unfiltered image, moved towards the result as far as their difference is noise.
         let smooth = wide(inputs, &residual_guide(inputs, &base), &base);
-        let mut image = shrink(inputs, base.channels(), &smooth, scales::BLEND, scales::evidence(scales));
+        let image = shrink(inputs, base.channels(), &smooth, BLEND, WIDE_EVIDENCE);
         drop((smooth, base));
-
-        // Coarse scales, which see the light of outliers.
-        let (mut evidence, mut radius) = (EVIDENCE, ERROR);
-        if let Some(coarse) = coarse {
-            if !outliers.is_empty() {
-                let light = outliers::spread_halves(inputs, std::mem::take(&mut outliers));
-                image.add(&light);
-                inputs.add(&light);
-            }
-            scales::correct(inputs, coarse, &mut image, scales);
-            // In larger images and in light without edges, more of what looks like detail is noise.
-            evidence *= 0.5 * (1 + scales) as f32 * inputs.part.smoothness() * inputs.part.smoothness();
-            radius = 3 * scales;
-        }
-
-        // The unfiltered image, moved towards the result as far as their difference is noise.
-        let blended = shrink(inputs, inputs.unfiltered(), &image, LAST, evidence);
-        let mut image = filtered(inputs, &blended, radius);
-        if !outliers.is_empty() {
-            let light = outliers::spread(inputs, &outliers);
-            for (i, colour) in image.radiance.iter_mut().enumerate() {
-                (0..3).for_each(|c| colour[c] = (colour[c] + light[c][i] * inputs.level()).min(f32::MAX));
-            }
-        }
-        image
+        let blended = shrink(inputs, inputs.unfiltered(), &image, LAST, EVIDENCE);
+        filtered(inputs, &blended, ERROR)
     }
 }
 
@@ -246,9 +205,11 @@ fn add(image: &mut Filtered, other: Filtered) {
 /// The radius over which errors are compared, for the guide of the second pass and for that of the third.
 const CHOICE: usize = 2;
 
-/// The number of standard errors by which the unfiltered image must be better than a filtered one to guide the second pass.
-/// With 1.25, blurred discs of a thin lens have 2 % more error at 8 spp.
-const CERTAIN: f32 = 1.01;
+/// The radii of the blend of the choice with the wide pass.
+pub(crate) const BLEND: Radii = Radii { bias: 8, noise: 20, alike: 2 };
+
+/// The standard errors by which a bias of the wide pass must exceed 0 to count. With 1.25 and more, refractions lose detail.
+const WIDE_EVIDENCE: f32 = 0.5;
 
 impl Filter for ClusterRegression {
     fn name(&self) -> &str {
@@ -269,15 +230,12 @@ impl Filter for ClusterRegression {
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
         let [kept, making] = Inputs::bytes_per_pixel(self.reads.label.is_some() && needs.first_hits > 0);
         let pair = 4 * 6;
-        // The wide pass takes the most. It runs beside the image of two passes and the unfiltered one, the outliers, and the planes
-        // of the first coarse scale.
-        let is_scaled = self.options.scales != Scales::Fixed(0);
-        let coarse = if is_scaled { outliers::BYTES_OF_HALVES + kept / 4 } else { 0 };
-        let passes = (2 * pair + wide::BYTES_PER_PIXEL + 12).max(outliers::BYTES_PER_PIXEL) + coarse;
+        // The wide pass takes the most. It runs beside the image of two passes and the unfiltered one.
+        let passes = 2 * pair + wide::BYTES_PER_PIXEL + 12;
         let at_most = kept + if self.is_one_pass { pair + regression::bytes_per_pixel(2) } else { passes };
         // The image of the first part of the light is kept meanwhile.
         let parts = if self.options.layers == Layers::One || !needs.indirect { 0 } else { 16 };
-        let after = if self.options.network { network::BYTES_PER_PIXEL } else { 0 };
+        let after = if self.is_one_pass { 0 } else { network::BYTES_PER_PIXEL };
         FilterMemory::new(frame, making.max(at_most + parts).max(after), ImagePlanes::RadianceAndError)
     }
 
@@ -298,6 +256,6 @@ impl Filter for ClusterRegression {
             add(&mut image, inputs.restored(part, other));
         }
         drop(inputs);
-        Ok(if self.options.network { network::improve(film, image) } else { image })
+        Ok(if self.is_one_pass { image } else { network::improve(film, image, !self.reads.without_features) })
     }
 }

@@ -54,25 +54,19 @@ pub(crate) fn raw_error<const N: usize>(inputs: &Inputs, image: Channels<'_>, we
 }
 
 /// Selects per pixel the candidate with the least estimated error over `(2 radius + 1)^2` pixels, the first of equals.
-/// The selection is blurred over 5x5 pixels. The unfiltered image is the last candidate if there is an `evidence`; its error
-/// counts [`HANDICAP`] times.
-///
-/// The unfiltered image must also be better than each other candidate by `evidence` standard errors of that difference;
-/// 0 is no condition. One pixel whose two halves are bright by chance reaches 1 standard error.
-pub(crate) fn select(inputs: &Inputs, filtered: &[Pair], weight: &[f32], radius: usize, evidence: Option<f32>) -> Pair {
-    let unfiltered = evidence.map(|_| inputs.unfiltered());
+/// The selection is blurred over 5x5 pixels. With `unfiltered`, the unfiltered image is the last candidate; its
+/// error counts [`HANDICAP`] times.
+pub(crate) fn select(inputs: &Inputs, filtered: &[Pair], weight: &[f32], radius: usize, unfiltered: bool) -> Pair {
+    let unfiltered = unfiltered.then(|| inputs.unfiltered());
     let candidates: Vec<Channels<'_>> = filtered.iter().map(Pair::channels).chain(unfiltered).collect();
-    let raw: Vec<Plane> = candidates.iter().flat_map(|&image| raw_error::<1>(inputs, image, weight)).collect();
-    let mut errors: Vec<Plane> = raw.iter().map(|error| box_mean(error, inputs.size, radius)).collect();
-    if let (Some(evidence), Some((own, others))) = (evidence, errors.split_last_mut()) {
+    let of = |&image: &Channels<'_>| {
+        let [error] = raw_error::<1>(inputs, image, weight);
+        box_mean(&error, inputs.size, radius)
+    };
+    let mut errors: Vec<Plane> = candidates.iter().map(of).collect();
+    if let (Some(_), Some(own)) = (unfiltered, errors.last_mut()) {
         update(own, [], |error, []| error * HANDICAP);
-        if evidence > 0.0 {
-            for other in &raw[..others.len()] {
-                forbid_doubtful(inputs, own, [other, &raw[others.len()]], radius, evidence);
-            }
-        }
     }
-    drop(raw);
     let shares = shares(inputs, &errors);
     Pair(std::array::from_fn(|k| {
         let mut sum = vec![0.0; shares[0].len()];
@@ -97,17 +91,6 @@ fn shares(inputs: &Inputs, errors: &[Plane]) -> Vec<Plane> {
         box_mean(&is_best, inputs.size, 2)
     };
     (0..errors.len()).map(share).collect()
-}
-
-/// Sets the error of a candidate to infinity where the mean of `other - own` over `(2 radius + 1)^2` pixels is at most `evidence`
-/// standard errors.
-fn forbid_doubtful(inputs: &Inputs, error: &mut [f32], [other, own]: [&Plane; 2], radius: usize, evidence: f32) {
-    let [apart, squares] = map([other, own], |[other, own]| [other - own, (other - own) * (other - own)]);
-    let [mean, square] = [apart, squares].map(|plane| box_mean(&plane, inputs.size, radius));
-    let errors = evidence / (2 * radius + 1) as f32;
-    let forbidden =
-        |error: f32, [mean, square]: [f32; 2]| if mean <= errors * square.sqrt() { f32::INFINITY } else { error };
-    update(error, [&mean, &square], forbidden);
 }
 
 /// The number of standard errors by which a bias must exceed 0 to count in the last blend. Without it, patches of specks remain
@@ -190,8 +173,8 @@ pub(crate) const ERROR: usize = 3;
 /// at least 5 % of the image's mean error, both relative to the squared brightness of 3x3 pixels. It is infinite where
 /// no pixel in reach has samples in both halves.
 ///
-/// Taking the larger estimate keeps the positive part of noise. On images with strong noise the sum is up to three times
-/// the true error, and less with a larger radius.
+/// Taking the larger estimate keeps the positive part of noise, so that the map's mean is too high. That of the whole error, unsmoothed,
+/// is too low (see [`raw_error`]). The map is scaled to the geometric mean of both means; the lower one is at least the variance.
 pub(crate) fn filtered(inputs: &Inputs, image: &Pair, radius: usize) -> Filtered {
     let weight = relative_weight(inputs, image);
     let [whole, variance] = raw_error(inputs, image.channels(), &weight);
@@ -205,9 +188,13 @@ pub(crate) fn filtered(inputs: &Inputs, image: &Pair, radius: usize) -> Filtered
     update(&mut error, [&near(&variance, 2)], |whole, [variance]| whole.max(variance).max(0.0));
     let counted = |i: usize| if error[i].is_finite() { [f64::from(error[i]), 1.0] } else { [0.0; 2] };
     let [sum, count] = sum_pixels(inputs.size, counted);
-    let (least, level) = ((0.05 * sum / count.max(1.0)) as f32, inputs.level());
-    update(&mut error, [&weight], |error, [weight]| error.max(least) / weight * (level * level));
-    let ([ra, ga, ba, rb, gb, bb], counts) = (image.channels(), inputs.counts());
+    let raw = |i: usize| [whole[i], variance[i], known[i]].map(f64::from);
+    let [whole, variance, pixels] = sum_pixels(inputs.size, raw);
+    let mean = sum / count.max(1.0);
+    let scale = if mean > 0.0 { (whole.max(variance) / pixels.max(1.0) / mean).sqrt() } else { 1.0 };
+    let (least, scale) = ((0.05 * mean) as f32, scale.min(1.0) as f32 * inputs.level() * inputs.level());
+    update(&mut error, [&weight], |error, [weight]| error.max(least) / weight * scale);
+    let ([ra, ga, ba, rb, gb, bb], counts, level) = (image.channels(), inputs.counts(), inputs.level());
     let colour = |i: usize| {
         let counts = counts.map(|count| count[i]);
         [[ra, rb], [ga, gb], [ba, bb]].map(|[a, b]| (combined([a[i], b[i]], counts) * level).min(f32::MAX))

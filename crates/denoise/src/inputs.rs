@@ -104,12 +104,6 @@ impl Inputs {
         self.halves = colours(light, &self.features, self.levels);
     }
 
-    /// Planes of half the width and height for the same image, without clusters.
-    pub(crate) fn with_planes(&self, halves: [Half; 2], features: Features) -> Self {
-        let size = self.size.map(|n| n.div_ceil(2));
-        Self { size, levels: self.levels, part: self.part, halves, features, labels: None }
-    }
-
     /// The number of bytes per pixel that these planes occupy, and the largest number while they are computed.
     pub(crate) const fn bytes_per_pixel(labels: bool) -> [usize; 2] {
         let (halves, labels) = (2 * 7, if labels { 1 } else { 0 });
@@ -127,13 +121,6 @@ impl Inputs {
     /// The image's level: the radiance (near the mean of the image) that is scaled to 1 in these planes.
     pub(crate) fn level(&self) -> f32 {
         self.levels.level
-    }
-
-    /// Adds `light` to the colours of both halves.
-    pub(crate) fn add(&mut self, light: &Pair) {
-        for (plane, light) in self.halves.iter_mut().flat_map(|half| &mut half.colour).zip(&light.0) {
-            update(plane, [light], |value, [light]| value + light);
-        }
     }
 
     /// The number of pixels.

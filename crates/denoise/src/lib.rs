@@ -80,10 +80,8 @@ mod network;
 mod normal_equations;
 mod one_sample;
 mod one_window;
-mod outliers;
 mod planes;
 mod regression;
-mod scales;
 mod tile;
 mod wide;
 
@@ -95,7 +93,6 @@ pub use gaussian::{Gaussian, GaussianOptions};
 pub use inputs::ClusterLookup;
 pub use light::Layers;
 pub use one_window::{Bilateral, BilateralOptions, NlMeans, NlMeansOptions};
-pub use scales::Scales;
 
 /// Runs the README's example as a documentation test.
 #[cfg(doctest)]

@@ -2,7 +2,7 @@
 //!
 //! A lamp may have 10^5 times the radiance of the wall beside it. Hardly any weight is small enough to keep it there.
 //! Within a pixel its emission is almost free of noise. So filters get images without most of it, and without all light beyond
-//! the range of their planes ([`Bounds`]). Noise that is bright in one half is spread instead ([`outliers`](crate::outliers)).
+//! the range of their planes ([`Bounds`]).
 
 use dapple_core::{Film, Filtered, RgbMoments, parallel};
 

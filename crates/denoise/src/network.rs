@@ -7,6 +7,7 @@
 
 mod convolution;
 mod exposed_film;
+mod light;
 mod passes;
 
 use crate::planes::dispatch;
@@ -28,14 +29,16 @@ const MOST: f64 = 24.0;
 pub(crate) const BYTES_PER_PIXEL: usize = 4 * (CHANNELS[0] + 2 * passes::STATE + passes::READ + 9);
 
 /// Replaces the filtered image of a film by the network's. Its error stays: the network's own predictions were further off.
-pub(crate) fn improve(film: &Film, image: Filtered) -> Filtered {
+pub(crate) fn improve(film: &Film, image: Filtered, has_features: bool) -> Filtered {
     let pixels = film.frame().pixels();
     let spp = (0..pixels).map(|i| film.count(i)).sum::<u64>() as f64 / pixels as f64;
-    let Some(exposed) = ExposedFilm::new(film, &image).filter(|_| spp > 0.0) else { return image };
+    let Some(exposed) = ExposedFilm::new(film, &image, has_features).filter(|_| spp > 0.0) else { return image };
     let mut layers = Layers { rest: WEIGHTS };
     let trunk = trunk(&exposed, &mut layers);
     let heads = Heads::new(&mut layers);
-    let radiance = blend(&exposed, &trunk, &heads, (MOST / spp).powi(2).min(1.0) as f32);
+    let mut colours = blend(&exposed, &trunk, &heads, (MOST / spp).powi(2).min(1.0) as f32);
+    light::keep(&exposed, &mut colours);
+    let radiance = (0..pixels).map(|i| exposed.radiance(i, colours[i])).collect();
     Filtered::new(image.size, radiance).with_error(image.error)
 }
 

@@ -33,13 +33,6 @@ impl Pair {
             update(plane, [&albedo[k % 3]], |value, [albedo]| value * raised(albedo));
         }
     }
-
-    /// Adds `light` to both halves.
-    pub(crate) fn add(&mut self, light: &Self) {
-        for (plane, light) in self.0.iter_mut().zip(&light.0) {
-            update(plane, [light], |value, [light]| value + light);
-        }
-    }
 }
 
 /// A channel of the mean of both halves `a` and `b`, weighted by their sample counts `na` and `nb`.

@@ -25,7 +25,7 @@ const REACH: usize = 6;
 /// The width of a window in pixels.
 const SIDE: usize = 2 * REACH + 1;
 /// The squared radius of a window, which is a disc: its corners would take a seventh of the time, and leave as much error on
-/// eighteen scenes at 8 and 32 spp (docs/results/default-image.md). Windows of the wide pass are squares: as discs they leave
+/// eighteen scenes at 8 and 32 spp. Windows of the wide pass are squares: as discs they leave
 /// more of a halo at a corner.
 const SQUARE: usize = 45;
 /// The columns of the disc in each row of a window, the first one and the one after the last.

@@ -64,8 +64,8 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
     ),
     Entry::new(
         "cluster-regression",
-        "regression on features and clusters in passes, the best of them and others by estimated error, and blends (the default)",
-        "Dapple, after Moon et al. 2014 and Bitterli et al. 2016 (docs/results/filters.md)",
+        "regression on features and clusters in passes, the best of them by estimated error, and a small trained network (the default)",
+        "Dapple, after Moon et al. 2014, Bitterli et al. 2016 and Isik et al. 2021 (docs/results/learned.md)",
         "takes as long as tens of samples of a simple scene; detail that no feature shows blurs; blotches on smooth walls at \
                        few samples",
         &[ClusterRegressionOptions::PARAMETERS, CLUSTERING],

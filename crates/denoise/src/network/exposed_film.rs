@@ -2,7 +2,7 @@
 
 use super::GRID;
 use crate::features::ln;
-use crate::light::{Bounds, Light};
+use crate::light::Light;
 use crate::planes::{per_pixel, quantile, sum_pixels};
 use crate::tile::exp_minus;
 use dapple_core::{Features, Film, Filtered, luminance};
@@ -11,6 +11,8 @@ use dapple_core::{Features, Film, Filtered, luminance};
 pub(super) const INPUTS: usize = 24;
 /// The largest radiance of the film that the network exposed, in units of its exposure.
 const BRIGHTEST: f32 = 1e4;
+/// The same of pixels that see a lamp. The network would smooth its edges.
+const LAMP: f32 = 16.0;
 /// The albedo of pixels without one is 1, and others are at least this, as divisors.
 const LEAST_ALBEDO: f32 = 0.03;
 
@@ -18,13 +20,12 @@ const LEAST_ALBEDO: f32 = 0.03;
 pub(super) struct ExposedFilm<'a> {
     film: &'a Film,
     image: &'a Filtered,
+    has_features: bool,
     pub(super) size: [usize; 2],
     /// The factor on radiance: the geometric mean of the filtered image becomes 0.18.
     exposure: f32,
     /// The median logarithm of depth.
     middle: f32,
-    /// The light that the network does not get ([`Bounds`]).
-    bounds: Bounds,
 }
 
 /// PixelColours that passes filter, in units of the exposure.
@@ -37,7 +38,7 @@ pub(super) struct PixelColours {
 
 impl<'a> ExposedFilm<'a> {
     /// The film and its image; `None` if the image is black or so dark or bright that units fail.
-    pub(super) fn new(film: &'a Film, image: &'a Filtered) -> Option<Self> {
+    pub(super) fn new(film: &'a Film, image: &'a Filtered, has_features: bool) -> Option<Self> {
         let size = film.frame().size().map(|n| n as usize);
         let pixels = film.frame().pixels();
         let bright = |i: usize| luminance(image.radiance[i].map(f64::from)).max(0.0);
@@ -49,10 +50,10 @@ impl<'a> ExposedFilm<'a> {
         let [sum] = sum_pixels(size, |i| [f64::from(ln(bright(i).clamp(1e-3 * mean, 50.0 * mean) as f32))]);
         let log = (sum / pixels as f64) as f32;
         let exposure = 0.18 * if log > 0.0 { exp_minus(log) } else { 1.0 / exp_minus(-log) };
-        let depths = per_pixel(pixels, |i| surface(film, i).map_or(0.0, |f| f.depth));
+        let depths = per_pixel(pixels, |i| surface(film, has_features, i).map_or(0.0, |f| f.depth));
         let depth = quantile(depths.into_iter().filter(|depth| *depth > 0.0).collect(), 2);
         let middle = ln(depth.unwrap_or(1.0).clamp(1e-18, 1e18));
-        Some(Self { film, image, size, exposure, middle, bounds: Bounds::new(Light::all(film), mean as f32) })
+        Some(Self { film, image, has_features, size, exposure, middle })
     }
 
     /// The size of the image, padded to multiples of [`GRID`].
@@ -65,17 +66,28 @@ impl<'a> ExposedFilm<'a> {
         [0, 1].map(|k| (self.padded()[k] - self.size[k]) / 2)
     }
 
-    /// The part of the image of pixel `i` that the network does not get: emission, and what is brighter than [`BRIGHTEST`].
+    /// Returns `true` if samples of pixel `i` saw a lamp.
+    fn is_lamp(&self, i: usize) -> bool {
+        Light::all(self.film).mean_emission(i) != [0.0; 3]
+    }
+
+    /// The share of light at pixel `i` that no lamp seen directly gives: what the network may change.
+    pub(super) fn unlit(&self, i: usize) -> f32 {
+        let emission = luminance(Light::all(self.film).mean_emission(i).map(f64::from));
+        let image = luminance(self.image.radiance[i].map(f64::from));
+        if emission > 0.0 { (1.0 - emission / image).clamp(0.0, 1.0) as f32 } else { 1.0 }
+    }
+
+    /// The part of the image of pixel `i` that the network does not get: what is brighter than [`BRIGHTEST`], or a [`LAMP`].
     fn withheld(&self, i: usize) -> [f32; 3] {
-        let emission = self.bounds.withheld_emission(Light::all(self.film), i);
-        let (image, most) = (self.image.radiance[i], BRIGHTEST / self.exposure);
-        [0, 1, 2].map(|c| (emission[c] as f32).max(image[c] - most).min(image[c].max(0.0)))
+        let most = if self.is_lamp(i) { LAMP } else { BRIGHTEST } / self.exposure;
+        self.image.radiance[i].map(|image| (image - most).max(0.0))
     }
 
     /// The colours of pixel `i`. Without samples, the film's mean is the image.
     pub(super) fn colours(&self, i: usize) -> PixelColours {
-        let (mean, withheld) = (self.film.mean(i), self.withheld(i));
-        let albedo = surface(self.film, i).map_or([0.0; 3], |f| f.albedo.map(bounded));
+        let (mean, withheld) = (Light::all(self.film).mean(i), self.withheld(i));
+        let albedo = self.surface(i).map_or([0.0; 3], |f| f.albedo.map(bounded));
         let has_albedo = albedo.iter().any(|a| *a >= LEAST_ALBEDO);
         let image = [0, 1, 2].map(|c| ((self.image.radiance[i][c] - withheld[c]) * self.exposure).max(0.0));
         let film = [0, 1, 2].map(|c| ((mean[c] as f32 - withheld[c]) * self.exposure).clamp(0.0, BRIGHTEST));
@@ -83,10 +95,22 @@ impl<'a> ExposedFilm<'a> {
         PixelColours { film: if self.film.count(i) > 0 { film } else { image }, albedo, image }
     }
 
+    /// The features of pixel `i`, if it hit a surface.
+    fn surface(&self, i: usize) -> Option<Features> {
+        surface(self.film, self.has_features, i)
+    }
+
+    /// The light of the samples of pixel `i`; `None` without samples.
+    pub(super) fn light(&self, i: usize) -> Option<f64> {
+        let (mean, withheld) = (Light::all(self.film).mean(i), self.withheld(i));
+        let own = [0, 1, 2].map(|c| (mean[c] - f64::from(withheld[c])) * f64::from(self.exposure));
+        (self.film.count(i) > 0).then(|| luminance(own))
+    }
+
     /// The radiance of pixel `i` whose colour the network gives in its units.
     pub(super) fn radiance(&self, i: usize, colour: [f32; 3]) -> [f32; 3] {
         let withheld = self.withheld(i);
-        [0, 1, 2].map(|c| (colour[c] / self.exposure + withheld[c]).min(f32::MAX))
+        [0, 1, 2].map(|c| (colour[c] / self.exposure + withheld[c]).clamp(0.0, f32::MAX))
     }
 
     /// Writes the values of a row of the padded image, `stride` apart.
@@ -102,7 +126,7 @@ impl<'a> ExposedFilm<'a> {
     /// The values that the first layer exposed of pixel `i`.
     fn values(&self, i: usize) -> [f32; INPUTS] {
         let PixelColours { film, albedo, image } = self.colours(i);
-        let surface = surface(self.film, i);
+        let surface = self.surface(i);
         let count = self.film.count(i).max(1) as f32;
         let grey = |colour: [f32; 3]| luminance(colour.map(f64::from)) as f32;
         let log = |x: f32| 0.5 * ln(1.0 + 8.0 * x);
@@ -150,9 +174,9 @@ impl<'a> ExposedFilm<'a> {
     }
 }
 
-/// The features of pixel `i` that hit a surface.
-fn surface(film: &Film, i: usize) -> Option<Features> {
-    film.features(i).filter(|f| f.hits > 0)
+/// The features of pixel `i`, if they count and it hit a surface.
+fn surface(film: &Film, has_features: bool, i: usize) -> Option<Features> {
+    film.features(i).filter(|f| has_features && f.hits > 0)
 }
 
 /// A number within bounds that valid normals and albedos never reach.

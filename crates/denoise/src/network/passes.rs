@@ -72,22 +72,22 @@ pub(super) fn blend(exposed: &ExposedFilm<'_>, trunk: &Maps, heads: &Heads, stre
         state = pass(&read(exposed, trunk, layer, &state), &state, &albedo, distance);
     }
     let [width, height] = exposed.size;
-    let mut radiance = vec![[0.0; 3]; width * height];
-    parallel::chunks(&mut radiance, width, |y, to| {
+    let mut colours = vec![[0.0; 3]; width * height];
+    parallel::chunks(&mut colours, width, |y, to| {
         let outputs = outputs(exposed, trunk, &heads.last, y);
         let at = |channel: usize, x: usize| state.row(y, VALUES + channel)[x];
         for (x, to) in to.iter_mut().enumerate() {
             let i = y * width + x;
             let PixelColours { image, .. } = exposed.colours(i);
+            let strength = strength * exposed.unlit(i);
             let share = 0.02 + 0.96 / (1.0 + exp((-outputs[x]).clamp(-20.0, 20.0)));
-            let colour = [0, 1, 2].map(|c| {
+            *to = [0, 1, 2].map(|c| {
                 let network = share * at(4 + c, x) / at(7, x) + (1.0 - share) * at(c, x) / at(3, x);
                 image[c] + strength * (network - image[c])
             });
-            *to = exposed.radiance(i, colour);
         }
     });
-    radiance
+    colours
 }
 
 /// The rows of a layer's outputs for row `y` of the image.

@@ -3,8 +3,8 @@
 use dapple_conformance as conformance;
 use dapple_core::Frame;
 use dapple_denoise::{
-    Bilateral, BilateralOptions, ClusterGaussian, ClusterGaussianOptions, ClusterLookup, ClusterRegression,
-    ClusterRegressionOptions, Gaussian, NlMeans, NlMeansOptions, Scales,
+    Bilateral, BilateralOptions, ClusterGaussian, ClusterGaussianOptions, ClusterLookup, ClusterRegression, Gaussian,
+    NlMeans, NlMeansOptions,
 };
 use std::sync::Arc;
 
@@ -65,14 +65,4 @@ fn cluster_regression_conforms() {
         conformance::filter(|| Box::new(plain.clone().with_clusters(label.clone(), "")));
     }
     conformance::filter(|| Box::new(ClusterRegression::new()));
-    for scales in [Scales::Fixed(0), Scales::Fixed(4)] {
-        let options = ClusterRegressionOptions::default().scales(scales);
-        conformance::filter(|| Box::new(ClusterRegression::with_options(options).unwrap()));
-    }
-}
-
-#[test]
-fn the_network_conforms() {
-    let options = ClusterRegressionOptions::default().network(true);
-    conformance::filter(|| Box::new(ClusterRegression::with_options(options).unwrap()));
 }

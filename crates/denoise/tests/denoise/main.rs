@@ -6,5 +6,5 @@ mod consistency;
 mod filters;
 mod hard_cases;
 mod lamps;
-mod scales_and_layers;
+mod layers;
 mod support;

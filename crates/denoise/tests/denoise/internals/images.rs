@@ -1,13 +1,13 @@
 //! Properties of inputs, fits and error estimates that images alone hardly show.
 
 use crate::ClusterRegression;
+use crate::cluster_regression::BLEND;
 use crate::error_map::{self, ERROR, Radii, raw_error, select, shrink};
 use crate::inputs::{Half, Inputs, Reads};
 use crate::light::Light;
 use crate::normal_equations::{Fit, Sums, solve};
 use crate::one_sample::LAMP;
 use crate::planes::{Pair, Plane};
-use crate::scales;
 use dapple_core::samplers::Uniform;
 use dapple_core::{
     Block, Draws, Estimate, Film, Filtered, FirstHit, Frame, Integrator, Limits, Needs, Render, SurfaceFeatures,
@@ -113,7 +113,7 @@ fn takes_filtered(ratio: f32) -> bool {
     // The error of a constant image without noise is its squared bias less d^2.
     let bias = ((ratio + 1.0) * NOISE * NOISE).sqrt();
     let (image, unfiltered) = (pair(|_, _| 1.0 + bias), inputs.unfiltered());
-    let chosen = select(&inputs, std::slice::from_ref(&image), &[1.0; PIXELS], 2, Some(0.0));
+    let chosen = select(&inputs, std::slice::from_ref(&image), &[1.0; PIXELS], 2, true);
     let [found, own] = [chosen.0[0][PIXELS / 2], unfiltered[0][PIXELS / 2]];
     (found - 1.0 - bias).abs() < (found - own).abs()
 }
@@ -134,7 +134,8 @@ fn errors_are_at_least_a_twentieth_of_their_mean() {
     let least = error.iter().copied().fold(f32::INFINITY, f32::min);
     // The floor itself adds some 2 % to the mean.
     assert!((0.045..0.0505).contains(&(least / mean)), "{least} of {mean}");
-    assert!((error[PIXELS - 1] / (NOISE * NOISE) - 1.0).abs() < 0.01, "{}", error[PIXELS - 1]);
+    // Between the halves the larger of two means counts, which the scale of the whole map evens out.
+    assert!((error[PIXELS - 1] / (NOISE * NOISE) - 1.0).abs() < 0.02, "{}", error[PIXELS - 1]);
 }
 
 /// Differences of the halves show variance, even where the estimate of the whole error is 0 or below.
@@ -272,13 +273,13 @@ fn patches_of_noise_are_taken_out_and_detail_that_both_halves_see_stays() {
         0.4 * uniform * uniform * uniform
     };
     let patch = |i: usize| i / SIDE / 4 * 6 + i % SIDE / 4;
-    let evidence = scales::evidence(3);
+    let evidence = 2.0;
     let mean = |radii: Radii| {
         (0..40).map(|seed| kept(radii, evidence, |i, half| 1.0 + noise(seed, patch(i), half))).sum::<f32>() / 40.0
     };
-    let (alike, alone) = (mean(scales::BLEND), mean(Radii { alike: 0, ..scales::BLEND }));
+    let (alike, alone) = (mean(BLEND), mean(Radii { alike: 0, ..BLEND }));
     let lines = |i: usize, half: usize| if i % 12 == 5 { 1.5 } else { 1.0 + 0.1 * noise(1, patch(i), half) };
-    let detail = kept(scales::BLEND, evidence, lines);
+    let detail = kept(BLEND, evidence, lines);
     assert!(alike < 0.02 && alone > 0.04, "{alike} of the noise stays, {alone} in the control");
     assert!(detail > 0.95, "{detail} of the detail stays");
 }

@@ -75,10 +75,9 @@ fn images_have_the_same_bits_for_any_number_of_lanes() {
             film.push_estimate(pixel, sample % 2, &Estimate::new([radiance; 3]));
         }
     }
-    let options = ClusterRegressionOptions::default().network(true);
     let image = |lanes| {
         LANES.store(lanes, Ordering::Relaxed);
-        let image = ClusterRegression::with_options(options).unwrap().apply(&film).unwrap();
+        let image = ClusterRegression::new().apply(&film).unwrap();
         LANES.store(0, Ordering::Relaxed);
         image.radiance.iter().flatten().map(|v| v.to_bits()).collect::<Vec<_>>()
     };

@@ -1,6 +1,5 @@
-//! Parts of filters that images alone hardly show: kernels, functions, copies of planes, votes, scales and depths.
+//! Parts of filters that images alone hardly show: kernels, functions, copies of planes, votes and depths.
 
-use crate::Scales;
 use crate::buffers::film::{STEPS, depths};
 use crate::cluster_gaussian::Votes;
 use crate::features::ln;
@@ -194,14 +193,6 @@ fn overlap_is_the_common_share() {
 #[test]
 fn a_ninth_vote_is_not_counted() {
     assert_eq!(votes(&[2; 9]), votes(&[2; 8]));
-}
-
-#[test]
-fn scales_grow_with_the_image() {
-    let sizes = [[1, 1], [359, 320], [360, 320], [1279, 720], [1280, 720], [3840, 2160], [20_000, 20_000]];
-    let scales = [1, 1, 2, 2, 3, 4, 7];
-    assert_eq!(sizes.map(|size| Scales::Auto.of(size)), scales);
-    assert_eq!(Scales::Fixed(5).of([1, 1]), 5);
 }
 
 #[test]
