@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""race_tables.py FOLDER...: the tables of race.md as Markdown, one set for each folder of a study by race.toml.
+"""race_tables.py FOLDER...: the tables of race.md as Markdown, one set for each folder of a study by race.toml. Runs of more samples
+in FOLDER/many belong to it.
 
 Each ratio is a method's error over that of Open Image Denoise on uniform samples: the geometric mean over scenes, its 95 % interval over
 seeds (Student's t of logarithms), and the worst scene.
@@ -32,7 +33,8 @@ class Race:
 
     def __init__(self, folder):
         self.runs = {}
-        for run in map(json.loads, (Path(folder) / "runs.jsonl").read_text(encoding="utf-8").splitlines()):
+        files = [file for file in (Path(folder) / "runs.jsonl", Path(folder) / "many" / "runs.jsonl") if file.exists()]
+        for run in (json.loads(line) for file in files for line in file.read_text(encoding="utf-8").splitlines()):
             method = run["method"]["sampler"] + ("" if run["method"]["filter"] == "none" else f" + {run['method']['filter']}")
             self.runs.setdefault((run["scene"], method, run["budget"]["spp"]), {})[run["seed"]] = run
         self.scenes, self.methods, self.spp = (list(dict.fromkeys(key[i] for key in self.runs)) for i in range(3))
