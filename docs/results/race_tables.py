@@ -1,6 +1,5 @@
 #!/usr/bin/env python3
-"""race_tables.py FOLDER...: the tables of race.md as Markdown, one set for each folder of a study by race.toml. Runs of more samples
-in FOLDER/many belong to it.
+"""race_tables.py FOLDER: the tables of race.md as Markdown, from the studies in the folders within FOLDER; one set for each resolution.
 
 Each ratio is a method's error over that of Open Image Denoise on uniform samples: the geometric mean over scenes, its 95 % interval over
 seeds (Student's t of logarithms), and the worst scene.
@@ -31,10 +30,10 @@ def table(title, heads, rows):
 class Race:
     """Runs by scene, method and samples per pixel, then by seed."""
 
-    def __init__(self, folder):
+    def __init__(self, folders):
         self.runs = {}
-        files = [file for file in (Path(folder) / "runs.jsonl", Path(folder) / "many" / "runs.jsonl") if file.exists()]
-        for run in (json.loads(line) for file in files for line in file.read_text(encoding="utf-8").splitlines()):
+        texts = [(folder / "runs.jsonl").read_text(encoding="utf-8") for folder in folders]
+        for run in (json.loads(line) for text in texts for line in text.splitlines()):
             method = run["method"]["sampler"] + ("" if run["method"]["filter"] == "none" else f" + {run['method']['filter']}")
             self.runs.setdefault((run["scene"], method, run["budget"]["spp"]), {})[run["seed"]] = run
         self.scenes, self.methods, self.spp = (list(dict.fromkeys(key[i] for key in self.runs)) for i in range(3))
@@ -78,6 +77,9 @@ class Race:
               [[f"{min(ratios[spp]):.3f}, {max(ratios[spp]):.3f}" if ratios[spp] else "–" for spp in self.spp]])
 
 
-for folder in sys.argv[1:]:
-    study = json.loads((Path(folder) / "study.json").read_text(encoding="utf-8"))
-    Race(folder).print("x".join(map(str, study.get("resolution") or study["scenes"][0]["resolution"])))
+folders = {}
+for file in sorted(Path(sys.argv[1]).glob("*/study.json")):
+    resolution = json.loads(file.read_text(encoding="utf-8"))["scenes"][0]["resolution"]
+    folders.setdefault("x".join(map(str, resolution)), []).append(file.parent)
+for resolution, all in folders.items():
+    Race(all).print(resolution)

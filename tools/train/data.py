@@ -1,7 +1,7 @@
 """data.py FOLDER FIRST END [STEP]: films of the random scenes FIRST, FIRST + STEP, ... below END as FOLDER/SEED.npz; goes on where it stopped.
 
-Each scene is rendered by the default at 1, 2 and 4 samples per pixel and at 8 or 16, and once at 64 with another seed: its filtered image is the
-target, its unfiltered image holds the energy. DAPPLE names the program.
+Each scene is rendered at 1, 2 and 4 samples per pixel and at 8 or 16 without the network, and once at 64 with another seed by the default: its
+filtered image is the target, its unfiltered image holds the energy. DAPPLE names the program.
 """
 
 import os
@@ -14,6 +14,7 @@ import numpy as np
 import OpenEXR
 
 OPTIONS = "--quiet --threads 1".split()
+WITHOUT = "--filter cluster-regression:network=false".split()
 # Scenes before this seed have box pixels; others say their own.
 WIDE = 4000
 
@@ -47,7 +48,7 @@ def make(scene, folder):
     scenes = Path(__file__).with_name("scenes.py")
     subprocess.run([sys.executable, scenes, str(scene), work], check=True)
 
-    def render(spp, seed, name):
+    def render(spp, seed, name, *options):
         command = [
             os.environ.get("DAPPLE", "dapple"),
             "render",
@@ -60,6 +61,7 @@ def make(scene, folder):
             str(seed),
             "-o",
             work / name,
+            *options,
         ]
         subprocess.run(command, check=True, timeout=90, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         return film(work / name)
@@ -68,7 +70,7 @@ def make(scene, folder):
     planes = {f"r.{key}": target[key] for key in "cvnf"}
     more = int(np.random.default_rng(scene + 10**6).choice([8, 16]))
     for spp in (1, 2, 4, more):
-        planes |= {f"a{spp}.{key}": plane for key, plane in render(spp, scene + spp, "film.exr").items()}
+        planes |= {f"a{spp}.{key}": plane for key, plane in render(spp, scene + spp, "film.exr", *WITHOUT).items()}
     np.savez(work / "all.npz", **planes)
     os.replace(work / "all.npz", folder / f"{scene}.npz")
     shutil.rmtree(work)

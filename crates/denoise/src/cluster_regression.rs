@@ -24,6 +24,8 @@ dapple_core::options! {
             |w| (0.0..=1.0).contains(&w), "0 (nothing crosses a border) to 1 (clusters do not matter)";
         /// Parts of the light that are filtered one by one: 2 (direct and indirect), 1, or auto (2 from 2 spp on).
         pub layers: Layers = Layers::Auto => "auto";
+        /// If false, the image stays that of the regressions, which the network learns from (tools/train).
+        pub network: bool = true => "true";
     }
 }
 
@@ -167,6 +169,10 @@ impl ClusterRegression {
         if self.has_first(inputs) { vec![self.first(inputs, &averaged), averaged] } else { vec![averaged] }
     }
 
+    fn has_network(&self) -> bool {
+        self.options.network && !self.is_one_pass
+    }
+
     /// Returns `true` if this light gets the first pass.
     pub(crate) fn has_first(&self, inputs: &Inputs) -> bool {
         inputs.part == Part::Direct || self.is_one_pass
@@ -235,7 +241,7 @@ impl Filter for ClusterRegression {
         let at_most = kept + if self.is_one_pass { pair + regression::bytes_per_pixel(2) } else { passes };
         // The image of the first part of the light is kept meanwhile.
         let parts = if self.options.layers == Layers::One || !needs.indirect { 0 } else { 16 };
-        let after = if self.is_one_pass { 0 } else { network::BYTES_PER_PIXEL };
+        let after = if self.has_network() { network::BYTES_PER_PIXEL } else { 0 };
         FilterMemory::new(frame, making.max(at_most + parts).max(after), ImagePlanes::RadianceAndError)
     }
 
@@ -256,6 +262,7 @@ impl Filter for ClusterRegression {
             add(&mut image, inputs.restored(part, other));
         }
         drop(inputs);
-        Ok(if self.is_one_pass { image } else { network::improve(film, image, !self.reads.without_features) })
+        let has_features = !self.reads.without_features;
+        Ok(if self.has_network() { network::improve(film, image, has_features) } else { image })
     }
 }
