@@ -4,7 +4,7 @@
 //! * [`ClusterGaussian`]: a blur of the pixel means, kept within clusters of similar surfaces.
 //! * [`NlMeans`]: non-local means. The weights that filter one half of the samples come from the other half.
 //! * [`Bilateral`]: a cross-bilateral filter over features, colours and clusters.
-//! * [`ClusterRegression`]: passes of regression on features, a choice by estimated error, and blends.
+//! * [`ClusterRegression`]: passes of regression on features, a choice by estimated error, and a small trained network.
 //!
 //! Features are normal, albedo, depth and position of the first rough surface, seen through mirrors, glass and smooth
 //! coats. Clusters are those of the first hit.

@@ -10,7 +10,7 @@ mod exposed_film;
 mod light;
 mod passes;
 
-use crate::planes::dispatch;
+use crate::planes::{dispatch, per_pixel};
 use convolution::{Layer, Maps, RowTask, Source, convolve};
 use dapple_core::{Film, Filtered, parallel};
 use exposed_film::{ExposedFilm, INPUTS};
@@ -25,8 +25,9 @@ const GRID: usize = 8;
 /// The mean number of samples per pixel from which on the filtered image replaces the network's. The network has learned from 1 to 16.
 const MOST: f64 = 24.0;
 
-/// The memory of [`improve`] per pixel in bytes: the features, two states of all passes, and what a pass exposed.
-pub(crate) const BYTES_PER_PIXEL: usize = 4 * (CHANNELS[0] + 2 * passes::STATE + passes::READ + 9);
+/// The memory of [`improve`] per pixel in bytes: the features, two states of all passes, the values that a pass reads, albedo, emission,
+/// and the result twice.
+pub(crate) const BYTES_PER_PIXEL: usize = 4 * (CHANNELS[0] + 2 * passes::STATE + passes::READ + 11);
 
 /// Replaces the filtered image of a film by the network's. Its error stays: the network's own predictions were further off.
 pub(crate) fn improve(film: &Film, image: Filtered, has_features: bool) -> Filtered {
@@ -38,7 +39,7 @@ pub(crate) fn improve(film: &Film, image: Filtered, has_features: bool) -> Filte
     let heads = Heads::new(&mut layers);
     let mut colours = blend(&exposed, &trunk, &heads, (MOST / spp).powi(2).min(1.0) as f32);
     light::keep(&exposed, &mut colours);
-    let radiance = (0..pixels).map(|i| exposed.radiance(i, colours[i])).collect();
+    let radiance = per_pixel(pixels, |i| exposed.radiance(i, colours[i]));
     Filtered::new(image.size, radiance).with_error(image.error)
 }
 

@@ -127,8 +127,10 @@ impl Runner for InProcess {
         let external = request.external.as_ref();
         let order = Order { method, seed: *seed, samples: *samples, external, threads: *threads };
         let mut shared = self.shared.take();
-        let shot = shoot(self.subject(&request.view)?, order, shared.as_mut(), &mut NoMonitor, cpu)?;
+        let subject = self.subject(&request.view);
+        let shot = subject.and_then(|subject| shoot(subject, order, shared.as_mut(), &mut NoMonitor, cpu));
         self.shared = shared;
+        let shot = shot?;
         let truth = self.truth(request)?;
         let measured = truth.measure(&shot.filtered.radiance);
         let wrong = |e| StudyError::refused(format_args!("{}, {method}, seed {seed}", request.view.name), e);

@@ -165,9 +165,11 @@ pub(crate) struct Shared {
     cpu_s: Option<f64>,
 }
 
-/// Renders an image and measures its cost, the time of clustering included. The time in `monitor` does not count. `cpu` returns the user and system seconds of this
-/// process so far. With `shared`, the filter gets the samples in there, if they are of this order and recorded what it needs;
-/// otherwise the new samples are left there.
+/// Renders an image and measures its cost, the time of clustering included. The time in `monitor` does not count. `cpu`
+/// returns the user and system seconds of this process so far.
+///
+/// With `shared`, the filter gets the samples in there, if they are of this order and recorded what it needs; otherwise the new
+/// samples are left there.
 pub(crate) fn shoot(
     subject: &Subject,
     order: Order<'_>,

@@ -1,4 +1,4 @@
-//! What the network exposed of a film and of its filtered image.
+//! The inputs of the network: a film and its filtered image, in units of an exposure.
 
 use super::GRID;
 use crate::features::ln;
@@ -9,14 +9,14 @@ use dapple_core::{Features, Film, Filtered, luminance};
 
 /// The number of values per pixel.
 pub(super) const INPUTS: usize = 24;
-/// The largest radiance of the film that the network exposed, in units of its exposure.
+/// The largest radiance that the network gets, in units of the exposure.
 const BRIGHTEST: f32 = 1e4;
 /// The same of pixels that see a lamp. The network would smooth its edges.
 const LAMP: f32 = 16.0;
 /// The albedo of pixels without one is 1, and others are at least this, as divisors.
 const LEAST_ALBEDO: f32 = 0.03;
 
-/// A film, its filtered image, and the units in which the network exposed them.
+/// A film, its filtered image, and the units in which the network gets them.
 pub(super) struct ExposedFilm<'a> {
     film: &'a Film,
     image: &'a Filtered,
@@ -26,9 +26,11 @@ pub(super) struct ExposedFilm<'a> {
     exposure: f32,
     /// The median logarithm of depth.
     middle: f32,
+    /// The luminance of lamps that the samples of each pixel saw directly.
+    emission: Vec<f64>,
 }
 
-/// PixelColours that passes filter, in units of the exposure.
+/// The colours of a pixel that passes average, in units of the exposure.
 pub(super) struct PixelColours {
     /// The film's mean, the divisor for its albedo, and the filtered image.
     pub(super) film: [f32; 3],
@@ -53,7 +55,8 @@ impl<'a> ExposedFilm<'a> {
         let depths = per_pixel(pixels, |i| surface(film, has_features, i).map_or(0.0, |f| f.depth));
         let depth = quantile(depths.into_iter().filter(|depth| *depth > 0.0).collect(), 2);
         let middle = ln(depth.unwrap_or(1.0).clamp(1e-18, 1e18));
-        Some(Self { film, image, has_features, size, exposure, middle })
+        let emission = per_pixel(pixels, |i| luminance(Light::all(film).mean_emission(i).map(f64::from)));
+        Some(Self { film, image, has_features, size, exposure, middle, emission })
     }
 
     /// The size of the image, padded to multiples of [`GRID`].
@@ -66,21 +69,15 @@ impl<'a> ExposedFilm<'a> {
         [0, 1].map(|k| (self.padded()[k] - self.size[k]) / 2)
     }
 
-    /// Returns `true` if samples of pixel `i` saw a lamp.
-    fn is_lamp(&self, i: usize) -> bool {
-        Light::all(self.film).mean_emission(i) != [0.0; 3]
-    }
-
-    /// The share of light at pixel `i` that no lamp seen directly gives: what the network may change.
-    pub(super) fn unlit(&self, i: usize) -> f32 {
-        let emission = luminance(Light::all(self.film).mean_emission(i).map(f64::from));
-        let image = luminance(self.image.radiance[i].map(f64::from));
+    /// The share of the network's result at pixel `i`: that of the light that no lamp seen directly gives.
+    pub(super) fn share(&self, i: usize) -> f32 {
+        let (emission, image) = (self.emission[i], luminance(self.image.radiance[i].map(f64::from)));
         if emission > 0.0 { (1.0 - emission / image).clamp(0.0, 1.0) as f32 } else { 1.0 }
     }
 
     /// The part of the image of pixel `i` that the network does not get: what is brighter than [`BRIGHTEST`], or a [`LAMP`].
     fn withheld(&self, i: usize) -> [f32; 3] {
-        let most = if self.is_lamp(i) { LAMP } else { BRIGHTEST } / self.exposure;
+        let most = if self.emission[i] > 0.0 { LAMP } else { BRIGHTEST } / self.exposure;
         self.image.radiance[i].map(|image| (image - most).max(0.0))
     }
 
@@ -123,7 +120,7 @@ impl<'a> ExposedFilm<'a> {
         }
     }
 
-    /// The values that the first layer exposed of pixel `i`.
+    /// The inputs of the first layer for pixel `i`.
     fn values(&self, i: usize) -> [f32; INPUTS] {
         let PixelColours { film, albedo, image } = self.colours(i);
         let surface = self.surface(i);

@@ -1,6 +1,7 @@
 //! The light that the network takes out with fireflies, returned to the surroundings.
 
 use super::exposed_film::ExposedFilm;
+use crate::planes::per_pixel;
 use dapple_core::{luminance, parallel};
 
 /// The side of a cell in pixels.
@@ -16,22 +17,22 @@ const RADIUS: isize = 10;
 pub(super) fn keep(exposed: &ExposedFilm<'_>, colours: &mut [[f32; 3]]) {
     let ([width, height], [left, top]) = (exposed.size, exposed.padding());
     let size = exposed.padded().map(|n| n / CELL);
-    let [mut light, mut own] = [(); 2].map(|()| vec![0.0; size[0] * size[1]]);
-    for (k, (light, own)) in light.iter_mut().zip(&mut own).enumerate() {
-        let [x, y] = [k % size[0] * CELL, k / size[0] * CELL];
-        for (x, y) in (x..x + CELL).flat_map(|x| (y..y + CELL).map(move |y| (x, y))) {
-            if x < left || y < top || x >= left + width || y >= top + height {
-                continue;
-            }
-            let i = (y - top) * width + x - left;
-            let colour = luminance(colours[i].map(f64::from));
-            *own += colour;
-            *light += exposed.light(i).map_or(0.0, |light| light - colour);
+    // The light that the pixels of a cell lack, and theirs.
+    let sums = per_pixel(size[0] * size[1], |cell| {
+        let first = [cell % size[0] * CELL, cell / size[0] * CELL];
+        let columns = first[0].max(left)..(first[0] + CELL).min(left + width);
+        let rows = first[1].max(top)..(first[1] + CELL).min(top + height);
+        let mut sums = [0.0; 2];
+        for i in rows.flat_map(|y| columns.clone().map(move |x| (y - top) * width + x - left)) {
+            let own = luminance(colours[i].map(f64::from));
+            let lost = exposed.light(i).map_or(0.0, |light| light - own);
+            sums = [sums[0] + lost, sums[1] + own];
         }
-    }
-    let blur = blurred(&own, size);
-    let lost = light.iter().zip(&blur).map(|(light, own)| if *own > 0.0 { light / own } else { 0.0 });
-    let more = blurred(&lost.collect::<Vec<f64>>(), size);
+        sums
+    });
+    let own = blurred(sums.iter().map(|[_, own]| *own).collect(), size);
+    let share = sums.iter().zip(own).map(|([lost, _], own)| if own > 0.0 { lost / own } else { 0.0 });
+    let more = blurred(share.collect(), size);
     parallel::chunks(colours, width, |y, row| {
         for (x, colour) in row.iter_mut().enumerate() {
             let gain = 1.0 + between(&more, size, [x + left, y + top]);
@@ -41,22 +42,21 @@ pub(super) fn keep(exposed: &ExposedFilm<'_>, colours: &mut [[f32; 3]]) {
 }
 
 /// Three means over [`RADIUS`] cells along both axes; beyond the frame, cells repeat as in a mirror.
-fn blurred(cells: &[f64], [width, height]: [usize; 2]) -> Vec<f64> {
+fn blurred(cells: Vec<f64>, [width, height]: [usize; 2]) -> Vec<f64> {
     let mirrored = |k: isize, n: usize| {
         let k = k.rem_euclid(2 * n as isize) as usize;
         k.min(2 * n - 1 - k)
     };
-    let (mut from, mut to) = (cells.to_vec(), vec![0.0; cells.len()]);
+    let mut from = cells;
     for is_row in [true, true, true, false, false, false] {
-        for (i, to) in to.iter_mut().enumerate() {
+        from = per_pixel(from.len(), |i| {
             let (x, y) = (i % width, i / width);
             let at = |k: isize| match is_row {
                 true => from[y * width + mirrored(x as isize + k, width)],
                 false => from[mirrored(y as isize + k, height) * width + x],
             };
-            *to = (-RADIUS..=RADIUS).map(at).sum::<f64>() / (2 * RADIUS + 1) as f64;
-        }
-        std::mem::swap(&mut from, &mut to);
+            (-RADIUS..=RADIUS).map(at).sum::<f64>() / (2 * RADIUS + 1) as f64
+        });
     }
     from
 }

@@ -17,7 +17,7 @@ const FEATURES: usize = 8;
 const VALUES: usize = 9;
 /// A pixel's state between passes: the values, the blend of the film's averages and its weight, that of the image's averages and its weight.
 pub(super) const STATE: usize = VALUES + 8;
-/// What a pass exposed of a pixel: values times their trust, and both trusts, then features, the weight of the pixel itself, and three weights in
+/// The values of a pixel that a pass reads: those averaged times their trust, and both trusts, then features, the weight of the pixel itself, and three weights in
 /// the blend.
 pub(super) const READ: usize = SUMS + FEATURES + 4;
 /// The values times their trust, and both trusts.
@@ -79,7 +79,7 @@ pub(super) fn blend(exposed: &ExposedFilm<'_>, trunk: &Maps, heads: &Heads, stre
         for (x, to) in to.iter_mut().enumerate() {
             let i = y * width + x;
             let PixelColours { image, .. } = exposed.colours(i);
-            let strength = strength * exposed.unlit(i);
+            let strength = strength * exposed.share(i);
             let share = 0.02 + 0.96 / (1.0 + exp((-outputs[x]).clamp(-20.0, 20.0)));
             *to = [0, 1, 2].map(|c| {
                 let network = share * at(4 + c, x) / at(7, x) + (1.0 - share) * at(c, x) / at(3, x);
@@ -138,7 +138,7 @@ fn first(exposed: &ExposedFilm<'_>, trunk: &Maps, layer: &Layer) -> Maps {
     state
 }
 
-/// What a pass exposed, made from the state before it.
+/// The values that a pass reads, made from the state before it.
 fn read(exposed: &ExposedFilm<'_>, trunk: &Maps, layer: &Layer, state: &Maps) -> Maps {
     let width = exposed.size[0];
     let mut maps = Maps::new(exposed.size, READ);

@@ -1,6 +1,6 @@
 //! Light that stays in its pixel: lamps seen directly, their edges, and outliers. One sample per pixel, all of which lies in one half.
 
-use crate::support::{HALVES, film, grey, mean, over_halves, rendered, squared_error};
+use crate::support::{HALVES, film, grey, mean, over_halves, regressions, rendered, squared_error};
 use dapple_core::samplers::Uniform;
 use dapple_core::{
     Block, Draws, Estimate, Film, Filter, Filtered, FirstHit, Frame, Integrator, Limits, Needs, Render,
@@ -305,14 +305,14 @@ fn light_is_kept_and_the_error_known_at_one_sample_per_pixel() {
     let film = single(|_, noise| if noise < 0.05 { 8.0 } else { 0.5 + noise }, |_, _| 0.0);
     let wanted = mean(&film.image());
     let truth = 0.05 * 8.0 + (0.5 * (1.5f32.powi(2) - 0.55f32.powi(2)));
-    for filter in over_halves() {
+    for filter in over_halves().into_iter().chain([Box::new(regressions()) as Box<dyn Filter>]) {
         let image = filter.apply(&film).unwrap();
         let ratio = mean(&image.radiance) / wanted;
         assert!((ratio - 1.0).abs() < 0.05, "{}: {ratio} of the light", filter.describe());
         let error = image.error.unwrap().iter().map(|e| f64::from(*e)).sum::<f64>() / 2304.0;
         let real = squared_error(&image.radiance, |_| truth);
         // The network takes fireflies out, which the estimate of the regressions still counts.
-        let most = if filter.describe().starts_with("cluster-regression") { 12.0 } else { 5.0 };
+        let most = if filter.describe().contains("network=true") { 12.0 } else { 5.0 };
         assert!((0.2..most).contains(&(error / real)), "{}: {error}, not {real}", filter.describe());
     }
 }
@@ -330,14 +330,15 @@ fn noise_shared_with_features_is_filtered() {
         let hit = FirstHit::new(place, normal, depth).with_albedo([radiance; 3]).with_footprint(0.01);
         grey(radiance).with_first_hit(hit.with_material(u32::from(bright)))
     };
-    let filter = ClusterRegression::new();
-    let (mut before, mut after) = (0.0, 0.0);
-    for seed in 1..=4 {
-        let film = rendered(Frame::new(48, 48).unwrap(), filter.needs(), (seed, 8), blurred);
-        let error = |image: &[[f32; 3]]| squared_error(image, |i| 0.1 + 0.9 * share(i as u32 % 48));
-        before += error(&film.image());
-        after += error(&filter.apply(&film).unwrap().radiance);
+    // 0.13 and 0.32; without the prefilter 0.99. The network divides by albedo that is not prefiltered.
+    for (filter, most) in [(regressions(), 0.25), (ClusterRegression::new(), 0.4)] {
+        let (mut before, mut after) = (0.0, 0.0);
+        for seed in 1..=4 {
+            let film = rendered(Frame::new(48, 48).unwrap(), filter.needs(), (seed, 8), blurred);
+            let error = |image: &[[f32; 3]]| squared_error(image, |i| 0.1 + 0.9 * share(i as u32 % 48));
+            before += error(&film.image());
+            after += error(&filter.apply(&film).unwrap().radiance);
+        }
+        assert!(after < most * before, "{}: {} of the error is left", filter.describe(), after / before);
     }
-    // 0.32; without the prefilter 0.99. The network, which divides by albedo that is not prefiltered, adds 0.19.
-    assert!(after < 0.4 * before, "{} of the error is left", after / before);
 }

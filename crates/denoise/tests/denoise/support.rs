@@ -3,7 +3,7 @@
 use dapple_conformance::toys::Traced;
 use dapple_core::samplers::Uniform;
 use dapple_core::{Draws, Estimate, Film, Filter, FirstHit, Frame, Limits, Needs, Render, Worker};
-use dapple_denoise::{Bilateral, ClusterLookup, ClusterRegression, NlMeans};
+use dapple_denoise::{Bilateral, ClusterLookup, ClusterRegression, ClusterRegressionOptions, NlMeans};
 use dapple_low_discrepancy::Random;
 use std::sync::Arc;
 
@@ -81,6 +81,11 @@ pub(crate) fn squared_error(image: &[[f32; 3]], truth: impl Fn(usize) -> f32) ->
 /// The material of a first hit as its cluster.
 pub(crate) fn label() -> ClusterLookup {
     Arc::new(|hit| Some(hit.material))
+}
+
+/// The default filter without its network.
+pub(crate) fn regressions() -> ClusterRegression {
+    ClusterRegression::with_options(ClusterRegressionOptions::default().network(false)).unwrap()
 }
 
 /// The filters over halves, each with its defaults.

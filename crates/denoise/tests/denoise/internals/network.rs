@@ -102,3 +102,28 @@ fn the_network_takes_most_of_the_noise_of_an_image_away() {
     let after = error(&improve(&film, image, true));
     assert!(before > 0.1 && after < 0.5 * before, "{after} after {before}");
 }
+
+/// A lamp seen directly covers every second pixel of a square partly, which the image has right. Without their emission, as the control,
+/// the network smooths these pixels.
+#[test]
+fn lamps_stay_as_the_image_has_them() {
+    const SIDE: usize = 40;
+    let lit = |i: usize| {
+        (i % SIDE + i / SIDE).is_multiple_of(2) && (15..25).contains(&(i % SIDE)) && (15..25).contains(&(i / SIDE))
+    };
+    let worst = |emits: bool| {
+        let mut film = Film::new(Frame::new(SIDE as u32, SIDE as u32).unwrap(), NEEDS);
+        for (i, k) in (0..SIDE * SIDE).flat_map(|i| (0..4).map(move |k| (i, k))) {
+            let lamp = if lit(i) { 8.0 } else { 0.0 };
+            let seen = Estimate::new([lamp + 0.2 * noise(i, k); 3]);
+            film.push_estimate(i, k % 2, &if emits { seen.with_emission([lamp; 3]) } else { seen });
+        }
+        let wanted = |i: usize| if lit(i) { 8.1 } else { 0.1 };
+        let image = (0..SIDE * SIDE).map(|i| [wanted(i); 3]).collect();
+        let image = Filtered::new([SIDE as u32; 2], image).with_error(vec![1e-3; SIDE * SIDE]);
+        let after = improved((film, image)).radiance;
+        (0..SIDE * SIDE).filter(|i| lit(*i)).map(|i| (after[i][0] / wanted(i) - 1.0).abs()).fold(0.0, f32::max)
+    };
+    let [with, without] = [true, false].map(worst);
+    assert!(with < 0.02 && without > 0.04, "{with}, {without} without emission");
+}
