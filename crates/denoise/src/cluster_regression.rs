@@ -262,8 +262,8 @@ impl Filter for ClusterRegression {
             let other = self.image(&mut inputs);
             add(&mut image, inputs.restored(part, other));
         }
-        drop(inputs);
+        let albedo = inputs.into_albedo();
         let has_features = !self.reads.without_features;
-        Ok(if self.has_network() { network::improve(film, image, has_features) } else { image })
+        Ok(if self.has_network() { network::improve(film, image, albedo, has_features) } else { image })
     }
 }

@@ -118,6 +118,12 @@ impl Inputs {
         self.levels.bounds.restore(light, filtered)
     }
 
+    /// The albedo, [prefiltered](crate::averaging::prefilter) where the features are.
+    pub(crate) fn into_albedo(self) -> Colours {
+        let [_, _, _, red, green, blue, _] = self.features.mean;
+        [red, green, blue]
+    }
+
     /// The image's level: the radiance (near the mean of the image) that is scaled to 1 in these planes.
     pub(crate) fn level(&self) -> f32 {
         self.levels.level

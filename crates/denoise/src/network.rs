@@ -10,7 +10,7 @@ mod exposed_film;
 mod light;
 mod passes;
 
-use crate::planes::{dispatch, per_pixel};
+use crate::planes::{Colours, dispatch, per_pixel};
 use convolution::{Layer, Maps, RowTask, Source, convolve};
 use dapple_core::{Film, Filtered, parallel};
 use exposed_film::{ExposedFilm, INPUTS};
@@ -30,10 +30,13 @@ const MOST: f64 = 24.0;
 pub(crate) const BYTES_PER_PIXEL: usize = 4 * (CHANNELS[0] + 2 * passes::STATE + passes::READ + 11);
 
 /// Replaces the filtered image of a film by the network's. Its error stays: the network's own predictions were further off.
-pub(crate) fn improve(film: &Film, image: Filtered, has_features: bool) -> Filtered {
+/// `albedo` is the film's without its noise, and 1 where no surface is seen.
+pub(crate) fn improve(film: &Film, image: Filtered, albedo: Colours, has_features: bool) -> Filtered {
     let pixels = film.frame().pixels();
     let spp = (0..pixels).map(|i| film.count(i)).sum::<u64>() as f64 / pixels as f64;
-    let Some(exposed) = ExposedFilm::new(film, &image, has_features).filter(|_| spp > 0.0) else { return image };
+    let Some(exposed) = ExposedFilm::new(film, &image, albedo, has_features).filter(|_| spp > 0.0) else {
+        return image;
+    };
     let mut layers = Layers { rest: WEIGHTS };
     let trunk = trunk(&exposed, &mut layers);
     let heads = Heads::new(&mut layers);

@@ -3,7 +3,7 @@
 use super::GRID;
 use crate::features::ln;
 use crate::light::Light;
-use crate::planes::{per_pixel, quantile, sum_pixels};
+use crate::planes::{Colours, per_pixel, quantile, raised, sum_pixels, update};
 use crate::tile::exp_minus;
 use dapple_core::{Features, Film, Filtered, luminance};
 
@@ -13,13 +13,13 @@ pub(super) const INPUTS: usize = 24;
 const BRIGHTEST: f32 = 1e4;
 /// The same of pixels that see a lamp. The network would smooth its edges.
 const LAMP: f32 = 16.0;
-/// The albedo of pixels without one is 1, and others are at least this, as divisors.
-const LEAST_ALBEDO: f32 = 0.03;
 
 /// A film, its filtered image, and the units in which the network gets them.
 pub(super) struct ExposedFilm<'a> {
     film: &'a Film,
     image: &'a Filtered,
+    /// The divisors for albedo.
+    pub(super) albedo: Colours,
     has_features: bool,
     pub(super) size: [usize; 2],
     /// The factor on radiance: the geometric mean of the filtered image becomes 0.18.
@@ -40,7 +40,7 @@ pub(super) struct PixelColours {
 
 impl<'a> ExposedFilm<'a> {
     /// The film and its image; `None` if the image is black or so dark or bright that units fail.
-    pub(super) fn new(film: &'a Film, image: &'a Filtered, has_features: bool) -> Option<Self> {
+    pub(super) fn new(film: &'a Film, image: &'a Filtered, mut albedo: Colours, has_features: bool) -> Option<Self> {
         let size = film.frame().size().map(|n| n as usize);
         let pixels = film.frame().pixels();
         let bright = |i: usize| luminance(image.radiance[i].map(f64::from)).max(0.0);
@@ -56,7 +56,8 @@ impl<'a> ExposedFilm<'a> {
         let depth = quantile(depths.into_iter().filter(|depth| *depth > 0.0).collect(), 2);
         let middle = ln(depth.unwrap_or(1.0).clamp(1e-18, 1e18));
         let emission = per_pixel(pixels, |i| luminance(Light::all(film).mean_emission(i).map(f64::from)));
-        Some(Self { film, image, has_features, size, exposure, middle, emission })
+        albedo.iter_mut().for_each(|plane| update(plane, [], |albedo, []| raised(albedo)));
+        Some(Self { film, image, albedo, has_features, size, exposure, middle, emission })
     }
 
     /// The size of the image, padded to multiples of [`GRID`].
@@ -84,11 +85,9 @@ impl<'a> ExposedFilm<'a> {
     /// The colours of pixel `i`. Without samples, the film's mean is the image.
     pub(super) fn colours(&self, i: usize) -> PixelColours {
         let (mean, withheld) = (Light::all(self.film).mean(i), self.withheld(i));
-        let albedo = self.surface(i).map_or([0.0; 3], |f| f.albedo.map(bounded));
-        let has_albedo = albedo.iter().any(|a| *a >= LEAST_ALBEDO);
         let image = [0, 1, 2].map(|c| ((self.image.radiance[i][c] - withheld[c]) * self.exposure).max(0.0));
         let film = [0, 1, 2].map(|c| ((mean[c] as f32 - withheld[c]) * self.exposure).clamp(0.0, BRIGHTEST));
-        let albedo = albedo.map(|a| if has_albedo { a.max(LEAST_ALBEDO) } else { 1.0 });
+        let albedo = self.albedo.each_ref().map(|plane| plane[i]);
         PixelColours { film: if self.film.count(i) > 0 { film } else { image }, albedo, image }
     }
 

@@ -3,7 +3,7 @@
 use super::convolution::{Layer, Maps, RowTask};
 use super::exposed_film::{ExposedFilm, PixelColours};
 use super::{CHANNELS, Layers};
-use crate::planes::dispatch;
+use crate::planes::{Colours, dispatch};
 use crate::tile::exp_minus;
 use dapple_core::parallel;
 use pulp::{Simd, WithSimd};
@@ -66,10 +66,9 @@ fn share(x: f32) -> f32 {
 
 /// `strength` of the network's image, and the rest of the filtered image.
 pub(super) fn blend(exposed: &ExposedFilm<'_>, trunk: &Maps, heads: &Heads, strength: f32) -> Vec<[f32; 3]> {
-    let albedo = albedo(exposed);
     let mut state = first(exposed, trunk, &heads.first);
     for (layer, distance) in heads.passes.iter().zip(DISTANCES) {
-        state = pass(&read(exposed, trunk, layer, &state), &state, &albedo, distance);
+        state = pass(&read(exposed, trunk, layer, &state), &state, &exposed.albedo, distance);
     }
     let [width, height] = exposed.size;
     let mut colours = vec![[0.0; 3]; width * height];
@@ -101,19 +100,6 @@ fn outputs(exposed: &ExposedFilm<'_>, trunk: &Maps, layer: &Layer, y: usize) -> 
     let mut to = vec![0.0; layer.outputs() * width];
     dispatch(RowTask { stack: &stack, stride, layer, width, is_rectified: false, to: &mut to });
     to
-}
-
-/// The divisors for albedo.
-fn albedo(exposed: &ExposedFilm<'_>) -> Maps {
-    let width = exposed.size[0];
-    let mut maps = Maps::new(exposed.size, 3);
-    parallel::chunks(&mut maps.values, 3 * width, |y, to| {
-        for x in 0..width {
-            let albedo = exposed.colours(y * width + x).albedo;
-            (0..3).for_each(|c| to[c * width + x] = albedo[c]);
-        }
-    });
-    maps
 }
 
 /// The state before the first pass.
@@ -184,7 +170,7 @@ impl WithSimd for ReadTask<'_> {
 }
 
 /// The state after a pass over pixels at a distance.
-fn pass(read: &Maps, before: &Maps, albedo: &Maps, distance: usize) -> Maps {
+fn pass(read: &Maps, before: &Maps, albedo: &Colours, distance: usize) -> Maps {
     let [width, height] = read.size;
     let mut state = Maps::new(read.size, STATE);
     parallel::chunks(&mut state.values, STATE * width, |y, to| {
@@ -215,7 +201,7 @@ fn pass(read: &Maps, before: &Maps, albedo: &Maps, distance: usize) -> Maps {
             sums.iter_mut().zip(&both).for_each(|(sum, value)| *sum += value);
         }
         let before = &before.values[y * STATE * width..][..STATE * width];
-        let albedo = &albedo.values[y * 3 * width..][..3 * width];
+        let albedo = albedo.each_ref().map(|plane| &plane[y * width..][..width]);
         dispatch(FinishTask { sums: &sums, weights: &weight[width..], before, albedo, width, to });
     });
     state
@@ -266,7 +252,7 @@ struct FinishTask<'a> {
     sums: &'a [f32],
     weights: &'a [f32],
     before: &'a [f32],
-    albedo: &'a [f32],
+    albedo: [&'a [f32]; 3],
     width: usize,
     to: &'a mut [f32],
 }
@@ -286,7 +272,7 @@ impl WithSimd for FinishTask<'_> {
         let [divided, plain, averaged] = [0, 1, 2].map(|k| &weights[k * width..][..width]);
         for (k, blend) in blends.chunks_exact_mut(width).enumerate() {
             let before = &before[(VALUES + k) * width..][..width];
-            let albedo = &albedo[(k % 4).min(2) * width..][..width];
+            let albedo = albedo[(k % 4).min(2)];
             let (of_film, film, image) = (value(k % 4 % 3), value(3 + k % 4 % 3), value(6 + k % 4 % 3));
             for x in 0..width {
                 let more = match k {

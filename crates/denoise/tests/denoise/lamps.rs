@@ -318,7 +318,7 @@ fn light_is_kept_and_the_error_known_at_one_sample_per_pixel() {
 }
 
 /// Out of focus, features share the noise of the radiance: each sample hits a bright surface or a dark one of another normal. A
-/// regression on unfiltered features would keep that noise. The filter leaves less than two fifths of the squared error, on average
+/// regression on unfiltered features would keep that noise. The filter leaves less than a quarter of the squared error, on average
 /// over four seeds.
 #[test]
 fn noise_shared_with_features_is_filtered() {
@@ -330,8 +330,8 @@ fn noise_shared_with_features_is_filtered() {
         let hit = FirstHit::new(place, normal, depth).with_albedo([radiance; 3]).with_footprint(0.01);
         grey(radiance).with_first_hit(hit.with_material(u32::from(bright)))
     };
-    // 0.13 and 0.32; without the prefilter 0.99. The network divides by albedo that is not prefiltered.
-    for (filter, most) in [(regressions(), 0.25), (ClusterRegression::new(), 0.4)] {
+    // 0.13 and 0.11; without the prefilter 0.99.
+    for filter in [regressions(), ClusterRegression::new()] {
         let (mut before, mut after) = (0.0, 0.0);
         for seed in 1..=4 {
             let film = rendered(Frame::new(48, 48).unwrap(), filter.needs(), (seed, 8), blurred);
@@ -339,6 +339,6 @@ fn noise_shared_with_features_is_filtered() {
             before += error(&film.image());
             after += error(&filter.apply(&film).unwrap().radiance);
         }
-        assert!(after < most * before, "{}: {} of the error is left", filter.describe(), after / before);
+        assert!(after < 0.25 * before, "{}: {} of the error is left", filter.describe(), after / before);
     }
 }
