@@ -2,9 +2,8 @@
 
 use crate::Error;
 pub use dapple_core::BACKGROUND;
-use dapple_core::{Frame, PointSet, SampleId, streams};
+use dapple_core::{Clock, Frame, PointSet, SampleId, streams};
 use rayon::prelude::*;
-use std::time::Instant;
 
 /// The placement of a pixel's first-hit probes on pixel and lens.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -146,7 +145,7 @@ pub fn probe(
     labels: &[u32],
     shoot: impl Fn(ProbeRay) -> Option<ProbeHit> + Sync,
 ) -> Result<Probes, Error> {
-    let began = Instant::now();
+    let clock = Clock::of_machine();
     let k = placement.per_pixel();
     if !(1..=256).contains(&k) || u64::from(k) > points.capacity() {
         let allowed = "at least 1 and at most 256, and no more than the point set has";
@@ -178,7 +177,7 @@ pub fn probe(
     // Collected row by row, so that the first error is the same for any number of threads.
     let rows: Vec<Result<u64, Error>> = probes.par_chunks_mut(width).enumerate().map(trace).collect();
     let rejected = rows.into_iter().sum::<Result<u64, Error>>()?;
-    let cost = ProbeCost { rays: probes.len() as u64, seconds: began.elapsed().as_secs_f64() };
+    let cost = ProbeCost { rays: probes.len() as u64, seconds: clock.seconds() };
     Ok(Probes { frame: *frame, placement, probes, rejected, cost })
 }
 

@@ -7,10 +7,9 @@ use crate::{
 use crate::{importance, probe, visibility_variances};
 use dapple_clustering::Cluster;
 use dapple_core::{
-    Feedback, Frame, Limits, Needs, Options as _, Plan, PointSet, Progress, Sampler, SamplerMemory, share,
+    Clock, Feedback, Frame, Limits, Needs, Options as _, Plan, PointSet, Progress, Sampler, SamplerMemory, share,
 };
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Instant;
 
 /// The caller's function that traces a probe ray and returns its first hit, if any. It must be pure.
 pub type TraceProbe = Arc<dyn Fn(ProbeRay) -> Option<ProbeHit> + Send + Sync>;
@@ -194,7 +193,7 @@ impl<P: PointSet> ClusterThesis<P> {
     fn prior_of(&self, frame: &Frame, probed: &ProbeSource) -> Result<Prior, Error> {
         let mut probes = probe(frame, probed.placement, &self.points, &probed.labels, &*probed.shoot)?;
         let mut importance = importance(&probes, &probed.clusters, &self.size, &self.options)?;
-        let (rays, began) = (self.options.lights, Instant::now());
+        let (rays, clock) = (self.options.lights, Clock::of_machine());
         if rays > 0 {
             let lacks = || Error::range("lights", rays, "0 without a function that traces shadow rays");
             let visible = self.visible.as_ref().ok_or_else(lacks)?;
@@ -202,7 +201,7 @@ impl<P: PointSet> ClusterThesis<P> {
             importance.raise(&probes, &visibility_variances(&probes, clusters, &self.points, rays, &**visible)?);
             // A probe's ray and a shadow ray each.
             let seen = probes.class_counts(clusters)?[..clusters].iter().filter(|&&n| n > 0).count() as u64;
-            probes.add_cost(2 * u64::from(rays) * seen, began.elapsed().as_secs_f64());
+            probes.add_cost(2 * u64::from(rays) * seen, clock.seconds());
         }
         self.handle.set(&Arc::new(probes));
         Ok(Prior::new(*frame, importance))

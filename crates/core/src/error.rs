@@ -6,6 +6,18 @@ use crate::{Film, SampleId};
 #[non_exhaustive]
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
+    /// A limit of time without a clock.
+    #[error("a limit of time needs a clock, and this machine has none; pass one to Session::with_clock")]
+    NoClock,
+    /// Random numbers of the host that repeat.
+    #[error(
+        "in {pixels} pixels of {pixels}, the first samples are those of an earlier round again: seed the generator by pixel and by the \
+         sample's number (Tile::pixels), or go on with one generator"
+    )]
+    RepeatedNumbers {
+        /// The number of pixels that were compared.
+        pixels: u32,
+    },
     /// A frame without pixels.
     #[error("an image of {}x{} pixels is empty; both sides must be at least 1", .resolution[0], .resolution[1])]
     EmptyFrame {

@@ -54,6 +54,7 @@
 //! * One estimate belongs to one pixel: pixel filters wider than a pixel are sampled by the integrator.
 
 mod allocate;
+mod clock;
 pub mod container;
 mod draws;
 mod error;
@@ -79,6 +80,7 @@ mod snapshot;
 mod worker;
 
 pub use allocate::{Allocation, Ladder, allocate, share};
+pub use clock::Clock;
 pub use draws::{Block, Draws};
 pub use error::Error;
 pub use film::{Features, Film, PixelStatistics, Record, Recorded, Rejected, RejectedReason, RoundRecord, luminance};

@@ -15,6 +15,8 @@ pub enum Budget {
     /// the time to sample budgets, which the film records.
     /// Each pixel gets its least number of samples, however long that takes.
     Seconds(f64),
+    /// Samples without end, in rounds that double them, for as long as the caller asks for rounds.
+    Open,
     /// The number of samples that an estimated relMSE of at most `relmse` needs, but at most `at_most`. The film then
     /// also splits each pixel's samples into two halves.
     Error {
@@ -111,7 +113,7 @@ impl Budget {
     }
 }
 
-/// The samples per pixel that are assumed under a limit of time.
+/// The samples per pixel that are assumed under a limit of time, and under none.
 const ASSUMED_SPP: u32 = 64;
 
 impl Limits {
@@ -130,6 +132,11 @@ impl Limits {
         Self::new(Budget::Seconds(seconds))
     }
 
+    /// Limits of a render that goes on as long as somebody watches.
+    pub fn open() -> Self {
+        Self::new(Budget::Open)
+    }
+
     /// Limits that end when the predicted relMSE is at most `relmse`, or `at_most` samples are spent.
     pub fn error(relmse: f64, at_most: u64) -> Self {
         Self::new(Budget::Error { relmse, at_most })
@@ -140,7 +147,7 @@ impl Limits {
         Self { budget, min_spp: 1, max_spp: u32::MAX, invalid: InvalidSample::Reject, schedule: Schedule::default() }
     }
 
-    /// The largest number of samples in an image of this frame. A limit of time has no such number: 64 samples per pixel are
+    /// The largest number of samples in an image of this frame. Limits of time and open ones have no such number: 64 samples per pixel are
     /// assumed, or [`Limits::max_spp`] if it is less.
     pub fn expected_samples(&self, frame: &Frame) -> u64 {
         match &self.budget {

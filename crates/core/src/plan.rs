@@ -93,6 +93,11 @@ impl Plan {
         [Some(&self.counts[..]), self.second_half.as_deref()].into_iter().flatten()
     }
 
+    /// The counts of [`Plan::halves`], to be changed.
+    pub(crate) fn halves_mut(&mut self) -> impl Iterator<Item = &mut Vec<u32>> {
+        [Some(&mut self.counts), self.second_half.as_mut()].into_iter().flatten()
+    }
+
     /// A plan with other counts that withdraws no samples.
     pub(crate) fn with_counts(&self, of: impl Fn(&[u32]) -> Vec<u32>) -> Self {
         let second_half = self.second_half.as_deref().map(&of);

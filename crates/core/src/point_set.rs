@@ -145,7 +145,7 @@ forward!(PointSet for &T, Box<T>, Arc<T>; {
 /// The point set of a renderer that draws random numbers of its own, and asks Dapple for sample counts only.
 ///
 /// Samplers then plan for independent samples. A [`Session`](crate::Session) says how many samples each pixel gets
-/// ([`Tile::counts`](crate::Tile::counts)), and takes their results ([`Tile::push`](crate::Tile::push)). Code that asks for
+/// ([`Tile::pixels`](crate::Tile::pixels)), and takes their results ([`Tile::push`](crate::Tile::push)). Code that asks for
 /// its numbers all the same gets a hash.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct HostNumbers;

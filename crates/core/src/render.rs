@@ -6,12 +6,14 @@ pub(crate) mod filtered_error;
 mod monitor;
 mod plan;
 mod pull;
+mod repeats;
 mod round;
 mod session;
 mod stage;
 pub(crate) mod state;
 mod tile;
 mod turns;
+mod unreached;
 
 pub use monitor::{Control, Monitor, NoMonitor, Status};
 pub use pull::Round;
@@ -20,7 +22,7 @@ pub use stage::{Readiness, TracedRows};
 pub use state::Stage;
 pub use tile::{Samples, Tile};
 
-use crate::{Error, Film, Filter, Frame, Integrator, Limits, Needs, Recorder, Sampler, Snapshot};
+use crate::{Clock, Error, Film, Filter, Frame, Integrator, Limits, Needs, Recorder, Sampler, Snapshot};
 use std::sync::Arc;
 
 /// A render to run or resume: the frame, the limits, the statistics to record and a monitor.
@@ -159,7 +161,8 @@ impl<'a> Render<'a> {
         let filter = self.filter.map(|filter| Box::new(filter) as Box<dyn Filter>);
         let methods = Methods { needs, filter, recorders: self.recorders, ..Methods::from(sampler) };
         let monitor: &mut dyn Monitor = self.monitor.unwrap_or(&mut unwatched);
-        let mut session = Session::of_render(self.frame, self.limits, methods, snapshot)?;
+        let session = Session::of_render(self.frame, self.limits, methods, snapshot)?;
+        let mut session = session.with_clock(Clock::of_machine());
         session.teach(integrator);
         while session.open()? {
             let stopped = round::trace(integrator, &mut session, monitor)?;

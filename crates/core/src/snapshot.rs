@@ -5,7 +5,7 @@ use crate::recorder::Recorders;
 use crate::render::filtered_error::FilteredError;
 use crate::render::state::{OpenRound, Stage, State};
 use crate::{
-    Combine, Error, Film, Frame, Limits, Needs, Record, Rejected, Retention, Sampler, TrainingData, container,
+    Combine, Error, Film, Frame, Limits, Needs, Plan, Record, Rejected, Retention, Sampler, TrainingData, container,
 };
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize, Serializer};
@@ -73,7 +73,7 @@ impl SavedSampler {
 
 impl View<'_> {
     pub(crate) fn write(&self) -> Vec<u8> {
-        let State { film, round, open, passes, filtered_error, prepared: _, stage } = self.state;
+        let State { film, round, open, passes, filtered_error, prepared: _, stage, repeats: _ } = self.state;
         let counts = open.as_ref().map_or(0, |open| open.plan.counts.len());
         let course = (self.sampler, self.bounds, self.total, self.seconds, round, open, passes, filtered_error, stage);
         let (course, film) = (encoded(&course, 2 * counts + 4096), film_bytes(film));
@@ -152,9 +152,21 @@ impl Snapshot {
         };
         let course: Course = decoded(course)?;
         let (sampler, bounds, total, seconds, round, open, passes, filtered_error, stage) = course;
-        let state = State { film: film_of(film)?, round, open, passes, filtered_error, prepared: None, stage };
-        let read = Self { state, sampler, bounds, total, seconds };
+        let state = State {
+            film: film_of(film)?,
+            round,
+            open,
+            passes,
+            filtered_error,
+            prepared: None,
+            stage,
+            repeats: Default::default(),
+        };
+        let mut read = Self { state, sampler, bounds, total, seconds };
         read.check()?;
+        if let Some(open) = &mut read.state.open {
+            open.join();
+        }
         Ok(read)
     }
 
@@ -225,8 +237,9 @@ impl OpenRound {
     /// Checks the round beside the film that it came with.
     fn check(&self, film: &Film) -> Result<(), Error> {
         let ([width, height], pixels) = (film.frame.size(), film.frame.pixels());
-        let Self { plan, cursor, .. } = self;
-        require(plan.halves().all(|counts| counts.len() == pixels), "a plan has another number of pixels")?;
+        let Self { plan, later, cursor, .. } = self;
+        let all = || plan.halves().chain(later.iter().flat_map(Plan::halves));
+        require(all().all(|counts| counts.len() == pixels), "a plan has another number of pixels")?;
         require(is_sound(plan.combine), "the rule to combine halves is unknown")?;
         let fits = plan.second_half.is_none() || film.kept.len() == 2;
         require(fits, "a plan is for two halves, but the film has one")?;

@@ -2,9 +2,8 @@
 
 use super::feature_samples::Turn;
 use super::filtered_error::Prediction;
-use crate::{Budget, BudgetLeft, Error, Film, Filter, Frame, Limits, Needs};
+use crate::{Budget, BudgetLeft, Clock, Error, Film, Filter, Frame, Limits, Needs};
 use std::ops::Range;
-use std::time::Instant;
 
 /// Computes the sample budget of each plan from the user's budget, and extends it when it is spent.
 pub(super) struct Meter {
@@ -51,6 +50,7 @@ impl Meter {
             }
             // One sample per pixel shows the cost of samples; four in two halves show their error.
             Budget::Seconds(_) => pixels * u64::from(min_spp.max(1)),
+            Budget::Open => pixels * u64::from(min_spp.max(4)),
             Budget::Error { at_most, .. } => (pixels * u64::from(min_spp.max(4))).min(*at_most),
         };
         let (needed, most) = (pixels * u64::from(min_spp), pixels * u64::from(max_spp));
@@ -137,6 +137,7 @@ impl Meter {
                     return false;
                 }
             }
+            Budget::Open => self.total = spent.saturating_mul(2),
             Budget::Error { relmse, at_most } => {
                 let predicted = predicted.unwrap_or(Prediction { relmse: f64::INFINITY, fall: 1.0, confirmed: true });
                 if predicted.relmse <= *relmse && predicted.confirmed || spent >= *at_most {
@@ -172,24 +173,25 @@ impl Meter {
 }
 
 /// A stopwatch for wall time that leaves out the time in the monitor.
-pub(super) struct Clock {
-    start: Instant,
-    away: f64,
+pub(super) struct Stopwatch {
+    pub(super) clock: Clock,
+    /// The reading of the clock at which the stopwatch showed 0, and the time that was left out.
+    zero: f64,
 }
 
-impl Clock {
+impl Stopwatch {
     /// Starts a stopwatch that shows `seconds` now.
-    pub(super) fn start(seconds: f64) -> Self {
-        Self { start: Instant::now(), away: -seconds }
+    pub(super) fn start(clock: Clock, seconds: f64) -> Self {
+        Self { zero: clock.seconds() - seconds, clock }
     }
 
     pub(super) fn seconds(&self) -> f64 {
-        self.start.elapsed().as_secs_f64() - self.away
+        self.clock.seconds() - self.zero
     }
 
     /// Takes back the time since the stopwatch showed `seconds`.
     pub(super) fn leave_out_since(&mut self, seconds: f64) {
-        self.away += self.seconds() - seconds;
+        self.zero += self.seconds() - seconds;
     }
 }
 
@@ -211,14 +213,14 @@ pub(super) fn timed_rows(frame: &Frame) -> Range<u32> {
 /// proportion to the pixels. 0 if the filter refuses them.
 ///
 /// A quarter of the rows is filtered before, untimed: the first run may start threads or load a library.
-pub(super) fn time_of(filter: &dyn Filter, part: &Film, height: u32) -> f64 {
+pub(super) fn time_of(filter: &dyn Filter, part: &Film, height: u32, clock: &Clock) -> f64 {
     let rows = part.frame.size()[1];
     if part.of_rows(0..rows.div_ceil(4)).and_then(|quarter| filter.apply(&quarter)).is_err() {
         return 0.0;
     }
-    let clock = Instant::now();
+    let began = clock.seconds();
     let is_done = filter.apply(part).is_ok();
-    let seconds = if is_done { clock.elapsed().as_secs_f64() } else { 0.0 };
+    let seconds = if is_done { clock.seconds() - began } else { 0.0 };
     seconds * f64::from(height) / f64::from(rows)
 }
 

@@ -14,7 +14,16 @@ pub(super) fn begin(plan: Plan, film: &mut Film, plan_seconds: f64) -> OpenRound
     }
     film.combine = plan.combine;
     let (cursor, before) = (Cursor::default(), film.record.samples);
-    OpenRound { plan, cursor, pending: Vec::new(), before, submitted: 0, plan_seconds, traced_seconds: 0.0 }
+    OpenRound {
+        plan,
+        later: None,
+        cursor,
+        pending: Vec::new(),
+        before,
+        submitted: 0,
+        plan_seconds,
+        traced_seconds: 0.0,
+    }
 }
 
 /// Checks that a plan is valid, and that the point set has enough samples.

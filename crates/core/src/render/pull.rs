@@ -1,12 +1,13 @@
 //! Rounds of a session, cut into tiles.
 
-use super::budget::Clock;
+use super::budget::Stopwatch;
 use super::feature_samples::Turn;
 use super::state::{OpenRound, State};
 use super::tile::{Tile, area};
+use super::unreached::image_of;
 use crate::film::Window;
 use crate::snapshot::{Planner, SavedSampler, View};
-use crate::{Draws, Error, Estimate, Film, Frame, InvalidSample, Limits, PointSet, Sampler};
+use crate::{Draws, Error, Estimate, Film, Filter, Filtered, Frame, InvalidSample, Limits, PointSet, Sampler};
 use rayon::prelude::*;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -17,10 +18,10 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 pub struct Round<'s> {
     points: &'s dyn PointSet,
     sampler: SavedSampler,
+    filter: &'s dyn Filter,
     limits: &'s Limits,
-    clock: &'s Clock,
+    clock: &'s Stopwatch,
     frame: Frame,
-    number: u32,
     total: u64,
     side: u32,
     features: Turn,
@@ -36,21 +37,16 @@ struct Shared<'s> {
 impl<'s> Round<'s> {
     pub(super) fn new(
         state: &'s mut State,
-        sampler: &'s dyn Sampler,
+        (sampler, filter): (&'s dyn Sampler, &'s dyn Filter),
         limits: &'s Limits,
-        clock: &'s Clock,
+        clock: &'s Stopwatch,
         (total, side, features): (u64, u32, Turn),
     ) -> Self {
-        let (frame, number) = (state.film.frame, state.round);
+        let frame = state.film.frame;
         let areas = areas(&frame, side).into_iter();
         let (points, sampler) = (sampler.points(), SavedSampler::of(sampler));
         let state = Mutex::new(Shared { state, areas });
-        Self { points, sampler, limits, clock, frame, number, total, side, features, state }
-    }
-
-    /// The round's number, from 0.
-    pub fn number(&self) -> u32 {
-        self.number
+        Self { points, sampler, filter, limits, clock, frame, total, side, features, state }
     }
 
     /// The point set of the render.
@@ -130,7 +126,7 @@ impl<'s> Round<'s> {
             return Err(Error::InvalidSample { sample, value, points: self.points.describe() });
         }
         let mut shared = self.lock();
-        let State { film, open, .. } = &mut *shared.state;
+        let State { film, open, repeats, .. } = &mut *shared.state;
         let Some(open) = open else { return bad("its round is over".into()) };
         let pixels: Vec<_> = Window::new(&film.frame, &tile.film.frame).runs(1).flatten().collect();
         let all = tile.tally.total();
@@ -138,10 +134,11 @@ impl<'s> Round<'s> {
         if open.plan.halves().map(of).sum::<u64>() != all {
             return bad("some of its pixels were submitted already; trace each pixel once in a round".into());
         }
-        for counts in [Some(&mut open.plan.counts), open.plan.second_half.as_mut()].into_iter().flatten() {
+        for counts in open.plan.halves_mut() {
             pixels.iter().for_each(|&i| counts[i] = 0);
         }
         open.submitted += all;
+        repeats.add(tile.firsts);
         let retention = tile.retention;
         film.put_back(tile.film, retention);
         tile.tally.add_to(film, retention);
@@ -162,6 +159,16 @@ impl<'s> Round<'s> {
             }
             self.submit(tile)
         })
+    }
+
+    /// The image of the tiles submitted so far, as [`Session::image`](crate::Session::image) makes it. Tiles that are submitted meanwhile
+    /// wait. It changes no bit of what follows.
+    ///
+    /// # Errors
+    ///
+    /// The errors of [`Filter::apply`].
+    pub fn image(&self) -> Result<Filtered, Error> {
+        image_of(self.filter, &self.lock().state.film)
     }
 
     /// The state of the render as bytes for [`Snapshot::from_bytes`](crate::Snapshot::from_bytes): all tiles submitted so

@@ -7,15 +7,14 @@ use super::{Monitor, Session};
 use crate::film::Strip;
 use crate::integrator::TrainingSum;
 use crate::{
-    Control, Draws, Error, Film, Integrator, InvalidSample, Limits, Needs, Pass, Plan, PointSet, Prepares, Rejected,
-    Retention, SampleId, TrainingData, Worker, mix, streams,
+    Clock, Control, Draws, Error, Film, Integrator, InvalidSample, Limits, Needs, Pass, Plan, PointSet, Prepares,
+    Rejected, Retention, SampleId, TrainingData, Worker, mix, streams,
 };
 use rayon::prelude::*;
 use std::any::Any;
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Mutex, PoisonError};
-use std::time::Instant;
 
 /// The side, in pixels, of the blocks in whose order training data is summed.
 pub(super) const BLOCK: usize = 16;
@@ -82,7 +81,7 @@ pub(super) fn trace(
         }
         // Rows below those that are traced already belong to the pass that was interrupted there.
         let begins = begins && state.stage.as_ref().is_none_or(|stage| stage.rows().start == 0);
-        prepare(&mut *integrator, points, &mut *state, begins)?;
+        prepare(&mut *integrator, (points, &clock.clock), &mut *state, begins)?;
         let State { film, open: Some(open), passes, stage, .. } = state else { return Ok(Stopped::AtEnd) };
         let rows = [open.cursor.row, open.cursor.row.saturating_add(rows).min(height)];
         let bands = slice(&*integrator, points, open, film, limits, (rows, features));
@@ -154,7 +153,7 @@ const PREPARED: usize = 2;
 /// but for the repetition after a resumption.
 fn prepare(
     integrator: &mut dyn Integrator,
-    points: &dyn PointSet,
+    (points, clock): (&dyn PointSet, &Clock),
     state: &mut State,
     begins: bool,
 ) -> Result<(), Error> {
@@ -169,7 +168,7 @@ fn prepare(
     if *prepared == Some(number) {
         return Ok(());
     }
-    let clock = Instant::now();
+    let began = clock.seconds();
     let frame = state.stage.as_ref().map_or(film.frame, |stage| stage.frame());
     let pass = Pass { number, points, frame };
     let done = catch_unwind(AssertUnwindSafe(|| integrator.prepare(&pass))).map_err(|payload| {
@@ -181,7 +180,7 @@ fn prepare(
         film.record.passes += 1;
         film.record.rays += done.rays;
         film.record.prepare_rays += done.rays;
-        film.record.prepare_seconds += clock.elapsed().as_secs_f64();
+        film.record.prepare_seconds += clock.seconds() - began;
     }
     Ok(())
 }

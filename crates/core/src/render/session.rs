@@ -1,16 +1,18 @@
 //! The engine of a render: rounds planned by a sampler, traced by whoever asks for them.
 
 use super::budget;
-use super::budget::{Clock, Meter};
+use super::budget::{Meter, Stopwatch};
 use super::filtered_error::{FilteredError, Prediction};
 use super::monitor::{Control, Monitor, Status};
 use super::plan::{begin, check};
 use super::pull::Round;
+use super::repeats::Repeats;
 use super::state::{OpenRound, State, Stopped};
+use super::unreached::image_of;
 use crate::snapshot::{Planner, View};
 use crate::{
-    Error, Feedback, Film, Filter, Filtered, Frame, Integrator, Limits, Needs, Plan, Progress, Recorder, Retention,
-    RoundRecord, Sampler, Snapshot, Unfiltered,
+    Clock, Error, Feedback, Film, Filter, Filtered, Frame, Integrator, Limits, Needs, Plan, Progress, Recorder,
+    Retention, RoundRecord, Sampler, Snapshot, Unfiltered,
 };
 use std::sync::Arc;
 
@@ -74,7 +76,7 @@ pub struct Session<'a> {
     /// True while an error limit concerns the image of `filter`.
     pub(super) judged: bool,
     pub(super) meter: Meter,
-    pub(super) clock: Clock,
+    pub(super) clock: Stopwatch,
     /// The reading of the clock at which the open round would have begun without interruption.
     pub(super) began: f64,
     /// True when no round is left.
@@ -130,14 +132,20 @@ impl<'a> Session<'a> {
         let (state, seconds) = match snapshot {
             None => {
                 let (film, passes) = (Film::with_recorders(frame, needs, recorders), Vec::new());
-                (State { film, round: 0, open: None, passes, filtered_error: None, prepared: None, stage: None }, 0.0)
+                let (filtered_error, repeats) = (None, Repeats::default());
+                (
+                    State { film, round: 0, open: None, passes, filtered_error, prepared: None, stage: None, repeats },
+                    0.0,
+                )
             }
             Some(mut snapshot) => {
                 snapshot.state.film.resume_recorders(recorders)?;
                 continued(snapshot, &mut *sampler, &mut meter, (&needs, limits), &frame)?
             }
         };
-        let (clock, limits) = (Clock::start(seconds), limits.clone());
+        // Only a limit of time asks for the time, unless the caller does.
+        let clock = if meter.seconds().is_some() { Clock::of_machine() } else { Clock::none() };
+        let (clock, limits) = (Stopwatch::start(clock, seconds), limits.clone());
         let (began, over, given_out, tile_side) = (0.0, false, None, 32);
         Ok(Self { state, limits, sampler, filter, judged, meter, clock, began, over, given_out, tile_side })
     }
@@ -152,26 +160,44 @@ impl<'a> Session<'a> {
     pub fn next_round(&mut self) -> Result<Option<Round<'_>>, Error> {
         if let Some(open) = &mut self.state.open {
             open.keep_rest(self.state.film.frame.size()[0] as usize);
+            if self.given_out.is_some() {
+                open.traced_seconds = self.clock.seconds() - self.began;
+            }
             match open.plan.total() {
-                0 => self.finish_round()?,
+                0 => self.finish_part()?,
                 left if self.given_out == Some(left) => return Err(Error::NothingSubmitted { left }),
                 _ => {}
             }
+        }
+        if let Some(pixels) = self.state.repeats.found() {
+            return Err(Error::RepeatedNumbers { pixels });
         }
         if self.over || !self.open()? {
             self.over = true;
             return Ok(None);
         }
-        self.given_out = self.state.open.as_ref().map(|open| open.plan.total());
-        let Self { state, limits, sampler, meter, clock, tile_side, .. } = self;
+        let is_timed = self.meter.seconds().is_some();
+        let (film, open) = (&self.state.film, &mut self.state.open);
+        self.given_out = open.as_mut().map(|open| {
+            if open.later.is_none() {
+                open.split(part_of(open, film.record.samples, is_timed));
+            }
+            open.plan.total()
+        });
+        let Self { state, limits, sampler, filter, meter, clock, tile_side, .. } = self;
         let (total, features) = (meter.left(&state.film).total, meter.features(state.round));
-        Ok(Some(Round::new(state, &**sampler, limits, clock, (total, *tile_side, features))))
+        let filter: &dyn Filter = filter.as_deref().unwrap_or(&Unfiltered);
+        Ok(Some(Round::new(state, (&**sampler, filter), limits, clock, (total, *tile_side, features))))
     }
 
-    /// Ends the open round. Refuses samples that report neither hits nor misses if the filter reads hits.
-    fn finish_round(&mut self) -> Result<(), Error> {
+    /// Ends a part of the open round, and with the last one the round. Refuses samples that report neither hits nor misses if the
+    /// filter reads hits.
+    fn finish_part(&mut self) -> Result<(), Error> {
         self.given_out = None;
-        self.close(Stopped::No)?;
+        match &mut self.state.open {
+            Some(open) if open.later.is_some() => open.join(),
+            _ => _ = self.close(Stopped::No)?,
+        }
         let Some(filter) = &self.filter else { return Ok(()) };
         self.state.film.require(filter.name(), &filter.needs())
     }
@@ -182,18 +208,26 @@ impl<'a> Session<'a> {
         Self { tile_side: side.max(1), ..self }
     }
 
+    /// Sets the clock by which [`Limits::seconds`] and the seconds of the film's [`Record`](crate::Record) are measured. Without it, a
+    /// limit of time takes [`Clock::of_machine`], and other limits never ask for the time: the record's seconds are 0.
+    #[must_use]
+    pub fn with_clock(self, clock: Clock) -> Self {
+        Self { clock: Stopwatch::start(clock, self.clock.seconds()), ..self }
+    }
+
     /// The film so far: per-pixel statistics of the samples submitted.
     pub fn film(&self) -> &Film {
         &self.state.film
     }
 
-    /// The image of the samples submitted so far, filtered if the session has a filter.
+    /// The image of the samples submitted so far, filtered if the session has a filter. Pixels without samples show the nearest one
+    /// that has some. [`Round::image`] does the same during a round.
     ///
     /// # Errors
     ///
     /// The errors of [`Filter::apply`].
     pub fn image(&self) -> Result<Filtered, Error> {
-        self.filter.as_deref().unwrap_or(&Unfiltered).apply(&self.state.film)
+        image_of(self.filter.as_deref().unwrap_or(&Unfiltered), &self.state.film)
     }
 
     /// Ends the session and returns its image. Before the limits are met it is the image of the samples so far.
@@ -301,6 +335,9 @@ impl<'a> Session<'a> {
 impl Session<'_> {
     /// Requests the plan of the next round from the sampler; `None` at the end of the render.
     pub(super) fn plan(&mut self) -> Result<Option<OpenRound>, Error> {
+        if self.meter.seconds().is_some() && !self.clock.clock.runs() {
+            return Err(Error::NoClock);
+        }
         self.reserve_for_filter()?;
         let planning = self.clock.seconds();
         loop {
@@ -335,7 +372,7 @@ impl Session<'_> {
         let mut seconds = 0.0;
         if let Some(filter) = &self.filter {
             let part = film.of_rows(budget::timed_rows(&film.frame))?;
-            let measured = budget::time_of(filter, &part, film.frame.size()[1]);
+            let measured = budget::time_of(filter, &part, film.frame.size()[1], &self.clock.clock);
             let spp = film.record.samples as f64 / film.frame.pixels() as f64;
             let traced: f64 = film.record.rounds.iter().map(|round| round.trace_seconds).sum();
             seconds = measured * budget::growth(filter, &film.needs, spp, limit / traced);
@@ -362,6 +399,21 @@ impl Session<'_> {
         }
         Ok(Some(Prediction::unfiltered(film)))
     }
+}
+
+/// The largest part of the samples left in a round under a limit of time.
+const TIMED: u64 = 4;
+
+/// The samples per pixel of the next part of a round after `traced` samples: no part is more than all before, but the first is one
+/// sample in each pixel.
+fn part_of(open: &OpenRound, traced: u64, is_timed: bool) -> u32 {
+    let most = if is_timed { traced.min(open.plan.total() / TIMED) } else { traced };
+    let (mut depth, mut above) = (1, open.longest() + 1);
+    while above - depth > 1 {
+        let middle = depth + (above - depth) / 2;
+        *(if open.before(middle) <= most { &mut depth } else { &mut above }) = middle;
+    }
+    depth
 }
 
 /// The state of a snapshot, checked against the render that continues it, and the seconds that it took.

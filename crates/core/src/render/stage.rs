@@ -3,12 +3,13 @@
 //! At a barrier all pixels meet: a sampler plans the next round, or an integrator learns from a training pass. Between two
 //! barriers, rows of the image have nothing to do with each other, so that any machine may trace any of them.
 
+use super::repeats::Repeats;
 use super::round::{BLOCK, learn, pass_length, trace};
 use super::state::{Cursor, OpenRound, Stage, State, Stopped};
 use super::{Methods, Monitor, NoMonitor, Render, Session};
 use crate::film::keep_first;
 use crate::snapshot::View;
-use crate::{Error, Film, Frame, Integrator, Record, Sampler, Snapshot};
+use crate::{Clock, Error, Film, Frame, Integrator, Record, Sampler, Snapshot};
 use std::ops::Range;
 
 /// The training passes that an integrator has learned and the pass that it is prepared for, from one [`Render::trace_rows`]
@@ -42,6 +43,9 @@ impl Session<'_> {
     ///
     /// Those of [`Session::next_round`].
     pub fn next_stage(&mut self, integrator: &dyn Integrator) -> Result<Option<Stage>, Error> {
+        if let Some(open) = &mut self.state.open {
+            open.join();
+        }
         if !self.open()? {
             return Ok(None);
         }
@@ -97,6 +101,7 @@ impl Session<'_> {
         let cut = |counts: &[u32]| counts[rows.start as usize * width..rows.end as usize * width].to_vec();
         let mut open = OpenRound {
             plan: open.plan.with_counts(cut),
+            later: None,
             cursor: Cursor { start: open.cursor.start, end: open.cursor.start, row: 0 },
             pending: Vec::new(),
             before: film.record.samples,
@@ -108,7 +113,8 @@ impl Session<'_> {
         open.before -= open.plan.total() - open.rest(width).total();
         let (round, passes, open, stage) =
             (self.state.round, self.state.passes.clone(), Some(open), Some(stage.clone()));
-        Ok(State { film, round, open, passes, filtered_error: None, prepared: self.state.prepared, stage })
+        let (filtered_error, prepared, repeats) = (None, self.state.prepared, Repeats::default());
+        Ok(State { film, round, open, passes, filtered_error, prepared, stage, repeats })
     }
 
     /// The state of some rows of a stage as bytes, for [`Render::trace_rows`] on any machine.
@@ -245,7 +251,8 @@ impl Render<'_> {
         let mut unwatched = NoMonitor;
         let monitor: &mut dyn Monitor = self.monitor.take().unwrap_or(&mut unwatched);
         let methods = Methods { needs: self.needs, recorders: self.recorders, ..Methods::from(sampler) };
-        let mut session = Session::of_render(self.frame, self.limits, methods, Some(snapshot))?;
+        let session = Session::of_render(self.frame, self.limits, methods, Some(snapshot))?;
+        let mut session = session.with_clock(Clock::of_machine());
         session.state.passes.iter().skip(ready.learned).for_each(|pass| integrator.learn(pass));
         ready.learned = session.state.passes.len();
         session.state.prepared = ready.prepared;

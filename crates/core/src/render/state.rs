@@ -1,6 +1,7 @@
 //! The state of a render between slices: the film, the open round, and what of it one machine traces.
 
 use super::filtered_error::FilteredError;
+use super::repeats::Repeats;
 use crate::{Film, Frame, Plan, TrainingData, TrainingSum};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -20,6 +21,8 @@ pub(crate) struct State {
     pub(crate) prepared: Option<u32>,
     /// The stage of which the film has some rows; `None` for a film of the whole window.
     pub(crate) stage: Option<Stage>,
+    /// The search for random numbers that repeat. It begins anew after a resumption.
+    pub(crate) repeats: Repeats,
 }
 
 /// The progress within a round. Pixels in rows before `row` have `end` samples of the round traced, the others `start`.
@@ -34,6 +37,8 @@ pub(crate) struct Cursor {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct OpenRound {
     pub(crate) plan: Plan,
+    /// The samples that come after those of `plan`: a session gives a round out in parts.
+    pub(crate) later: Option<Plan>,
     pub(crate) cursor: Cursor,
     /// The sums of the unfinished training pass. For each traced row of 16x16-pixel blocks: the index of the row of
     /// blocks, and the sums by key.
@@ -76,6 +81,20 @@ impl OpenRound {
         let rest = self.rest(width);
         self.submitted += self.plan.total() - rest.total();
         (self.plan, self.cursor) = (rest, Cursor::default());
+    }
+
+    /// Leaves the first `depth` samples of each pixel in the plan, and the others for later.
+    pub(super) fn split(&mut self, depth: u32) {
+        let rest = self.plan.with_counts(|counts| counts.iter().map(|n| n.saturating_sub(depth)).collect());
+        self.plan = self.plan.with_counts(|counts| counts.iter().map(|n| *n.min(&depth)).collect());
+        self.later = Some(rest).filter(|rest| rest.total() > 0);
+    }
+
+    /// Makes the plan all that is left of the round.
+    pub(crate) fn join(&mut self) {
+        let Some(later) = self.later.take() else { return };
+        let all = self.plan.halves_mut().zip(later.halves());
+        all.for_each(|(counts, more)| counts.iter_mut().zip(more).for_each(|(n, more)| *n = n.saturating_add(*more)));
     }
 
     /// The untraced rest of the round as a plan. It withdraws no samples: withdrawals happen when the round begins.

@@ -1,11 +1,13 @@
 //! Tiles of a round: the samples that one task traces, in any order.
 
 use super::feature_samples::{self, Turn};
+use super::repeats::{self, Firsts};
 use super::state::OpenRound;
 use super::turns::{Order, Tally, Turns, streams_of};
 use crate::film::Window;
 use crate::{Draws, Estimate, Film, Needs, PointSet, Rejected, Retention, SampleId};
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::sync::Arc;
 
 /// The samples of one tile, as planned: shared by the tile and its iterators.
@@ -65,6 +67,8 @@ pub struct Tile<'r> {
     /// Results that wait for earlier ones, by pixel and turn.
     waiting: BTreeMap<(usize, u32), Waiting>,
     pub(super) tally: Tally,
+    /// The first samples of watched pixels.
+    pub(super) firsts: Firsts,
     /// The first wrong use of the tile.
     pub(super) fault: Option<String>,
 }
@@ -104,7 +108,8 @@ impl<'r> Tile<'r> {
         };
         let (taken, left) = (vec![0; frame.pixels()], planned.total());
         let (retention, waiting, tally) = (plan.retention, BTreeMap::new(), Tally::default());
-        Self { planned: Arc::new(planned), retention, film: part, tally, taken, left, waiting, fault: None }
+        let firsts = Firsts::new();
+        Self { planned: Arc::new(planned), retention, film: part, tally, firsts, taken, left, waiting, fault: None }
     }
 
     /// Columns and rows `[x0, y0, x1, y1]` of the tile in the full image; the last ones are excluded.
@@ -117,12 +122,18 @@ impl<'r> Tile<'r> {
         Samples { planned: self.planned.clone(), local: 0, turn: 0 }
     }
 
-    /// Column and row of each pixel in the full image, and its number of samples in this round.
+    /// Column and row of each pixel in the full image, and the numbers of the samples to trace in it.
     ///
-    /// Renderers with random numbers of their own trace as many samples and pass them to [`Tile::push`].
-    pub fn counts(&self) -> impl Iterator<Item = ([u32; 2], u32)> + use<'r> {
-        let planned = self.planned.clone();
-        (0..planned.pixels.len()).map(move |local| (planned.pixel(local), planned.pixels[local].total()))
+    /// Renderers with random numbers of their own trace these samples and pass them to [`Tile::push`]. A generator that is seeded
+    /// takes the sample's number into its seed. A sequence goes on at the first number: they count the samples of a pixel over all
+    /// rounds. Samples that count only for planning have numbers from 2^32 on.
+    pub fn pixels(&self) -> impl Iterator<Item = ([u32; 2], Range<u64>)> + use<'r> {
+        let (planned, discarded) = (self.planned.clone(), self.retention == Retention::Discard);
+        (0..planned.pixels.len()).map(move |local| {
+            let turns = &planned.pixels[local];
+            let first = turns.next.iter().sum::<u64>() + (u64::from(discarded) << 32);
+            (planned.pixel(local), first..first + u64::from(turns.total()))
+        })
     }
 
     /// The number of samples that were not added yet.
@@ -201,7 +212,7 @@ impl<'r> Tile<'r> {
     /// Adds the result of the pixel's next sample, for renderers with random numbers of their own. `pixel` is column and
     /// row in the full image.
     ///
-    /// More samples than [`Tile::counts`] asks for are a mistake that [`Round::submit`](crate::Round::submit) reports.
+    /// More samples than [`Tile::pixels`] asks for are a mistake that [`Round::submit`](crate::Round::submit) reports.
     #[inline]
     pub fn push(&mut self, pixel: [u32; 2], estimate: impl Into<Estimate>) {
         let local = self.planned.local(pixel);
@@ -211,7 +222,7 @@ impl<'r> Tile<'r> {
                 let [column, row] = pixel;
                 let asked = local.map_or(0, |local| self.planned.pixels[local].total());
                 let what = format!(
-                    "pixel ({column}, {row}) got more than the {asked} samples asked for; trace as many as Tile::counts says"
+                    "pixel ({column}, {row}) got more than the {asked} samples asked for; trace as many as Tile::pixels says"
                 );
                 self.fault.get_or_insert(what);
             }
@@ -248,6 +259,9 @@ impl<'r> Tile<'r> {
         let rejected = self.film.strip(self.retention).add(half, local, estimate);
         self.film.unreported += u64::from(self.planned.needs.wants_first_hit() && !estimate.reports_hit());
         self.tally.count(half, estimate.cost, blocks);
+        if self.taken[local] < repeats::KEPT {
+            repeats::watch(&mut self.firsts, &self.film.frame, self.planned.pixel(local), estimate.radiance);
+        }
         self.taken[local] += 1;
         self.left -= 1;
         if let Some(reason) = rejected {

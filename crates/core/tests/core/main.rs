@@ -9,6 +9,7 @@ mod feature_samples;
 mod film;
 mod film_errors;
 mod holdout;
+mod host;
 mod moments;
 mod options;
 mod prepare;

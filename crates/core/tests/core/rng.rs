@@ -117,8 +117,17 @@ fn sample_numbers_run_on_over_halves() {
     let numbers = |needs: Needs| {
         let methods = dapple_core::Methods::from(uniform(1)).with_needs(needs);
         let mut session = Session::new(frame(1, 1), Limits::spp(7.0), methods).unwrap();
-        let round = session.next_round().unwrap().unwrap();
-        round.whole().samples().map(|s| s.sample_number()).collect::<Vec<_>>()
+        let mut numbers = Vec::new();
+        while let Some(round) = session.next_round().unwrap() {
+            let mut tile = round.whole();
+            let [(_, of_host)] = tile.pixels().collect::<Vec<_>>().try_into().unwrap();
+            let of_part = tile.samples().map(|s| s.sample_number()).collect::<Vec<_>>();
+            assert_eq!(of_host.collect::<Vec<_>>(), of_part);
+            numbers.extend(of_part);
+            tile.samples().for_each(|s| tile.add(&s, [1.0; 3]));
+            round.submit(tile).unwrap();
+        }
+        numbers
     };
     assert_eq!(numbers(Needs::none()), [0, 1, 2, 3, 4, 5, 6]);
     assert_eq!(numbers(Needs::none().with_halves()), [0, 1, 2, 3, 4, 5, 6]);

@@ -7,7 +7,7 @@ use crate::checkpoint::{Identity, Kind, ROWS, StateFile};
 use crate::memory::MemoryEstimate;
 use crate::{JobError, RenderSpec, Shard};
 use dapple_core::{
-    Budget, Control, Error, Integrator, Methods, Monitor, Readiness, Render, Session, Snapshot, Stage, Status,
+    Budget, Clock, Control, Error, Integrator, Methods, Monitor, Readiness, Render, Session, Snapshot, Stage, Status,
     TracedRows, container,
 };
 use dapple_distributed::{Processes, coordinate, dismiss, rows_of_part, serve};
@@ -200,7 +200,7 @@ impl Job {
         self.need_any_image();
         let (session, mut integrator) = self.session(plan.map(PlanFile::snapshot).transpose()?)?;
         session.teach(&mut *integrator);
-        Ok((session, integrator))
+        Ok((session.with_clock(Clock::of_machine()), integrator))
     }
 
     /// Runs the render on process 0 of several, from the beginning or from the checkpoint file in `checkpoints`. Ends the other
@@ -287,7 +287,7 @@ impl Job {
             None => Session::new(frame, limits, methods)?,
             Some(snapshot) => Session::resume(frame, limits, methods, snapshot)?,
         };
-        Ok((session, integrator))
+        Ok((session.with_clock(Clock::of_machine()), integrator))
     }
 
     /// Refuses rows of another scene, or of other settings.

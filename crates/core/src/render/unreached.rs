@@ -1,0 +1,27 @@
+//! Pixels without samples, in the image of a render that goes on or was stopped.
+
+use crate::{Error, Film, Filter, Filtered};
+use std::collections::VecDeque;
+
+/// The filtered image of a film. Pixels without samples show the nearest pixel that has some, by steps along rows and columns.
+pub(super) fn image_of(filter: &dyn Filter, film: &Film) -> Result<Filtered, Error> {
+    let mut image = filter.apply(film)?;
+    let ([width, height], pixels) = (film.frame.size().map(|n| n as usize), film.frame.pixels());
+    let mut has = (0..pixels).map(|i| film.count(i) > 0).collect::<Vec<_>>();
+    let mut reached: VecDeque<usize> = (0..pixels).filter(|i| has[*i]).collect();
+    if reached.len() == pixels {
+        return Ok(image);
+    }
+    while let Some(i) = reached.pop_front() {
+        let (x, y) = (i % width, i / width);
+        let beside = [(x > 0, -1), (x + 1 < width, 1), (y > 0, -(width as isize)), (y + 1 < height, width as isize)];
+        for j in beside.into_iter().filter(|(is_inside, _)| *is_inside).map(|(_, step)| i.wrapping_add_signed(step)) {
+            if !std::mem::replace(&mut has[j], true) {
+                image.radiance[j] = image.radiance[i];
+                image.error.iter_mut().for_each(|error| error[j] = error[i]);
+                reached.push_back(j);
+            }
+        }
+    }
+    Ok(image)
+}

@@ -1,0 +1,135 @@
+//! What hosts with clocks, generators and viewers of their own need of a session.
+
+use crate::common::*;
+use dapple_core::{Block, Clock, Draws, Error, Film, Limits, Session, mix};
+use std::ops::ControlFlow;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+const NOISE: Block = Block::new(0);
+
+fn grey(sample: &Draws<'_>) -> [f32; 3] {
+    [sample.block(NOISE)[0]; 3]
+}
+
+/// Traces a session whose samples take a millisecond each, and calls `see` with the samples before and in each round.
+fn trace(mut session: Session<'_>, time: &AtomicU64, mut see: impl FnMut(u64, u64) -> ControlFlow<()>) -> Film {
+    while let Some(round) = session.next_round().unwrap() {
+        let left = round.left();
+        round.trace(|sample| (time.fetch_add(1, Ordering::Relaxed), grey(sample)).1).unwrap();
+        drop(round);
+        if see(session.film().record().samples - left, left).is_break() {
+            break;
+        }
+    }
+    session.into_film()
+}
+
+/// A session, and the time that its clock shows.
+fn session(limits: Limits) -> (Session<'static>, Arc<AtomicU64>) {
+    let time = Arc::new(AtomicU64::new(0));
+    let read = time.clone();
+    let clock = Clock::new(move || read.load(Ordering::Relaxed) as f64 * 1e-3);
+    (Session::new(frame(8, 4), limits, uniform(1)).unwrap().with_clock(clock), time)
+}
+
+#[test]
+fn rounds_double_whatever_the_limits() {
+    for limits in [Limits::spp(100.0), Limits::seconds(2.0), Limits::error(1e-9, 3000), Limits::open().with_max_spp(90)]
+    {
+        let (session, time) = session(limits.clone());
+        let (mut rounds, is_timed) = (0, limits == Limits::seconds(2.0));
+        let film = trace(session, &time, |before, left| {
+            rounds += 1;
+            assert!(left <= before.max(32) && (rounds > 1 || left == 32), "{limits:?}: {left} after {before}");
+            // Of the time that is left, a quarter at most, unless it is a sample per pixel.
+            let rest = 2000 - before.min(2000);
+            assert!(!is_timed || left <= (rest / 4).max(32), "{left} of {rest}");
+            ControlFlow::Continue(())
+        });
+        let (samples, seconds) = (film.record().samples, film.record().trace_seconds());
+        assert!(samples > 1500 && rounds >= 7, "{limits:?}: {samples} in {rounds}");
+        assert!((seconds - 1e-3 * samples as f64).abs() < 1e-6, "{seconds}");
+    }
+}
+
+#[test]
+fn an_open_session_ends_when_nobody_asks_for_more() {
+    let (session, time) = session(Limits::open());
+    let film = trace(session, &time, |before, _| match before {
+        20_000.. => ControlFlow::Break(()),
+        _ => ControlFlow::Continue(()),
+    });
+    assert!(film.record().samples > 40_000 && film.record().interrupted);
+}
+
+/// A limit of samples is met without a clock; a limit of time asks for one.
+#[test]
+fn only_limits_of_time_need_a_clock() {
+    let asked = Arc::new(AtomicU64::new(0));
+    let counted = asked.clone();
+    let count = Clock::new(move || counted.fetch_add(1, Ordering::Relaxed) as f64);
+    let film = trace(Session::new(frame(8, 4), Limits::spp(4.0), uniform(1)).unwrap(), &AtomicU64::new(0), |_, _| {
+        ControlFlow::Continue(())
+    });
+    assert_eq!((film.record().samples, film.record().trace_seconds(), film.record().plan_seconds()), (128, 0.0, 0.0));
+    let session = Session::new(frame(8, 4), Limits::seconds(1.0), uniform(1)).unwrap();
+    assert!(matches!(session.with_clock(Clock::none()).next_round(), Err(Error::NoClock)));
+    // The control: a clock that is passed is asked.
+    let mut session = Session::new(frame(8, 4), Limits::seconds(5.0), uniform(1)).unwrap().with_clock(count);
+    assert!(session.next_round().unwrap().is_some() && asked.load(Ordering::Relaxed) > 0);
+}
+
+#[test]
+fn looking_changes_no_bit_and_leaves_no_pixel_black() {
+    let render = |looks: bool| {
+        let mut session = Session::new(frame(40, 30), Limits::spp(9.0), uniform(1)).unwrap().with_tile_side(16);
+        while let Some(round) = session.next_round().unwrap() {
+            while let Some(mut tile) = round.next_tile() {
+                tile.samples().for_each(|sample| tile.add(&sample, grey(&sample).map(|x| x + 0.1)));
+                round.submit(tile).unwrap();
+                if looks {
+                    assert!(round.image().unwrap().radiance.iter().all(|[red, ..]| *red >= 0.1));
+                }
+            }
+        }
+        session.finish().unwrap()
+    };
+    assert!(render(true) == render(false));
+}
+
+/// A generator that is seeded by `seed` from pixel, number of the sample, and number of the part.
+fn by_host(seed: impl Fn(u64, u64, u64) -> u64, lit: f64) -> Result<Film, Error> {
+    let mut session = Session::new(frame(32, 32), Limits::spp(32.0), uniform(1)).unwrap();
+    let mut part = 0;
+    while let Some(round) = session.next_round()? {
+        while let Some(mut tile) = round.next_tile() {
+            for (pixel, numbers) in tile.pixels() {
+                let begins = numbers.start;
+                for number in numbers {
+                    let place = u64::from(pixel[0] + 32 * pixel[1]);
+                    let chance =
+                        mix(mix(seed(place, number, part)).wrapping_add(number - begins)) as f64 / u64::MAX as f64;
+                    tile.push(pixel, if chance < lit { [1.0; 3] } else { [0.25; 3] });
+                }
+            }
+            round.submit(tile)?;
+        }
+        part += 1;
+    }
+    Ok(session.into_film())
+}
+
+/// Pixels of two values are the hardest: samples are equal by chance in half of all cases, or nearly always.
+#[test]
+fn a_host_that_repeats_its_numbers_is_told() {
+    for lit in [0.5, 0.97, 0.03] {
+        let repeated = by_host(|pixel, _, _| pixel, lit).unwrap_err().to_string();
+        assert!(repeated.contains("seed the generator by pixel and by the sample's number"), "{repeated}");
+        by_host(|pixel, number, _| pixel ^ number << 32, lit).unwrap();
+        by_host(|pixel, _, part| pixel ^ part << 40, lit).unwrap();
+    }
+    // Without noise, nothing repeats.
+    by_host(|pixel, _, _| pixel, 0.0).unwrap();
+    by_host(|pixel, _, _| pixel, 2.0).unwrap();
+}
