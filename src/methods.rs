@@ -10,7 +10,7 @@ use dapple_registry::{HostClusters, RegistryError, Setting};
 /// ```
 /// let points = dapple::points("sobol", 7)?;
 /// assert_eq!(points.describe(), "sobol:seed=7");
-/// # Ok::<(), dapple::registry::RegistryError>(())
+/// # Ok::<(), dapple::Error>(())
 /// ```
 ///
 /// # Errors
@@ -28,7 +28,7 @@ pub fn points(description: &str, seed: u64) -> Result<Box<dyn PointSet>, Registr
 ///
 /// let error = dapple::sampler("adaptiv", dapple::points("sobol", 7)?).err().expect("a typing error");
 /// assert!(error.to_string().contains("did you mean \"adaptive\"?"));
-/// # Ok::<(), dapple::registry::RegistryError>(())
+/// # Ok::<(), dapple::Error>(())
 /// ```
 ///
 /// # Errors
@@ -44,7 +44,7 @@ pub fn sampler(description: &str, points: Box<dyn PointSet>) -> Result<Box<dyn S
 /// ```
 /// let filter = dapple::filter("cluster-regression")?;
 /// assert!(filter.needs().features);
-/// # Ok::<(), dapple::registry::RegistryError>(())
+/// # Ok::<(), dapple::Error>(())
 /// ```
 ///
 /// # Errors

@@ -3,6 +3,7 @@
 use crate::{Needs, PointSet, Rng, SampleId, streams};
 use std::borrow::Cow;
 use std::cell::Cell;
+use std::sync::Arc;
 
 /// A named group of four dimensions of a sample's random numbers, for one use of randomness such as the lens.
 ///
@@ -65,7 +66,7 @@ impl Block {
 /// ```
 #[derive(Clone)]
 pub struct Draws<'a> {
-    points: &'a dyn PointSet,
+    points: Points<'a>,
     id: SampleId,
     /// The sample's place among those of its pixel in this round.
     pub(crate) turn: u32,
@@ -75,7 +76,61 @@ pub struct Draws<'a> {
     cursor: Cell<u32>,
 }
 
+/// A point set, borrowed from its sampler or shared with its host.
+#[derive(Clone)]
+enum Points<'a> {
+    Borrowed(&'a dyn PointSet),
+    Shared(Arc<dyn PointSet>),
+}
+
+impl Points<'_> {
+    #[inline]
+    fn get(&self) -> &dyn PointSet {
+        match self {
+            Self::Borrowed(points) => *points,
+            Self::Shared(points) => &**points,
+        }
+    }
+}
+
+impl Draws<'static> {
+    /// The random numbers of sample `id` of a point set that the host shares with its sampler. They borrow nothing, so that
+    /// [`Draws::into_rng`] makes a generator which may live in a thread's storage or in an enum of samplers.
+    ///
+    /// ```
+    /// # use dapple_core::{Draws, PointSet, SampleId};
+    /// # struct Centre;
+    /// # impl PointSet for Centre {
+    /// #     fn describe(&self) -> String { "centre".into() }
+    /// #     fn block(&self, _: SampleId, _: u32) -> [f32; 4] { [0.5; 4] }
+    /// # }
+    /// use dapple_core::{Rng, samplers::Uniform};
+    /// use std::sync::Arc;
+    ///
+    /// let points: Arc<dyn PointSet> = Arc::new(Centre);
+    /// let sampler = Uniform::new(points.clone()); // for a session
+    /// let mut rng: Rng<'static> = Draws::shared(points, SampleId::new([0, 0], 0, 0)).into_rng();
+    /// # let sample = SampleId::new([3, 5], 0, 1);
+    /// rng.start(sample); // of a sample of the session: sample.id()
+    /// assert_eq!(rng.next_f32(), 0.5);
+    /// ```
+    pub fn shared(points: Arc<dyn PointSet>, id: SampleId) -> Self {
+        Self::of(Points::Shared(points), id, Needs::none())
+    }
+}
+
 impl<'a> Draws<'a> {
+    fn of(points: Points<'a>, id: SampleId, needs: Needs) -> Self {
+        Self { points, id, turn: 0, needs, requested: Cell::new(0), cursor: Cell::new(0) }
+    }
+
+    /// Makes these the random numbers of another sample.
+    pub(crate) fn start(&mut self, id: SampleId) {
+        (self.id, self.turn) = (id, 0);
+        self.requested.set(0);
+        self.cursor.set(0);
+    }
+
     /// The random numbers of sample `id`, without a request for its first hit.
     #[inline]
     pub fn new(points: &'a dyn PointSet, id: SampleId) -> Self {
@@ -85,14 +140,14 @@ impl<'a> Draws<'a> {
     /// The random numbers of sample `id`, with requests for what a film that records `needs` gets from integrators.
     #[inline]
     pub fn for_film(points: &'a dyn PointSet, id: SampleId, needs: Needs) -> Self {
-        Self { points, id, turn: 0, needs, requested: Cell::new(0), cursor: Cell::new(0) }
+        Self::of(Points::Borrowed(points), id, needs)
     }
 
     /// The four coordinates of `block`, each in `[0, 1)`: two 2-D pairs.
     #[inline]
     pub fn block(&self, block: Block) -> [f32; 4] {
         self.requested.set(self.requested.get() + 1);
-        self.points.block(self.id, block.number())
+        self.points.get().block(self.id, block.number())
     }
 
     /// The coordinates of two blocks, as two calls of [`Draws::block`] return them. Some point sets compute two together
@@ -100,7 +155,7 @@ impl<'a> Draws<'a> {
     #[inline]
     pub fn two_blocks(&self, blocks: [Block; 2]) -> [[f32; 4]; 2] {
         self.requested.set(self.requested.get() + 2);
-        self.points.two_blocks(self.id, blocks.map(Block::number))
+        self.points.get().two_blocks(self.id, blocks.map(Block::number))
     }
 
     /// A cursor that hands out the sample's numbers one after the other, from the first block on. A second cursor continues

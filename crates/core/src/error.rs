@@ -197,6 +197,9 @@ pub enum Error {
         /// The film with the samples finished before the panic.
         film: Box<Film>,
     },
+    /// An error of making a method: its name, its parameters, or its library. For downcasting.
+    #[error(transparent)]
+    Method(Box<dyn std::error::Error + Send + Sync>),
     /// An error that a sampler or filter defines itself.
     #[error("{who}: {source}")]
     Other {

@@ -1,6 +1,6 @@
 //! A cursor over a sample's random numbers, for renderers that draw "the next number".
 
-use crate::{Block, Draws, mix};
+use crate::{Block, Draws, SampleId, mix};
 use std::borrow::Cow;
 
 /// A cursor that hands out the random numbers of one sample one after the other; made by [`Draws::rng`].
@@ -103,6 +103,12 @@ impl<'a> Rng<'a> {
         if self.draws.skip_to(block) {
             self.taken = 4;
         }
+    }
+
+    /// Begins with the first number of another sample, which a [`Tile`](crate::Tile) names by [`Draws::id`].
+    pub fn start(&mut self, id: SampleId) {
+        self.draws.to_mut().start(id);
+        self.taken = 4;
     }
 
     #[inline]

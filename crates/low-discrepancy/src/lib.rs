@@ -38,3 +38,9 @@ pub enum Error {
         count: u32,
     },
 }
+
+impl From<Error> for dapple_core::Error {
+    fn from(error: Error) -> Self {
+        Self::Method(Box::new(error))
+    }
+}

@@ -74,3 +74,9 @@ pub enum RunError {
     #[error("Open Image Denoise wrote {0} values that are NaN or infinite; update it, or choose another filter")]
     NotFinite(usize),
 }
+
+impl From<LoadError> for dapple_core::Error {
+    fn from(error: LoadError) -> Self {
+        Self::Method(Box::new(error))
+    }
+}

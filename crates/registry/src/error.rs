@@ -79,3 +79,9 @@ fn choice(nearest: Option<&str>, known: &str) -> String {
         None => format!("choose among {known} (the feature \"classics\" adds more)"),
     }
 }
+
+impl From<RegistryError> for dapple_core::Error {
+    fn from(error: RegistryError) -> Self {
+        Self::Method(Box::new(error))
+    }
+}

@@ -1,0 +1,63 @@
+// node examples/web/page.mjs [SCREENSHOT.png]: opens the page of `examples/web/build` in headless Chromium as a visitor would.
+import { createServer } from 'node:http';
+import { createRequire } from 'node:module';
+import { existsSync, mkdtempSync, readFileSync, rmSync } from 'node:fs';
+import { tmpdir } from 'node:os';
+import { join } from 'node:path';
+import { fileURLToPath } from 'node:url';
+
+// `.ci/browser` installs it.
+const { chromium } = createRequire(new URL('../../crates/study/tests/browser/report.mjs', import.meta.url))('playwright-core');
+const folder = fileURLToPath(new URL('../../target/web/', import.meta.url));
+const types = { html: 'text/html', js: 'text/javascript', wasm: 'application/wasm', png: 'image/png' };
+const server = createServer(({ url }, response) => {
+  const file = join(folder, url === '/' ? 'index.html' : url);
+  const exists = existsSync(file);
+  response.writeHead(exists ? 200 : url === '/favicon.ico' ? 204 : 404, { 'content-type': types[file.split('.').pop()] ?? 'text/plain' });
+  response.end(exists ? readFileSync(file) : undefined);
+}).listen(0, '127.0.0.1');
+const wrong = [];
+const check = (good, words) => { if (!good) wrong.push(words); };
+const profile = mkdtempSync(join(tmpdir(), 'dapple-chromium-'));
+const context = await chromium.launchPersistentContext(profile, {
+  executablePath: process.env.CHROMIUM ?? '/usr/bin/chromium',
+  args: ['--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run', '--disable-background-networking', '--disable-component-update', '--disable-sync'],
+});
+try {
+  const page = await context.newPage();
+  page.on('console', (message) => { if (['error', 'warning'].includes(message.type())) wrong.push(`console: ${message.text()}`); });
+  page.on('pageerror', (error) => wrong.push(`script: ${error}`));
+  await page.setViewportSize({ width: 1100, height: 950 });
+  await page.goto(`http://127.0.0.1:${server.address().port}/`);
+  const done = () => page.waitForSelector('body[data-state=done]', { timeout: 120_000 });
+  const value = (name) => page.evaluate((name) => Number(document.body.dataset[name]), name);
+  await done();
+  const [uniform, adaptive] = [await value('uniform'), await value('adaptive')];
+  check(adaptive < 0.15 * uniform && adaptive > 0, `at 8 samples per pixel, errors of ${uniform} and ${adaptive}`);
+  if (process.argv[2]) await page.screenshot({ path: process.argv[2] });
+
+  // Sliders begin anew, also while it renders.
+  await page.locator('#seed').fill('3');
+  await page.locator('#spp').fill('4');
+  await page.waitForSelector('body[data-state=running]');
+  await done();
+  const more = await value('uniform');
+  check(more < 0.95 * uniform, `with 16 samples per pixel, an error of ${more} after ${uniform} with 8`);
+  const frames = await value('frames');
+  check(frames > 10, `${frames} frames a second while it renders`);
+  check((await page.locator('#adaptive-error').textContent()).startsWith('16.0 samples'), 'the samples are not those of the slider');
+  for (const width of [400, 1200]) {
+    await page.setViewportSize({ width, height: 900 });
+    const over = await page.evaluate(() => document.documentElement.scrollWidth - document.documentElement.clientWidth);
+    check(over <= 0, `scrolls sideways by ${over} pixels at ${width}`);
+  }
+  console.log(`errors ${uniform.toFixed(1)} and ${adaptive.toFixed(1)}, ${frames.toFixed(0)} frames a second`);
+} finally {
+  await context.close();
+  server.close();
+  rmSync(profile, { recursive: true, force: true });
+}
+if (wrong.length) {
+  console.error(wrong.join('\n'));
+  process.exit(1);
+}

@@ -1,0 +1,151 @@
+//! Dapple in a browser: the renderer in `host.rs` with uniform samples, beside the default sampler and filter.
+//!
+//! The page calls the exported functions, and reads pixels from the memory of the module. Functions whose names are exported need an
+//! attribute that counts as unsafe, since two of the same name would clash; none of them has unsafe code.
+
+#![expect(unsafe_code, reason = "names of exported functions")]
+
+mod host;
+
+use dapple::core::{Unfiltered, mix, samplers::Uniform};
+use dapple::{Error, Filtered, Frame, Limits, Session};
+pub use host::SIZE;
+use std::cell::RefCell;
+
+/// Two renders of the room.
+pub struct Demo {
+    /// Uniform samples without a filter, then the default.
+    sessions: [Session<'static>; 2],
+    images: [Filtered; 2],
+    is_over: [bool; 2],
+    /// The pixels of both images and of the sample map, 8 bits for each of red, green, blue and alpha.
+    pixels: Vec<u8>,
+}
+
+impl Demo {
+    /// Two renders of `spp` samples per pixel.
+    ///
+    /// # Errors
+    ///
+    /// For 0 samples.
+    pub fn new(spp: u32, seed: u32) -> Result<Self, Error> {
+        let (frame, limits) = (Frame::new(SIZE[0], SIZE[1])?, Limits::spp(spp.into()));
+        let uniform = (Uniform::new(dapple::points("sobol", seed.into())?), Unfiltered);
+        let sessions = [
+            Session::new(frame, limits.clone(), uniform)?,
+            Session::new(frame, limits, dapple::default_pair(seed.into()))?,
+        ];
+        let black = || Filtered::new(SIZE, vec![[0.0; 3]; frame.pixels()]);
+        let pixels = vec![255; 3 * 4 * frame.pixels()];
+        Ok(Self { sessions, images: [black(), black()], is_over: [false; 2], pixels })
+    }
+
+    /// Traces some tiles of one render. Returns `true` if it went on to a new image: at each doubling of its samples.
+    ///
+    /// # Errors
+    ///
+    /// Those of sessions.
+    pub fn step(&mut self, which: usize, tiles: u32) -> Result<bool, Error> {
+        let session = &mut self.sessions[which];
+        let Some(round) = session.next_round()? else {
+            return Ok(!std::mem::replace(&mut self.is_over[which], true));
+        };
+        for _ in 0..tiles {
+            let Some(mut tile) = round.next_tile() else { break };
+            tile.samples().for_each(|sample| tile.add(&sample, host::sample(sample.pixel(), &mut sample.rng())));
+            round.submit(tile)?;
+        }
+        if round.left() == 0 {
+            self.images[which] = round.image()?;
+            return Ok(true);
+        }
+        Ok(false)
+    }
+
+    /// The image of one render at its last doubling.
+    pub fn image(&self, which: usize) -> &Filtered {
+        &self.images[which]
+    }
+
+    /// Draws both images and the map of the second render's samples.
+    fn draw(&mut self) -> &[u8] {
+        let film = self.sessions[1].film();
+        let most = film.counts().into_iter().max().unwrap_or(1).max(1) as f32;
+        let map = film.counts().into_iter().map(|n| [n as f32 / most; 3]);
+        let [uniform, adaptive] = self.images.each_ref().map(|image| image.radiance.iter().copied());
+        let colours = uniform.chain(adaptive).chain(map).map(|colour| colour.map(encoded));
+        for (pixel, [red, green, blue]) in self.pixels.chunks_exact_mut(4).zip(colours) {
+            pixel[..3].copy_from_slice(&[red, green, blue]);
+        }
+        &self.pixels
+    }
+
+    /// A number that depends on every bit of one image.
+    pub fn fingerprint(&self, which: usize) -> u32 {
+        let bits = self.images[which].radiance.iter().flatten().map(|value| u64::from(value.to_bits()));
+        bits.fold(0, |hash, bits| mix(hash ^ bits)) as u32
+    }
+}
+
+/// A linear value in sRGB, in 8 bits.
+pub fn encoded(x: f32) -> u8 {
+    let x = x.clamp(0.0, 1.0);
+    let srgb = if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * libm::powf(x, 1.0 / 2.4) - 0.055 };
+    (255.0 * srgb + 0.5) as u8
+}
+
+thread_local! {
+    static DEMO: RefCell<Option<Demo>> = const { RefCell::new(None) };
+}
+
+fn with<T>(work: impl FnOnce(&mut Demo) -> T) -> T {
+    DEMO.with_borrow_mut(|demo| work(demo.as_mut().expect("start() comes first")))
+}
+
+/// Begins two renders of `spp` samples per pixel. Returns 0 if it can't.
+#[unsafe(no_mangle)]
+pub extern "C" fn start(spp: u32, seed: u32) -> u32 {
+    DEMO.with_borrow_mut(|demo| *demo = Demo::new(spp, seed).ok());
+    DEMO.with_borrow(|demo| u32::from(demo.is_some()))
+}
+
+/// Traces some tiles of render 0 or 1. Returns 1 if it has a new image, 2 if it is over, 3 on an error.
+#[unsafe(no_mangle)]
+pub extern "C" fn step(which: u32, tiles: u32) -> u32 {
+    with(|demo| match demo.step(which as usize, tiles) {
+        Ok(_) if demo.is_over[which as usize] => 2,
+        Ok(is_new) => u32::from(is_new),
+        Err(_) => 3,
+    })
+}
+
+/// Draws both images and the sample map. Returns the place of their pixels, one after the other, in the module's memory.
+#[unsafe(no_mangle)]
+pub extern "C" fn draw() -> *const u8 {
+    with(|demo| demo.draw().as_ptr())
+}
+
+/// The samples per pixel of render 0 or 1 so far.
+#[unsafe(no_mangle)]
+pub extern "C" fn spp(which: u32) -> f64 {
+    let pixels = f64::from(SIZE[0] * SIZE[1]);
+    with(|demo| demo.sessions[which as usize].film().record().samples as f64 / pixels)
+}
+
+/// A number that depends on every bit of the image of render 0 or 1.
+#[unsafe(no_mangle)]
+pub extern "C" fn fingerprint(which: u32) -> u32 {
+    with(|demo| demo.fingerprint(which as usize))
+}
+
+/// The width of an image in pixels.
+#[unsafe(no_mangle)]
+pub extern "C" fn width() -> u32 {
+    SIZE[0]
+}
+
+/// The height of an image in pixels.
+#[unsafe(no_mangle)]
+pub extern "C" fn height() -> u32 {
+    SIZE[1]
+}
