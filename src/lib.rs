@@ -73,7 +73,7 @@
 pub use dapple_core as core;
 pub use dapple_core::{
     Block, Draws, Error, Estimate, Film, Filtered, FirstHit, Frame, HostNumbers, Integrator, Limits, Methods, Needs,
-    Render, Rng, Round, Session, Tile, Worker,
+    OwnedRng, Render, Rng, Round, Session, Tile, Worker,
 };
 
 #[cfg(feature = "adaptive")]

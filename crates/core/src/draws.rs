@@ -1,7 +1,7 @@
 //! Random numbers of one sample, by named blocks.
 
-use crate::{Needs, PointSet, Rng, SampleId, streams};
-use std::borrow::Cow;
+use crate::rng::Cursor;
+use crate::{Needs, OwnedRng, PointSet, Rng, SampleId, streams};
 use std::cell::Cell;
 use std::sync::Arc;
 
@@ -104,12 +104,12 @@ impl Draws<'static> {
     /// #     fn describe(&self) -> String { "centre".into() }
     /// #     fn block(&self, _: SampleId, _: u32) -> [f32; 4] { [0.5; 4] }
     /// # }
-    /// use dapple_core::{Rng, samplers::Uniform};
+    /// use dapple_core::{OwnedRng, samplers::Uniform};
     /// use std::sync::Arc;
     ///
     /// let points: Arc<dyn PointSet> = Arc::new(Centre);
     /// let sampler = Uniform::new(points.clone()); // for a session
-    /// let mut rng: Rng<'static> = Draws::shared(points, SampleId::new([0, 0], 0, 0)).into_rng();
+    /// let mut rng: OwnedRng<'static> = Draws::shared(points, SampleId::new([0, 0], 0, 0)).into_rng();
     /// # let sample = SampleId::new([3, 5], 0, 1);
     /// rng.start(sample); // of a sample of the session: sample.id()
     /// assert_eq!(rng.next_f32(), 0.5);
@@ -164,14 +164,14 @@ impl<'a> Draws<'a> {
     /// A renderer that also names blocks lets the cursor start behind them, by [`Rng::skip_to`].
     #[inline]
     pub fn rng(&self) -> Rng<'_> {
-        Rng::new(Cow::Borrowed(self))
+        Rng::new(self)
     }
 
     /// A cursor that owns the sample, for renderers whose generator outlives the place where the sample was made. Clone the
     /// sample before if its result is to be added.
     #[inline]
-    pub fn into_rng(self) -> Rng<'a> {
-        Rng::new(Cow::Owned(self))
+    pub fn into_rng(self) -> OwnedRng<'a> {
+        Cursor::new(self)
     }
 
     /// The number of the next block for a cursor, which then moves on.

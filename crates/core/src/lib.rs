@@ -107,7 +107,7 @@ pub use recorder::{RecordedSample, Recorder};
 pub use render::{
     Control, Methods, Monitor, NoMonitor, Readiness, Render, Round, Samples, Session, Stage, Status, Tile, TracedRows,
 };
-pub use rng::Rng;
+pub use rng::{Cursor, OwnedRng, Rng};
 pub use sampler::{BudgetLeft, Feedback, Sampler};
 pub use snapshot::Snapshot;
 pub use worker::Worker;

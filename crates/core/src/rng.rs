@@ -1,7 +1,6 @@
 //! A cursor over a sample's random numbers, for renderers that draw "the next number".
 
 use crate::{Block, Draws, SampleId, mix};
-use std::borrow::Cow;
 
 /// A cursor that hands out the random numbers of one sample one after the other; made by [`Draws::rng`].
 ///
@@ -40,9 +39,16 @@ use std::borrow::Cow;
 /// A dimension means the same thing in all samples only if all samples take numbers in the same order. A loop that takes
 /// a varying count, such as rejection sampling, shifts what comes after it: the result stays correct, and loses the
 /// advantage over independent numbers. [`Rng::skip_to`] restores the order behind such a loop.
-pub struct Rng<'a> {
+pub type Rng<'a> = Cursor<&'a Draws<'a>>;
+
+/// A cursor that owns its sample; made by [`Draws::into_rng`]. That of [`Draws::shared`] borrows nothing, for renderers that keep generators
+/// in a thread's storage or in an enum of samplers.
+pub type OwnedRng<'a> = Cursor<Draws<'a>>;
+
+/// A cursor over the random numbers of a sample: [`Rng`] or [`OwnedRng`].
+pub struct Cursor<D> {
     /// The sample, borrowed or the cursor's own.
-    draws: Cow<'a, Draws<'a>>,
+    draws: D,
     /// The number of the block that `values` came from.
     block: u32,
     values: [f32; 4],
@@ -50,8 +56,36 @@ pub struct Rng<'a> {
     taken: usize,
 }
 
-impl<'a> Rng<'a> {
-    pub(crate) fn new(draws: Cow<'a, Draws<'a>>) -> Self {
+/// The sample of a cursor: borrowed or its own.
+pub trait Held {
+    /// The sample.
+    fn draws(&self) -> &Draws<'_>;
+}
+
+impl Held for &Draws<'_> {
+    #[inline]
+    fn draws(&self) -> &Draws<'_> {
+        self
+    }
+}
+
+impl Held for Draws<'_> {
+    #[inline]
+    fn draws(&self) -> &Draws<'_> {
+        self
+    }
+}
+
+impl Cursor<Draws<'_>> {
+    /// Begins with the first number of another sample, which a [`Tile`](crate::Tile) names by [`Draws::id`].
+    pub fn start(&mut self, id: SampleId) {
+        self.draws.start(id);
+        self.taken = 4;
+    }
+}
+
+impl<D: Held> Cursor<D> {
+    pub(crate) fn new(draws: D) -> Self {
         Self { draws, block: 0, values: [0.0; 4], taken: 4 }
     }
 
@@ -83,7 +117,7 @@ impl<'a> Rng<'a> {
     #[inline]
     pub fn next_u64(&mut self) -> u64 {
         let high = (self.next_f32() * (1 << 24) as f32) as u64;
-        let id = self.draws.id();
+        let id = self.draws.draws().id();
         let place = u64::from(self.block) << 2 | self.taken as u64;
         let [column, row] = id.pixel.map(u64::from);
         let low = [column | row << 32, u64::from(id.stream), id.index].into_iter().fold(place, |x, y| mix(x ^ y));
@@ -100,26 +134,21 @@ impl<'a> Rng<'a> {
     /// Continues at the first number of this block, so that what follows has the same dimensions in every sample. Does
     /// nothing if the cursor is beyond it. Each block has four numbers.
     pub fn skip_to(&mut self, block: Block) {
-        if self.draws.skip_to(block) {
+        if self.draws.draws().skip_to(block) {
             self.taken = 4;
         }
     }
 
-    /// Begins with the first number of another sample, which a [`Tile`](crate::Tile) names by [`Draws::id`].
-    pub fn start(&mut self, id: SampleId) {
-        self.draws.to_mut().start(id);
-        self.taken = 4;
-    }
-
     #[inline]
     fn refill(&mut self) {
-        let block = self.draws.next_block();
-        (self.values, self.block, self.taken) = (self.draws.block(block), block.number(), 0);
+        let draws = self.draws.draws();
+        let block = draws.next_block();
+        (self.values, self.block, self.taken) = (draws.block(block), block.number(), 0);
     }
 }
 
 #[cfg(feature = "rand_core_0_10")]
-impl rand_core_0_10::TryRng for Rng<'_> {
+impl<D: Held> rand_core_0_10::TryRng for Cursor<D> {
     type Error = std::convert::Infallible;
 
     #[inline]
@@ -142,7 +171,7 @@ impl rand_core_0_10::TryRng for Rng<'_> {
 #[cfg(any(feature = "rand_core_0_9", feature = "rand_core_0_6"))]
 macro_rules! rng_core {
     ($version:ident, $($other:item)*) => {
-        impl $version::RngCore for Rng<'_> {
+        impl<D: Held> $version::RngCore for Cursor<D> {
             #[inline]
             fn next_u32(&mut self) -> u32 {
                 Self::next_u32(self)

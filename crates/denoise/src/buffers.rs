@@ -1,10 +1,12 @@
 //! Denoising of image buffers from any renderer: slices in, an image and its error out.
 
 pub(crate) mod film;
+mod warnings;
 
 use crate::ClusterRegression;
 use dapple_core::{Error, Film, Filter, Filtered};
 use std::sync::Arc;
+pub use warnings::Warning;
 
 /// The variance of each pixel, per channel or of one number: of a sample, or of the mean over all samples.
 ///
@@ -62,6 +64,11 @@ impl<'a> SampleBuffers<'a> {
     /// If the number is unknown, any will do, such as 16: only the ratios between pixels matter much.
     pub fn new(mean: &'a [[f32; 3]], count: impl Into<Counts<'a>>) -> Self {
         Self { mean, count: count.into(), variance: None }
+    }
+
+    /// The number of samples of pixel `i`; 0 if its mean is NaN or infinite.
+    fn samples(&self, i: usize) -> u64 {
+        if self.mean[i].iter().all(|x| x.is_finite()) { self.count.of(i) } else { 0 }
     }
 
     /// Sets the variance per channel.
@@ -194,12 +201,14 @@ pub struct Denoise<'a> {
     emission: Option<&'a [[f32; 3]]>,
     ids: Option<&'a [u32]>,
     filter: Option<&'a dyn Filter>,
+    is_strict: bool,
 }
 
 impl<'a> Denoise<'a> {
     fn new(size: [u32; 2], first: SampleBuffers<'a>, second: Option<SampleBuffers<'a>>) -> Self {
         let features = [None; 4];
-        Self { size, first, second, features, coverage: None, emission: None, ids: None, filter: None }
+        let (coverage, emission, ids, filter) = (None, None, None, None);
+        Self { size, first, second, features, coverage, emission, ids, filter, is_strict: false }
     }
 
     fn feature(mut self, place: usize, mean: &'a [f32], variance: Option<Variance<'a, f32>>) -> Self {
@@ -270,6 +279,22 @@ impl<'a> Denoise<'a> {
         Self { filter: Some(filter), ..self }
     }
 
+    /// Refuses images with [`Denoise::warnings`].
+    pub fn strict(self) -> Self {
+        Self { is_strict: true, ..self }
+    }
+
+    /// Lists what looks exchanged or wrong: the noise between pixels is not what the variance says, halves are too much alike, width and
+    /// height or normals and albedo are exchanged, numbers are out of their range, NaN or huge.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`Denoise::run`].
+    pub fn warnings(&self) -> Result<Vec<Warning>, Error> {
+        check(self)?;
+        Ok(warnings::warnings(self))
+    }
+
     /// Makes a film (per-pixel statistics) of the buffers, for filters and maps that read films.
     ///
     /// Ids become the materials of first hits.
@@ -281,16 +306,22 @@ impl<'a> Denoise<'a> {
         film::film(self)
     }
 
-    /// Denoises the image.
+    /// Denoises the image. Pixels whose mean is NaN or infinite are filled from their neighbours.
     ///
     /// # Errors
     ///
     /// * [`Error::EmptyFrame`] and [`Error::FrameTooLarge`] for the size.
-    /// * [`Error::BadBuffer`] for a buffer of another length, NaN and infinite numbers (but depths), negative variances,
-    ///   and pixels none of which has a sample; for halves that are the same buffer; for one set of samples without
+    /// * [`Error::BadBuffer`] for a buffer of another length, NaN and infinite numbers (but means and depths), negative
+    ///   variances, and pixels none of which has a sample; for halves that are the same buffer; for one set of samples without
     ///   variance.
+    /// * [`Error::Other`] with the first of the warnings, if the image is to be strict.
     /// * Those of the filter.
     pub fn run(&self) -> Result<Filtered, Error> {
+        if self.is_strict
+            && let Some(warning) = self.warnings()?.into_iter().next()
+        {
+            return Err(Error::other("the buffers", warning));
+        }
         let film = self.film()?;
         if let Some(filter) = self.filter {
             return filter.apply(&film);
@@ -357,7 +388,7 @@ fn check(image: &Denoise<'_>) -> Result<(), Error> {
     }
     buffers.push(("coverage", image.coverage, 1, SHARES));
     buffers.push(("emission", image.emission.map(<[_]>::as_flattened), 3, FINITE));
-    buffers.into_iter().try_for_each(|buffer| check_numbers(size, buffer, Counts::All(1)))?;
+    buffers.into_iter().try_for_each(|buffer| check_numbers(size, buffer, |_| true))?;
     image.ids.map_or(Ok(()), |ids| check_length(size, ids.len(), "ids"))
 }
 
@@ -367,11 +398,10 @@ fn check_samples(size: [u32; 2], set: &SampleBuffers<'_>, names: [&'static str; 
         check_length(size, counts.len(), count)?;
     }
     check_length(size, set.mean.len(), mean)?;
-    if (0..set.mean.len()).all(|i| set.count.of(i) == 0) {
+    if (0..set.mean.len()).all(|i| set.samples(i) == 0) {
         return Err(bad(count, "no pixel has a sample; give the number of samples of each pixel, or one for all"));
     }
-    check_numbers(size, (mean, Some(set.mean.as_flattened()), 3, FINITE), set.count)?;
-    check_numbers(size, (variance, set.variance.map(|v| v.flat().values()), 3, SQUARES), set.count)
+    check_numbers(size, (variance, set.variance.map(|v| v.flat().values()), 3, SQUARES), |i| set.samples(i) > 0)
 }
 
 /// Refuses halves that are one buffer. A black image and one of a single colour may come twice without noise.
@@ -382,12 +412,16 @@ fn check_independent(a: &SampleBuffers<'_>, b: &SampleBuffers<'_>) -> Result<(),
     if same { Err(bad(HALVES[1][0], EQUAL)) } else { Ok(()) }
 }
 
-/// Checks the numbers of a buffer in the pixels with samples.
-fn check_numbers(size: [u32; 2], (name, values, channels, rules): Named<'_>, counts: Counts<'_>) -> Result<(), Error> {
+/// Checks the numbers of a buffer in the pixels that count.
+fn check_numbers(
+    size: [u32; 2],
+    (name, values, channels, rules): Named<'_>,
+    counts: impl Fn(usize) -> bool,
+) -> Result<(), Error> {
     let Some(values) = values else { return Ok(()) };
     check_length(size, values.len() / channels, name)?;
     for (holds, what) in rules {
-        let is_wrong = |(i, value): (usize, &[f32])| counts.of(i) > 0 && !value.iter().all(|v| holds(*v));
+        let is_wrong = |(i, value): (usize, &[f32])| counts(i) && !value.iter().all(|v| holds(*v));
         if let Some(pixel) = values.chunks_exact(channels).enumerate().position(is_wrong) {
             let [x, y] = [pixel % size[0] as usize, pixel / size[0] as usize];
             return Err(bad(name, format!("pixel ({x}, {y}) {what}")));

@@ -85,7 +85,7 @@ mod regression;
 mod tile;
 mod wide;
 
-pub use buffers::{Counts, Denoise, SampleBuffers, Variance, denoise, denoise_whole};
+pub use buffers::{Counts, Denoise, SampleBuffers, Variance, Warning, denoise, denoise_whole};
 pub use cluster_gaussian::{ClusterGaussian, ClusterGaussianOptions};
 pub use cluster_regression::{ClusterRegression, ClusterRegressionOptions};
 pub use error_map::relative_errors;

@@ -61,11 +61,13 @@ pub fn denoise_files(spec: &DenoiseSpec) -> Result<DenoisedImage, DenoiseError> 
     let start = Instant::now();
     let image = read.image();
     let (filtered, described) = match &filter {
-        Some(filter) => (image.filter(&**filter).run()?, filter.describe()),
+        Some(filter) => (image.clone().filter(&**filter).run()?, filter.describe()),
         None => (image.run()?, read.default_filter()),
     };
+    let warnings = image.warnings()?.into_iter().map(|warning| warning.to_string());
+    let notices = read.notices.iter().cloned().chain(warnings).collect();
     let seconds = [reading, start.elapsed().as_secs_f64()];
-    Ok(DenoisedImage { filtered, filter: described, found: read.found, notices: read.notices, seconds })
+    Ok(DenoisedImage { filtered, filter: described, found: read.found, notices, seconds })
 }
 
 /// Makes a filter by its name, without a scene.

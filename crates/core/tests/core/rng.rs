@@ -1,7 +1,7 @@
 //! Numbers on demand: the cursor over a sample's random numbers, and the generator traits.
 
 use crate::common::{Independent, Points, frame, mix, uniform};
-use dapple_core::{Block, Draws, Limits, Needs, Rng, SampleId, Session, streams};
+use dapple_core::{Block, Draws, Limits, Needs, OwnedRng, PointSet, Rng, SampleId, Session, streams};
 use rand::RngExt;
 use std::collections::HashSet;
 
@@ -135,7 +135,7 @@ fn sample_numbers_run_on_over_halves() {
 
 #[test]
 fn a_cursor_that_owns_its_sample_outlives_it() {
-    struct Host<'a>(Option<Rng<'a>>);
+    struct Host<'a>(Option<OwnedRng<'a>>);
     let points = Independent::new(4);
     let wanted: Vec<f32> = {
         let sample = Draws::new(&points, SampleId::new([7, 7], 1, 3));
@@ -149,4 +149,21 @@ fn a_cursor_that_owns_its_sample_outlives_it() {
     }
     let mut rng = host.0.unwrap();
     assert_eq!((0..9).map(|_| rng.next_f32()).collect::<Vec<_>>(), wanted);
+}
+
+#[test]
+fn a_generator_that_borrows_nothing_has_the_numbers_of_its_sample() {
+    fn is_free<T: Send + 'static>(value: T) -> T {
+        value
+    }
+    let points: std::sync::Arc<dyn PointSet> = std::sync::Arc::new(Independent::new(3));
+    let ids = [SampleId::new([3, 5], 0, 12), SampleId::new([4, 5], 1, 0)];
+    let mut rng = is_free(Draws::shared(points.clone(), ids[1]).into_rng());
+    rng.next_f32();
+    for id in ids {
+        rng.start(id);
+        let draws = Draws::new(&points, id);
+        let mut other = draws.rng();
+        (0..9).for_each(|_| assert_eq!(rng.next_u64(), other.next_u64()));
+    }
 }

@@ -39,9 +39,9 @@ pub(super) fn film(image: &Denoise<'_>) -> Result<Film, Error> {
 
 /// The moments of the halves of pixel `i`. A half without a variance takes that of the other, or the one that was `found`.
 fn with_variances(halves: &[SampleBuffers<'_>; 2], found: Option<[f32; 3]>, i: usize) -> [RgbMoments; 2] {
-    let own = halves.map(|half| half.variance.map(|v| v.of_sample(i, half.count.of(i))));
+    let own = halves.map(|half| half.variance.map(|v| v.of_sample(i, half.samples(i))));
     [0, 1].map(|h: usize| {
-        let (count, mean) = (halves[h].count.of(i), halves[h].mean[i].map(f64::from));
+        let (count, mean) = (halves[h].samples(i), halves[h].mean[i].map(f64::from));
         let variance = own[h].or(own[1 - h]).or(found.map(|v| v.map(f64::from))).unwrap_or_default();
         if count > 0 { RgbMoments::new(count, mean, variance) } else { RgbMoments::default() }
     })
@@ -117,7 +117,7 @@ fn hit(image: &Denoise<'_>, i: usize) -> bool {
 /// Of `n = p + q` samples, the halves get `p` and `q`, and steps of `s sqrt(q / p)` and `s sqrt(p / q)`. So each varies as the
 /// mean of its samples does, and their mean by counts is `x`.
 fn split(all: &SampleBuffers<'_>, i: usize) -> [RgbMoments; 2] {
-    let count = all.count.of(i);
+    let count = all.samples(i);
     if count == 0 {
         return [RgbMoments::default(); 2];
     }
@@ -143,7 +143,7 @@ fn sign(i: usize) -> f64 {
 fn variance_of_halves(size: [usize; 2], [a, b]: &[SampleBuffers<'_>; 2]) -> Vec<[f32; 3]> {
     let pixels = size[0] * size[1];
     let share = |i: usize| {
-        let (p, q) = (a.count.of(i) as f64, b.count.of(i) as f64);
+        let (p, q) = (a.samples(i) as f64, b.samples(i) as f64);
         if p + q > 0.0 { p * q / (p + q) } else { 0.0 }
     };
     let known: Vec<f32> = (0..pixels).map(|i| f32::from(u8::from(share(i) > 0.0))).collect();

@@ -8,3 +8,4 @@ mod hard_cases;
 mod lamps;
 mod layers;
 mod support;
+mod warnings;

@@ -1,0 +1,218 @@
+//! What looks exchanged in buffers: comparisons of numbers that belong together.
+
+use super::{ALBEDO, Denoise, Feature, NORMAL, SampleBuffers, Variance};
+use std::fmt;
+
+/// Something in the buffers of an image that is most likely a mistake; [`Denoise::warnings`] lists them.
+#[non_exhaustive]
+#[derive(Clone, Debug, PartialEq)]
+pub enum Warning {
+    /// The noise between pixels is not what the variance says: by this factor larger or smaller.
+    Noise {
+        /// The variance that neighbouring pixels show, over the one that was given.
+        factor: f64,
+        /// The median number of samples.
+        count: u64,
+        /// True if the variance of the mean was given.
+        of_mean: bool,
+    },
+    /// All variances are 0, and pixels differ.
+    NoVariance,
+    /// The halves differ less than their variances say: by this factor.
+    AlikeHalves {
+        /// The squared difference of the halves, over the sum of their variances.
+        factor: f64,
+    },
+    /// Rows of `height` pixels fit better than rows of `width` pixels.
+    ExchangedSize,
+    /// Most normals are not of unit length, or longer.
+    Normals,
+    /// Albedos outside 0 to 1.
+    Albedo {
+        /// The share of the pixels.
+        share: f64,
+    },
+    /// Normals that look like albedo, and albedo that looks like normals.
+    ExchangedFeatures,
+    /// Pixels whose mean is NaN or infinite. They are filled from their neighbours.
+    Filled {
+        /// The number of pixels.
+        pixels: usize,
+    },
+    /// A pixel that is brighter than all others together.
+    Huge {
+        /// Column and row.
+        pixel: [u32; 2],
+    },
+}
+
+impl fmt::Display for Warning {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Noise { factor, count, of_mean } => {
+                let n = *count as f64;
+                let is_near = |x: f64| n > 2.0 && (0.4..2.5).contains(&(factor / x));
+                let why = if is_near(n * n) {
+                    "as if sums of samples were given for means; divide by the counts"
+                } else if is_near(n) && !of_mean {
+                    "as if the variance of the mean were given for that of samples; take Variance::OfMean"
+                } else if is_near(1.0 / n) && *of_mean {
+                    "as if the variance of samples were given for that of the mean; take Variance::OfSamples"
+                } else if *factor < 1.0 {
+                    "as if pixels shared samples (a wide pixel filter); give images of a box filter"
+                } else {
+                    "give the variance of the samples of these images"
+                };
+                write!(f, "the noise between pixels has {factor:.3} times the variance that is given, {why}")
+            }
+            Self::NoVariance => write!(f, "all variances are 0, and pixels differ; give the variance of the samples"),
+            Self::AlikeHalves { factor } => write!(
+                f,
+                "the squared difference of the halves is {factor:.3} of what their variances say; give two renders with different seeds"
+            ),
+            Self::ExchangedSize => write!(f, "rows fit better with width and height exchanged; give [width, height]"),
+            Self::Normals => write!(
+                f,
+                "most normals are not of unit length; give unit vectors, or shorter ones where they vary in a pixel"
+            ),
+            Self::Albedo { share } => {
+                write!(f, "the albedo is outside 0 to 1 in {:.1} % of the pixels; give reflectances", 100.0 * share)
+            }
+            Self::ExchangedFeatures => {
+                write!(f, "the normals look like albedo, and the albedo like normals; exchange them")
+            }
+            Self::Filled { pixels } => {
+                write!(f, "{pixels} pixels are NaN or infinite, and are filled from their neighbours")
+            }
+            Self::Huge { pixel: [x, y] } => {
+                write!(f, "pixel ({x}, {y}) is brighter than all others together; it may be a fault of the renderer")
+            }
+        }
+    }
+}
+
+/// The factor from which on noise is not what the variance says. The differences of neighbours contain texture as well, of which the
+/// fifth part of the pixels with the least has little.
+const OFF: f64 = 4.0;
+/// The fifth of squares of standard normal numbers.
+const FIFTH: f64 = 0.0642;
+/// The factor by which the steps between rows must be smaller with width and height exchanged.
+const FITS: f64 = 0.6;
+
+impl std::error::Error for Warning {}
+
+/// The warnings about an image.
+pub(super) fn warnings(image: &Denoise<'_>) -> Vec<Warning> {
+    let mut found = Vec::new();
+    found.extend(of_samples(image));
+    found.extend(of_halves(image));
+    found.extend(of_size(image));
+    found.extend(of_features(image));
+    found
+}
+
+fn grey([r, g, b]: [f32; 3]) -> f64 {
+    (f64::from(r) + f64::from(g) + f64::from(b)) / 3.0
+}
+
+/// The variance of a pixel's grey mean, if channels are alike.
+fn variance(set: &SampleBuffers<'_>, i: usize) -> Option<f64> {
+    let count = set.samples(i);
+    let [r, g, b] = set.variance?.of_sample(i, count);
+    (count > 0).then(|| (r + g + b) / 3.0 / count as f64)
+}
+
+/// The fifth of the values that are known.
+fn fifth(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let mut values: Vec<f64> = values.filter(|value| value.is_finite()).collect();
+    let place = values.len() / 5;
+    (values.len() >= 100).then(|| *values.select_nth_unstable_by(place, f64::total_cmp).1)
+}
+
+fn of_samples(image: &Denoise<'_>) -> Vec<Warning> {
+    let (mut found, set, width) = (Vec::new(), &image.first, image.size[0] as usize);
+    let pixels = set.mean.len();
+    let is_filled = |set: &SampleBuffers<'_>, i: usize| set.count.of(i) > 0 && set.samples(i) == 0;
+    let filled =
+        (0..pixels).filter(|i| is_filled(set, *i) || image.second.is_some_and(|set| is_filled(&set, *i))).count();
+    if filled > 0 {
+        found.push(Warning::Filled { pixels: filled });
+    }
+    let bright = |i: usize| {
+        let sets = std::iter::once(*set).chain(image.second);
+        sets.map(|set| grey(set.mean[i])).filter(|x| x.is_finite()).sum::<f64>()
+    };
+    let total: f64 = (0..pixels).map(bright).sum();
+    if let Some(i) = (0..pixels).find(|i| pixels > 1 && bright(*i) > 0.5 * total) {
+        found.push(Warning::Huge { pixel: [(i % width) as u32, (i / width) as u32] });
+    }
+    let Some(given) = set.variance else { return found };
+    let differ = set.mean.iter().any(|colour| Some(colour) != set.mean.first());
+    if differ && given.flat().values().iter().all(|v| *v == 0.0) {
+        found.push(Warning::NoVariance);
+        return found;
+    }
+    // The second difference of three pixels in a row, and its variance.
+    let ratio = |i: usize| {
+        let [left, own, right] = [i - 1, i, i + 1].map(|k| Some([grey(set.mean[k]), variance(set, k)?]));
+        let ([a, va], [b, vb], [c, vc]) = (left?, own?, right?);
+        let of_three = 0.25 * va + vb + 0.25 * vc;
+        (of_three > 0.0).then(|| (b - 0.5 * (a + c)).powi(2) / of_three)
+    };
+    let inner = (0..pixels).filter(|i| i % width > 0 && (i + 1) % width > 0);
+    if let Some(factor) = fifth(inner.filter_map(ratio)).map(|value| value / FIFTH)
+        && !(1.0 / OFF..OFF).contains(&factor)
+    {
+        let mut counts: Vec<u64> = (0..pixels).map(|i| set.samples(i)).collect();
+        let count = *counts.select_nth_unstable(pixels / 2).1;
+        found.push(Warning::Noise { factor, count, of_mean: matches!(given, Variance::OfMean(_)) });
+    }
+    found
+}
+
+fn of_halves(image: &Denoise<'_>) -> Option<Warning> {
+    let [a, b] = [image.first, image.second?];
+    let ratio = |i: usize| {
+        let both = variance(&a, i)? + variance(&b, i)?;
+        (both > 0.0).then(|| (grey(a.mean[i]) - grey(b.mean[i])).powi(2) / both)
+    };
+    let factor = fifth((0..a.mean.len()).filter_map(ratio))? / FIFTH;
+    (factor < 1.0 / OFF).then_some(Warning::AlikeHalves { factor })
+}
+
+/// Compares the steps from row to row with those of rows of another length.
+fn of_size(image: &Denoise<'_>) -> Option<Warning> {
+    let [width, height] = image.size.map(|n| n as usize);
+    let step = |stride: usize| {
+        let of = |values: &dyn Fn(usize) -> f64| {
+            let steps = (0..(width * height).saturating_sub(stride)).map(|i| (values(i) - values(i + stride)).abs());
+            steps.filter(|step| step.is_finite()).sum::<f64>() / (width * height - stride).max(1) as f64
+        };
+        let guide = [NORMAL, ALBEDO].iter().find_map(|place| image.features[*place]);
+        match guide {
+            Some(feature) => of(&|i| feature.colours()[i].map(f64::from)[i % 3]),
+            None => of(&|i| grey(image.first.mean[i])),
+        }
+    };
+    (width != height && step(height) < FITS * step(width)).then_some(Warning::ExchangedSize)
+}
+
+fn of_features(image: &Denoise<'_>) -> Vec<Warning> {
+    let length = |v: &[f32; 3]| v.iter().map(|x| x * x).sum::<f32>().sqrt();
+    let share = |feature: Option<Feature<'_>>, holds: &dyn Fn(&[f32; 3]) -> bool| {
+        let known: Vec<_> = feature?.colours().iter().filter(|v| **v != [0.0; 3]).collect();
+        (!known.is_empty()).then(|| known.iter().filter(|v| holds(v)).count() as f64 / known.len() as f64)
+    };
+    let is_unit = |v: &[f32; 3]| (length(v) - 1.0).abs() < 0.02;
+    let is_within = |v: &[f32; 3]| v.iter().all(|x| (-1e-3..=1.0 + 1e-3).contains(x));
+    let [normal, albedo, ..] = image.features;
+    let (units, outside) = (share(normal, &is_unit), share(albedo, &|v| !is_within(v)));
+    let is_like_normals = outside > Some(0.01) && share(albedo, &is_unit) > Some(0.9);
+    if is_like_normals && share(normal, &is_within) > Some(0.99) {
+        return vec![Warning::ExchangedFeatures];
+    }
+    let long = share(normal, &|v| length(v) > 1.02);
+    let wrong_normals = long > Some(0.01) || units.is_some_and(|units| units < 0.1);
+    let albedo = outside.filter(|share| *share > 0.01).map(|share| Warning::Albedo { share });
+    wrong_normals.then_some(Warning::Normals).into_iter().chain(albedo).collect()
+}
