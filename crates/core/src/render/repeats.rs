@@ -18,7 +18,7 @@ pub(super) type Firsts = BTreeMap<[u32; 2], Vec<[f32; 3]>>;
 pub(super) fn watch(firsts: &mut Firsts, frame: &Frame, pixel: [u32; 2], radiance: [f32; 3]) {
     let [width, height] = frame.resolution().map(u64::from);
     let number = u64::from(pixel[1]) * width + u64::from(pixel[0]);
-    if mix(number) % (width * height / WATCHED).max(1) == 0 {
+    if mix(number).is_multiple_of((width * height / WATCHED).max(1)) {
         firsts.entry(pixel).or_default().push(radiance);
     }
 }

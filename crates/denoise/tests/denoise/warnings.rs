@@ -22,7 +22,7 @@ fn noise(i: usize, k: u64) -> f32 {
 }
 
 fn buffers(seed: u64) -> Buffers {
-    let tile = |x: usize, y: usize| if (x / 8 + y / 8) % 2 == 0 { 0.25 } else { 0.75 };
+    let tile = |x: usize, y: usize| if (x / 8 + y / 8).is_multiple_of(2) { 0.25 } else { 0.75 };
     let mut made = Buffers { means: [vec![], vec![]], variance: vec![], normal: vec![], albedo: vec![] };
     for i in 0..PIXELS {
         let (x, y) = (i % 96, i / 96);
