@@ -5,7 +5,7 @@ use dapple_conformance::toys::{Independent, Made, Planned};
 use dapple_conformance::{bits, on_threads};
 use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Block, Control, Draws, Error, Estimate, Feedback, Film, Filter, Filtered, FirstHit, Frame, Integrator,
+    Block, Clock, Control, Draws, Error, Estimate, Feedback, Film, Filter, Filtered, FirstHit, Frame, Integrator,
     InvalidSample, Limits, Methods, Monitor, Needs, NoMonitor, Pass, Plan, Prepared, Prepares, Progress, Readiness,
     RecordedSample, Recorder, Render, Retention, Sampler, Schedule, Session, Snapshot, Status, TracedRows,
     TrainingData, Worker, mix,
@@ -212,13 +212,14 @@ impl Project {
         let methods = Methods::from((self.sampler)()).with_needs(needs().and(self.toy.needs()));
         let methods = methods.with_recorders(recorders());
         let methods = if self.is_filtered { methods.with_filter(blur()) } else { methods };
-        match from {
+        let session = match from {
             None => Session::new(self.frame, self.limits.clone(), methods).unwrap(),
             Some(bytes) => {
                 let snapshot = Snapshot::from_bytes(bytes).unwrap();
                 Session::resume(self.frame, self.limits.clone(), methods, snapshot).unwrap()
             }
-        }
+        };
+        session.with_clock(Clock::of_machine())
     }
 
     /// Serves with a project of its own.

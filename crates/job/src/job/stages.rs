@@ -200,7 +200,7 @@ impl Job {
         self.need_any_image();
         let (session, mut integrator) = self.session(plan.map(PlanFile::snapshot).transpose()?)?;
         session.teach(&mut *integrator);
-        Ok((session.with_clock(Clock::of_machine()), integrator))
+        Ok((session, integrator))
     }
 
     /// Runs the render on process 0 of several, from the beginning or from the checkpoint file in `checkpoints`. Ends the other
