@@ -62,8 +62,8 @@ use std::sync::Arc;
 /// # Guarantees
 ///
 /// * The first round has one sample in each pixel that gets any, and no other has more than all before it; under a limit
-///   of time, none has more than a
-///   quarter of the rest. So [`Session::image`] shows something early, and then at every doubling.
+///   of time, none has more than a quarter of the rest. So [`Session::image`] shows something early, and then at every
+///   doubling.
 /// * Looking changes no bit: [`Session::image`], [`Round::image`] during a round, and snapshots.
 /// * A round counts only what is submitted. A tile that is lost or dropped is traced again by whoever asks for it.
 /// * Sample counts add up to the budget exactly, as in [`Render`](crate::Render).
