@@ -1,13 +1,11 @@
 // node examples/web/page.mjs [SCREENSHOT.png]: opens the page of `examples/web/build` in headless Chromium as a visitor would.
 import { createServer } from 'node:http';
-import { createRequire } from 'node:module';
-import { existsSync, mkdtempSync, readFileSync, rmSync } from 'node:fs';
-import { tmpdir } from 'node:os';
+import { existsSync, readFileSync } from 'node:fs';
 import { join } from 'node:path';
 import { fileURLToPath } from 'node:url';
+// `.ci/browser` installs its library.
+import { visited } from '../../crates/study/tests/browser/chromium.mjs';
 
-// `.ci/browser` installs it.
-const { chromium } = createRequire(new URL('../../crates/study/tests/browser/report.mjs', import.meta.url))('playwright-core');
 const folder = fileURLToPath(new URL('../../target/web/', import.meta.url));
 const types = { html: 'text/html', js: 'text/javascript', wasm: 'application/wasm', png: 'image/png' };
 const server = createServer(({ url }, response) => {
@@ -18,15 +16,7 @@ const server = createServer(({ url }, response) => {
 }).listen(0, '127.0.0.1');
 const wrong = [];
 const check = (good, words) => { if (!good) wrong.push(words); };
-const profile = mkdtempSync(join(tmpdir(), 'dapple-chromium-'));
-const context = await chromium.launchPersistentContext(profile, {
-  executablePath: process.env.CHROMIUM ?? '/usr/bin/chromium',
-  args: ['--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run', '--disable-background-networking', '--disable-component-update', '--disable-sync'],
-});
-try {
-  const page = await context.newPage();
-  page.on('console', (message) => { if (['error', 'warning'].includes(message.type())) wrong.push(`console: ${message.text()}`); });
-  page.on('pageerror', (error) => wrong.push(`script: ${error}`));
+await visited(wrong, async (page) => {
   await page.setViewportSize({ width: 1100, height: 950 });
   await page.goto(`http://127.0.0.1:${server.address().port}/`);
   const done = () => page.waitForSelector('body[data-state=done]', { timeout: 120_000 });
@@ -52,12 +42,5 @@ try {
     check(over <= 0, `scrolls sideways by ${over} pixels at ${width}`);
   }
   console.log(`errors ${uniform.toFixed(1)} and ${adaptive.toFixed(1)}, ${frames.toFixed(0)} frames a second`);
-} finally {
-  await context.close();
-  server.close();
-  rmSync(profile, { recursive: true, force: true });
-}
-if (wrong.length) {
-  console.error(wrong.join('\n'));
-  process.exit(1);
-}
+});
+server.close();

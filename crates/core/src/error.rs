@@ -11,7 +11,7 @@ pub enum Error {
     NoClock,
     /// Random numbers of the host that repeat.
     #[error(
-        "in {pixels} pixels of {pixels}, the first samples are those of an earlier round again: seed the generator by pixel and by the \
+        "in all {pixels} pixels that were compared, the first samples are those of an earlier round again: seed the generator by pixel and by the \
          sample's number (Tile::pixels), or go on with one generator"
     )]
     RepeatedNumbers {

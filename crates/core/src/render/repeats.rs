@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 /// The number of first samples of a pixel that are kept of each part.
 pub(super) const KEPT: u32 = 4;
-/// About so many pixels of an image are watched.
+/// So many pixels of an image are watched, or up to half as many. A power of two: no sample waits for a division.
 const WATCHED: u64 = 512;
 /// The number of pixels that must repeat, and none of them differ. Two samples of a pixel, one lit and one not, are the same again by
 /// chance in one of 4 cases.
@@ -18,7 +18,7 @@ pub(super) type Firsts = BTreeMap<[u32; 2], Vec<[f32; 3]>>;
 pub(super) fn watch(firsts: &mut Firsts, frame: &Frame, pixel: [u32; 2], radiance: [f32; 3]) {
     let [width, height] = frame.resolution().map(u64::from);
     let number = u64::from(pixel[1]) * width + u64::from(pixel[0]);
-    if mix(number).is_multiple_of((width * height / WATCHED).max(1)) {
+    if mix(number) & ((width * height / WATCHED).max(1).next_power_of_two() - 1) == 0 {
         firsts.entry(pixel).or_default().push(radiance);
     }
 }

@@ -1,4 +1,4 @@
-//! What hosts with clocks, generators and viewers of their own need of a session.
+//! Sessions for hosts with clocks, generators and viewers of their own.
 
 use crate::common::*;
 use dapple_core::{Block, Clock, Draws, Error, Film, Limits, Session, mix};

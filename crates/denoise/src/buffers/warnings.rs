@@ -1,4 +1,4 @@
-//! What looks exchanged in buffers: comparisons of numbers that belong together.
+//! Warnings of buffers that look exchanged: comparisons of numbers that belong together.
 
 use super::{ALBEDO, Denoise, Feature, NORMAL, SampleBuffers, Variance};
 use std::fmt;

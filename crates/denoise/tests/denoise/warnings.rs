@@ -1,4 +1,4 @@
-//! What hosts exchange in buffers, and images without a fault.
+//! Buffers that hosts exchange, and images without a fault.
 
 use dapple_core::mix;
 use dapple_denoise::{Denoise, SampleBuffers, Variance, Warning, denoise, denoise_whole};
@@ -96,7 +96,7 @@ fn noise_that_is_not_the_variance_is_told() {
 #[test]
 fn halves_that_share_samples_are_told() {
     let made = buffers(2);
-    // Half of the other half's samples, and noise of a twentieth.
+    // The second half is nineteen parts of the first and one part of its own.
     let mixed: Vec<_> =
         made.means[0].iter().zip(&made.means[1]).map(|(a, b)| [0, 1, 2].map(|c| 0.95 * a[c] + 0.05 * b[c])).collect();
     let [a, b] = [&made.means[0], &mixed]

@@ -1,11 +1,9 @@
 // node report.mjs REPORT.html FOLDER-FOR-SCREENSHOTS EXPECTED.json
 // Opens a report as a person would; exits 1 with what is wrong.
 import { readFileSync } from 'node:fs';
-import { mkdtempSync, rmSync } from 'node:fs';
-import { tmpdir } from 'node:os';
 import { join, resolve } from 'node:path';
 import { pathToFileURL } from 'node:url';
-import { chromium } from 'playwright-core';
+import { visited } from './chromium.mjs';
 
 const [file, out, expectedFile] = process.argv.slice(2);
 const expected = JSON.parse(readFileSync(expectedFile, 'utf8'));
@@ -13,15 +11,7 @@ const wrong = [];
 const check = (good, words) => { if (!good) wrong.push(words); };
 const equal = (found, wanted, words) => check(JSON.stringify(found) === JSON.stringify(wanted), `${words}: ${JSON.stringify(found)}, expected ${JSON.stringify(wanted)}`);
 
-const profile = mkdtempSync(join(tmpdir(), 'dapple-chromium-'));
-const context = await chromium.launchPersistentContext(profile, {
-  executablePath: process.env.CHROMIUM ?? '/usr/bin/chromium',
-  args: ['--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run', '--disable-background-networking', '--disable-component-update', '--disable-sync'],
-});
-try {
-  const page = await context.newPage();
-  page.on('console', (message) => { if (['error', 'warning'].includes(message.type())) wrong.push(`console: ${message.text()}`); });
-  page.on('pageerror', (error) => wrong.push(`script: ${error}`));
+await visited(wrong, async (page) => {
   page.on('request', (request) => { if (!/^(file|data):/.test(request.url())) wrong.push(`asked the network for ${request.url()}`); });
   await page.setViewportSize({ width: 1280, height: 900 });
   await page.emulateMedia({ colorScheme: 'light' });
@@ -160,11 +150,4 @@ try {
     await resized(width, 900);
     await clipped(width);
   }
-} finally {
-  await context.close();
-  rmSync(profile, { recursive: true, force: true });
-}
-if (wrong.length > 0) {
-  console.error(wrong.join('\n'));
-  process.exit(1);
-}
+});
