@@ -5,10 +5,12 @@
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use dapple_adaptive::{Adaptive, VarianceOptions};
 use dapple_conformance::toys::{Points, Traced};
+use dapple_core::plan::{BudgetLeft, Feedback, Ladder, Plan, allocate};
+use dapple_core::point_set::streams;
 use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Block, BudgetLeft, Draws, Estimate, Feedback, Film, Frame, Integrator, Ladder, Limits, Methods, Needs, Plan,
-    PointSet, Render, SampleId, Sampler, Session, Worker, allocate, streams,
+    Block, Draws, Estimate, Film, Frame, Integrator, Limits, Methods, Needs, PointSet, Render, SampleId, Sampler,
+    Session, Worker,
 };
 use std::hint::black_box;
 

@@ -9,7 +9,8 @@ use dapple_cluster_adaptive::{
     importance, probe, rates,
 };
 use dapple_clustering::{Cluster, Triangles};
-use dapple_core::{BudgetLeft, Feedback, Film, Frame, Needs, Plan, Sampler, share};
+use dapple_core::plan::{BudgetLeft, Feedback, Plan, share};
+use dapple_core::{Film, Frame, Needs, Sampler};
 use dapple_low_discrepancy::Sobol;
 use std::hint::black_box;
 

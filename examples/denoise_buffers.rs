@@ -46,11 +46,12 @@ impl Buffers {
         let pixels = 0..film.frame().pixels();
         let colours = |of: &dyn Fn(usize) -> [f64; 3]| pixels.clone().map(|i| of(i).map(|v| v as f32)).collect();
         let half = |h: usize, i: usize| film.half(h, i).unwrap_or_default();
-        let features = |of: fn(dapple::core::Features) -> [f32; 3]| {
+        let features = |of: fn(dapple::core::film::Features) -> [f32; 3]| {
             pixels.clone().map(|i| film.features(i).map_or([0.0; 3], of)).collect()
         };
-        let scalar =
-            |of: fn(dapple::core::Features) -> f32| pixels.clone().map(|i| film.features(i).map_or(0.0, of)).collect();
+        let scalar = |of: fn(dapple::core::film::Features) -> f32| {
+            pixels.clone().map(|i| film.features(i).map_or(0.0, of)).collect()
+        };
         let spread = |i: usize| film.features(i).and_then(|f| f.variance).unwrap_or_default();
         let three = |k: usize| pixels.clone().map(|i| [0, 1, 2].map(|c| spread(i)[k + c])).collect();
         Self {

@@ -14,8 +14,10 @@
 
 mod safeguards;
 
+use dapple::core::limits::Schedule;
+use dapple::core::render::{Monitor, NoMonitor};
 use dapple::core::samplers::Uniform;
-use dapple::core::{Film, Frame, Limits, Monitor, Needs, NoMonitor, Render, Schedule};
+use dapple::core::{Film, Frame, Limits, Needs, Render};
 use dapple::low_discrepancy::Sobol;
 use dapple::renderer::{World, integrator};
 use dapple_scene::{Scene, bundled};

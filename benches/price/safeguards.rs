@@ -1,10 +1,11 @@
 //! Each safeguard: the time of its part, and the inputs that break without it.
 
 use super::{Break, Image, Ratio, Result, Row, SPP, in_turn, of_whole, pairs, scene, seconds};
+use dapple::core::film::{RejectedReason, RgbMoments};
+use dapple::core::render::{Control, Monitor, NoMonitor, Status};
 use dapple::core::samplers::Uniform;
 use dapple::core::{
-    Block, Control, Draws, Estimate, Film, Frame, Integrator, Limits, Monitor, Needs, NoMonitor, RejectedReason,
-    Render, RgbMoments, SampleId, Snapshot, Status, Worker,
+    Block, Draws, Estimate, Film, Frame, Integrator, Limits, Needs, Render, SampleId, Snapshot, Worker,
 };
 use dapple::geometry::{Disk, Geometry, Mesh, Ray, Shape, Sphere};
 use dapple::job::checkpoint::{Identity, Kind, StateFile, Store};

@@ -1,6 +1,7 @@
 //! The body of the fuzz target `checkpoint`. `crates/job/tests/fuzz_corpus.rs` runs it on the seeds.
 
-use dapple_core::{Snapshot, TracedRows, container};
+use dapple_core::render::TracedRows;
+use dapple_core::{Snapshot, container};
 use dapple_job::checkpoint::StateFile;
 
 /// A file, a snapshot and traced rows, and the same as a section with the right checksum.

@@ -3,10 +3,10 @@
 use crate::pilot::Pilot;
 use crate::similar_pool::Surfaces;
 use crate::{AdaptiveOptions, ErrorMap, VarianceOptions, pool};
-use dapple_core::{
-    Error, Feedback, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress, RgbMoments, Sampler,
-    SamplerMemory,
-};
+use dapple_core::film::RgbMoments;
+use dapple_core::options::Options as _;
+use dapple_core::plan::{Feedback, PilotPolicy, Plan, Progress, SamplerMemory};
+use dapple_core::{Error, Frame, Limits, Needs, PointSet, Sampler};
 
 /// The error-driven sampler: a uniform pilot estimates each pixel's error, then counts minimise the estimated relative
 /// error of the image.
@@ -16,7 +16,7 @@ use dapple_core::{
 /// is divided by the root of the share of like pixels around: a filter takes more samples from there
 /// ([`PoolShape::Similar`](crate::PoolShape::Similar)). With an [`ErrorMap`], the score is the geometric mean of that variance and the map. A pixel's
 /// error is assumed to fall as `n^-exponent` with its count `n`. Counts minimise the sum of errors and lie on the ladder
-/// of well-stratified counts ([`Ladder`](dapple_core::Ladder)).
+/// of well-stratified counts ([`Ladder`](dapple_core::plan::Ladder)).
 ///
 /// With [`AdaptiveOptions::cost`], scores are divided by the rays per sample. Counts are then in proportion to the
 /// deviation over the root of the cost, as in efficiency-aware splitting at the camera [after Rath 2022].

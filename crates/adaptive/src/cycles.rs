@@ -1,10 +1,9 @@
 //! The adaptive sampler of Blender's Cycles.
 
 use crate::pilot::Pilot;
-use dapple_core::{
-    Error, Feedback, Film, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress, Sampler,
-    SamplerMemory, Stopping, allocate, saturating_u32,
-};
+use dapple_core::options::Options as _;
+use dapple_core::plan::{Feedback, PilotPolicy, Plan, Progress, SamplerMemory, Stopping, allocate, saturating_u32};
+use dapple_core::{Error, Film, Frame, Limits, Needs, PointSet, Sampler};
 
 dapple_core::options! {
     /// The parameters of [`Cycles`], the adaptive sampling of Blender's Cycles.

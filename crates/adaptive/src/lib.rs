@@ -11,7 +11,7 @@ mod then;
 
 pub use adaptive::Adaptive;
 pub use cycles::{Cycles, CyclesOptions};
-pub use dapple_core::{PilotPolicy, Stopping};
+pub use dapple_core::plan::{PilotPolicy, Stopping};
 pub use options::{AdaptiveOptions, ErrorMap, MapErrors, VarianceOptions};
 pub use pilot::{Pilot, PilotRound};
 pub use pool::{PoolShape, Pooling, Sources, relative_variance};

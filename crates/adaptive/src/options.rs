@@ -1,7 +1,9 @@
 //! The parameters of the error-driven sampler, and its preset `variance`: Neyman allocation from the pooled variance of a pilot.
 
 use crate::{Adaptive, PoolShape};
-use dapple_core::{Error, Film, Needs, Options as _, OutOfRange, PilotPolicy, PointSet};
+use dapple_core::options::{Options as _, OutOfRange};
+use dapple_core::plan::PilotPolicy;
+use dapple_core::{Error, Film, Needs, PointSet};
 
 dapple_core::options! {
     /// The parameters of the error-driven sampler [`Adaptive`](crate::Adaptive). The defaults are those of `dapple

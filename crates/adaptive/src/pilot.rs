@@ -1,6 +1,7 @@
 //! The pilot: uniform samples taken before counts adapt.
 
-use dapple_core::{Combine, Feedback, Frame, Ladder, Limits, PilotPolicy, Plan, Retention, saturating_u32};
+use dapple_core::plan::{Combine, Feedback, Ladder, PilotPolicy, Plan, Retention, saturating_u32};
+use dapple_core::{Frame, Limits};
 
 /// A uniform pilot: samples taken in every pixel before counts adapt.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

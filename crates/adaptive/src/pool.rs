@@ -1,7 +1,9 @@
 //! Estimates of pixel variance from few samples, pooled over neighbours.
 
 use crate::similar_pool::{Surfaces, over_similar};
-use dapple_core::{Error, OutOfRange, RgbMoments, parallel};
+use dapple_core::film::RgbMoments;
+use dapple_core::options::OutOfRange;
+use dapple_core::{Error, parallel};
 use std::ops::Range;
 
 /// The set of pixels whose variance is pooled with a pixel's own.
@@ -18,7 +20,7 @@ pub enum PoolShape {
     /// With [`Sources::Odd`] and [`Sources::Even`], the pixel's own surface is the mean of its nearest sources.
     ///
     /// Where the film has no features, as without a filter, weights follow the distance alone. So they do with
-    /// [`PilotPolicy::Cross`](dapple_core::PilotPolicy::Cross), because features belong to both halves.
+    /// [`PilotPolicy::Cross`](dapple_core::plan::PilotPolicy::Cross), because features belong to both halves.
     Similar,
 }
 

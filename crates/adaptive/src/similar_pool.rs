@@ -2,7 +2,8 @@
 
 use crate::Sources;
 use crate::pool::{Terms, scores_by_rows};
-use dapple_core::{Features, Film, parallel};
+use dapple_core::film::Features;
+use dapple_core::{Film, parallel};
 use std::ops::Range;
 
 /// The rows of a band, within which surfaces are compared: bits of images depend on it.
@@ -211,7 +212,8 @@ impl Window {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use dapple_core::{Frame, Needs, RgbMoments};
+    use dapple_core::film::RgbMoments;
+    use dapple_core::{Frame, Needs};
 
     const W: usize = 20;
     const H: usize = 40;

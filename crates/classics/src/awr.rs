@@ -4,7 +4,9 @@ use crate::method::{MethodSampler, SamplingMethod};
 use crate::method::{next_step, with_extra};
 use crate::wavelets::{Basis, Taps, coefficient_variances, high_band, sizes, transform};
 use crate::windows::{around, filled_means, per_pixel};
-use dapple_core::{Error, Feedback, Film, PilotPolicy, Plan, mix, saturating_u32};
+use dapple_core::plan::{Feedback, PilotPolicy, Plan, saturating_u32};
+use dapple_core::point_set::mix;
+use dapple_core::{Error, Film};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 

@@ -6,9 +6,12 @@ pub use bandwidth::LensBandwidthOptions;
 
 use crate::method::{counts_so_far, lacking, total};
 use bandwidth::{LensBandwidth, NYQUIST};
+use dapple_core::filter::{FilterMemory, ImagePlanes};
+use dapple_core::options::Options as _;
+use dapple_core::plan::{Feedback, Plan, Progress, SamplerMemory, share};
+use dapple_core::point_set::streams;
 use dapple_core::{
-    Error, Feedback, Film, Filter, FilterMemory, Filtered, FirstHit, Frame, ImagePlanes, Limits, Needs, Options as _,
-    Plan, PointSet, Progress, SampleId, Sampler, SamplerMemory, parallel, share, streams,
+    Error, Film, Filter, Filtered, FirstHit, Frame, Limits, Needs, PointSet, SampleId, Sampler, parallel,
 };
 use dapple_low_discrepancy::BlueNoise;
 use std::sync::Arc;

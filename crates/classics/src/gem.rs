@@ -3,7 +3,10 @@
 use crate::method::{FilterMethod, MethodFilter, MethodSampler, SamplingMethod};
 use crate::method::{next_step, within_ceiling};
 use crate::windows::{convolve, gaussian_taps, per_pixel, variances_of_means};
-use dapple_core::{Error, Feedback, Film, Filtered, ImagePlanes, Needs, PilotPolicy, Plan, mix, parallel};
+use dapple_core::filter::ImagePlanes;
+use dapple_core::plan::{Feedback, PilotPolicy, Plan};
+use dapple_core::point_set::mix;
+use dapple_core::{Error, Film, Filtered, Needs, parallel};
 use std::sync::atomic::{AtomicU32, Ordering};
 
 dapple_core::options! {

@@ -4,7 +4,8 @@ mod regression;
 
 use crate::method::{FilterMethod, MethodFilter};
 use crate::windows::{FEATURES, Means, feature_moments, per_pixel, unit_of_depth};
-use dapple_core::{Error, Film, Filtered, ImagePlanes, Needs};
+use dapple_core::filter::ImagePlanes;
+use dapple_core::{Error, Film, Filtered, Needs};
 use regression::{Data, Guide, Kernel, nl_average, regress};
 
 dapple_core::options! {

@@ -1,7 +1,8 @@
 //! The dimensions of a sample that have a meaning, such as the place in the pixel, and point sets in which a sampler decides where
 //! samples lie.
 
-use dapple_core::{Error, Frame, Limits, Needs, PointSet, SampleId, streams};
+use dapple_core::point_set::streams;
+use dapple_core::{Error, Frame, Limits, Needs, PointSet, SampleId};
 use std::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -179,7 +180,8 @@ const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
 ///
 /// ```
 /// use dapple_classics::{Axis, Domain, Placed, Role};
-/// use dapple_core::{Frame, HostNumbers, PointSet, SampleId, streams};
+/// use dapple_core::{Frame, HostNumbers, PointSet, SampleId};
+/// use dapple_core::point_set::streams;
 ///
 /// let domain = Domain::new([Axis::new(Role::Place, 0, 0), Axis::new(Role::Place, 0, 1)])?;
 /// let mut points = Placed::new(HostNumbers, domain);

@@ -5,9 +5,9 @@ mod bank;
 use crate::method::{FilterMethod, MethodFilter, MethodSampler, SamplingMethod};
 use crate::method::{counts_so_far, lacking, total, with_extra};
 use bank::{BANK, NEEDS, OfPixel, Planes};
-use dapple_core::{
-    Error, Feedback, Film, Filtered, ImagePlanes, Needs, PilotPolicy, Plan, parallel, saturating_u32, share,
-};
+use dapple_core::filter::ImagePlanes;
+use dapple_core::plan::{Feedback, PilotPolicy, Plan, saturating_u32, share};
+use dapple_core::{Error, Film, Filtered, Needs, parallel};
 
 dapple_core::options! {
     /// The parameters of [`SureFilter`].

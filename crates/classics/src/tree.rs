@@ -9,7 +9,8 @@ pub use planner::{Refinement, TreeSampler};
 
 use crate::recorders::{FilmSamples, Singles};
 use crate::{Domain, FilmPoints};
-use dapple_core::{Error, Film, Filtered, Frame, PointSet, SampleId, mix, parallel, streams};
+use dapple_core::point_set::{mix, streams};
+use dapple_core::{Error, Film, Filtered, Frame, PointSet, SampleId, parallel};
 
 /// The coordinates of a sample: the place in pixels from the cell's corner, then the other axes in `[0, 1)`.
 pub(crate) type At = [f32; Domain::MOST];

@@ -1,7 +1,8 @@
 //! Sums over the pixels around each pixel: convolution with separable kernels, square windows, and patches; and the means, variances and
 //! features of pixels.
 
-use dapple_core::{Features, Film, parallel};
+use dapple_core::film::Features;
+use dapple_core::{Film, parallel};
 
 /// Samples of a Gaussian with standard deviation `sigma` at whole pixels, out to `3 sigma`.
 ///

@@ -6,7 +6,8 @@ use crate::machine::{Stop, cpu_seconds, start_threads};
 use crate::output::{say, tell, warn};
 use crate::render::values::resolution;
 use crate::{Failure, Outcome, Result, failure};
-use dapple_core::{Control, Frame, Status};
+use dapple_core::Frame;
+use dapple_core::render::{Control, Status};
 use dapple_job::{
     BudgetSpec, CropSpec, JobError, JobMonitor, LoadOptions, LoadedScene, PreparedScene, RenderSpec, Warning,
 };

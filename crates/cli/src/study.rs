@@ -4,7 +4,7 @@ use crate::machine::{Stop, cpu_seconds, start_threads};
 use crate::output::{say, tell, warn};
 use crate::progress::Display;
 use crate::{Failure, Outcome, Result};
-use dapple_core::Control;
+use dapple_core::render::Control;
 use dapple_job::JobError;
 use dapple_job::memory::size;
 use dapple_study::{

@@ -1,7 +1,7 @@
 //! The parameters of the sampler of [Lan 2016], and errors of probes, labels and parameters.
 
 use crate::{PixelArea, RateMap};
-use dapple_core::Options as _;
+use dapple_core::options::Options as _;
 
 dapple_core::options! {
     /// The parameters of [`ClusterThesis`](crate::ClusterThesis), the sampler of [Lan 2016].
@@ -132,7 +132,7 @@ pub enum Error {
     },
     /// A parameter outside its range.
     #[error(transparent)]
-    OutOfRange(#[from] dapple_core::OutOfRange),
+    OutOfRange(#[from] dapple_core::options::OutOfRange),
     /// Probes that were traced for another frame than the rendered one.
     #[error("the probes are those of {of}, but {wanted} is rendered: probe that frame, or let the sampler probe")]
     OtherFrame {
@@ -145,7 +145,7 @@ pub enum Error {
 
 impl Error {
     pub(crate) fn range(name: &'static str, value: impl ToString, allowed: &'static str) -> Self {
-        dapple_core::OutOfRange { name, value: value.to_string(), allowed }.into()
+        dapple_core::options::OutOfRange { name, value: value.to_string(), allowed }.into()
     }
 }
 

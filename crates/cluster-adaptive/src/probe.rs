@@ -1,8 +1,9 @@
 //! First-hit probes: the clusters that pixels see.
 
 use crate::Error;
-pub use dapple_core::BACKGROUND;
-use dapple_core::{Clock, Frame, PointSet, SampleId, streams};
+pub use dapple_core::integrator::BACKGROUND;
+use dapple_core::point_set::streams;
+use dapple_core::{Clock, Frame, PointSet, SampleId};
 use rayon::prelude::*;
 
 /// The placement of a pixel's first-hit probes on pixel and lens.

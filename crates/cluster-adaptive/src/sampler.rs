@@ -6,9 +6,9 @@ use crate::{
 };
 use crate::{importance, probe, visibility_variances};
 use dapple_clustering::Cluster;
-use dapple_core::{
-    Clock, Feedback, Frame, Limits, Needs, Options as _, Plan, PointSet, Progress, Sampler, SamplerMemory, share,
-};
+use dapple_core::options::Options as _;
+use dapple_core::plan::{Feedback, Plan, Progress, SamplerMemory, share};
+use dapple_core::{Clock, Frame, Limits, Needs, PointSet, Sampler};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// The caller's function that traces a probe ray and returns its first hit, if any. It must be pure.

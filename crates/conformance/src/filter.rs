@@ -2,7 +2,9 @@
 
 use crate::sampler::{Scene, frame, on_threads};
 use crate::toys::{Independent, one_round};
-use dapple_core::{Error, Film, Filter, Filtered, Frame, Limits, Needs, Render, Retention, Sampler, mix};
+use dapple_core::plan::Retention;
+use dapple_core::point_set::mix;
+use dapple_core::{Error, Film, Filter, Filtered, Frame, Limits, Needs, Render, Sampler};
 
 /// Checks a filter that works on frames of any size, created by `make`.
 ///

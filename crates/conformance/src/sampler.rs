@@ -1,9 +1,10 @@
 //! Conformance tests of samplers.
 
 use crate::toys::raised;
+use dapple_core::plan::{Feedback, Plan, Progress};
+use dapple_core::render::{Control, Monitor, Status};
 use dapple_core::{
-    Block, Control, Draws, Error, Estimate, Feedback, Film, FirstHit, Frame, Integrator, Limits, Monitor, Needs, Plan,
-    Progress, Render, Sampler, Snapshot, Status, Worker,
+    Block, Draws, Error, Estimate, Film, FirstHit, Frame, Integrator, Limits, Needs, Render, Sampler, Snapshot, Worker,
 };
 
 /// The way in which a sampler uses the budget.
@@ -284,8 +285,10 @@ fn same_bits(make: Make<'_>, frame: Frame, scene: Scene) {
     }
     for &(tile_rows, slice_spp, shuffle) in schedules {
         let mut cut = limits.clone();
-        cut.schedule =
-            dapple_core::Schedule::default().with_tile_rows(tile_rows).with_slice_spp(slice_spp).with_shuffle(shuffle);
+        cut.schedule = dapple_core::limits::Schedule::default()
+            .with_tile_rows(tile_rows)
+            .with_slice_spp(slice_spp)
+            .with_shuffle(shuffle);
         assert!(film(3, &cut) == reference, "{scene:?}: {:?} gives other bits", cut.schedule);
     }
 }
@@ -361,7 +364,7 @@ fn impossible(make: Make<'_>, frame: Frame) {
     for (total, min_spp) in [(0, 1), (1, 1), (19, 1), (79, 4)] {
         let mut sampler = make(&frame);
         let film = Film::with_recorders(frame, sampler.needs(), sampler.recorders());
-        let budget = dapple_core::BudgetLeft::new(total).with_min_spp(min_spp);
+        let budget = dapple_core::plan::BudgetLeft::new(total).with_min_spp(min_spp);
         let mut plan = Plan::empty(frame.pixels());
         let answer = sampler.next_round(&Feedback::new(0, &film, budget), &mut plan);
         if matches!(answer, Ok(Progress::Trace)) {

@@ -2,7 +2,8 @@
 //!
 //! ```
 //! use dapple_conformance::toys::{Independent, Traced, one_round};
-//! use dapple_core::{Block, Draws, Estimate, Frame, Limits, Render, Retention, Worker};
+//! use dapple_core::{Block, Draws, Estimate, Frame, Limits, Render, Worker};
+//! use dapple_core::plan::Retention;
 //!
 //! let mut grey = Traced(|draws: &Draws<'_>, _: &mut Worker| Estimate::new([draws.block(Block::new(0))[0]; 3]));
 //! let mut sampler = one_round(Independent::new(7), Retention::Keep, vec![1, 2, 3]);
@@ -11,9 +12,13 @@
 //! # Ok::<(), dapple_core::Error>(())
 //! ```
 
+use dapple_core::integrator::TrainingData;
+use dapple_core::plan::{Feedback, Plan, Progress, Retention};
+use dapple_core::point_set::mix;
+use dapple_core::render::{Control, Monitor, Status};
 use dapple_core::{
-    Block, Control, Draws, Error, Estimate, Feedback, Film, Filter, Filtered, Frame, Integrator, Limits, Monitor,
-    Needs, Plan, PointSet, Progress, Render, Retention, SampleId, Sampler, Snapshot, Status, TrainingData, Worker, mix,
+    Block, Draws, Error, Estimate, Film, Filter, Filtered, Frame, Integrator, Limits, Needs, PointSet, Render,
+    SampleId, Sampler, Snapshot, Worker,
 };
 
 /// Independent points: four numbers from a hash of seed, sample and block.

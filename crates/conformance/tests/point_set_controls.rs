@@ -1,7 +1,8 @@
 //! Negative controls: point sets with one fault each, which the checks must report.
 
 use dapple_conformance::toys::Points;
-use dapple_core::{PointSet, SampleId, mix};
+use dapple_core::point_set::mix;
+use dapple_core::{PointSet, SampleId};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU64, Ordering};
 

@@ -6,8 +6,9 @@
 use dapple_adaptive::{Adaptive, PilotPolicy, VarianceOptions};
 use dapple_conformance::statistics::*;
 use dapple_conformance::toys::Independent;
+use dapple_core::point_set::mix;
 use dapple_core::samplers::Uniform;
-use dapple_core::{Film, Frame, Limits, Render, Sampler, mix};
+use dapple_core::{Film, Frame, Limits, Render, Sampler};
 use dapple_metrics::student_t_quantile;
 
 /// SplitMix64.

@@ -67,7 +67,7 @@ impl Steps for EveryCount {
 /// Counts satisfy `floors[p] <= counts[p] <= ceiling`; a floor above the ceiling wins.
 ///
 /// ```
-/// let counts = dapple_core::allocate(&[1.0, 4.0, 9.0], &[1; 3], 100, 60)?.counts;
+/// let counts = dapple_core::plan::allocate(&[1.0, 4.0, 9.0], &[1; 3], 100, 60)?.counts;
 /// assert_eq!(counts, [10, 20, 30]);
 /// # Ok::<(), dapple_core::Error>(())
 /// ```

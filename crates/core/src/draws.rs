@@ -1,7 +1,8 @@
 //! Random numbers of one sample, by named blocks.
 
+use crate::point_set::streams;
 use crate::rng::Cursor;
-use crate::{Needs, OwnedRng, PointSet, Rng, SampleId, streams};
+use crate::{Needs, OwnedRng, PointSet, Rng, SampleId};
 use std::cell::Cell;
 use std::sync::Arc;
 

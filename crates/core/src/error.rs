@@ -91,7 +91,7 @@ pub enum Error {
         /// The number of samples per pixel that are planned.
         requested: u64,
     },
-    /// A plan that breaks the rules of [`Plan`](crate::Plan).
+    /// A plan that breaks the rules of [`Plan`](crate::plan::Plan).
     #[error("sampler \"{sampler}\" made an invalid plan: {what}; this is a bug in the sampler")]
     BadPlan {
         /// The sampler's name.

@@ -16,8 +16,13 @@ pub(crate) use record::{REJECTED_LISTED, keep_first};
 pub use record::{Record, Rejected, RejectedReason, RoundRecord};
 pub(crate) use splats::Splats;
 
-use crate::recorder::{Recorder, Recorders};
-use crate::{Combine, Error, FirstHit, Frame, Needs, Retention, RgbMoments, SampleId, SurfaceFeatures, streams};
+pub use crate::moments::{Moments, RgbMoments};
+pub use crate::recorder::{RecordedSample, Recorder};
+
+use crate::plan::{Combine, Retention};
+use crate::point_set::streams;
+use crate::recorder::Recorders;
+use crate::{Error, FirstHit, Frame, Needs, SampleId, SurfaceFeatures};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 

@@ -1,7 +1,10 @@
 //! Images from films.
 
+pub use crate::memory::{FilterMemory, ImagePlanes};
+
+use crate::film::Recorder;
 use crate::macros::forward;
-use crate::{Error, Film, FilterMemory, Frame, ImagePlanes, Needs, Recorder};
+use crate::{Error, Film, Frame, Needs};
 use std::sync::Arc;
 
 /// An image that a filter (denoiser) made from a film.

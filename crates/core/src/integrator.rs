@@ -1,7 +1,8 @@
 //! Radiance estimates, first hits and training data of integrators.
 
 use crate::macros::{forward, setters};
-use crate::{Draws, Frame, Needs, PointSet, SampleId, Worker, streams};
+use crate::point_set::streams;
+use crate::{Draws, Frame, Needs, PointSet, SampleId, Worker};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -154,7 +155,7 @@ impl From<&FirstHit> for SurfaceFeatures {
 /// `(x w, y w, w)` is linear in time for a constant velocity. The image is in pixels, from the top left corner.
 ///
 /// ```
-/// use dapple_core::Trajectory;
+/// use dapple_core::integrator::Trajectory;
 ///
 /// // A point 4 units away at column 10 and row 20 that moves 3 pixels to the right.
 /// let moving = Trajectory { inverse_depth: 0.25, motion: [3.0, 0.0, 0.0] };

@@ -58,57 +58,46 @@ mod clock;
 pub mod container;
 mod draws;
 mod error;
-mod film;
-mod filter;
+pub mod film;
+pub mod filter;
 mod frame;
-mod integrator;
-mod limits;
+pub mod integrator;
+pub mod limits;
 mod macros;
 mod memory;
 mod moments;
 mod needs;
-mod options;
+pub mod options;
 pub mod parallel;
-mod plan;
-mod point_set;
+pub mod plan;
+pub mod point_set;
 mod recorder;
-mod render;
+pub mod render;
 mod rng;
 mod sampler;
 pub mod samplers;
 mod snapshot;
 mod worker;
 
-pub use allocate::{Allocation, Ladder, allocate, share};
 pub use clock::Clock;
 pub use draws::{Block, Draws};
 pub use error::Error;
-pub use film::{Features, Film, PixelStatistics, Record, Recorded, Rejected, RejectedReason, RoundRecord, luminance};
+#[doc(inline)]
+pub use film::Film;
+#[doc(inline)]
 pub use filter::{Filter, Filtered, Unfiltered};
 pub use frame::Frame;
-pub use integrator::{
-    BACKGROUND, Estimate, FirstHit, Integrator, Pass, Prepared, Prepares, SurfaceFeatures, TrainingData, TrainingSum,
-    Trajectory,
-};
-pub use limits::{Budget, InvalidSample, Limits, Schedule};
-pub use memory::{FilterMemory, ImagePlanes, SamplerMemory};
-pub use moments::{Moments, RgbMoments};
+#[doc(inline)]
+pub use integrator::{Estimate, FirstHit, Integrator, SurfaceFeatures};
+#[doc(inline)]
+pub use limits::{InvalidSample, Limits};
 pub use needs::Needs;
-pub use options::{
-    OptionError, OptionValue, Options, OutOfRange, Parameter, nearest_name, nested, parse_pairs, unnested,
-};
-#[doc(hidden)]
-pub use plan::saturating_u32;
-pub use plan::{Combine, PilotPolicy, Plan, Progress, Retention, Stopping};
-#[doc(hidden)]
-pub use point_set::mix;
-pub use point_set::{HostNumbers, PointSet, SampleId, streams};
-pub use recorder::{RecordedSample, Recorder};
-pub use render::{
-    Control, Methods, Monitor, NoMonitor, Readiness, Render, Round, Samples, Session, Stage, Status, Tile, TracedRows,
-};
-pub use rng::{Cursor, OwnedRng, Rng};
-pub use sampler::{BudgetLeft, Feedback, Sampler};
+#[doc(inline)]
+pub use point_set::{HostNumbers, PointSet, SampleId};
+#[doc(inline)]
+pub use render::{Methods, Render, Round, Session, Tile};
+pub use rng::{OwnedRng, Rng};
+pub use sampler::Sampler;
 pub use snapshot::Snapshot;
 pub use worker::Worker;
 

@@ -9,7 +9,7 @@ macro_rules! needs {
         /// The per-pixel statistics that the film must record besides sample counts and means.
         ///
         /// A film stores nothing that no sampler, filter or limit requests. What one method alone reads is a
-        /// [`Recorder`](crate::Recorder)'s.
+        /// [`Recorder`](crate::film::Recorder)'s.
         ///
         /// ```
         /// use dapple_core::{Film, Needs};
@@ -98,7 +98,7 @@ needs! {
     indirect: bool, with_indirect, "";
     /// Light that samples add to other pixels ([`Worker::splat`](crate::Worker::splat)).
     splats: bool, with_splats, "splats";
-    /// The [`Trajectory`](crate::Trajectory) of each sample, which a [`Recorder`](crate::Recorder) keeps.
+    /// The [`Trajectory`](crate::integrator::Trajectory) of each sample, which a [`Recorder`](crate::film::Recorder) keeps.
     trajectories: bool, with_trajectories, "";
 }
 

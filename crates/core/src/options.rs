@@ -1,6 +1,6 @@
 //! One declaration per parameter: the struct, its defaults, parsing, ranges, help and description.
 
-use crate::{PilotPolicy, Stopping};
+use crate::plan::{PilotPolicy, Stopping};
 
 /// A command-line parameter of a sampler, point set or filter: its name, its default as text, and one line of help.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -87,7 +87,7 @@ pub enum OptionError {
 /// [`options!`](crate::options) declares a struct with this trait.
 ///
 /// ```
-/// use dapple_core::Options;
+/// use dapple_core::options::Options;
 ///
 /// dapple_core::options! {
 ///     /// The parameters of a blur.
@@ -106,7 +106,7 @@ pub enum OptionError {
 /// let error = BlurOptions::parse("radios=2").unwrap_err().to_string();
 /// assert!(error.contains("did you mean \"radius\"?"), "{error}");
 /// assert!(BlurOptions::parse("radius=65").is_err());
-/// # Ok::<(), dapple_core::OptionError>(())
+/// # Ok::<(), dapple_core::options::OptionError>(())
 /// ```
 pub trait Options: Default {
     /// The parameters, in the order of the struct's fields.
@@ -175,8 +175,8 @@ pub fn parse_pairs<'t, 'p>(
 /// The known name closest to `name` by edit distance; `None` if all are too different.
 ///
 /// ```
-/// assert_eq!(dapple_core::nearest_name("sobel", ["halton", "sobol"]), Some("sobol"));
-/// assert_eq!(dapple_core::nearest_name("sphere", ["halton", "sobol"]), None);
+/// assert_eq!(dapple_core::options::nearest_name("sobel", ["halton", "sobol"]), Some("sobol"));
+/// assert_eq!(dapple_core::options::nearest_name("sphere", ["halton", "sobol"]), None);
 /// ```
 pub fn nearest_name<'k>(name: &str, known: impl IntoIterator<Item = &'k str>) -> Option<&'k str> {
     // A name longer than any real one is not worth the quadratic time.
@@ -243,32 +243,32 @@ macro_rules! options {
             )*
         }
 
-        impl $crate::Options for $Name {
-            const PARAMETERS: &'static [$crate::Parameter] = &[
-                $($crate::Parameter {
+        impl $crate::options::Options for $Name {
+            const PARAMETERS: &'static [$crate::options::Parameter] = &[
+                $($crate::options::Parameter {
                     name: stringify!($field),
                     default: $crate::options!(@text $default $(=> $text)?),
                     help: $help.trim_ascii(),
                 },)*
             ];
 
-            fn set(&mut self, name: &str, value: &str) -> Result<bool, $crate::OptionError> {
+            fn set(&mut self, name: &str, value: &str) -> Result<bool, $crate::options::OptionError> {
                 match name {
                     $(stringify!($field) => {
                         let range: &[&str] = &[$($allowed)?];
-                        self.$field = $crate::OptionValue::parse_as(stringify!($field), value, range.first().copied())?;
+                        self.$field = $crate::options::OptionValue::parse_as(stringify!($field), value, range.first().copied())?;
                     })*
                     _ => return Ok(false),
                 }
                 Ok(true)
             }
 
-            fn check_ranges(&self) -> Result<(), $crate::OutOfRange> {
+            fn check_ranges(&self) -> Result<(), $crate::options::OutOfRange> {
                 $($(
                     let $value = self.$field;
                     if !($holds) {
-                        let value = $crate::OptionValue::text(&self.$field);
-                        return Err($crate::OutOfRange { name: stringify!($field), value, allowed: $allowed });
+                        let value = $crate::options::OptionValue::text(&self.$field);
+                        return Err($crate::options::OutOfRange { name: stringify!($field), value, allowed: $allowed });
                     }
                 )?)*
                 Ok(())
@@ -276,7 +276,7 @@ macro_rules! options {
 
             fn describe(&self) -> String {
                 let values: &[String] =
-                    &[$(format!(concat!(stringify!($field), "={}"), $crate::OptionValue::text(&self.$field)),)*];
+                    &[$(format!(concat!(stringify!($field), "={}"), $crate::options::OptionValue::text(&self.$field)),)*];
                 values.join(",")
             }
         }
@@ -286,7 +286,7 @@ macro_rules! options {
 }
 
 /// Declares the names of an enum's variants: the method `name()`, and parsing as an
-/// [`OptionValue`](crate::OptionValue).
+/// [`OptionValue`](crate::options::OptionValue).
 #[macro_export]
 macro_rules! choices {
     ($Type:ident { $($variant:ident = $name:literal),* $(,)? }) => {
@@ -300,7 +300,7 @@ macro_rules! choices {
             }
         }
 
-        impl $crate::OptionValue for $Type {
+        impl $crate::options::OptionValue for $Type {
             fn from_text(text: &str) -> Option<Self> {
                 match text {
                     $($name => Some(Self::$variant),)*
@@ -394,7 +394,7 @@ crate::choices!(Stopping { Budget = "budget", Threshold = "threshold" });
 /// is unambiguous. [`unnested`] is the inverse.
 ///
 /// ```
-/// use dapple_core::{nested, unnested};
+/// use dapple_core::options::{nested, unnested};
 ///
 /// let inner = nested("gaussian:alpha=2,radius=1");
 /// assert_eq!(inner, "gaussian/alpha=2/radius=1");

@@ -1,4 +1,8 @@
-//! The samples of one round, as a sampler plans them.
+//! What a sampler reads and plans: budgets, finished rounds, and the division of samples over pixels.
+
+pub use crate::allocate::{Allocation, Ladder, allocate, share};
+pub use crate::memory::SamplerMemory;
+pub use crate::sampler::{BudgetLeft, Feedback};
 
 use serde::{Deserialize, Serialize};
 
@@ -40,7 +44,7 @@ pub enum Combine {
 /// The plan of one round: additional samples per pixel, and their use in the image.
 ///
 /// ```
-/// use dapple_core::{Plan, Retention};
+/// use dapple_core::plan::{Plan, Retention};
 ///
 /// // Two more samples for each of six pixels, four for the last.
 /// let mut plan = Plan::empty(6);

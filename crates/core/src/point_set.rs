@@ -1,5 +1,7 @@
 //! Point sets: random numbers as a pure function of a sample's identity.
 
+pub use crate::rng::Cursor;
+
 use crate::macros::forward;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -46,7 +48,7 @@ pub mod streams {
     /// The stream of first-hit probes, which samplers that plan from geometry trace before a render.
     pub const PROBE: u32 = 6;
     /// The stream of paths from the lights, which an integrator traces to prepare for samples; see
-    /// [`Pass::draws`](crate::Pass::draws).
+    /// [`Pass::draws`](crate::integrator::Pass::draws).
     pub const LIGHT: u32 = 7;
     /// The stream of samples that give features alone; see [`Integrator::features_alone`](crate::Integrator::features_alone).
     pub const FEATURES: u32 = 8;

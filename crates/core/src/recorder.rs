@@ -7,12 +7,12 @@ use std::sync::Arc;
 
 /// Statistics of a sampler's or filter's own: the film keeps a list of words for each pixel, and the recorder fills it.
 ///
-/// A film keeps one list per pixel and half, and others for [discarded](crate::Retention::Discard) samples. Lists travel with the
+/// A film keeps one list per pixel and half, and others for [discarded](crate::plan::Retention::Discard) samples. Lists travel with the
 /// pixel through tiles, checkpoints and machines. [`Sampler::recorders`](crate::Sampler::recorders) and
 /// [`Filter::recorders`](crate::Filter::recorders) name what a method reads; [`Film::recorded`](crate::Film::recorded) finds it.
 ///
 /// ```
-/// use dapple_core::{Recorder, RecordedSample};
+/// use dapple_core::film::{Recorder, RecordedSample};
 ///
 /// /// The largest red of each pixel.
 /// struct Reddest;

@@ -22,7 +22,8 @@ pub use stage::{Readiness, TracedRows};
 pub use state::Stage;
 pub use tile::{Samples, Tile};
 
-use crate::{Clock, Error, Film, Filter, Frame, Integrator, Limits, Needs, Recorder, Sampler, Snapshot};
+use crate::film::Recorder;
+use crate::{Clock, Error, Film, Filter, Frame, Integrator, Limits, Needs, Sampler, Snapshot};
 use std::sync::Arc;
 
 /// A render to run or resume: the frame, the limits, the statistics to record and a monitor.
@@ -39,7 +40,8 @@ use std::sync::Arc;
 /// #     fn block(&self, _: SampleId, _: u32) -> [f32; 4] { [0.5; 4] }
 /// # }
 /// use dapple_core::samplers::Uniform;
-/// use dapple_core::{Control, Draws, Estimate, Frame, Integrator, Limits, Needs, Render, Status, Worker};
+/// use dapple_core::{Draws, Estimate, Frame, Integrator, Limits, Needs, Render, Worker};
+/// use dapple_core::render::{Control, Status};
 ///
 /// struct Ramp;
 /// impl Integrator for Ramp {
@@ -106,7 +108,7 @@ impl<'a> Render<'a> {
     ///
     /// At the end of each budget, the film is filtered. The next samples, which that image has not seen, then measure its
     /// error and correct the filter's own estimate, [`Filtered::error`](crate::Filtered::error).
-    /// [`Record::filtered_relmse`](crate::Record::filtered_relmse) holds the last prediction. A filter that has no
+    /// [`Record::filtered_relmse`](crate::film::Record::filtered_relmse) holds the last prediction. A filter that has no
     /// estimate leaves the limit with the unfiltered image.
     ///
     /// # Precision

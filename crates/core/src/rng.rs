@@ -1,6 +1,7 @@
 //! A cursor over a sample's random numbers, for renderers that draw "the next number".
 
-use crate::{Block, Draws, SampleId, mix};
+use crate::point_set::mix;
+use crate::{Block, Draws, SampleId};
 
 /// A cursor that hands out the random numbers of one sample one after the other; made by [`Draws::rng`].
 ///

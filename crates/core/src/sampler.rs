@@ -1,13 +1,15 @@
 //! Sample counts per pixel, planned round by round.
 
+use crate::film::Recorder;
 use crate::macros::{forward, setters};
-use crate::{Error, Film, Frame, Limits, Needs, Plan, PointSet, Progress, Recorder, SamplerMemory};
+use crate::plan::{Plan, Progress, SamplerMemory};
+use crate::{Error, Film, Frame, Limits, Needs, PointSet};
 use std::sync::Arc;
 
 /// A render's sample budget, spent and total, at the time a round (a batch of samples) is planned.
 ///
 /// ```
-/// use dapple_core::BudgetLeft;
+/// use dapple_core::plan::BudgetLeft;
 ///
 /// let budget = BudgetLeft::new(1000).with_spent(400).with_min_spp(1).with_max_spp(64);
 /// assert_eq!(budget.left(), 600);
@@ -82,7 +84,8 @@ impl<'a> Feedback<'a> {
 /// Implementations must pass `dapple_conformance::sampler`.
 ///
 /// ```
-/// use dapple_core::{Error, Feedback, Plan, PointSet, Progress, Sampler, share};
+/// use dapple_core::{Error, PointSet, Sampler};
+/// use dapple_core::plan::{Feedback, Plan, Progress, share};
 ///
 /// /// Samples in proportion to brightness, after a first round of four samples per pixel.
 /// struct Brightness<P>(P);
@@ -116,7 +119,8 @@ impl<'a> Feedback<'a> {
 /// #     fn describe(&self) -> String { "half".into() }
 /// #     fn block(&self, _: dapple_core::SampleId, _: u32) -> [f32; 4] { [0.5; 4] }
 /// # }
-/// # use dapple_core::{BudgetLeft, Film, Frame, Needs};
+/// # use dapple_core::{Film, Frame, Needs};
+/// # use dapple_core::plan::BudgetLeft;
 /// # let film = Film::new(Frame::new(4, 2)?, Needs::none());
 /// # let mut plan = Plan::empty(8);
 /// # let seen = Feedback::new(0, &film, BudgetLeft::new(100));

@@ -1,9 +1,7 @@
 //! The uniform sampler.
 
-use crate::{
-    Error, Feedback, Frame, Limits, Needs, Plan, PointSet, Progress, Retention, Sampler, SamplerMemory, allocate,
-    saturating_u32,
-};
+use crate::plan::{Feedback, Plan, Progress, Retention, SamplerMemory, allocate, saturating_u32};
+use crate::{Error, Frame, Limits, Needs, PointSet, Sampler};
 
 /// Uniform sampling: the same number of samples for every pixel.
 ///

@@ -1,12 +1,13 @@
 //! Snapshots: the state of a render between two slices, as bytes.
 
 use crate::film::{Beside, Half, REJECTED_LISTED, Splats};
+use crate::film::{Record, Rejected};
+use crate::integrator::TrainingData;
+use crate::plan::{Combine, Plan, Retention};
 use crate::recorder::Recorders;
 use crate::render::filtered_error::FilteredError;
 use crate::render::state::{OpenRound, Stage, State};
-use crate::{
-    Combine, Error, Film, Frame, Limits, Needs, Plan, Record, Rejected, Retention, Sampler, TrainingData, container,
-};
+use crate::{Error, Film, Frame, Limits, Needs, Sampler, container};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize, Serializer};
 
@@ -86,8 +87,8 @@ impl View<'_> {
 
 /// The state of a render between two slices, with everything needed to resume it.
 ///
-/// [`Status::snapshot`](crate::Status::snapshot) makes the bytes, and [`Render::resume`](crate::Render::resume)
-/// continues from them. This crate does no file I/O: a [`Monitor`](crate::Monitor) stores the bytes. Reading checks
+/// [`Status::snapshot`](crate::render::Status::snapshot) makes the bytes, and [`Render::resume`](crate::Render::resume)
+/// continues from them. This crate does no file I/O: a [`Monitor`](crate::render::Monitor) stores the bytes. Reading checks
 /// their version, checksums and consistency.
 ///
 /// ```
@@ -105,7 +106,9 @@ impl View<'_> {
 /// #     }
 /// # }
 /// use dapple_core::samplers::Uniform;
-/// use dapple_core::{Control, Frame, Limits, Render, Schedule, Snapshot, Status};
+/// use dapple_core::{Frame, Limits, Render, Snapshot};
+/// use dapple_core::render::{Control, Status};
+/// use dapple_core::limits::Schedule;
 ///
 /// let frame = Frame::new(8, 6)?;
 /// let limits = Limits::samples(4 * 8 * 6).with_schedule(Schedule::default().with_slice_spp(1));
@@ -138,7 +141,7 @@ type Course =
     (SavedSampler, [u32; 2], u64, f64, u32, Option<OpenRound>, Vec<TrainingData>, Option<FilteredError>, Option<Stage>);
 
 impl Snapshot {
-    /// Reads the bytes of [`Status::snapshot`](crate::Status::snapshot). Memory grows with the bytes that are read, even for
+    /// Reads the bytes of [`Status::snapshot`](crate::render::Status::snapshot). Memory grows with the bytes that are read, even for
     /// invalid bytes.
     ///
     /// # Errors

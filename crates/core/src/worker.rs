@@ -1,6 +1,6 @@
 //! Memory of one task of the render loop: scratch memory, splats, training notes.
 
-use crate::TrainingSum;
+use crate::integrator::TrainingSum;
 use std::any::Any;
 
 /// The memory of one task of the render loop, passed to [`Integrator::estimate`](crate::Integrator::estimate).

@@ -10,7 +10,8 @@ use crate::tile::{
     Comparison, HEIGHT, LANES, Likeness, REACH, Stack, Tile, WIDTH, count_weights, exp_minus, number, origins, stride,
     vectors,
 };
-use dapple_core::{FilterMemory, Frame, ImagePlanes, parallel};
+use dapple_core::filter::{FilterMemory, ImagePlanes};
+use dapple_core::{Frame, parallel};
 use pulp::{Simd, WithSimd};
 
 /// A window around a pixel, and its spatial weights.

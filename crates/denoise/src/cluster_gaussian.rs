@@ -4,7 +4,9 @@ use crate::Gaussian;
 use crate::gaussian::{emission, mean_and_presence, memory, normalised, squared_error, variances};
 use crate::inputs::{BACKGROUND, ClusterLookup, describe};
 use crate::planes::per_pixel;
-use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, Needs, Options as _, parallel};
+use dapple_core::filter::FilterMemory;
+use dapple_core::options::Options as _;
+use dapple_core::{Error, Film, Filter, Filtered, Frame, Needs, parallel};
 use std::fmt;
 
 dapple_core::options! {

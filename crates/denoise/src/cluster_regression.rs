@@ -10,7 +10,9 @@ use crate::planes::Pair;
 use crate::regression::{self, regress};
 use crate::tile::{FeatureScales, Likeness};
 use crate::wide::{self, wide};
-use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _};
+use dapple_core::filter::{FilterMemory, ImagePlanes};
+use dapple_core::options::Options as _;
+use dapple_core::{Error, Film, Filter, Filtered, Frame, Needs};
 
 /// The weight of the image that is averaged with the predictions of the first and of the second regression; a window's
 /// centre has the weight 1.

@@ -3,7 +3,9 @@
 use crate::inputs::{Levels, describe};
 use crate::light::Light;
 use crate::planes::per_pixel;
-use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _, parallel};
+use dapple_core::filter::{FilterMemory, ImagePlanes};
+use dapple_core::options::Options as _;
+use dapple_core::{Error, Film, Filter, Filtered, Frame, Needs, parallel};
 use std::f64::consts::PI;
 
 dapple_core::options! {

@@ -7,8 +7,10 @@ use crate::planes::{
     Channels, Colours, Pair, Plane, box_mean, combined, found, map_to_one, per_pixel, planes_of, quantile, raised,
     sum_pixels, update,
 };
-pub(crate) use dapple_core::BACKGROUND;
-use dapple_core::{Film, Filtered, FirstHit, Needs, Options, RgbMoments};
+use dapple_core::film::RgbMoments;
+pub(crate) use dapple_core::integrator::BACKGROUND;
+use dapple_core::options::Options;
+use dapple_core::{Film, Filtered, FirstHit, Needs};
 use std::fmt;
 use std::sync::Arc;
 

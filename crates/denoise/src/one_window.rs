@@ -7,7 +7,9 @@ use crate::inputs::{ClusterLookup, Inputs, Reads, describe, guide};
 use crate::light::Light;
 use crate::planes::Pair;
 use crate::tile::{FeatureScales, Likeness, REACH};
-use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, Needs, Options as _};
+use dapple_core::filter::FilterMemory;
+use dapple_core::options::Options as _;
+use dapple_core::{Error, Film, Filter, Filtered, Frame, Needs};
 
 dapple_core::options! {
     /// The parameters of [`NlMeans`]: `k` and patches as published, and smaller windows.

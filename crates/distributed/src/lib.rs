@@ -4,7 +4,8 @@ mod local;
 
 pub use local::{Local, local};
 
-use dapple_core::{Control, Error, Integrator, Monitor, Session, Stage, Status, TracedRows, container};
+use dapple_core::render::{Control, Monitor, Stage, Status, TracedRows};
+use dapple_core::{Error, Integrator, Session, container};
 use std::ops::Range;
 
 /// The processes of a render, connected by messages: those of an MPI job, or threads ([`local`]).

@@ -3,12 +3,16 @@
 use dapple_adaptive::{Adaptive, PilotPolicy, VarianceOptions};
 use dapple_conformance::toys::{Independent, Made, Planned};
 use dapple_conformance::{bits, on_threads};
+use dapple_core::film::{RecordedSample, Recorder};
+use dapple_core::integrator::{Pass, Prepared, Prepares, TrainingData};
+use dapple_core::limits::Schedule;
+use dapple_core::plan::{Feedback, Plan, Progress, Retention};
+use dapple_core::point_set::mix;
+use dapple_core::render::{Control, Monitor, NoMonitor, Readiness, Status, TracedRows};
 use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Block, Clock, Control, Draws, Error, Estimate, Feedback, Film, Filter, Filtered, FirstHit, Frame, Integrator,
-    InvalidSample, Limits, Methods, Monitor, Needs, NoMonitor, Pass, Plan, Prepared, Prepares, Progress, Readiness,
-    RecordedSample, Recorder, Render, Retention, Sampler, Schedule, Session, Snapshot, Status, TracedRows,
-    TrainingData, Worker, mix,
+    Block, Clock, Draws, Error, Estimate, Film, Filter, Filtered, FirstHit, Frame, Integrator, InvalidSample, Limits,
+    Methods, Needs, Render, Sampler, Session, Snapshot, Worker,
 };
 use dapple_distributed::{Processes, coordinate, local, serve};
 use std::sync::Arc;

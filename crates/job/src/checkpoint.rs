@@ -5,7 +5,7 @@
 //! * A [`StateFile`] has an [`Identity`] (the settings that it depends on), and a checksum over every byte.
 //! * [`FileSystem`] holds the calls to the operating system; tests let each call fail.
 //!
-//! The module knows neither films nor scenes: states are bytes, those of `dapple_core::Status::snapshot`.
+//! The module knows neither films nor scenes: states are bytes, those of `dapple_core::render::Status::snapshot`.
 
 mod state_file;
 mod store;

@@ -129,7 +129,7 @@ pub enum JobError {
 
 /// The suggestion of a bundled scene for a name, up to the list of all.
 fn meant(name: &str) -> String {
-    let nearest = dapple_core::nearest_name(name, bundled::names().iter().copied());
+    let nearest = dapple_core::options::nearest_name(name, bundled::names().iter().copied());
     nearest.map_or_else(|| "the".to_owned(), |known| format!("did you mean \"{known}\"? The"))
 }
 

@@ -20,9 +20,10 @@ use crate::registry::{self, MadeFilter, MadeSampler, MethodInputs};
 use crate::{ErrorOf, JobError, RenderSpec, WorldClusters};
 use checkpoints::Watched;
 use dapple_cluster_adaptive::ProbesHandle;
-use dapple_core::{
-    Budget, Error, Film, Filter, Frame, Limits, Needs, NoMonitor, PointSet, Prepares, Render, Sampler, Unfiltered,
-};
+use dapple_core::integrator::Prepares;
+use dapple_core::limits::Budget;
+use dapple_core::render::NoMonitor;
+use dapple_core::{Error, Film, Filter, Frame, Limits, Needs, PointSet, Render, Sampler, Unfiltered};
 use dapple_renderer::World;
 use dapple_scene::Scene;
 use dapple_transport::make_integrator;

@@ -1,6 +1,7 @@
 //! Warnings of a render.
 
-use dapple_core::{Rejected, streams};
+use dapple_core::film::Rejected;
+use dapple_core::point_set::streams;
 use dapple_scene::{Called, Effect, Notice, Source};
 
 /// A condition that a user should know about, but that does not stop the render.

@@ -1,6 +1,8 @@
 //! The smallest and the largest samples of each pixel, and the contrast of a pixel's or a window's samples.
 
-use dapple_core::{Error, Film, Recorded, RecordedSample, Recorder, Retention, luminance};
+use dapple_core::film::{Recorded, RecordedSample, Recorder, luminance};
+use dapple_core::plan::Retention;
+use dapple_core::{Error, Film};
 use std::sync::Arc;
 
 /// The smallest and the largest red, green, blue and [`luminance`] of a pixel's samples.

@@ -56,7 +56,7 @@ mod mitchell;
 mod pbrt;
 mod two_rates;
 
-pub use dapple_core::{PilotPolicy, Stopping};
+pub use dapple_core::plan::{PilotPolicy, Stopping};
 
 pub use extrema::{Extrema, Extremes, FilmExtrema, contrast, deviation};
 pub use mitchell::{Mitchell, MitchellOptions};

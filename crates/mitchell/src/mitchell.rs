@@ -2,7 +2,9 @@
 
 use crate::extrema::{Extrema, NOTHING, contrast, windowed};
 use crate::two_rates::{Rates, Rule, TwoRates};
-use dapple_core::{Error, Film, Options as _, PilotPolicy, Retention, Stopping};
+use dapple_core::options::Options as _;
+use dapple_core::plan::{PilotPolicy, Retention, Stopping};
+use dapple_core::{Error, Film};
 
 dapple_core::options! {
     /// The parameters of [`Mitchell`], the contrast-adaptive sampler.

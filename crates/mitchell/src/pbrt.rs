@@ -2,7 +2,10 @@
 
 use crate::extrema::{Extrema, deviation};
 use crate::two_rates::{Rates, Rule, TwoRates};
-use dapple_core::{Error, Film, FirstHit, Needs, Options as _, PilotPolicy, Retention, Stopping, luminance};
+use dapple_core::film::luminance;
+use dapple_core::options::Options as _;
+use dapple_core::plan::{PilotPolicy, Retention, Stopping};
+use dapple_core::{Error, Film, FirstHit, Needs};
 
 /// The test by which [`MitchellPbrt`] refines a pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

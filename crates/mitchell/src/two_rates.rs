@@ -1,10 +1,13 @@
 //! The part that Mitchell's and pbrt-v2's samplers share: a pilot, its retention, a ranking of pixels, and two rates.
 
 use crate::extrema::Extrema;
-use dapple_core::{
-    BudgetLeft, Error, Feedback, Film, Frame, Limits, Needs, Options, PilotPolicy, Plan, PointSet, Progress, Recorder,
-    Retention, Sampler, SamplerMemory, Stopping, allocate, mix, saturating_u32,
+use dapple_core::film::Recorder;
+use dapple_core::options::Options;
+use dapple_core::plan::{
+    BudgetLeft, Feedback, PilotPolicy, Plan, Progress, Retention, SamplerMemory, Stopping, allocate, saturating_u32,
 };
+use dapple_core::point_set::mix;
+use dapple_core::{Error, Film, Frame, Limits, Needs, PointSet, Sampler};
 use std::sync::Arc;
 
 const NOT_OURS: Error = Error::BadSnapshot { what: "they do not hold the state of a sampler of two rates" };

@@ -3,7 +3,9 @@
 use crate::images::{Inputs, padded};
 use crate::library::{Images, MEMORY_LIMIT_MB};
 use crate::{Library, RunError};
-use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs, Options as _};
+use dapple_core::filter::{FilterMemory, ImagePlanes};
+use dapple_core::options::Options as _;
+use dapple_core::{Error, Film, Filter, Filtered, Frame, Needs};
 use std::ffi::CStr;
 
 dapple_core::options! {

@@ -1,6 +1,7 @@
 //! From a film to the images that OIDN reads, and back.
 
-use dapple_core::{Film, Filtered, luminance};
+use dapple_core::film::luminance;
+use dapple_core::{Film, Filtered};
 
 /// The least width and height of an image for OIDN. Below 16 pixels OIDN darkens constants: one pixel to 0.18.
 const LEAST_SIDE: usize = 32;

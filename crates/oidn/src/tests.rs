@@ -4,7 +4,9 @@
 
 use crate::library::Images;
 use crate::{Both, Library, LoadError, Oidn, OidnOptions, RunError, VARIABLE};
-use dapple_core::{Error, Estimate, Film, Filter, Frame, ImagePlanes, Needs, Options as _, Unfiltered};
+use dapple_core::filter::ImagePlanes;
+use dapple_core::options::Options as _;
+use dapple_core::{Error, Estimate, Film, Filter, Frame, Needs, Unfiltered};
 use dapple_denoise::Gaussian;
 use std::ffi::OsStr;
 use std::path::Path;
@@ -222,8 +224,8 @@ impl Filter for Heavy {
         "heavy"
     }
 
-    fn memory(&self, frame: &Frame, _: &Needs) -> dapple_core::FilterMemory {
-        dapple_core::FilterMemory::new(frame, 0, ImagePlanes::Radiance).at_least(u64::MAX)
+    fn memory(&self, frame: &Frame, _: &Needs) -> dapple_core::filter::FilterMemory {
+        dapple_core::filter::FilterMemory::new(frame, 0, ImagePlanes::Radiance).at_least(u64::MAX)
     }
 
     fn apply(&self, film: &Film) -> Result<dapple_core::Filtered, Error> {

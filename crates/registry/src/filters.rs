@@ -8,7 +8,8 @@ use dapple_classics::{
     Nfor, NforOptions, NlmLoopFilter, NlmLoopFilterOptions, SplatOptions, StagedOptions, SureFilter, SureFilterOptions,
     TlfrOptions, TreeMeanOptions, Wavelet, WaveletOptions, Welch, WelchOptions,
 };
-use dapple_core::{Filter, Options as _, Unfiltered};
+use dapple_core::options::Options as _;
+use dapple_core::{Filter, Unfiltered};
 use dapple_denoise::{
     Bilateral, BilateralOptions, ClusterGaussian, ClusterGaussianOptions, ClusterLookup, ClusterRegression,
     ClusterRegressionOptions, Gaussian, GaussianOptions, NlMeans, NlMeansOptions,

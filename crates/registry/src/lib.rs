@@ -10,7 +10,7 @@ mod points;
 mod samplers;
 
 pub use dapple_cluster_adaptive::ProbesHandle;
-pub use dapple_core::Parameter;
+pub use dapple_core::options::Parameter;
 pub use error::RegistryError;
 pub use filters::{FILTERS, MakeFilter, NOT_BUILT, best_filter, open_image_denoise};
 pub use inputs::{ClusterInputError, ClusterInputs, ClusterProbes, HostClusters, LensProbes, TraceLensProbe};

@@ -1,7 +1,7 @@
 //! Parsing of `NAME:key=value,…` against an entry's parameters.
 
 use crate::{Entry, Parameter, RegistryError};
-use dapple_core::{Options, nearest_name, parse_pairs};
+use dapple_core::options::{Options, nearest_name, parse_pairs};
 use std::str::FromStr;
 
 /// The parameter values of one entry: those given, and defaults for the others.
@@ -45,10 +45,10 @@ impl Parameters {
     ) -> Result<T, RegistryError> {
         let value = self.value(key);
         if value.contains(':') {
-            let inner = dapple_core::nested(value);
+            let inner = dapple_core::options::nested(value);
             return Err(self.refuse(format!("{key} = \"{value}\": write \"/\" for \":\" and \",\": {key}={inner}")));
         }
-        make(&dapple_core::unnested(value)).map_err(|error| match error {
+        make(&dapple_core::options::unnested(value)).map_err(|error| match error {
             RegistryError::Unknown { .. } | RegistryError::Parameter { .. } => {
                 self.refuse(format!("{key} = \"{value}\": {error}"))
             }

@@ -1,7 +1,8 @@
 //! The point sets.
 
 use crate::{Entry, Parameter, Parameters, RegistryError, Setting};
-use dapple_core::{Options as _, PointSet};
+use dapple_core::PointSet;
+use dapple_core::options::Options as _;
 use dapple_low_discrepancy::{
     BlueNoise, BlueNoiseKeys, Diffused, Halton, Lattice, LowDiscrepancy, Mitchell1991, Pmj02, Random, Sobol,
     Stratified, ZSobol,

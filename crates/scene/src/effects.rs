@@ -8,7 +8,7 @@ mod surfaces;
 mod visible;
 
 use crate::{Material, Scene, Source};
-use dapple_core::nearest_name;
+use dapple_core::options::nearest_name;
 use std::fmt;
 use std::str::FromStr;
 use visible::Visible;

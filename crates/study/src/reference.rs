@@ -3,7 +3,7 @@
 use crate::record::safe_file_name;
 use crate::scene::{Order, Subject, name_of, shoot};
 use crate::{ImageErrors, Method, Plan, ReferenceRecord, ScenePlan, StudyError};
-use dapple_core::{Control, Status};
+use dapple_core::render::{Control, Status};
 use dapple_job::ContentHash;
 use dapple_metrics::{METRICS, Measurement, Metric, MetricsError, Pixels, RELATIVE_EPSILON, downsample};
 use dapple_scene::image::{

@@ -3,7 +3,7 @@
 use crate::reference::ReferenceImage;
 use crate::scene::{Order, Shared, Subject, View, shoot};
 use crate::{External, Method, Run, RunBudget, StudyError};
-use dapple_core::NoMonitor;
+use dapple_core::render::NoMonitor;
 use dapple_job::output::sample_map;
 use dapple_scene::image::{Image, Layer, encode_exr, write_file};
 use serde::{Deserialize, Serialize};

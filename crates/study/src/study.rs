@@ -8,7 +8,7 @@ use crate::reference::{ReferenceImage, ReferenceSource, load_or_render, plan_ref
 use crate::runner::{RunRequest, Runner};
 use crate::scene::{Subject, View, name_of};
 use crate::{Manifest, Method, Plan, PlanError, Run, RunBudget, ScenePlan, SceneRecord, StudyError};
-use dapple_core::Control;
+use dapple_core::render::Control;
 use dapple_scene::image::write_file;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -45,7 +45,7 @@ pub struct StudyProgress<'a> {
 /// `()` is a monitor that ignores everything.
 ///
 /// ```
-/// use dapple_core::Control;
+/// use dapple_core::render::Control;
 /// use dapple_study::{StudyMonitor, StudyProgress};
 /// struct StopAfter(usize);
 /// impl StudyMonitor for StopAfter {

@@ -5,7 +5,8 @@ mod vertex;
 mod walk;
 mod weights;
 
-use dapple_core::{Draws, Estimate, Integrator, Needs, Options as _, Worker};
+use dapple_core::options::Options as _;
+use dapple_core::{Draws, Estimate, Integrator, Needs, Worker};
 use dapple_renderer::{MakeError, World};
 use glam::{Vec2, Vec3};
 use vertex::Vertex;

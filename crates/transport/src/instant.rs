@@ -5,7 +5,9 @@
 //! traces on what the bound took [after Kollig and Keller 2004], so that no light is lost.
 
 use crate::walk::{Arrival, Onwards, Sources, draws_of_half, is_rough, leaks, refuse, scattered_from, turned, visible};
-use dapple_core::{Draws, Frame, Integrator, Options as _, Pass, Prepared, Prepares, Worker};
+use dapple_core::integrator::{Pass, Prepared, Prepares};
+use dapple_core::options::Options as _;
+use dapple_core::{Draws, Frame, Integrator, Worker};
 use dapple_geometry::SurfacePoint;
 use dapple_renderer::light::Target;
 use dapple_renderer::shading::{Bsdf, ShadingFrame};

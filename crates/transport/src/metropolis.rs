@@ -4,9 +4,10 @@ mod chain;
 
 use crate::bdpt::{Bdpt, BdptOptions};
 use chain::{Chains, Deposit, Target};
-use dapple_core::{
-    Block, Draws, Estimate, Frame, Integrator, Options as _, Pass, Prepared, Prepares, Worker, mix, parallel,
-};
+use dapple_core::integrator::{Pass, Prepared, Prepares};
+use dapple_core::options::Options as _;
+use dapple_core::point_set::mix;
+use dapple_core::{Block, Draws, Estimate, Frame, Integrator, Worker, parallel};
 use dapple_renderer::{MakeError, World};
 use glam::Vec3;
 

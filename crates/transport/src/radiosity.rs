@@ -5,7 +5,9 @@
 
 use crate::patches::{Division, Patches};
 use crate::walk::{Arrival, MOST_TURNED, Onwards, Sources, draws_of_half, emitted, refuse, turned};
-use dapple_core::{Draws, Frame, Integrator, Options as _, Pass, Prepared, Prepares, Worker};
+use dapple_core::integrator::{Pass, Prepared, Prepares};
+use dapple_core::options::Options as _;
+use dapple_core::{Draws, Frame, Integrator, Worker};
 use dapple_renderer::shading::Bsdf;
 use dapple_renderer::{GatherPoint, MakeError, VertexLight, World, path_tracer_with};
 use dapple_scene::Effect;

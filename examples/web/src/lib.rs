@@ -7,7 +7,8 @@
 
 mod host;
 
-use dapple::core::{Unfiltered, mix, samplers::Uniform};
+use dapple::core::point_set::mix;
+use dapple::core::{Unfiltered, samplers::Uniform};
 use dapple::{Error, Filtered, Frame, Limits, Session};
 pub use host::SIZE;
 use std::cell::RefCell;

@@ -1,6 +1,7 @@
 //! Counts by brightness.
 
-use dapple_core::{Error, Feedback, Frame, Limits, Needs, Plan, PointSet, Progress, Sampler, SamplerMemory, allocate};
+use dapple_core::plan::{Feedback, Plan, Progress, SamplerMemory, allocate};
+use dapple_core::{Error, Frame, Limits, Needs, PointSet, Sampler};
 
 /// Counts in proportion to the root of a pilot's brightness.
 ///

@@ -5,10 +5,8 @@ use crate::support::*;
 use dapple_adaptive::{Adaptive, AdaptiveOptions, PilotPolicy, PoolShape, VarianceOptions};
 use dapple_conformance::statistics::{Bernoulli, FAMILY, Mean, Naive, Verdict, critical, image_mean, kept, power};
 use dapple_conformance::toys::{Field, Independent, Planned};
-use dapple_core::{
-    Block, Draws, Estimate, Feedback, Integrator, Limits, Needs, Plan, Progress, Render, Retention, Sampler,
-    SurfaceFeatures, Worker,
-};
+use dapple_core::plan::{Feedback, Plan, Progress, Retention};
+use dapple_core::{Block, Draws, Estimate, Integrator, Limits, Needs, Render, Sampler, SurfaceFeatures, Worker};
 use dapple_low_discrepancy::Random;
 
 const P: f32 = 0.1;
@@ -229,7 +227,7 @@ fn crossing_with_weights_by_count_is_caught_a01() {
         let needs = inner.needs();
         let plan = move |seen: &Feedback<'_>, plan: &mut Plan| {
             let progress = inner.next_round(seen, plan).unwrap();
-            plan.combine = dapple_core::Combine::ByCount;
+            plan.combine = dapple_core::plan::Combine::ByCount;
             progress
         };
         Planned { points: Independent::new(400 + seed), needs, plan }

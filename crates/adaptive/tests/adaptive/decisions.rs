@@ -5,9 +5,9 @@ use dapple_adaptive::{
     Adaptive, AdaptiveOptions, ErrorMap, PilotPolicy, PoolShape, Pooling, Sources, VarianceOptions, relative_variance,
 };
 use dapple_conformance::toys::Field;
-use dapple_core::{
-    Error, Estimate, Film, HostNumbers, Limits, Needs, Options as _, PointSet, RgbMoments, SampleId, Sampler,
-};
+use dapple_core::film::RgbMoments;
+use dapple_core::options::Options as _;
+use dapple_core::{Error, Estimate, Film, HostNumbers, Limits, Needs, PointSet, SampleId, Sampler};
 use dapple_low_discrepancy::{Random, Sobol};
 
 const SIDE: usize = 48;

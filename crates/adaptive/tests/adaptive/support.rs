@@ -1,9 +1,8 @@
 //! Options, films and renders of the tests.
 
 use dapple_adaptive::{Adaptive, AdaptiveOptions, PilotPolicy, VarianceOptions};
-use dapple_core::{
-    BudgetLeft, Error, Estimate, Feedback, Film, Frame, Integrator, Limits, Needs, Plan, Render, Sampler,
-};
+use dapple_core::plan::{BudgetLeft, Feedback, Plan};
+use dapple_core::{Error, Estimate, Film, Frame, Integrator, Limits, Needs, Render, Sampler};
 use dapple_low_discrepancy::Random;
 
 /// Options for images that are compared without a denoiser. Kept samples decide, which all pools and rounds allow.

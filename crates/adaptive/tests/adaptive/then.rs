@@ -4,11 +4,14 @@ use crate::support::frame;
 use dapple_adaptive::{Adaptive, AdaptiveOptions, Cycles, CyclesOptions, Then};
 use dapple_conformance::toys::{Field, Independent, Planned};
 use dapple_conformance::{bits, sampler, threshold_sampler};
+use dapple_core::film::RgbMoments;
+use dapple_core::limits::Schedule;
+use dapple_core::options::{nested, unnested};
+use dapple_core::plan::{BudgetLeft, Feedback, PilotPolicy, Plan, Progress, Retention, Stopping};
+use dapple_core::point_set::streams;
+use dapple_core::render::{Control, Status};
 use dapple_core::samplers::Uniform;
-use dapple_core::{
-    BudgetLeft, Control, Error, Feedback, Film, Limits, Needs, PilotPolicy, Plan, PointSet, Progress, Render,
-    Retention, RgbMoments, SampleId, Sampler, Schedule, Snapshot, Status, Stopping, nested, streams, unnested,
-};
+use dapple_core::{Error, Film, Limits, Needs, PointSet, Render, SampleId, Sampler, Snapshot};
 
 /// Grey noise whose spread grows to the right.
 fn noise([x, _]: [u32; 2], u: [f32; 4]) -> [f32; 3] {

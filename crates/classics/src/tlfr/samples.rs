@@ -3,7 +3,8 @@
 
 use crate::recorders::FilmSamples;
 use crate::{Defocus, Domain, FilmPoints, Role};
-use dapple_core::{Trajectory, mix};
+use dapple_core::integrator::Trajectory;
+use dapple_core::point_set::mix;
 
 /// The least depth, relative to a sample's own, at which its motion may start and end. Samples that come nearer to the
 /// camera are taken as being at rest.

@@ -3,7 +3,7 @@
 use crate::support::{domain, film_points, random, sobol};
 use Role::{Lens, Time};
 use dapple_classics::*;
-use dapple_core::Options;
+use dapple_core::options::Options;
 use dapple_denoise::Gaussian;
 
 /// Declares tests: the check of `dapple_conformance`, the name of the test, and the method.

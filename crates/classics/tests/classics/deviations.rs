@@ -6,7 +6,8 @@ use dapple_classics::{
     VarianceThresholdOptions,
 };
 use dapple_conformance::statistics::{Bernoulli, normal_tail, student_tail};
-use dapple_core::{BudgetLeft, Estimate, Feedback, Film, Limits, Plan, Sampler as _, Stopping};
+use dapple_core::plan::{BudgetLeft, Feedback, Plan, Stopping};
+use dapple_core::{Estimate, Film, Limits, Sampler as _};
 
 fn with(options: VarianceThresholdOptions, seed: u64) -> VarianceThreshold<Points> {
     VarianceThreshold::with_options(random(seed), options).unwrap()

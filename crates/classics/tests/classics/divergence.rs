@@ -2,9 +2,9 @@
 
 use crate::support::{Field, VARIANCE, frame, mean_of_columns, random, run};
 use dapple_classics::{Divergence, DivergenceOptions, SamplingMethod as _};
-use dapple_core::{
-    BudgetLeft, Error, Estimate, Feedback, Film, FirstHit, Limits, Needs, Options as _, Plan, Sampler as _, Stopping,
-};
+use dapple_core::options::Options as _;
+use dapple_core::plan::{BudgetLeft, Feedback, Plan, Stopping};
+use dapple_core::{Error, Estimate, Film, FirstHit, Limits, Needs, Sampler as _};
 
 fn options(values: &str) -> DivergenceOptions {
     DivergenceOptions::parse(values).unwrap()

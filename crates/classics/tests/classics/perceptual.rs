@@ -2,7 +2,8 @@
 
 use crate::support::{ANY, VARIANCE, next_counts, noisy_film, normal, sobol};
 use dapple_classics::{Perceptual, PerceptualOptions, SamplingMethod as _};
-use dapple_core::{BudgetLeft, Feedback, Film, Plan, Stopping};
+use dapple_core::Film;
+use dapple_core::plan::{BudgetLeft, Feedback, Plan, Stopping};
 
 /// The next counts of pixels whose visible difference exceeds the threshold.
 fn planned(film: &Film, options: PerceptualOptions) -> Vec<u32> {

@@ -2,7 +2,8 @@
 
 use crate::support::{Points, frame, random};
 use dapple_classics::{Axis, Domain, FilmPoints, Placed, PlacedHandle, Role};
-use dapple_core::{Error, Frame, PointSet as _, SampleId, mix, streams};
+use dapple_core::point_set::{mix, streams};
+use dapple_core::{Error, Frame, PointSet as _, SampleId};
 
 fn domain() -> Domain {
     let axes = [(Role::Place, 0, 0), (Role::Place, 0, 1), (Role::Lens, 0, 3), (Role::Time, 9, 2)];

@@ -3,10 +3,11 @@
 use crate::recorders::{SampleSums, Singles, ThirdMoments};
 use crate::support::{Traced, frame, random};
 use crate::windows::{convolve, gaussian_taps, window_sums};
+use dapple_core::film::Recorder;
+use dapple_core::integrator::Trajectory;
+use dapple_core::point_set::mix;
 use dapple_core::samplers::Uniform;
-use dapple_core::{
-    Block, Draws, Error, Estimate, Film, Limits, Needs, PointSet as _, Recorder, Render, Trajectory, Worker, mix,
-};
+use dapple_core::{Block, Draws, Error, Estimate, Film, Limits, Needs, PointSet as _, Render, Worker};
 use std::sync::Arc;
 
 const KINDS: [SampleSums; 3] = [SampleSums::Logs, SampleSums::Roots, SampleSums::RootMoments];

@@ -4,9 +4,10 @@ use crate::recorders::Singles;
 use dapple_classics::{Axis, Domain, FilmPoints, PlacedHandle, Role};
 use dapple_conformance::toys;
 pub(crate) use dapple_conformance::toys::{Field, Traced};
+use dapple_core::plan::{BudgetLeft, Feedback, Plan, Progress};
+use dapple_core::point_set::mix;
 use dapple_core::{
-    Block, BudgetLeft, Draws, Estimate, Feedback, Film, Filter, Frame, Integrator, Limits, Needs, Plan, PointSet,
-    Progress, Render, SampleId, Sampler, Worker, mix,
+    Block, Draws, Estimate, Film, Filter, Frame, Integrator, Limits, Needs, PointSet, Render, SampleId, Sampler, Worker,
 };
 use dapple_low_discrepancy::{Random, Sobol};
 use std::sync::Arc;

@@ -4,10 +4,9 @@ use crate::recorders::Singles;
 use crate::samples::{At, Axes, Near, Sample, Seen, Tree, covers, divide, join_small, on_disk, radius, surrounds};
 use crate::support::{Traced, domain, film_points, frame, image, sobol as net, unit};
 use dapple_classics::{Defocus, FilmPoints, Role, Tlfr, TlfrOptions};
+use dapple_core::integrator::Trajectory;
 use dapple_core::samplers::Uniform;
-use dapple_core::{
-    Block, Draws, Error, Estimate, Film, Filter as _, Limits, PointSet as _, Render, SampleId, Trajectory, Worker,
-};
+use dapple_core::{Block, Draws, Error, Estimate, Film, Filter as _, Limits, PointSet as _, Render, SampleId, Worker};
 
 /// A plane parallel to the image. Its points are named by their place in the image at the opening of the shutter, seen
 /// through the lens' centre. The depth is then 1.

@@ -5,7 +5,8 @@ use dapple_cluster_adaptive::{
     ClusterSize, ClusterThesis, ClusterThesisOptions, Placement, ProbeHit, ProbeRay, ProbeSource, Probes, probe,
 };
 use dapple_clustering::Cluster;
-use dapple_core::{Error, Film, Frame, Plan, Progress, Sampler};
+use dapple_core::plan::{Plan, Progress};
+use dapple_core::{Error, Film, Frame, Sampler};
 use dapple_low_discrepancy::Random;
 
 /// A cluster that fills this box, facing z.
@@ -73,9 +74,9 @@ pub const LOOK: [[f32; 4]; 4] =
 /// The counts of a first round, by the rules of the render loop.
 pub fn first_counts(sampler: &mut dyn Sampler, frame: Frame, total: u64, bounds: [u32; 2]) -> Result<Vec<u32>, Error> {
     let film = Film::new(frame, sampler.needs());
-    let budget = dapple_core::BudgetLeft::new(total).with_min_spp(bounds[0]).with_max_spp(bounds[1]);
+    let budget = dapple_core::plan::BudgetLeft::new(total).with_min_spp(bounds[0]).with_max_spp(bounds[1]);
     let mut plan = Plan::empty(frame.pixels());
-    match sampler.next_round(&dapple_core::Feedback::new(0, &film, budget), &mut plan)? {
+    match sampler.next_round(&dapple_core::plan::Feedback::new(0, &film, budget), &mut plan)? {
         Progress::Trace => Ok(plan.counts),
         Progress::Done => Ok(vec![0; frame.pixels()]),
     }

@@ -2,10 +2,8 @@
 
 use super::levels::{adjusted, gamma_q};
 use super::{Mean, MeanTest};
-use dapple_core::{
-    Block, Draws, Error, Estimate, Feedback, Film, Integrator, Needs, Plan, PointSet, Progress, Retention, Sampler,
-    Worker,
-};
+use dapple_core::plan::{Feedback, Plan, Progress, Retention};
+use dapple_core::{Block, Draws, Error, Estimate, Film, Integrator, Needs, PointSet, Sampler, Worker};
 
 /// The side of a block in pixels. Means over a block are nearly normal.
 const BLOCK: usize = 8;

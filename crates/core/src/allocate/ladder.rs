@@ -6,7 +6,7 @@ use crate::{Error, Needs};
 /// The ladder: sample counts 1, 2, 3, 4, 6, 8, 12, 16, 24, …, at which low-discrepancy points are well distributed.
 ///
 /// ```
-/// use dapple_core::Ladder;
+/// use dapple_core::plan::Ladder;
 ///
 /// assert_eq!(Ladder::Whole.next(8), 12);
 /// assert_eq!(Ladder::Whole.floor(11), 8);

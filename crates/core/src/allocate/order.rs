@@ -1,7 +1,7 @@
 //! Steps in the order of their gain, and the division of the last samples among them.
 
 use super::{Demand, Steps};
-use crate::mix;
+use crate::point_set::mix;
 use std::cmp::Ordering;
 
 /// A step of a pixel: from `count` to the next count.

@@ -2,7 +2,7 @@
 
 use super::{Allocation, Range, level};
 use crate::Error;
-use crate::mix;
+use crate::point_set::mix;
 use rayon::prelude::*;
 use std::cmp::Ordering;
 
@@ -21,7 +21,7 @@ const MOST_ROUNDS: u32 = 64;
 /// The factor is common to all pixels, and such that the counts sum to `total`. Fractions are rounded by largest
 /// remainder. Ties go to the larger weight, then by a hash of the pixel's index.
 ///
-/// [`allocate`](crate::allocate()) takes squared errors and returns counts proportional to their root. This function
+/// [`allocate`](crate::plan::allocate()) takes squared errors and returns counts proportional to their root. This function
 /// takes the proportions of the counts themselves, for samplers that compute priorities rather than variances. Counts
 /// depend on the weights alone: permuted weights give permuted counts, except among equal ones.
 ///
@@ -30,7 +30,7 @@ const MOST_ROUNDS: u32 = 64;
 /// equal shares. If `total` is less than `base` for every pixel, counts are as equal as the floors allow.
 ///
 /// ```
-/// let counts = dapple_core::share(&[1.0, 2.0, 3.0], 4, &[0; 3], 100, 72)?.counts;
+/// let counts = dapple_core::plan::share(&[1.0, 2.0, 3.0], 4, &[0; 3], 100, 72)?.counts;
 /// assert_eq!(counts, [14, 24, 34]);
 /// # Ok::<(), dapple_core::Error>(())
 /// ```

@@ -2,8 +2,10 @@
 
 use super::planes::{BesideRows, Half, HalfRows};
 use super::{FeatureMoments, Film, Rejected, RejectedReason};
+use crate::plan::Retention;
+use crate::point_set::streams;
 use crate::recorder::{RecordedSample, Recorder};
-use crate::{Estimate, FirstHit, Needs, Retention, SampleId, SurfaceFeatures, streams};
+use crate::{Estimate, FirstHit, Needs, SampleId, SurfaceFeatures};
 use std::sync::Arc;
 
 /// Relative luminance of a linear colour with Rec. 709 primaries [ITU-R BT.709].

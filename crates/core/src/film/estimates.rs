@@ -1,7 +1,7 @@
 //! Means whose emission is refined by samples of features alone, and error estimates from the halves.
 
 use super::Film;
-use crate::RgbMoments;
+use crate::film::RgbMoments;
 use serde::{Deserialize, Serialize};
 
 /// The mean emission of a pixel's samples of features alone, in two parts of independent samples, and their numbers.

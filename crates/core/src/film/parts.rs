@@ -2,8 +2,11 @@
 
 use super::planes::Window;
 use super::{Beside, FeatureMoments, Features, Film, Rejected};
+use crate::film::{Record, RgbMoments};
 use crate::macros::setters;
-use crate::{Combine, Error, FirstHit, Frame, Needs, Record, Retention, RgbMoments, SurfaceFeatures, streams};
+use crate::plan::{Combine, Retention};
+use crate::point_set::streams;
+use crate::{Error, FirstHit, Frame, Needs, SurfaceFeatures};
 use std::ops::Range;
 
 impl Film {
@@ -207,7 +210,8 @@ impl Film {
     /// read it as they read the film of a render. `dapple_denoise::denoise` makes such films from image buffers.
     ///
     /// ```
-    /// use dapple_core::{Film, Frame, PixelStatistics, RgbMoments};
+    /// use dapple_core::{Film, Frame};
+    /// use dapple_core::film::{PixelStatistics, RgbMoments};
     ///
     /// // Two halves of 4 samples each; the sample variance is 0.01.
     /// let half = |value| RgbMoments::new(4, [value; 3], [0.01; 3]);

@@ -1,7 +1,8 @@
 //! The planes of a film, each declared once: needs, parts, checkpoints and bytes per pixel follow from the declaration.
 
 use super::FeatureMoments;
-use crate::{FirstHit, Frame, Needs, RgbMoments};
+use crate::film::RgbMoments;
+use crate::{FirstHit, Frame, Needs};
 use serde::{Deserialize, Serialize};
 
 /// The statistics that decide which planes a film has, and how many values a pixel has in each.

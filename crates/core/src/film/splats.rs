@@ -1,6 +1,7 @@
 //! Splats: light that samples add to pixels other than their own.
 
-use crate::{Frame, RejectedReason};
+use crate::Frame;
+use crate::film::RejectedReason;
 use serde::{Deserialize, Serialize};
 
 /// The unit of the sums: 2^-64.

@@ -2,7 +2,9 @@
 
 use super::feature_samples::Turn;
 use super::filtered_error::Prediction;
-use crate::{Budget, BudgetLeft, Clock, Error, Film, Filter, Frame, Limits, Needs};
+use crate::limits::Budget;
+use crate::plan::BudgetLeft;
+use crate::{Clock, Error, Film, Filter, Frame, Limits, Needs};
 use std::ops::Range;
 
 /// Computes the sample budget of each plan from the user's budget, and extends it when it is spent.

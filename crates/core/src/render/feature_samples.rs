@@ -6,7 +6,9 @@
 //! So does the emission of lamps seen directly: at their edges, more samples of it alone take most of the noise away.
 
 use crate::film::{FeatureMoments, record_first_hit};
-use crate::{Draws, Estimate, Needs, PointSet, Retention, SampleId, streams};
+use crate::plan::Retention;
+use crate::point_set::streams;
+use crate::{Draws, Estimate, Needs, PointSet, SampleId};
 
 /// The largest number of samples of features alone in a pixel.
 const MOST: u64 = 16;

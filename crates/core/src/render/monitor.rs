@@ -47,7 +47,7 @@ pub enum Control {
 /// A closure `FnMut(&Status) -> Control` is a monitor too.
 ///
 /// ```
-/// use dapple_core::{Control, Monitor, Status};
+/// use dapple_core::render::{Control, Monitor, Status};
 ///
 /// /// Stops after a minute.
 /// struct Minute;

@@ -2,7 +2,8 @@
 
 use super::state::{Cursor, OpenRound};
 use super::turns::{Order, Turns};
-use crate::{BudgetLeft, Error, Film, Plan, Retention, Sampler};
+use crate::plan::{BudgetLeft, Plan, Retention};
+use crate::{Error, Film, Sampler};
 
 /// Applies a plan's withdrawals and discarding to the film, and returns the round to trace.
 pub(super) fn begin(plan: Plan, film: &mut Film, plan_seconds: f64) -> OpenRound {

@@ -1,6 +1,7 @@
 //! Detection of hosts that draw the same random numbers in every part of a round.
 
-use crate::{Frame, mix};
+use crate::Frame;
+use crate::point_set::mix;
 use std::collections::BTreeMap;
 
 /// The number of first samples of a pixel that are kept of each part.

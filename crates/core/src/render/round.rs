@@ -4,12 +4,14 @@ use super::feature_samples::{self, Turn};
 use super::state::{Cursor, OpenRound, State, Stopped};
 use super::turns::{Order, Tally, Turns, streams_of};
 use super::{Monitor, Session};
+use crate::film::Rejected;
 use crate::film::Strip;
 use crate::integrator::TrainingSum;
-use crate::{
-    Clock, Control, Draws, Error, Film, Integrator, InvalidSample, Limits, Needs, Pass, Plan, PointSet, Prepares,
-    Rejected, Retention, SampleId, TrainingData, Worker, mix, streams,
-};
+use crate::integrator::{Pass, Prepares, TrainingData};
+use crate::plan::{Plan, Retention};
+use crate::point_set::{mix, streams};
+use crate::render::Control;
+use crate::{Clock, Draws, Error, Film, Integrator, InvalidSample, Limits, Needs, PointSet, SampleId, Worker};
 use rayon::prelude::*;
 use std::any::Any;
 use std::cell::Cell;

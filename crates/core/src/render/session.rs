@@ -9,11 +9,10 @@ use super::pull::Round;
 use super::repeats::Repeats;
 use super::state::{OpenRound, State, Stopped};
 use super::unreached::image_of;
+use crate::film::{Recorder, RoundRecord};
+use crate::plan::{Feedback, Plan, Progress, Retention};
 use crate::snapshot::{Planner, View};
-use crate::{
-    Clock, Error, Feedback, Film, Filter, Filtered, Frame, Integrator, Limits, Needs, Plan, Progress, Recorder,
-    Retention, RoundRecord, Sampler, Snapshot, Unfiltered,
-};
+use crate::{Clock, Error, Film, Filter, Filtered, Frame, Integrator, Limits, Needs, Sampler, Snapshot, Unfiltered};
 use std::sync::Arc;
 
 /// A render whose loop belongs to the caller: it asks for rounds, traces their samples where and how it likes, and gives
@@ -212,7 +211,7 @@ impl<'a> Session<'a> {
         Self { tile_side: side.max(1), ..self }
     }
 
-    /// Sets the clock by which [`Limits::seconds`] and the seconds of the film's [`Record`](crate::Record) are measured. Without it, a
+    /// Sets the clock by which [`Limits::seconds`] and the seconds of the film's [`Record`](crate::film::Record) are measured. Without it, a
     /// limit of time takes [`Clock::of_machine`], and other limits never ask for the time: the record's seconds are 0.
     #[must_use]
     pub fn with_clock(self, clock: Clock) -> Self {

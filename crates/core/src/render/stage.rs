@@ -7,9 +7,10 @@ use super::repeats::Repeats;
 use super::round::{BLOCK, learn, pass_length, trace};
 use super::state::{Cursor, OpenRound, Stage, State, Stopped};
 use super::{Methods, Monitor, NoMonitor, Render, Session};
+use crate::film::Record;
 use crate::film::keep_first;
 use crate::snapshot::View;
-use crate::{Clock, Error, Film, Frame, Integrator, Record, Sampler, Snapshot};
+use crate::{Clock, Error, Film, Frame, Integrator, Sampler, Snapshot};
 use std::ops::Range;
 
 /// The training passes that an integrator has learned and the pass that it is prepared for, from one [`Render::trace_rows`]
@@ -287,9 +288,9 @@ fn samples_in(film: &Film, rows: Frame) -> u64 {
 impl Film {
     /// The rows of a window as a film of their own, with the record of a render that begins there.
     fn rows_of(&self, frame: Frame) -> Self {
-        let mut film = self.part(frame, crate::Retention::Keep);
+        let mut film = self.part(frame, crate::plan::Retention::Keep);
         if film.discarded.is_empty() && !self.discarded.is_empty() {
-            film.discarded = self.part(frame, crate::Retention::Discard).discarded;
+            film.discarded = self.part(frame, crate::plan::Retention::Discard).discarded;
         }
         film.splats = self.splats.empty();
         film.record = Record { samples: samples_in(&film, frame), passes: self.record.passes, ..Record::default() };

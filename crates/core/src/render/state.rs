@@ -2,7 +2,9 @@
 
 use super::filtered_error::FilteredError;
 use super::repeats::Repeats;
-use crate::{Film, Frame, Plan, TrainingData, TrainingSum};
+use crate::integrator::{TrainingData, TrainingSum};
+use crate::plan::Plan;
+use crate::{Film, Frame};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 

@@ -1,6 +1,7 @@
 //! Counts that spend a budget exactly and best.
 
-use dapple_core::{Allocation, Error, Ladder, allocate};
+use dapple_core::Error;
+use dapple_core::plan::{Allocation, Ladder, allocate};
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;

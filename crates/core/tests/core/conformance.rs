@@ -2,8 +2,9 @@
 
 use crate::common::{Independent, Made, Planned, Points, mix};
 use dapple_conformance as conformance;
+use dapple_core::plan::{Feedback, Plan, Progress, Retention};
 use dapple_core::samplers::Uniform;
-use dapple_core::{Feedback, Film, Filter, Filtered, Needs, Plan, Progress, Retention, Sampler, Unfiltered};
+use dapple_core::{Film, Filter, Filtered, Needs, Sampler, Unfiltered};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU32, Ordering};
 

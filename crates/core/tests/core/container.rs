@@ -7,9 +7,8 @@ use crate::common::{
 use crate::recorder::reds;
 use dapple_adaptive::Adaptive;
 use dapple_core::container::{Fault, append, begin, sections};
-use dapple_core::{
-    Control, Draws, Error, Estimate, Film, Frame, Integrator, Limits, Needs, Render, Sampler, Snapshot, Status, Worker,
-};
+use dapple_core::render::{Control, Status};
+use dapple_core::{Draws, Error, Estimate, Film, Frame, Integrator, Limits, Needs, Render, Sampler, Snapshot, Worker};
 use proptest::prelude::*;
 use std::time::{Duration, Instant};
 

@@ -3,10 +3,14 @@
 use crate::common::*;
 use dapple_adaptive::{Adaptive, PilotPolicy, Then, VarianceOptions};
 use dapple_conformance::toys::raised;
+use dapple_core::integrator::TrainingData;
+use dapple_core::limits::{Budget, Schedule};
+use dapple_core::plan::{Feedback, Plan, Progress, Retention};
+use dapple_core::point_set::streams;
+use dapple_core::render::{Control, Status};
 use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Budget, Control, Draws, Error, Estimate, Feedback, Film, Frame, Integrator, Limits, Needs, Plan, PointSet as _,
-    Progress, Render, Retention, Sampler, Schedule, Status, TrainingData, Worker, streams,
+    Draws, Error, Estimate, Film, Frame, Integrator, Limits, Needs, PointSet as _, Render, Sampler, Worker,
 };
 use std::sync::Mutex;
 use std::time::Instant;

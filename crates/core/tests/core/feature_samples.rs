@@ -1,10 +1,12 @@
 //! Samples of features alone, halves of films as films, and features per half.
 
 use crate::common::{Independent, Planned, Points, Traced, everything, frame, numbers, on_threads, run, uniform};
+use dapple_core::plan::{Combine, Feedback, Plan, Progress, Retention};
+use dapple_core::point_set::streams;
 use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Block, Combine, Draws, Error, Estimate, Feedback, Film, FirstHit, Integrator, Limits, Methods, Needs, Plan,
-    PointSet, Progress, Render, Retention, SampleId, Sampler, Session, SurfaceFeatures, Worker, streams,
+    Block, Draws, Error, Estimate, Film, FirstHit, Integrator, Limits, Methods, Needs, PointSet, Render, SampleId,
+    Sampler, Session, SurfaceFeatures, Worker,
 };
 
 const PLACE: Block = Block::new(0);

@@ -2,10 +2,12 @@
 //! do not spread.
 
 use crate::common::*;
+use dapple_core::film::{Moments, PixelStatistics, RejectedReason, RgbMoments};
+use dapple_core::point_set::streams;
 use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Draws, Error, Estimate, Film, FirstHit, Frame, InvalidSample, Limits, Moments, Needs, PixelStatistics, PointSet,
-    RejectedReason, RgbMoments, SampleId, SurfaceFeatures, Worker, streams,
+    Draws, Error, Estimate, Film, FirstHit, Frame, InvalidSample, Limits, Needs, PointSet, SampleId, SurfaceFeatures,
+    Worker,
 };
 use rand::RngExt;
 

@@ -1,7 +1,8 @@
 //! Errors that a film predicts of itself, and its size.
 
 use crate::common::{Field, Independent, Planned, frame, run};
-use dapple_core::{Combine, Feedback, Film, Frame, Limits, Needs, Plan, Progress};
+use dapple_core::plan::{Combine, Feedback, Plan, Progress};
+use dapple_core::{Film, Frame, Limits, Needs};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 

@@ -1,7 +1,9 @@
 //! Limits of error and of time.
 
 use crate::common::*;
-use dapple_core::{Control, Error, Film, Filter, Filtered, Limits, Monitor, Needs, Render, Schedule, Status};
+use dapple_core::limits::Schedule;
+use dapple_core::render::{Control, Monitor, Status};
+use dapple_core::{Error, Film, Filter, Filtered, Limits, Needs, Render};
 
 const SIZE: u32 = 48;
 const GOAL: f64 = 0.0004;

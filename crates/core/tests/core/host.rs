@@ -1,7 +1,8 @@
 //! Sessions for hosts with clocks, generators and viewers of their own.
 
 use crate::common::*;
-use dapple_core::{Block, Clock, Draws, Error, Film, Limits, Session, mix};
+use dapple_core::point_set::mix;
+use dapple_core::{Block, Clock, Draws, Error, Film, Limits, Session};
 use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};

@@ -1,6 +1,6 @@
 //! Running means and variances.
 
-use dapple_core::{Moments, RgbMoments};
+use dapple_core::film::{Moments, RgbMoments};
 
 const VALUES: [f32; 7] = [3.0, -1.5, 0.25, 8.0, 1e3, 1e3 + 1.0, -7.0];
 

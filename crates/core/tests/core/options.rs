@@ -1,6 +1,6 @@
 //! Options of integrators, samplers and filters as text.
 
-use dapple_core::{Options as _, nearest_name, nested, unnested};
+use dapple_core::options::{Options as _, nearest_name, nested, unnested};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Shape {

@@ -2,10 +2,8 @@
 
 use crate::common::{Field, Independent, Keeper, bits, cut, frame, noise, numbers, on_threads, snapshot, uniform};
 use dapple_adaptive::Adaptive;
-use dapple_core::{
-    Block, Draws, Error, Estimate, Film, Integrator, Limits, Needs, Pass, Prepared, Prepares, Render, Sampler,
-    Snapshot, Worker,
-};
+use dapple_core::integrator::{Pass, Prepared, Prepares};
+use dapple_core::{Block, Draws, Error, Estimate, Film, Integrator, Limits, Needs, Render, Sampler, Snapshot, Worker};
 
 /// Prepares one number per pass, and adds it to noise.
 #[derive(Default)]

@@ -1,9 +1,12 @@
 //! Statistics that a method records for itself.
 
 use crate::common::*;
+use dapple_core::film::{RecordedSample, Recorder};
+use dapple_core::limits::Schedule;
+use dapple_core::plan::{Feedback, Plan, Progress, Retention};
 use dapple_core::{
-    Draws, Error, Feedback, Film, Filter, Filtered, Limits, Methods, Needs, Plan, PointSet, Progress, RecordedSample,
-    Recorder, Render, Retention, SampleId, Sampler, Schedule, Session, Unfiltered,
+    Draws, Error, Film, Filter, Filtered, Limits, Methods, Needs, PointSet, Render, SampleId, Sampler, Session,
+    Unfiltered,
 };
 use std::sync::Arc;
 

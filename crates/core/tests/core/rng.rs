@@ -1,7 +1,8 @@
 //! Numbers on demand: the cursor over a sample's random numbers, and the generator traits.
 
 use crate::common::{Independent, Points, frame, mix, uniform};
-use dapple_core::{Block, Draws, Limits, Needs, OwnedRng, PointSet, Rng, SampleId, Session, streams};
+use dapple_core::point_set::streams;
+use dapple_core::{Block, Draws, Limits, Needs, OwnedRng, PointSet, Rng, SampleId, Session};
 use rand::RngExt;
 use std::collections::HashSet;
 

@@ -2,10 +2,12 @@
 
 use crate::common::*;
 use dapple_adaptive::Adaptive;
+use dapple_core::limits::Schedule;
+use dapple_core::plan::{Feedback, Plan, Progress, Retention};
+use dapple_core::render::{Control, Status};
 use dapple_core::{
-    Block, Control, Draws, Error, Estimate, Feedback, Film, Filter as _, FirstHit, Integrator, InvalidSample, Limits,
-    Methods, Needs, Plan, Progress, Render, Retention, Round, Sampler, Schedule, Session, Snapshot, Status, Tile,
-    Unfiltered, Worker,
+    Block, Draws, Error, Estimate, Film, Filter as _, FirstHit, Integrator, InvalidSample, Limits, Methods, Needs,
+    Render, Round, Sampler, Session, Snapshot, Tile, Unfiltered, Worker,
 };
 
 /// Radiance, hits, emission, costs and now and then a bad sample, from the random numbers alone.

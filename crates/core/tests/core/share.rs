@@ -1,7 +1,8 @@
 //! Counts in proportion to weights.
 
 use crate::allocate::cases;
-use dapple_core::{Error, share};
+use dapple_core::Error;
+use dapple_core::plan::share;
 use rand::{RngExt, SeedableRng, seq::SliceRandom};
 
 fn rng(seed: u64) -> rand_pcg::Pcg64 {

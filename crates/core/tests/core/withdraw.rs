@@ -1,10 +1,10 @@
 //! Samples that are withdrawn from the image pixel by pixel: nothing is lost, nothing restarts.
 
 use crate::common::{self, Field, Independent, Planned, everything, frame, noise, numbers, on_threads, run};
-use dapple_core::{
-    Draws, Error, Estimate, Feedback, Film, FirstHit, Limits, Needs, Plan, Progress, Retention, RgbMoments, Sampler,
-    Worker, streams,
-};
+use dapple_core::film::RgbMoments;
+use dapple_core::plan::{Feedback, Plan, Progress, Retention};
+use dapple_core::point_set::streams;
+use dapple_core::{Draws, Error, Estimate, Film, FirstHit, Limits, Needs, Sampler, Worker};
 use std::sync::Mutex;
 
 /// One round: the same count for every pixel, its retention, and whether pixel 1 is withdrawn before.

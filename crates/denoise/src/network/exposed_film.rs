@@ -5,7 +5,8 @@ use crate::features::ln;
 use crate::light::Light;
 use crate::planes::{Colours, per_pixel, quantile, raised, sum_pixels, update};
 use crate::tile::exp_minus;
-use dapple_core::{Features, Film, Filtered, luminance};
+use dapple_core::film::{Features, luminance};
+use dapple_core::{Film, Filtered};
 
 /// The number of values per pixel.
 pub(super) const INPUTS: usize = 24;

@@ -2,7 +2,8 @@
 
 use super::exposed_film::ExposedFilm;
 use crate::planes::per_pixel;
-use dapple_core::{luminance, parallel};
+use dapple_core::film::luminance;
+use dapple_core::parallel;
 
 /// The side of a cell in pixels.
 const CELL: usize = 8;

@@ -1,6 +1,6 @@
 //! Buffers that hosts exchange, and images without a fault.
 
-use dapple_core::mix;
+use dapple_core::point_set::mix;
 use dapple_denoise::{Denoise, SampleBuffers, Variance, Warning, denoise, denoise_whole};
 
 const SIZE: [u32; 2] = [96, 64];

@@ -1,7 +1,7 @@
 //! The names that renderers give to layers, and the search for them.
 
 use super::DenoiseError;
-use dapple_core::nearest_name;
+use dapple_core::options::nearest_name;
 use dapple_scene::image::{Channels, Plane};
 use std::path::Path;
 

@@ -2,7 +2,8 @@
 
 use super::{Job, monitor};
 use crate::{BudgetSpec, JobError, Warning};
-use dapple_core::{Budget, Film, Filter, Filtered, Unfiltered};
+use dapple_core::limits::Budget;
+use dapple_core::{Film, Filter, Filtered, Unfiltered};
 use serde::Serialize;
 use std::time::Instant;
 

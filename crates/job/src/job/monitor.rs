@@ -1,7 +1,8 @@
 //! Observers of a job's run, and warnings about time limits that cannot be met.
 
 use crate::Warning;
-use dapple_core::{Control, Monitor, NoMonitor, Record, Status};
+use dapple_core::film::Record;
+use dapple_core::render::{Control, Monitor, NoMonitor, Status};
 
 /// An observer of a job's run.
 pub trait JobMonitor {

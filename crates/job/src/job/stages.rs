@@ -6,10 +6,9 @@ use super::{Checkpoints, Job, JobMonitor, Traced};
 use crate::checkpoint::{Identity, Kind, ROWS, StateFile};
 use crate::memory::MemoryEstimate;
 use crate::{JobError, RenderSpec, Shard};
-use dapple_core::{
-    Budget, Clock, Control, Error, Integrator, Methods, Monitor, Readiness, Render, Session, Snapshot, Stage, Status,
-    TracedRows, container,
-};
+use dapple_core::limits::Budget;
+use dapple_core::render::{Control, Monitor, Readiness, Stage, Status, TracedRows};
+use dapple_core::{Clock, Error, Integrator, Methods, Render, Session, Snapshot, container};
 use dapple_distributed::{Processes, coordinate, dismiss, rows_of_part, serve};
 use dapple_transport::make_integrator;
 use std::path::{Path, PathBuf};

@@ -2,7 +2,8 @@
 
 use super::layers::{coverage, depth, of_features};
 use crate::{BudgetSpec, Job, RenderedImage, pixel_filter};
-use dapple_core::{Combine, Film, Frame};
+use dapple_core::plan::Combine;
+use dapple_core::{Film, Frame};
 use dapple_scene::image::Plane;
 use dapple_scene::{Camera, Projection};
 use glam::{DMat4, DVec3, DVec4};
@@ -71,7 +72,7 @@ fn budget(job: &Job) -> String {
         BudgetSpec::Samples(samples) => format!("{samples} samples"),
         BudgetSpec::Scene => "of the scene".into(),
         BudgetSpec::Spp(spp) => match job.limits().budget {
-            dapple_core::Budget::Samples(samples) => format!("{spp} spp, {samples} samples"),
+            dapple_core::limits::Budget::Samples(samples) => format!("{spp} spp, {samples} samples"),
             _ => format!("{spp} spp"),
         },
     }

@@ -1,6 +1,7 @@
 //! The layers of an EXR file.
 
-use dapple_core::{Features, Film, Filtered, Needs};
+use dapple_core::film::Features;
+use dapple_core::{Film, Filtered, Needs};
 use dapple_scene::image::{Layer, Plane};
 
 /// A layer of EXR files besides the image.

@@ -6,10 +6,12 @@
 #[path = "../../../../fuzz/src/checkpoint.rs"]
 mod target;
 
+use dapple_core::integrator::TrainingData;
+use dapple_core::render::{Control, Readiness, Status, TracedRows};
 use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Block, Control, Draws, Estimate, Film, FirstHit, Frame, Integrator, Limits, Methods, Needs, PointSet, Readiness,
-    Render, SampleId, Sampler, Session, Status, TracedRows, TrainingData, Worker,
+    Block, Draws, Estimate, Film, FirstHit, Frame, Integrator, Limits, Methods, Needs, PointSet, Render, SampleId,
+    Sampler, Session, Worker,
 };
 use dapple_job::checkpoint::{Identity, Kind, StateFile};
 use std::path::Path;

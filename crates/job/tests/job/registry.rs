@@ -363,9 +363,9 @@ fn clusters_in_a_penumbra_get_more_samples_with_shadow_rays() {
         let mut made = sampler(&words, sobol(), &inputs).unwrap();
         let frame = dapple_core::Frame::new(64, 64).expect("not empty");
         let film = dapple_core::Film::new(frame, made.sampler.needs());
-        let budget = dapple_core::BudgetLeft::new(64 * frame.pixels() as u64);
-        let mut plan = dapple_core::Plan::empty(frame.pixels());
-        made.sampler.next_round(&dapple_core::Feedback::new(0, &film, budget), &mut plan).expect("a plan");
+        let budget = dapple_core::plan::BudgetLeft::new(64 * frame.pixels() as u64);
+        let mut plan = dapple_core::plan::Plan::empty(frame.pixels());
+        made.sampler.next_round(&dapple_core::plan::Feedback::new(0, &film, budget), &mut plan).expect("a plan");
         let mean = |columns: std::ops::Range<usize>| {
             let all = columns.clone().flat_map(|x| (0..64).map(move |y| y * 64 + x));
             all.map(|i| f64::from(plan.counts[i])).sum::<f64>() / (64 * columns.len()) as f64

@@ -1,6 +1,6 @@
 //! Jobs of several processes, and in stages: the bits of one process for the default sampler, light selection and filter.
 
-use dapple_core::{Control, NoMonitor, Status};
+use dapple_core::render::{Control, NoMonitor, Status};
 use dapple_distributed::{Processes, local};
 use dapple_job::checkpoint::{Kind, StateFile};
 use dapple_job::{

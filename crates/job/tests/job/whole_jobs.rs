@@ -1,6 +1,7 @@
 //! Renders as jobs: the same bits however they are cut, saved and merged.
 
-use dapple_core::{Control, NoMonitor, Status, container};
+use dapple_core::container;
+use dapple_core::render::{Control, NoMonitor, Status};
 use dapple_job::checkpoint::{Identity, Kind, StateFile};
 use dapple_job::{
     BudgetSpec, CheckpointOptions, Job, JobError, JobMonitor, LoadOptions, LoadedScene, PixelFilterSpec, RenderSpec,

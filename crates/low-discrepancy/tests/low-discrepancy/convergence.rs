@@ -3,7 +3,8 @@
 #![allow(clippy::print_stderr, reason = "the README's slopes are what the table prints")]
 
 use crate::support::{Integrand, estimate, id, integrands, pair, rms};
-use dapple_core::{PointSet, streams};
+use dapple_core::PointSet;
+use dapple_core::point_set::streams;
 use dapple_low_discrepancy::{BlueNoise, Halton, Lattice, LowDiscrepancy, Pmj02, Random, Sobol, Stratified, ZSobol};
 use dapple_metrics::log_log_fit;
 

@@ -2,7 +2,8 @@
 
 use crate::support::*;
 use dapple_conformance::toys::raised;
-use dapple_core::{BudgetLeft, Error, Feedback, Film, Limits, Needs, Plan, Progress, Render, Sampler};
+use dapple_core::plan::{BudgetLeft, Feedback, Plan, Progress};
+use dapple_core::{Error, Film, Limits, Needs, Render, Sampler};
 use dapple_mitchell::{MitchellOptions, MitchellPbrtOptions, PilotPolicy, Rates, Stopping};
 use proptest::prelude::*;
 

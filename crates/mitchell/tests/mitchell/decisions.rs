@@ -2,10 +2,8 @@
 
 use crate::support::*;
 use dapple_conformance::toys::Traced;
-use dapple_core::{
-    Block, BudgetLeft, Draws, Error, Estimate, Feedback, Film, FirstHit, Integrator, Limits, Needs, Plan, Progress,
-    Sampler, Worker,
-};
+use dapple_core::plan::{BudgetLeft, Feedback, Plan, Progress};
+use dapple_core::{Block, Draws, Error, Estimate, Film, FirstHit, Integrator, Limits, Needs, Sampler, Worker};
 use dapple_low_discrepancy::Random;
 use dapple_mitchell::{
     Extrema, Mitchell, MitchellOptions, MitchellPbrt, MitchellPbrtOptions, PbrtTest, PilotPolicy, Rates, Rule,

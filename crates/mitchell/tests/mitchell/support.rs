@@ -2,8 +2,9 @@
 
 pub(crate) use dapple_conformance::statistics::Bernoulli;
 pub(crate) use dapple_conformance::toys::Field;
-pub(crate) use dapple_core::mix;
-use dapple_core::{BudgetLeft, Feedback, Film, Frame, Integrator, Limits, Plan, Render, Sampler};
+use dapple_core::plan::{BudgetLeft, Feedback, Plan};
+pub(crate) use dapple_core::point_set::mix;
+use dapple_core::{Film, Frame, Integrator, Limits, Render, Sampler};
 use dapple_low_discrepancy::Random;
 use dapple_mitchell::{Mitchell, MitchellOptions, MitchellPbrt, MitchellPbrtOptions, PilotPolicy, Stopping};
 

@@ -141,7 +141,7 @@ fn sizes_of_clusters_that_need_more_of_the_scene_name_it() {
 fn a_sequence_of_samplers_is_made_of_nested_descriptions() {
     let none = HostClusters::none();
     let described = |words: &str| sampler(words, sobol(), &none).expect("a sampler").sampler.describe();
-    let of = |name: &str| dapple_core::nested(&described(name));
+    let of = |name: &str| dapple_core::options::nested(&described(name));
     assert_eq!(described("then"), format!("then:first=uniform,spp=4,second={}", of("adaptive")));
     let words = "then:first=cycles/min=3/step=5,spp=6,second=mitchell/policy=discard";
     let [first, second] = [of("cycles:min=3,step=5"), of("mitchell:policy=discard")];
@@ -149,7 +149,7 @@ fn a_sequence_of_samplers_is_made_of_nested_descriptions() {
     // Three stages: each separator of the inner sequence's own samplers is doubled.
     let words = "then:first=then/first=uniform/spp=2/second=cycles//min=3,spp=9,second=uniform";
     let inner = described("then:first=uniform,spp=2,second=cycles/min=3");
-    assert_eq!(described(words), format!("then:first={},spp=9,second=uniform", dapple_core::nested(&inner)));
+    assert_eq!(described(words), format!("then:first={},spp=9,second=uniform", dapple_core::options::nested(&inner)));
     assert_eq!(described(&described(words)), described(words));
 }
 

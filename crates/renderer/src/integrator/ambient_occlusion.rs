@@ -5,7 +5,8 @@ use super::MakeError;
 use crate::World;
 use crate::blocks;
 use crate::shading::{ShadingFrame, warp};
-use dapple_core::{Draws, Estimate, Integrator, Options as _, Worker};
+use dapple_core::options::Options as _;
+use dapple_core::{Draws, Estimate, Integrator, Worker};
 use dapple_geometry::spawn_ray;
 
 dapple_core::options! {

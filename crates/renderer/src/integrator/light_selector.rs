@@ -2,7 +2,8 @@
 
 use crate::World;
 use crate::light::{Expectation, Lights, SelectedLight};
-use dapple_core::{TrainingData, TrainingSum, Worker};
+use dapple_core::Worker;
+use dapple_core::integrator::{TrainingData, TrainingSum};
 use dapple_light_selection::{LightCellOptions, LightCells};
 use glam::Vec3;
 

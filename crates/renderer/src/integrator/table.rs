@@ -2,7 +2,8 @@
 
 use super::{AmbientOcclusion, AmbientOcclusionOptions, integrator};
 use crate::World;
-use dapple_core::{Integrator, OptionError, Options, Parameter, nearest_name, parse_pairs};
+use dapple_core::Integrator;
+use dapple_core::options::{OptionError, Options, Parameter, nearest_name, parse_pairs};
 
 /// All integrators, the default first. A new integrator is a file in this directory and an entry here.
 const INTEGRATORS: &[IntegratorEntry] = &[

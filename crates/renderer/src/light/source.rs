@@ -151,9 +151,9 @@ impl Lamp {
     }
 }
 
-/// Returns the luminance of a linear RGB color, by [`dapple_core::luminance`].
+/// Returns the luminance of a linear RGB color, by [`dapple_core::film::luminance`].
 pub(super) fn luminance(rgb: Vec3) -> f64 {
-    dapple_core::luminance(rgb.to_array().map(f64::from))
+    dapple_core::film::luminance(rgb.to_array().map(f64::from))
 }
 
 /// Returns the light sample of a point that was sampled uniformly on `area`. `side` is 1 if the point's normal is on

@@ -5,10 +5,10 @@
 mod made;
 
 pub use dapple_conformance::statistics::{FAMILY, Mean, Verdict, chi_square, critical, images, integrate, sidak};
+pub use dapple_core::limits::Schedule;
+pub use dapple_core::point_set::streams;
 pub use dapple_core::samplers::Uniform;
-pub use dapple_core::{
-    Draws, Film, Frame, Integrator, Limits, Needs, PointSet, Render, SampleId, Sampler, Schedule, Worker, streams,
-};
+pub use dapple_core::{Draws, Film, Frame, Integrator, Limits, Needs, PointSet, Render, SampleId, Sampler, Worker};
 pub use dapple_low_discrepancy::{Random, Sobol};
 pub use dapple_renderer::{World, blocks, integrator};
 pub use dapple_scene::image::Image;

@@ -2,7 +2,7 @@
 
 use super::Source;
 use crate::image::Image;
-use dapple_core::luminance;
+use dapple_core::film::luminance;
 use glam::DAffine3;
 use std::f64::consts::PI;
 use std::sync::Arc;

@@ -4,7 +4,7 @@
 use super::visible::{Visible, worn};
 use super::{Called, Effect, Found, found};
 use crate::{Emission, Geometry, Light, LightKind, Material, Scene, Shape, Source, SpotFalloff};
-use dapple_core::luminance;
+use dapple_core::film::luminance;
 use glam::{DAffine3, DMat3, DVec3};
 use std::f64::consts::PI;
 

@@ -5,7 +5,7 @@ use super::names::Textures;
 use super::tokens::{Fault, Kind, Token, Tokens, did_you_mean, number, shown, unescape};
 use super::version::Version;
 use crate::Source;
-use dapple_core::nearest_name;
+use dapple_core::options::nearest_name;
 use std::path::PathBuf;
 use std::rc::Rc;
 use std::sync::Arc;

@@ -1,6 +1,6 @@
 //! Division of a pbrt file's text into tokens. Texts and names for messages.
 
-use dapple_core::nearest_name;
+use dapple_core::options::nearest_name;
 
 /// One token of a pbrt file.
 #[derive(Clone, Copy, Debug, PartialEq)]

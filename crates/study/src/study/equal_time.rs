@@ -12,7 +12,7 @@ use super::{Study, StudyStatus};
 use crate::runner::{RunRequest, Runner};
 use crate::summary::median;
 use crate::{Method, Run, RunBudget, StudyError, study::StudyMonitor};
-use dapple_core::Control;
+use dapple_core::render::Control;
 
 /// The largest relative difference at which an equal-time run's time counts as equal to the baseline's.
 const TOLERANCE: f64 = 0.05;

@@ -2,7 +2,7 @@
 
 use super::{CONFIDENCE, Row, RunTable, Summary, TIME_TOLERANCE, compared};
 use crate::record::{Run, RunBudget};
-use dapple_core::OptionValue;
+use dapple_core::options::OptionValue;
 use dapple_metrics::{Interval, StatisticsError, geometric_mean_interval, mean_interval, ratio_interval};
 
 /// The verdict on a method, from the confidence interval of the ratio of its error to the baseline's.

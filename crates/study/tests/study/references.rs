@@ -1,7 +1,7 @@
 //! References: rendered once, kept, and refused if they do not fit.
 
 use crate::support::{Fake, Place};
-use dapple_core::Control;
+use dapple_core::render::Control;
 use dapple_renderer::light::LightSelection;
 use dapple_scene::image::{Image, Layer, encode_exr, encode_pfm, read_attributes, write_file};
 use dapple_study::{Plan, ReferenceRecord, Study, StudyMonitor, StudyOptions, StudyProgress};

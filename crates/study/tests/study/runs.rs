@@ -1,7 +1,7 @@
 //! Runs: their order, resumption, refusals of a folder, and results that are known, each with a control that must differ.
 
 use crate::support::{Fake, Place, copy, in_process, label};
-use dapple_core::Control;
+use dapple_core::render::Control;
 use dapple_metrics::log_log_fit;
 use dapple_study::{Method, PlanSettings, Run, RunBudget, StudyError, StudyMonitor, StudyProgress, StudyStatus};
 

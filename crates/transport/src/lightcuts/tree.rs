@@ -145,7 +145,7 @@ fn hash(node: u32, set: u32) -> f32 {
 }
 
 pub(super) fn luminance(rgb: Vec3) -> f32 {
-    dapple_core::luminance(rgb.to_array().map(f64::from)) as f32
+    dapple_core::film::luminance(rgb.to_array().map(f64::from)) as f32
 }
 
 impl Node {

@@ -7,7 +7,8 @@
 
 use crate::bdpt::OF_LIGHT;
 use crate::walk::BELOW_ONE;
-use dapple_core::{Draws, Frame, PointSet, SampleId, mix, streams};
+use dapple_core::point_set::{mix, streams};
+use dapple_core::{Draws, Frame, PointSet, SampleId};
 use dapple_renderer::blocks;
 use glam::Vec3;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -141,7 +142,7 @@ impl Chains<'_> {
         let mut light = Vec::new();
         let rays = u64::from(self.target.evaluate(&Draws::new(&proposal, id), &mut light));
         let sum = light.iter().fold(Vec3::ZERO, |sum, (_, light)| sum + *light);
-        let brightness = dapple_core::luminance(sum.to_array().map(f64::from));
+        let brightness = dapple_core::film::luminance(sum.to_array().map(f64::from));
         let brightness = if brightness.is_finite() && brightness > 0.0 { brightness } else { 0.0 };
         // The place in the image belongs to the state, whether the camera ray was requested or not.
         proposal.used[0].fetch_max(1, Ordering::Relaxed);

@@ -7,11 +7,10 @@ mod built;
 pub use built::*;
 pub use dapple_conformance::bits;
 pub use dapple_conformance::statistics::{FAMILY, Mean, critical, images, sidak};
+pub use dapple_core::point_set::streams;
+pub use dapple_core::render::{Control, Monitor, Status};
 pub use dapple_core::samplers::Uniform;
-pub use dapple_core::{
-    Control, Draws, Film, Frame, Integrator, Limits, Monitor, Needs, Render, SampleId, Snapshot, Status, Worker,
-    streams,
-};
+pub use dapple_core::{Draws, Film, Frame, Integrator, Limits, Needs, Render, SampleId, Snapshot, Worker};
 pub use dapple_low_discrepancy::Sobol;
 pub use dapple_renderer::{World, integrator};
 pub use dapple_scene::*;

@@ -3,13 +3,15 @@
 
 pub use dapple_conformance::toys::{Field, Independent, Learner, Made, Planned, Points, Traced, one_round};
 pub use dapple_conformance::{bits, on_threads};
-pub use dapple_core::mix;
+pub use dapple_core::point_set::mix;
 
 use dapple_adaptive::Then;
+use dapple_core::integrator::TrainingData;
+use dapple_core::limits::Schedule;
+use dapple_core::render::{Control, Monitor, Status};
 use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Control, Draws, Error, Estimate, Film, FirstHit, Frame, Integrator, Limits, Monitor, Needs, Render, Sampler,
-    Schedule, Snapshot, Status, TrainingData, Worker,
+    Draws, Error, Estimate, Film, FirstHit, Frame, Integrator, Limits, Needs, Render, Sampler, Snapshot, Worker,
 };
 use rand::SeedableRng;
 

@@ -8,10 +8,10 @@ use crate::light::Light;
 use crate::normal_equations::{Fit, Sums, solve};
 use crate::one_sample::LAMP;
 use crate::planes::{Pair, Plane};
+use dapple_core::point_set::mix;
 use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Block, Draws, Estimate, Film, Filtered, FirstHit, Frame, Integrator, Limits, Needs, Render, SurfaceFeatures,
-    Worker, mix,
+    Block, Draws, Estimate, Film, Filtered, FirstHit, Frame, Integrator, Limits, Needs, Render, SurfaceFeatures, Worker,
 };
 use dapple_low_discrepancy::Sobol;
 use pulp::Scalar;

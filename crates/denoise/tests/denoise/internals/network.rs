@@ -1,7 +1,8 @@
 //! The network on top of the filtered image.
 
 use crate::network::improve;
-use dapple_core::{Estimate, Film, Filtered, FirstHit, Frame, Needs, mix};
+use dapple_core::point_set::mix;
+use dapple_core::{Estimate, Film, Filtered, FirstHit, Frame, Needs};
 
 const NEEDS: Needs = Needs::none().with_variance().with_halves().with_features().with_emission();
 

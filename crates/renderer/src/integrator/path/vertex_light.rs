@@ -2,7 +2,8 @@
 
 use crate::shading::{Bsdf, ShadingFrame};
 use crate::world::Interaction;
-use dapple_core::{Draws, Frame, Pass, Prepared, Prepares, Worker};
+use dapple_core::integrator::{Pass, Prepared, Prepares};
+use dapple_core::{Draws, Frame, Worker};
 use glam::Vec3;
 
 /// A source of light at the vertices of a path tracer's paths. It takes the place of a part of what paths find.
