@@ -14,10 +14,10 @@
 
 use criterion::measurement::{Measurement, ValueFormatter, WallTime};
 use criterion::{BenchmarkGroup, Criterion, SamplingMode, Throughput};
-use dapple::job::{
+use dapple_job::{
     BudgetSpec, DEFAULT_FILTER, DEFAULT_SAMPLER, LoadOptions, LoadedScene, PixelFilterSpec, PreparedScene, RenderSpec,
 };
-use dapple::metrics::{Pixels, compare};
+use dapple_metrics::{Pixels, compare};
 use std::cell::Cell;
 use std::time::{Duration, Instant};
 

@@ -5,11 +5,11 @@
 //! ```
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use dapple::clustering::{ClusterParams, cluster};
-use dapple::core::{Film, Frame, Limits, Render};
-use dapple::job::registry::{self, MethodInputs, Setting};
-use dapple::job::{WorldClusters, WorldTriangles};
-use dapple::renderer::{World, integrator};
+use dapple_clustering::{ClusterParams, cluster};
+use dapple_core::{Film, Frame, Limits, Render};
+use dapple_job::registry::{self, MethodInputs, Setting};
+use dapple_job::{WorldClusters, WorldTriangles};
+use dapple_renderer::{World, integrator};
 use dapple_scene::bundled;
 use std::hint::black_box;
 use std::sync::Arc;

@@ -9,12 +9,12 @@
 
 #![expect(clippy::print_stdout, reason = "a program whose table is its result")]
 
-use dapple::core::samplers::Uniform;
-use dapple::core::{Film, Filter, Filtered, Frame, Limits, Needs, Render};
-use dapple::denoise::{ClusterRegression, Denoise, SampleBuffers, Variance, denoise, denoise_whole};
-use dapple::job::registry::{self, Setting};
-use dapple::metrics::{Pixels, compare};
-use dapple::renderer::{World, integrator};
+use dapple_core::samplers::Uniform;
+use dapple_core::{Film, Filter, Filtered, Frame, Limits, Needs, Render};
+use dapple_denoise::{ClusterRegression, Denoise, SampleBuffers, Variance, denoise, denoise_whole};
+use dapple_job::registry::{self, Setting};
+use dapple_metrics::{Pixels, compare};
+use dapple_renderer::{World, integrator};
 use dapple_scene::bundled;
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
@@ -46,10 +46,10 @@ impl Buffers {
         let pixels = 0..film.frame().pixels();
         let colours = |of: &dyn Fn(usize) -> [f64; 3]| pixels.clone().map(|i| of(i).map(|v| v as f32)).collect();
         let half = |h: usize, i: usize| film.half(h, i).unwrap_or_default();
-        let features = |of: fn(dapple::core::film::Features) -> [f32; 3]| {
+        let features = |of: fn(dapple_core::film::Features) -> [f32; 3]| {
             pixels.clone().map(|i| film.features(i).map_or([0.0; 3], of)).collect()
         };
-        let scalar = |of: fn(dapple::core::film::Features) -> f32| {
+        let scalar = |of: fn(dapple_core::film::Features) -> f32| {
             pixels.clone().map(|i| film.features(i).map_or(0.0, of)).collect()
         };
         let spread = |i: usize| film.features(i).and_then(|f| f.variance).unwrap_or_default();

@@ -14,14 +14,14 @@
 
 #![expect(clippy::print_stdout, reason = "the program prints its result")]
 
-use dapple::cluster_adaptive::{BACKGROUND, ClusterThesis, Placement, ProbeHit, probe};
-use dapple::clustering::{ClusterParams, Sides, Triangles, cluster};
-use dapple::core::samplers::Uniform;
-use dapple::core::{Block, Draws, Estimate, Film, Filter, Frame, Integrator, Limits};
-use dapple::core::{Render, Sampler, Unfiltered, Worker};
-use dapple::denoise::{ClusterGaussian, Gaussian};
-use dapple::low_discrepancy::Sobol;
-use dapple::metrics::{Pixels, compare};
+use dapple_cluster_adaptive::{BACKGROUND, ClusterThesis, Placement, ProbeHit, probe};
+use dapple_clustering::{ClusterParams, Sides, Triangles, cluster};
+use dapple_core::samplers::Uniform;
+use dapple_core::{Block, Draws, Estimate, Film, Filter, Frame, Integrator, Limits};
+use dapple_core::{Render, Sampler, Unfiltered, Worker};
+use dapple_denoise::{ClusterGaussian, Gaussian};
+use dapple_low_discrepancy::Sobol;
+use dapple_metrics::{Pixels, compare};
 use std::f32::consts::{PI, TAU};
 use std::ops::{Add, Mul, Sub};
 use std::path::{Path, PathBuf};

@@ -3,10 +3,10 @@
 //! (white = many samples), and prints the error of both images. It uses Dapple's samplers and point sets, nothing else.
 #![expect(clippy::print_stdout, reason = "the program prints its result")]
 
-use dapple::adaptive::Adaptive;
-use dapple::core::samplers::Uniform;
-use dapple::core::{Block, Draws, Estimate, Film, Frame, Integrator, Limits, Render, Worker};
-use dapple::low_discrepancy::Sobol;
+use dapple_adaptive::Adaptive;
+use dapple_core::samplers::Uniform;
+use dapple_core::{Block, Draws, Estimate, Film, Frame, Integrator, Limits, Render, Worker};
+use dapple_low_discrepancy::Sobol;
 use std::f32::consts::TAU;
 
 type V = [f32; 3];
@@ -77,7 +77,7 @@ impl Integrator for Balls {
     }
 }
 
-fn image(mut sampler: impl dapple::core::Sampler, spp: u64) -> Result<Film, dapple::core::Error> {
+fn image(mut sampler: impl dapple_core::Sampler, spp: u64) -> Result<Film, dapple_core::Error> {
     Render::new(Frame::new(240, 135)?, &Limits::samples(spp * 240 * 135)).run(&mut Balls, &mut sampler)
 }
 

@@ -11,10 +11,10 @@
 
 #![expect(clippy::print_stdout, reason = "a program whose table is its result")]
 
-use dapple::core::{Film, Frame, Limits, Needs, Render};
-use dapple::job::registry::{self, MethodInputs, Setting};
-use dapple::metrics::{RELATIVE_EPSILON, geometric_mean_interval, student_t_quantile};
-use dapple::renderer::{World, integrator};
+use dapple_core::{Film, Frame, Limits, Needs, Render};
+use dapple_job::registry::{self, MethodInputs, Setting};
+use dapple_metrics::{RELATIVE_EPSILON, geometric_mean_interval, student_t_quantile};
+use dapple_renderer::{World, integrator};
 use dapple_scene::bundled;
 use std::sync::Arc;
 

@@ -11,11 +11,11 @@
 
 #![expect(clippy::print_stdout, clippy::print_stderr, reason = "a program whose table is its result")]
 
-use dapple::core::{Frame, Limits, Render};
-use dapple::job::registry::{self, MethodInputs};
-use dapple::metrics::{Pixels, block_ratios, compare};
-use dapple::renderer::{World, integrator};
-use dapple::scene::image::{Encoding, Image, encode_png, read_image, write_file};
+use dapple_core::{Frame, Limits, Render};
+use dapple_job::registry::{self, MethodInputs};
+use dapple_metrics::{Pixels, block_ratios, compare};
+use dapple_renderer::{World, integrator};
+use dapple_scene::image::{Encoding, Image, encode_png, read_image, write_file};
 use dapple_scene::{self as scene, pbrt};
 use std::path::{Path, PathBuf};
 

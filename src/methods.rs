@@ -1,7 +1,7 @@
 //! Samplers, point sets and filters by name, for hosts without clusters.
 
-use dapple_core::{Filter, PointSet, Sampler};
-use dapple_registry::{HostClusters, RegistryError, Setting};
+use dapple_core::{Error, Filter, PointSet, Sampler};
+use dapple_registry::{HostClusters, Setting};
 
 /// Makes a point set (where samples lie) from its description: `NAME` or `NAME:key=value,…`.
 ///
@@ -15,9 +15,9 @@ use dapple_registry::{HostClusters, RegistryError, Setting};
 ///
 /// # Errors
 ///
-/// [`RegistryError`] for an unknown name or key, listing the known ones, and for a value out of range.
-pub fn points(description: &str, seed: u64) -> Result<Box<dyn PointSet>, RegistryError> {
-    dapple_registry::points(description, Setting { seed, spp: None })
+/// [`Error::Method`] for an unknown name or key, listing the known ones, and for a value out of range.
+pub fn points(description: &str, seed: u64) -> Result<Box<dyn PointSet>, Error> {
+    Ok(dapple_registry::points(description, Setting { seed, spp: None })?)
 }
 
 /// Makes a sampler (how many samples each pixel gets) from its description: `NAME` or `NAME:key=value,…`.
@@ -33,9 +33,9 @@ pub fn points(description: &str, seed: u64) -> Result<Box<dyn PointSet>, Registr
 ///
 /// # Errors
 ///
-/// [`RegistryError`] for an unknown name or key, listing the known ones, and for a value out of range.
-/// `cluster-thesis` needs clusters and probes, which [`dapple_registry::sampler`] takes.
-pub fn sampler(description: &str, points: Box<dyn PointSet>) -> Result<Box<dyn Sampler>, RegistryError> {
+/// [`Error::Method`] for an unknown name or key, listing the known ones, and for a value out of range.
+/// `cluster-thesis` needs clusters and probes, which `dapple_registry::sampler` takes.
+pub fn sampler(description: &str, points: Box<dyn PointSet>) -> Result<Box<dyn Sampler>, Error> {
     Ok(dapple_registry::sampler(description, points, &HostClusters::none())?.sampler)
 }
 
@@ -49,8 +49,8 @@ pub fn sampler(description: &str, points: Box<dyn PointSet>) -> Result<Box<dyn S
 ///
 /// # Errors
 ///
-/// [`RegistryError`] for an unknown name or key, listing the known ones, and for a value out of range.
-/// `cluster-gaussian` needs clusters, which [`dapple_registry::filter`] takes.
-pub fn filter(description: &str) -> Result<Box<dyn Filter>, RegistryError> {
-    dapple_registry::filter(description, &HostClusters::none())
+/// [`Error::Method`] for an unknown name or key, listing the known ones, and for a value out of range.
+/// `cluster-gaussian` needs clusters, which `dapple_registry::filter` takes.
+pub fn filter(description: &str) -> Result<Box<dyn Filter>, Error> {
+    Ok(dapple_registry::filter(description, &HostClusters::none())?)
 }

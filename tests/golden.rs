@@ -2,10 +2,10 @@
 //!
 //! `DAPPLE_UPDATE=1 cargo test --test golden` writes the hashes of now to `tests/golden`.
 
-use dapple::core::{Frame, Integrator, Limits, Snapshot, Worker};
-use dapple::denoise::{SampleBuffers, Variance, denoise};
-use dapple::job::{BudgetSpec, LoadOptions, LoadedScene, PreparedScene, RenderSpec, RenderedImage, registry};
 use dapple::{Film, Filtered, Session};
+use dapple_core::{Frame, Integrator, Limits, Snapshot, Worker};
+use dapple_denoise::{SampleBuffers, Variance, denoise};
+use dapple_job::{BudgetSpec, LoadOptions, LoadedScene, PreparedScene, RenderSpec, RenderedImage, registry};
 use dapple_scene::bundled;
 use std::fmt::Write as _;
 use std::path::Path;
@@ -176,7 +176,7 @@ fn bits_of_each_sampler_and_filter_and_point_set_stay() {
 fn bits_of_each_integrator_stay() {
     let base = spec("door").resolution(32, 24).budget(BudgetSpec::Spp(8.0));
     let scene = prepared(&base);
-    let entries = dapple::transport::integrators().iter().map(|entry| {
+    let entries = dapple_transport::integrators().iter().map(|entry| {
         let spec = base.clone().integrator(entry.name).filter("none");
         (format!("integrator {}", entry.name), rendered(&scene, &spec))
     });
@@ -241,7 +241,7 @@ fn bits_of_a_resumed_session_and_of_buffers_stay() {
     for name in ["cornell", "tea"] {
         let base = spec(name).budget(BudgetSpec::Spp(8.0));
         let scene = prepared(&base);
-        let integrator = dapple::renderer::integrator(&scene.world);
+        let integrator = dapple_renderer::integrator(&scene.world);
         entries.push((format!("session {name}"), pulled(&*integrator)));
         let film = scene.job(&base.sampler("uniform")).expect("a job").render().expect("an image").film;
         entries.push((format!("buffers {name}"), denoised(&film)));

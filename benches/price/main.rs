@@ -14,12 +14,12 @@
 
 mod safeguards;
 
-use dapple::core::limits::Schedule;
-use dapple::core::render::{Monitor, NoMonitor};
-use dapple::core::samplers::Uniform;
-use dapple::core::{Film, Frame, Limits, Needs, Render};
-use dapple::low_discrepancy::Sobol;
-use dapple::renderer::{World, integrator};
+use dapple_core::limits::Schedule;
+use dapple_core::render::{Monitor, NoMonitor};
+use dapple_core::samplers::Uniform;
+use dapple_core::{Film, Frame, Limits, Needs, Render};
+use dapple_low_discrepancy::Sobol;
+use dapple_renderer::{World, integrator};
 use dapple_scene::{Scene, bundled};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;

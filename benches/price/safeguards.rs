@@ -1,16 +1,14 @@
 //! Each safeguard: the time of its part, and the inputs that break without it.
 
 use super::{Break, Image, Ratio, Result, Row, SPP, in_turn, of_whole, pairs, scene, seconds};
-use dapple::core::film::{RejectedReason, RgbMoments};
-use dapple::core::render::{Control, Monitor, NoMonitor, Status};
-use dapple::core::samplers::Uniform;
-use dapple::core::{
-    Block, Draws, Estimate, Film, Frame, Integrator, Limits, Needs, Render, SampleId, Snapshot, Worker,
-};
-use dapple::geometry::{Disk, Geometry, Mesh, Ray, Shape, Sphere};
-use dapple::job::checkpoint::{Identity, Kind, StateFile, Store};
-use dapple::low_discrepancy::Sobol;
-use dapple::renderer::{Space, World, integrator};
+use dapple_core::film::{RejectedReason, RgbMoments};
+use dapple_core::render::{Control, Monitor, NoMonitor, Status};
+use dapple_core::samplers::Uniform;
+use dapple_core::{Block, Draws, Estimate, Film, Frame, Integrator, Limits, Needs, Render, SampleId, Snapshot, Worker};
+use dapple_geometry::{Disk, Geometry, Mesh, Ray, Shape, Sphere};
+use dapple_job::checkpoint::{Identity, Kind, StateFile, Store};
+use dapple_low_discrepancy::Sobol;
+use dapple_renderer::{Space, World, integrator};
 use dapple_scene::{Geometry as Described, Scene};
 use glam::{DAffine3, DVec3, Vec2, Vec3};
 use rand::{RngExt, SeedableRng};
@@ -394,7 +392,7 @@ struct Middle<'a> {
     stop: bool,
     /// Seconds spent on the checkpoint; 0 before it.
     seconds: f64,
-    saved: std::result::Result<(), dapple::job::checkpoint::Error>,
+    saved: std::result::Result<(), dapple_job::checkpoint::Error>,
 }
 
 impl<'a> Middle<'a> {

@@ -112,9 +112,6 @@ const RULES: [(&str, &str, &str); 22] = [
     ("cli", "below", ""),
 ];
 
-/// The features of `examples/foreign_renderer.rs` in the manifest.
-const FOREIGN: &str = "clustering,cluster-adaptive,denoise,low-discrepancy,metrics";
-
 #[test]
 fn crates_depend_only_on_allowed_crates() {
     let metadata = metadata(&[]);
@@ -157,7 +154,8 @@ fn only_the_program_is_built_with_libloading_and_nothing_with_mpi_unless_asked()
     for name in ["dapple", "dapple-registry", "dapple-job", "dapple-study"] {
         assert!(!built_with(name).contains("libloading"), "{name} loads libraries without the feature oidn");
     }
-    assert!(!facade_built_with("full").contains("libloading"), "the feature full has oidn");
+    assert!(!facade_built_with("classics").contains("libloading"), "the feature classics has oidn");
+    assert!(facade_built_with("oidn").contains("libloading"), "the feature oidn has nothing");
     let without = tree(&["--package", "dapple-cli", "--no-default-features"]);
     assert!(!without.contains("libloading"), "the program loads libraries without the feature oidn");
     assert!(!built_with("dapple-cli").contains("mpi"), "the default program needs MPI");
@@ -169,41 +167,16 @@ fn only_the_program_is_built_with_libloading_and_nothing_with_mpi_unless_asked()
 
 #[test]
 fn a_foreign_renderer_takes_no_scene_along() {
-    let metadata = metadata(&["--no-deps"]);
-    let facade = package(&metadata, "dapple");
-    let example = list(facade, "targets").iter().find(|t| t["name"] == "foreign_renderer").expect("the example");
-    let asked: Vec<_> = list(example, "required-features").iter().filter_map(Value::as_str).collect();
-    assert_eq!(asked.join(","), FOREIGN, "the example asks for other features than are checked here");
-    let built = facade_built_with(FOREIGN);
-    assert!(built.contains("dapple-cluster-adaptive"), "cargo tree shows nothing of what the example uses");
-    let control = facade_built_with("renderer");
+    let source = include_str!("../../examples/foreign_renderer.rs");
+    let uses = source.lines().filter_map(|line| line.strip_prefix("use dapple_")?.split("::").next());
+    let mut built: BTreeSet<String> = uses.map(|name| format!("dapple-{}", name.replace('_', "-"))).collect();
+    assert!(built.contains("dapple-cluster-adaptive"), "the example uses nothing of Dapple");
+    built.extend(built.clone().iter().flat_map(|name| built_with(name)));
+    let control = built_with("dapple-renderer");
     for outsider in OF_A_SCENE.split_whitespace() {
         assert!(!built.contains(outsider), "a foreign renderer must not be given {outsider}");
         assert!(control.contains(outsider), "the tree does not show {outsider} where it is");
     }
-}
-
-/// `.ci/run` checks light features alone; for all of them, this finds an export whose crate its feature leaves out.
-#[test]
-fn features_of_the_facade_enable_the_crates_that_they_export() {
-    let metadata = metadata(&["--no-deps"]);
-    let facade = package(&metadata, "dapple");
-    let enables =
-        |feature: &str, name: &str| list(&facade["features"], feature).contains(&format!("dep:{name}").into());
-    let mut exported = BTreeSet::new();
-    let lines: Vec<&str> = include_str!("../../src/lib.rs").lines().collect();
-    for pair in lines.windows(2) {
-        let feature = pair[0].strip_prefix("#[cfg(feature = \"").and_then(|rest| rest.strip_suffix("\")]"));
-        let (Some(feature), Some(rest)) = (feature, pair[1].strip_prefix("pub use dapple_")) else { continue };
-        let end = rest.find(|c: char| !c.is_ascii_lowercase() && c != '_').expect("the end of a name");
-        let name = format!("dapple-{}", rest[..end].replace('_', "-"));
-        assert!(enables(feature, &name), "the feature {feature} exports {name} and does not enable it");
-        exported.insert(name);
-    }
-    // All but the core, which every feature has, and the control: a feature does not enable every crate.
-    let optional = list(facade, "dependencies").iter().filter(|d| d["optional"] == true);
-    assert_eq!(exported, optional.map(|d| text(d, "name").to_owned()).collect());
-    assert!(!enables("scene", "dapple-renderer"));
 }
 
 /// The largest number of other people's crates that the default features may bring. Six are of thiserror and serde, at build time only.
@@ -220,7 +193,7 @@ fn the_default_features_bring_no_scene_and_few_crates() {
     }
     let foreign: Vec<_> = built.iter().filter(|name| !name.starts_with("dapple")).collect();
     assert!(foreign.len() <= FOREIGN_CRATES, "{} crates: {foreign:?}", foreign.len());
-    assert!(facade_built_with("full").len() > 3 * foreign.len(), "the tree does not show a heavy facade as heavy");
+    assert!(built_with("dapple-cli").len() > 3 * foreign.len(), "the tree does not show a heavy crate as heavy");
 }
 
 /// `(major, minor)` of a version such as `1.90` or `1.85.0`.

@@ -1,8 +1,8 @@
 //! Examples as programs: the renderer of a hundred lines, three that keep their loop with a plug of a few lines each, and the
 //! generator of scenes.
 
-use dapple::core::samplers::Uniform;
-use dapple::core::{Draws, Frame, Limits, Session, Tile};
+use dapple_core::samplers::Uniform;
+use dapple_core::{Draws, Frame, Limits, Session, Tile};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -46,7 +46,7 @@ fn a_hundred_lines_on_core_and_points_alone() {
     assert!(MINIMAL.lines().count() <= 100, "{} lines", MINIMAL.lines().count());
     let longest = MINIMAL.lines().map(|l| l.chars().count()).max();
     assert!(longest.is_some_and(|n| n <= 120), "{longest:?}: no line hides another");
-    let uses: Vec<&str> = MINIMAL.match_indices("dapple::").map(|(at, _)| &MINIMAL[at + 8..]).collect();
+    let uses: Vec<&str> = MINIMAL.match_indices("dapple_").map(|(at, _)| &MINIMAL[at + 7..]).collect();
     assert!(
         uses.len() >= 3
             && uses

@@ -4,15 +4,15 @@
 //! The samplers' own crates test these against closed forms (`bias.rs` of their tests). A false alarm of the tests of bias
 //! has a probability of about 1e-6, since the tails of pooled values are approximate.
 
-use dapple::core::{Block, Draws, Estimate, Film, Frame, Integrator, Limits, Needs, Render, Sampler, Worker};
-use dapple::job::registry::{self, MethodInputs, SAMPLERS, Setting};
-use dapple::metrics::{ratio_interval, student_t_quantile};
-use dapple::renderer::{World, integrator};
-use dapple::scene::{Scene, pbrt};
 use dapple_conformance::statistics::{
     Calibration, FAMILY, Mean, Pixels, count_trend, image_mean, images, power, sidak, two_sided,
 };
+use dapple_core::{Block, Draws, Estimate, Film, Frame, Integrator, Limits, Needs, Render, Sampler, Worker};
+use dapple_job::registry::{self, MethodInputs, SAMPLERS, Setting};
+use dapple_metrics::{ratio_interval, student_t_quantile};
+use dapple_renderer::{World, integrator};
 use dapple_scene::bundled;
+use dapple_scene::{Scene, pbrt};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;

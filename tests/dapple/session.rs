@@ -1,8 +1,8 @@
 //! The pull driver gives the bits of the render loop on real scenes, with the default pair of sampler and filter.
 
-use dapple::core::{Integrator, Snapshot};
-use dapple::renderer::{World, integrator};
-use dapple::{Filtered, Frame, Limits, Render, Round, Session, Worker};
+use dapple_core::{Filtered, Frame, Limits, Render, Round, Session, Worker};
+use dapple_core::{Integrator, Snapshot};
+use dapple_renderer::{World, integrator};
 use dapple_scene::bundled;
 
 const SIZE: [u32; 2] = [40, 30];

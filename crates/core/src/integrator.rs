@@ -1,5 +1,9 @@
 //! Radiance estimates, first hits and training data of integrators.
 
+mod path_record;
+
+pub use path_record::PathRecord;
+
 use crate::macros::{forward, setters};
 use crate::point_set::streams;
 use crate::{Draws, Frame, Needs, PointSet, SampleId, Worker};
@@ -447,7 +451,7 @@ impl TrainingData {
     }
 }
 
-/// The times at which an integrator prepares itself ([`Integrator::prepare`](crate::Integrator::prepare)).
+/// The times at which an integrator prepares itself ([`Integrator::prepare`]).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Prepares {

@@ -88,7 +88,7 @@ pub use film::Film;
 pub use filter::{Filter, Filtered, Unfiltered};
 pub use frame::Frame;
 #[doc(inline)]
-pub use integrator::{Estimate, FirstHit, Integrator, SurfaceFeatures};
+pub use integrator::{Estimate, FirstHit, Integrator, PathRecord, SurfaceFeatures};
 #[doc(inline)]
 pub use limits::{InvalidSample, Limits};
 pub use needs::Needs;

@@ -14,7 +14,7 @@ pub struct Parameter {
 }
 
 impl Parameter {
-    /// A parameter declared by hand, without [`options!`](crate::options).
+    /// A parameter declared by hand, without [`options!`](crate::options!).
     pub const fn new(name: &'static str, default: &'static str, help: &'static str) -> Self {
         Self { name, default, help }
     }
@@ -84,7 +84,7 @@ pub enum OptionError {
 
 /// A struct of options that is parsed from `name=value,name=value`, and written back in the same form.
 ///
-/// [`options!`](crate::options) declares a struct with this trait.
+/// [`options!`](crate::options!) declares a struct with this trait.
 ///
 /// ```
 /// use dapple_core::options::Options;

@@ -7,8 +7,6 @@
 
 mod host;
 
-use dapple::core::point_set::mix;
-use dapple::core::{Unfiltered, samplers::Uniform};
 use dapple::{Error, Filtered, Frame, Limits, Session};
 pub use host::SIZE;
 use std::cell::RefCell;
@@ -31,7 +29,7 @@ impl Demo {
     /// For 0 samples.
     pub fn new(spp: u32, seed: u32) -> Result<Self, Error> {
         let (frame, limits) = (Frame::new(SIZE[0], SIZE[1])?, Limits::spp(spp.into()));
-        let uniform = (Uniform::new(dapple::points("sobol", seed.into())?), Unfiltered);
+        let uniform = (dapple::sampler("uniform", dapple::points("sobol", seed.into())?)?, dapple::filter("none")?);
         let sessions = [
             Session::new(frame, limits.clone(), uniform)?,
             Session::new(frame, limits, dapple::default_pair(seed.into()))?,
@@ -83,8 +81,9 @@ impl Demo {
 
     /// A number that depends on every bit of one image.
     pub fn fingerprint(&self, which: usize) -> u32 {
-        let bits = self.images[which].radiance.iter().flatten().map(|value| u64::from(value.to_bits()));
-        bits.fold(0, |hash, bits| mix(hash ^ bits)) as u32
+        let bits = self.images[which].radiance.iter().flatten().map(|value| value.to_bits());
+        // FNV-1a, of 32 bits at a time.
+        bits.fold(0x811c_9dc5, |hash: u32, bits| (hash ^ bits).wrapping_mul(0x0100_0193))
     }
 }
 

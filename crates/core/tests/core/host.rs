@@ -2,7 +2,7 @@
 
 use crate::common::*;
 use dapple_core::point_set::mix;
-use dapple_core::{Block, Clock, Draws, Error, Film, Limits, Session};
+use dapple_core::{Block, Clock, Draws, Error, Film, FirstHit, Limits, PathRecord, Session};
 use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -133,4 +133,34 @@ fn a_host_that_repeats_its_numbers_is_told() {
     // Without noise, nothing repeats.
     by_host(|pixel, _, _| pixel, 0.0).unwrap();
     by_host(|pixel, _, _| pixel, 2.0).unwrap();
+}
+
+/// A lamp of radiance 4 above two walls of albedo 0.5, seen in a mirror that reflects 0.8.
+#[test]
+fn a_path_record_tells_emission_direct_and_indirect_light_apart() {
+    let hit = |depth| FirstHit::new([depth, 0.0, 0.0], [1.0, 0.0, 0.0], depth).with_albedo([0.5; 3]);
+    let mut path = PathRecord::new();
+    path.surface(hit(2.0).with_roughness(0.0), [1.0; 3]);
+    path.emits([1.0; 3], [0.25; 3]); // seen directly
+    path.surface(hit(3.0), [0.8; 3]);
+    path.emits([0.8; 3], [1.0; 3]); // seen in the mirror
+    path.receives([0.4; 3], [4.0; 3]); // direct
+    path.surface(hit(5.0), [0.4; 3]);
+    path.emits([0.4; 3], [2.0; 3]); // direct too: it lights the first wall
+    path.receives([0.2; 3], [4.0; 3]); // indirect
+    path.receives([0.2; 3], [1.0; 3]); // indirect: the background, seen by the second wall
+    let estimate = path.estimate();
+    let near = |found: [f32; 3], expected: f32| found.iter().all(|x| (x - expected).abs() < 1e-6);
+    assert!(near(estimate.radiance, 0.25 + 0.8 + 1.6 + 0.8 + 0.8 + 0.2), "{estimate:?}");
+    assert!(near(estimate.emission, 1.05) && near(estimate.indirect, 1.0), "{estimate:?}");
+    let seen = estimate.features.expect("the wall in the mirror");
+    assert!(seen.depth == 5.0 && seen.position[0] == 3.0 && near(seen.albedo, 0.4), "{seen:?}");
+    assert_eq!(estimate.first_hit.map(|hit| hit.depth), Some(2.0));
+
+    let mut wall = PathRecord::new();
+    wall.surface(hit(2.0), [1.0; 3]);
+    assert!(wall.estimate().features.is_none(), "the first hit has them");
+    let mut sky = PathRecord::new();
+    sky.receives([1.0; 3], [3.0; 3]);
+    assert_eq!((sky.estimate().emission, sky.estimate().first_hit, sky.estimate().says_hit), ([3.0; 3], None, true));
 }
