@@ -1,6 +1,6 @@
 //! Somebody's renderer: a path tracer of a room with two spheres. It knows of Dapple what a host must: the generator, and estimates.
 
-use dapple::{Estimate, FirstHit, Rng};
+use dapple::{Estimate, FirstHit, PathRecord, Rng};
 use std::array::from_fn;
 use std::f32::consts::{PI, TAU};
 
@@ -93,16 +93,15 @@ pub(crate) fn sample(pixel: [u32; 2], rng: &mut Rng<'_>) -> Estimate {
     let place = rng.next_2d();
     let [x, y]: [f32; 2] = from_fn(|i| (pixel[i] as f32 + place[i] - 0.5 * SIZE[i] as f32) / SIZE[1] as f32);
     let (mut from, mut to) = (EYE, unit([x, -y, 1.1]));
-    let (mut light, mut weight, mut sees_lamp) = ([0.0; 3], [1.0; 3], true);
-    let (mut first, mut emission, mut direct) = (None, [0.0; 3], [0.0; 3]);
-    for bounce in 0..BOUNCES {
+    let (mut path, mut weight, mut sees_lamp) = (PathRecord::new(), [1.0; 3], true);
+    for _ in 0..BOUNCES {
         let surface = hit(from, to);
         let [lamp, way] = [rng.next_2d(), rng.next_2d()];
+        let roughness = if surface.is_mirror { 0.0 } else { 1.0 };
+        let seen = FirstHit::new(surface.at, surface.normal, surface.t).with_albedo(surface.colour);
+        path.surface(seen.with_roughness(roughness), weight);
         if sees_lamp {
-            light = from_fn(|c| light[c] + weight[c] * surface.light[c]);
-        }
-        if bounce == 0 {
-            emission = surface.light;
+            path.emits(weight, surface.light);
         }
         weight = from_fn(|c| weight[c] * surface.colour[c]);
         sees_lamp &= surface.is_mirror; // without caustics
@@ -110,17 +109,12 @@ pub(crate) fn sample(pixel: [u32; 2], rng: &mut Rng<'_>) -> Estimate {
             to = add(to, -2.0 * dot(to, surface.normal), surface.normal);
         } else {
             let part = reflected(&surface, lamp);
-            light = from_fn(|c| light[c] + weight[c] * part * LAMP.1[c]);
-            if first.is_none() {
-                let hit = FirstHit::new(surface.at, surface.normal, surface.t).with_albedo(surface.colour);
-                (first, direct) = (Some(hit), light);
-            }
+            path.receives(weight, LAMP.1.map(|light| part * light));
             let (height, (sin, cos)) = (1.0 - 2.0 * way[0], libm::sincosf(TAU * way[1]));
             let ring = (1.0 - height * height).sqrt();
             to = unit(add([ring * cos, ring * sin, height], 1.0001, surface.normal));
         }
         from = surface.at;
     }
-    let indirect = from_fn(|c| light[c] - direct[c]);
-    Estimate::new(light).with_first_hit(first).with_emission(emission).with_indirect(indirect)
+    path.estimate()
 }

@@ -7,7 +7,7 @@
 
 mod host;
 
-use dapple::{Error, Filtered, Frame, Limits, Session};
+use dapple::{Error, Filtered, Frame, Limits, SampleBuffers, Session};
 pub use host::SIZE;
 use std::cell::RefCell;
 
@@ -78,13 +78,28 @@ impl Demo {
         }
         &self.pixels
     }
+}
 
-    /// A number that depends on every bit of one image.
-    pub fn fingerprint(&self, which: usize) -> u32 {
-        let bits = self.images[which].radiance.iter().flatten().map(|value| value.to_bits());
-        // FNV-1a, of 32 bits at a time.
-        bits.fold(0x811c_9dc5, |hash: u32, bits| (hash ^ bits).wrapping_mul(0x0100_0193))
-    }
+/// A number that depends on every bit of an image.
+pub fn fingerprint_of(image: &Filtered) -> u32 {
+    let bits = image.radiance.iter().flatten().map(|value| value.to_bits());
+    // FNV-1a, of 32 bits at a time.
+    bits.fold(0x811c_9dc5, |hash: u32, bits| (hash ^ bits).wrapping_mul(0x0100_0193))
+}
+
+/// The room denoised from buffers: two renders with 2 uniform samples per pixel, without features.
+///
+/// # Errors
+///
+/// Those of sessions and of [`dapple::denoise`].
+pub fn denoised() -> Result<Filtered, Error> {
+    let half = |seed| -> Result<_, Error> {
+        let mut demo = Demo::new(2, seed)?;
+        while demo.step(0, u32::MAX)? {}
+        Ok(demo.image(0).radiance.clone())
+    };
+    let (a, b) = (half(1)?, half(2)?);
+    dapple::denoise(SIZE, &SampleBuffers::new(&a, 2), &SampleBuffers::new(&b, 2)).run()
 }
 
 /// A linear value in sRGB, in 8 bits.
@@ -135,7 +150,13 @@ pub extern "C" fn spp(which: u32) -> f64 {
 /// A number that depends on every bit of the image of render 0 or 1.
 #[unsafe(no_mangle)]
 pub extern "C" fn fingerprint(which: u32) -> u32 {
-    with(|demo| demo.fingerprint(which as usize))
+    with(|demo| fingerprint_of(demo.image(which as usize)))
+}
+
+/// A number that depends on every bit of the image denoised from buffers; 0 on an error.
+#[unsafe(no_mangle)]
+pub extern "C" fn denoised_fingerprint() -> u32 {
+    denoised().map_or(0, |image| fingerprint_of(&image))
 }
 
 /// The width of an image in pixels.

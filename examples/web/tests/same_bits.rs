@@ -1,8 +1,9 @@
 //! The renders of the page, natively. `examples/web/test` compares their bits with those of WebAssembly.
 
-use dapple_web::{Demo, SIZE, encoded};
+use dapple::Filtered;
+use dapple_web::{Demo, SIZE, denoised, encoded, fingerprint_of};
 
-/// The fingerprints of both images at 8 spp with seed 7. They change with the bits of the default filter.
+/// The fingerprints of both images at 8 spp with seed 7, and of the image denoised from buffers. They change with the bits of the default filter.
 const FINGERPRINTS: &str = include_str!("../fingerprints.txt");
 
 fn rendered(spp: u32, seed: u32) -> Demo {
@@ -19,13 +20,15 @@ fn the_default_pair_is_nearer_to_the_reference_with_the_same_bits_everywhere() {
     let demo = rendered(8, 7);
     let file = image::open(concat!(env!("CARGO_MANIFEST_DIR"), "/page/reference.png")).unwrap().into_rgb8();
     assert_eq!([file.width(), file.height()], SIZE);
-    let error = |which: usize| {
-        let image = demo.image(which).radiance.iter().flatten().map(|x| f64::from(encoded(*x)));
+    let error = |image: &Filtered| {
+        let image = image.radiance.iter().flatten().map(|x| f64::from(encoded(*x)));
         image.zip(file.as_raw()).map(|(x, r)| (x - f64::from(*r)).powi(2)).sum::<f64>() / file.as_raw().len() as f64
     };
-    let errors = [0, 1].map(error);
+    let errors = [0, 1].map(|which| error(demo.image(which)));
     assert!(errors[1] < 0.15 * errors[0], "{errors:?}");
-    let found = [0, 1].map(|which| demo.fingerprint(which).to_string()).join(" ");
+    let images = [demo.image(0), demo.image(1), &denoised().unwrap()];
+    assert!(error(images[2]) < 0.4 * error(images[0]), "{}", error(images[2]));
+    let found = images.map(|image| fingerprint_of(image).to_string()).join(" ");
     if std::env::var_os("DAPPLE_UPDATE").is_some() {
         std::fs::write(concat!(env!("CARGO_MANIFEST_DIR"), "/fingerprints.txt"), found + "\n").unwrap();
     } else {
