@@ -66,6 +66,7 @@ use std::sync::Arc;
 /// * Looking changes no bit: [`Session::image`], [`Round::image`] during a round, and snapshots.
 /// * A round counts only what is submitted. A tile that is lost or dropped is traced again by whoever asks for it.
 /// * Sample counts add up to the budget exactly, as in [`Render`](crate::Render).
+/// * What is done here runs in the rayon pool that calls it: `pool.install(|| session.finish())`.
 /// * [`Session::snapshot`] and [`Round::snapshot`] save the state; [`Session::resume`] continues with the same bits.
 ///
 /// # Limits

@@ -2,10 +2,13 @@
 
 use crate::common::*;
 use dapple_core::point_set::mix;
-use dapple_core::{Block, Clock, Draws, Error, Film, FirstHit, Limits, PathRecord, Session};
+use dapple_core::{
+    Block, Clock, Draws, Error, Film, Filter, Filtered, FirstHit, Limits, Methods, PathRecord, Session, Unfiltered,
+    parallel,
+};
 use std::ops::ControlFlow;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
 
 const NOISE: Block = Block::new(0);
 
@@ -163,4 +166,42 @@ fn a_path_record_tells_emission_direct_and_indirect_light_apart() {
     let mut sky = PathRecord::new();
     sky.receives([1.0; 3], [3.0; 3]);
     assert_eq!((sky.estimate().emission, sky.estimate().first_hit, sky.estimate().says_hit), ([3.0; 3], None, true));
+}
+
+/// A filter that tells the threads of its loop.
+struct Threads(Arc<Mutex<Vec<String>>>);
+
+impl Filter for Threads {
+    fn name(&self) -> &str {
+        "threads"
+    }
+
+    fn apply(&self, film: &Film) -> Result<Filtered, Error> {
+        parallel::map(1 << 14, |_| note(&self.0));
+        Unfiltered.apply(film)
+    }
+}
+
+fn note(threads: &Mutex<Vec<String>>) {
+    threads.lock().unwrap().push(std::thread::current().name().unwrap_or("no name").to_owned());
+}
+
+#[test]
+fn a_session_stays_in_the_pool_that_calls_it() {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(2).thread_name(|n| format!("host {n}")).build().unwrap();
+    let threads = Arc::new(Mutex::new(Vec::new()));
+    let trace = || {
+        let methods = Methods::from((uniform(1), Threads(threads.clone())));
+        let mut session = Session::new(frame(64, 64), Limits::spp(4.0), methods).unwrap();
+        while let Some(round) = session.next_round().unwrap() {
+            round.trace(|sample| (note(&threads), grey(sample)).1).unwrap();
+        }
+        session.finish().unwrap()
+    };
+    let image = pool.install(trace);
+    let names = std::mem::take(&mut *threads.lock().unwrap());
+    assert!(names.len() == 4 * 64 * 64 + (1 << 14) && names.iter().all(|name| name.starts_with("host ")));
+    // Without the pool of the host, other threads do the same.
+    assert_eq!(trace(), image);
+    assert!(threads.lock().unwrap().iter().all(|name| !name.starts_with("host ")));
 }
