@@ -72,9 +72,10 @@ class Race:
         table(f"{title}: the default by scene, sRGB MSE of means of 4x4 pixels", ["scene", *heads], rows)
         rows = [[m, *self.row(self.scenes, m, lambda run: run["render_s"])] for m in self.methods if m != BASE]
         table(f"{title}: seconds, all scenes", ["method", *heads], rows)
-        ratios = {spp: [run["errors"]["mean_ratio"] for (_, m, s), runs in self.runs.items() if (m, s) == (DEFAULT, spp) for run in runs.values()] for spp in self.spp}
-        table(f"{title}: mean of the default's image over that of the reference, least and largest of all runs", heads,
-              [[f"{min(ratios[spp]):.3f}, {max(ratios[spp]):.3f}" if ratios[spp] else "–" for spp in self.spp]])
+        light = lambda method, scene, spp: [run["errors"]["mean_ratio"] for run in self.runs.get((scene, method, spp), {}).values()]
+        ends = lambda means: f"{min(means)[0]:.3f} ({min(means)[1]}), {max(means)[0]:.3f} ({max(means)[1]})" if means else "–"
+        rows = [[m, *(ends([(mean(light(m, s, spp)), s) for s in self.scenes if light(m, s, spp)]) for spp in self.spp)] for m in (DEFAULT, BASE)]
+        table(f"{title}: mean of the image over that of the reference, mean over seeds, the least and the largest of all scenes", ["method", *heads], rows)
 
 
 folders = {}
