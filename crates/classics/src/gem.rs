@@ -2,7 +2,7 @@
 
 use crate::method::{FilterMethod, MethodFilter, MethodSampler, SamplingMethod};
 use crate::method::{next_step, within_ceiling};
-use crate::windows::{convolve, gaussian_taps, per_pixel, variances_of_means};
+use crate::windows::{convolve, gaussian_taps, per_pixel, stored, variances_of_means};
 use dapple_core::filter::ImagePlanes;
 use dapple_core::plan::{Feedback, PilotPolicy, Plan};
 use dapple_core::point_set::mix;
@@ -63,7 +63,7 @@ impl GemFilterOptions {
             let [bias, weight] = around[i];
             let is_black = selection[i].scale == 0 && film.count(i) == 0;
             let error = selection[i].variance + (bias / weight).max(0.0);
-            if is_black { f32::INFINITY } else { error as f32 }
+            stored(if is_black { f64::INFINITY } else { error })
         };
         per_pixel(film, error)
     }

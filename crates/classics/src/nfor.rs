@@ -3,7 +3,7 @@
 mod regression;
 
 use crate::method::{FilterMethod, MethodFilter};
-use crate::windows::{FEATURES, Means, feature_moments, per_pixel, unit_of_depth};
+use crate::windows::{FEATURES, Means, feature_moments, per_pixel, stored, unit_of_depth};
 use dapple_core::filter::ImagePlanes;
 use dapple_core::{Error, Film, Filtered, Needs};
 use regression::{Data, Guide, Kernel, nl_average, regress};
@@ -162,7 +162,7 @@ impl FilterMethod for NforOptions {
         };
         let most = f64::from(f32::MAX);
         let radiance = result.iter().map(|colour| colour.map(|x| x.clamp(0.0, most) as f32)).collect();
-        let error = pixels.map(|i| (map[i][0] * errors[i][0] + (1.0 - map[i][0]) * errors[i][1]).max(0.0) as f32);
+        let error = pixels.map(|i| stored(map[i][0] * errors[i][0] + (1.0 - map[i][0]) * errors[i][1]));
         Ok(Filtered::new(film.frame().size(), radiance).with_error(error.collect::<Vec<_>>()))
     }
 }

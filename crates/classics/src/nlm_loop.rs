@@ -3,7 +3,7 @@
 use crate::method::{FilterMethod, MethodFilter, MethodSampler, SamplingMethod};
 use crate::method::{next_step, within_ceiling};
 use crate::patch_means::{Mirrored, PatchGuide, Patches, patch_means};
-use crate::windows::{convolve, gaussian_taps, per_pixel};
+use crate::windows::{convolve, gaussian_taps, per_pixel, stored};
 use dapple_core::filter::ImagePlanes;
 use dapple_core::plan::{Feedback, PilotPolicy, Plan, saturating_u32, share};
 use dapple_core::{Error, Film, Filtered, Needs};
@@ -220,7 +220,7 @@ impl FilterMethod for NlmLoopFilterOptions {
         };
         let (radiance, errors): (Vec<_>, Vec<[f64; 2]>) = per_pixel(film, combined).into_iter().unzip();
         let near = convolve(film.frame().size().map(|n| n as usize), &[0.2; 5], &errors);
-        let of = |[error, weight]: [f64; 2]| if weight > 0.0 { (error / weight) as f32 } else { f32::INFINITY };
+        let of = |[error, weight]: [f64; 2]| stored(if weight > 0.0 { error / weight } else { f64::INFINITY });
         let error: Vec<f32> = near.into_iter().map(of).collect();
         Ok(Filtered::new(film.frame().size(), radiance).with_error(error))
     }

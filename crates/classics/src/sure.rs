@@ -4,6 +4,7 @@ mod bank;
 
 use crate::method::{FilterMethod, MethodFilter, MethodSampler, SamplingMethod};
 use crate::method::{counts_so_far, lacking, total, with_extra};
+use crate::windows::stored;
 use bank::{BANK, NEEDS, OfPixel, Planes};
 use dapple_core::filter::ImagePlanes;
 use dapple_core::plan::{Feedback, PilotPolicy, Plan, saturating_u32, share};
@@ -64,7 +65,7 @@ impl FilterMethod for SureFilterOptions {
     fn image(&self, film: &Film, (): &()) -> Result<Filtered, Error> {
         let radius = if self.fast { self.window.min(FAST) } else { self.window };
         let chosen = choose(film, radius, self.smooth);
-        let error = chosen.iter().map(|pixel| pixel.error.max(0.0) as f32).collect::<Vec<_>>();
+        let error = chosen.iter().map(|pixel| stored(pixel.error)).collect::<Vec<_>>();
         let radiance = chosen.iter().map(|pixel| pixel.radiance).collect();
         Ok(Filtered::new(film.frame().size(), radiance).with_error(error))
     }

@@ -267,6 +267,11 @@ pub(crate) fn filled_means(film: &Film) -> (Vec<[f64; 3]>, Vec<f64>) {
     known.into_iter().map(|[r, g, b, variance, _]| ([r, g, b], variance)).unzip()
 }
 
+/// A squared error as images hold it: the largest number instead of an overflow. An unknown one stays infinite.
+pub(crate) fn stored(error: f64) -> f32 {
+    if error == f64::INFINITY { f32::INFINITY } else { error.clamp(0.0, f64::from(f32::MAX)) as f32 }
+}
+
 /// Computes a value for every pixel, in parallel.
 pub(crate) fn per_pixel<T: Send>(film: &Film, f: impl Fn(usize) -> T + Sync) -> Vec<T> {
     parallel::map(film.frame().pixels(), f)

@@ -89,7 +89,7 @@ pub(crate) enum Scene {
     Edge,
     /// Noise whose variance grows from left to right.
     Noise,
-    /// A constant image, except that one sample in 64 is 10^20.
+    /// A constant image, except that one sample in 64 is 10^30.
     Firefly,
     /// Noise in which one sample in eight is NaN, infinite or negative.
     Invalid,
@@ -112,7 +112,7 @@ impl Integrator for Scene {
             Self::Constant => 0.7,
             Self::Edge => f32::from(u8::from(x as f32 + u[0] > 9.3)),
             Self::Noise => 0.2 + 0.1 * x as f32 * u[1],
-            Self::Firefly if u[2] < 1.0 / 64.0 => 1e20,
+            Self::Firefly if u[2] < 1.0 / 64.0 => 1e30,
             Self::Firefly => 0.5,
             Self::Invalid => match (u[2] * 32.0) as u32 {
                 0 => f32::NAN,
@@ -124,7 +124,8 @@ impl Integrator for Scene {
             Self::AllInvalid => f32::NAN,
         };
         let first_hit = (draws.wants_first_hit() && y != 2).then(|| {
-            FirstHit::new([x as f32 + u[0], y as f32 + u[1], 0.0], [0.0, 0.0, 1.0], 1.0 + u[0])
+            let place = [x as f32 + u[0], y as f32 + u[1], 0.0].map(|p| p * value.max(1.0));
+            FirstHit::new(place, [0.0, 0.0, 1.0], (1.0 + u[0]) * value.max(1.0))
                 .with_shading_normal(if x < 9 { [0.0, 0.0, 1.0] } else { [0.0, 1.0, 0.0] })
                 .with_albedo([0.8, 0.5, 0.2])
                 .with_footprint(1.0)
@@ -132,7 +133,8 @@ impl Integrator for Scene {
                 .with_shape(x / 9)
                 .with_primitive(y / 5)
         });
-        Estimate::new([value, 0.5 * value, 0.25 * value]).with_first_hit(first_hit).with_cost(1 + x % 3)
+        let estimate = Estimate::new([value, 0.5 * value, 0.25 * value]).with_first_hit(first_hit).with_cost(1 + x % 3);
+        if *self == Self::Firefly { estimate.with_indirect([0.1 * value; 3]) } else { estimate }
     }
 }
 

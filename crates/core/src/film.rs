@@ -49,7 +49,7 @@ impl FeatureMoments {
         for ((mean, m2), x) in self.mean.iter_mut().zip(&mut self.m2).zip(values) {
             let delta = x - *mean;
             *mean += delta * share;
-            *m2 += delta * (x - *mean);
+            *m2 = (*m2 + delta * (x - *mean)).min(f32::MAX);
         }
     }
 
@@ -239,6 +239,12 @@ impl Film {
     /// The number of kept samples of pixel `i`, both halves together.
     pub fn count(&self, i: usize) -> u64 {
         self.kept.iter().map(|b| b.counts[i]).sum()
+    }
+
+    /// Returns `true` if pixel `i` has kept samples and all were rejected. Their mean is black; images of a
+    /// [`Session`](crate::Session) fill such pixels from their neighbours.
+    pub fn is_rejected(&self, i: usize) -> bool {
+        self.count(i) > 0 && self.kept.iter().all(|half| half.counts[i] == 0 || planes::is_none_valid(half.means[i]))
     }
 
     /// The mean radiance of pixel `i`'s kept samples, linear RGB. Halves are combined by [`Film::combine`]; without

@@ -3,6 +3,7 @@
 mod budget;
 mod feature_samples;
 pub(crate) mod filtered_error;
+mod methods;
 mod monitor;
 mod plan;
 mod pull;
@@ -15,9 +16,10 @@ mod tile;
 mod turns;
 mod unreached;
 
+pub use methods::Methods;
 pub use monitor::{Control, Monitor, NoMonitor, Status};
 pub use pull::Round;
-pub use session::{Methods, Session};
+pub use session::Session;
 pub use stage::{Readiness, TracedRows};
 pub use state::Stage;
 pub use tile::{Samples, Tile};

@@ -6,7 +6,7 @@ mod warnings;
 use crate::ClusterRegression;
 use dapple_core::{Error, Film, Filter, Filtered};
 use std::sync::Arc;
-pub use warnings::Warning;
+pub use warnings::{Warning, warnings_of};
 
 /// The variance of each pixel, per channel or of one number: of a sample, or of the mean over all samples.
 ///

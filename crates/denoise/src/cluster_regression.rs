@@ -208,7 +208,9 @@ fn add(image: &mut Filtered, other: Filtered) {
     let colours = image.radiance.iter_mut().flatten().zip(other.radiance.iter().flatten());
     colours.for_each(|(sum, value)| *sum = (*sum + value).min(f32::MAX));
     let errors = image.error.iter_mut().flatten().zip(other.error.iter().flatten());
-    errors.for_each(|(sum, value)| *sum += value);
+    // The sum of known errors is known.
+    let most = |error: f32| if error < f32::INFINITY { f32::MAX } else { error };
+    errors.for_each(|(sum, value)| *sum = (*sum + value).min(most(sum.max(*value))));
 }
 
 /// The radius over which errors are compared, for the guide of the second pass and for that of the third.

@@ -9,7 +9,8 @@
 //! Features are normal, albedo, depth and position of the first rough surface, seen through mirrors, glass and smooth
 //! coats. Clusters are those of the first hit.
 //!
-//! [`denoise`] and [`denoise_whole`] make an image from buffers of any renderer, without a film.
+//! [`denoise`] and [`denoise_whole`] make an image from buffers of any renderer, without a film. [`warnings_of`] lists what looks
+//! wrong in a film.
 //!
 //! [`relative_errors`] turns a filter's error estimate into scores for an adaptive sampler.
 //!
@@ -85,7 +86,7 @@ mod regression;
 mod tile;
 mod wide;
 
-pub use buffers::{Counts, Denoise, SampleBuffers, Variance, Warning, denoise, denoise_whole};
+pub use buffers::{Counts, Denoise, SampleBuffers, Variance, Warning, denoise, denoise_whole, warnings_of};
 pub use cluster_gaussian::{ClusterGaussian, ClusterGaussianOptions};
 pub use cluster_regression::{ClusterRegression, ClusterRegressionOptions};
 pub use error_map::relative_errors;

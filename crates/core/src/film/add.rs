@@ -1,6 +1,6 @@
 //! Samples added to a film: by the render loop, to the planes of some pixels, or one by one.
 
-use super::planes::{BesideRows, Half, HalfRows};
+use super::planes::{BesideRows, Half, HalfRows, NONE_VALID, is_none_valid};
 use super::{FeatureMoments, Film, Rejected, RejectedReason};
 use crate::plan::Retention;
 use crate::point_set::streams;
@@ -121,7 +121,11 @@ impl HalfRows<'_> {
     ) -> Option<RejectedReason> {
         let reason = RejectedReason::of(estimate.radiance);
         let radiance = if reason.is_some() { [0.0; 3] } else { estimate.radiance };
+        let none_valid = reason.is_some() && (self.counts[local] == 0 || is_none_valid(self.means[local]));
         self.push(local, radiance);
+        if none_valid {
+            self.means[local] = NONE_VALID;
+        }
         if !recorders.is_empty() {
             self.record(local, (radiance, estimate), recorders);
         }
@@ -171,7 +175,7 @@ fn add_part(mean: &mut [f32; 3], mut m2: Option<&mut [f32; 3]>, count: u64, part
         let apart = part[c] - mean[c];
         mean[c] += apart * share;
         if let Some(m2) = &mut m2 {
-            m2[c] += apart * (part[c] - mean[c]);
+            m2[c] = (m2[c] + apart * (part[c] - mean[c])).min(f32::MAX);
         }
     }
 }

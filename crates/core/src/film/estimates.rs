@@ -125,7 +125,7 @@ impl Film {
         if self.kept.len() != 2 {
             return None;
         }
-        let mean = |e: [f64; 3]| ((e[0] + e[1] + e[2]) / 3.0) as f32;
+        let mean = |e: [f64; 3]| ((e[0] + e[1] + e[2]) / 3.0).min(f64::from(f32::MAX)) as f32;
         Some((0..self.frame.pixels()).map(|i| self.squared_error(i).map_or(f32::INFINITY, mean)).collect())
     }
 

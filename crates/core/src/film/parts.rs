@@ -1,8 +1,7 @@
 //! Films made of others, or of the statistics of another program: some rows, a tile, one half, pixels.
 
 use super::planes::Window;
-use super::{Beside, FeatureMoments, Features, Film, Rejected};
-use crate::film::{Record, RgbMoments};
+use super::{Beside, FeatureMoments, Features, Film, Half, Record, Rejected, RgbMoments};
 use crate::macros::setters;
 use crate::plan::{Combine, Retention};
 use crate::point_set::streams;
@@ -31,6 +30,16 @@ impl Film {
         Ok(Film { record: self.record.clone(), unreported: self.unreported, rejected, ..part })
     }
 
+    /// The film with no samples in pixels of which all were rejected; `None` without such pixels.
+    pub(crate) fn without_rejected(&self) -> Option<Film> {
+        let pixels = self.frame.pixels();
+        let marked: Vec<bool> = (0..pixels).map(|i| self.is_rejected(i)).collect();
+        let mut film = marked.contains(&true).then(|| self.clone())?;
+        let layout = film.layout();
+        film.kept.iter_mut().for_each(|half| half.exchange(&mut Half::new(pixels, &layout), &marked));
+        Some(film)
+    }
+
     /// The rejected samples of some rows.
     fn rejected_in(&self, rows: &Frame) -> Vec<Rejected> {
         let (first, height) = (rows.origin()[1], rows.size()[1]);
@@ -42,7 +51,7 @@ impl Film {
     pub(crate) fn part(&self, frame: Frame, retention: Retention) -> Film {
         let window = Window::new(&self.frame, &frame);
         let cut = |halves: &[_], wanted: bool| match wanted {
-            true => halves.iter().map(|planes: &super::Half| planes.cut(&window)).collect(),
+            true => halves.iter().map(|planes: &Half| planes.cut(&window)).collect(),
             false => Vec::new(),
         };
         Film {
@@ -234,7 +243,8 @@ impl Film {
                 return Err(Error::BadBuffer { buffer: "pixels", what });
             }
             for (planes, half) in film.kept.iter_mut().zip(pixel.halves) {
-                (planes.counts[i], planes.means[i], planes.m2[i]) = (half.count, half.mean, half.m2);
+                // The sum makes -0, the mean of rejected samples, 0.
+                (planes.counts[i], planes.means[i], planes.m2[i]) = (half.count, half.mean.map(|x| x + 0.0), half.m2);
                 if half.count > 0 {
                     let seen = |c: usize| pixel.emission[c].min(half.mean[c] as f32).max(0.0);
                     planes.emission[i] = [seen(0), seen(1), seen(2)];

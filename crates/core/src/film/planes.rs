@@ -182,6 +182,14 @@ fn exchange<T>(one: &mut [T], other: &mut [T], marked: &[bool]) {
     }
 }
 
+/// The mean of a pixel without a valid sample, all of which count as black. A mean of valid samples is never -0.
+pub(super) const NONE_VALID: [f64; 3] = [-0.0; 3];
+
+/// Returns `true` for [`NONE_VALID`], which equals black.
+pub(super) fn is_none_valid(mean: [f64; 3]) -> bool {
+    mean.map(f64::to_bits) == NONE_VALID.map(f64::to_bits)
+}
+
 impl Half {
     /// Count, mean and sum of squared deviations of the samples of pixel `i`; deviations are NaN if they are not recorded.
     pub(super) fn moments(&self, i: usize) -> RgbMoments {

@@ -44,7 +44,35 @@ pub enum Control {
 
 /// An observer of a render, called about five times a second: for progress, previews, checkpoints and Ctrl-C.
 ///
-/// A closure `FnMut(&Status) -> Control` is a monitor too.
+/// A closure `FnMut(&Status) -> Control` is a monitor too. This one keeps an image and the bytes of a checkpoint at every doubling
+/// of the samples:
+///
+/// ```
+/// use dapple_core::{Filter, Unfiltered};
+/// use dapple_core::render::{Control, Status};
+/// # use dapple_core::{Block, Draws, Estimate, Frame, Integrator, Limits, PointSet, Render, SampleId, Worker, samplers::Uniform};
+/// # struct Grey;
+/// # impl PointSet for Grey {
+/// #     fn describe(&self) -> String { "grey".into() }
+/// #     fn block(&self, _: SampleId, _: u32) -> [f32; 4] { [0.5; 4] }
+/// # }
+/// # impl Integrator for Grey {
+/// #     fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate { Estimate::new([draws.block(Block::new(0))[0]; 3]) }
+/// # }
+///
+/// let (mut next, mut kept) = (0, Vec::new());
+/// let mut keep = |status: &Status<'_>| {
+///     if status.samples >= next {
+///         kept.push((Unfiltered.apply(status.film), status.snapshot()));
+///         next = 2 * status.samples;
+///     }
+///     Control::Continue
+/// };
+/// # let limits = Limits::samples(64 * 64 * 32);
+/// # Render::new(Frame::new(64, 64)?, &limits).monitor(&mut keep).run(&mut Grey, &mut Uniform::new(Grey))?;
+/// # assert!(kept.len() > 1 && kept.iter().all(|(image, state)| image.is_ok() && !state.is_empty()));
+/// # Ok::<(), dapple_core::Error>(())
+/// ```
 ///
 /// ```
 /// use dapple_core::render::{Control, Monitor, Status};

@@ -3,17 +3,17 @@
 use super::budget;
 use super::budget::{Meter, Stopwatch};
 use super::filtered_error::{FilteredError, Prediction};
+use super::methods::Methods;
 use super::monitor::{Control, Monitor, Status};
 use super::plan::{begin, check};
 use super::pull::Round;
 use super::repeats::Repeats;
 use super::state::{OpenRound, State, Stopped};
 use super::unreached::image_of;
-use crate::film::{Recorder, RoundRecord};
+use crate::film::RoundRecord;
 use crate::plan::{Feedback, Plan, Progress, Retention};
 use crate::snapshot::{Planner, View};
 use crate::{Clock, Error, Film, Filter, Filtered, Frame, Integrator, Limits, Needs, Sampler, Snapshot, Unfiltered};
-use std::sync::Arc;
 
 /// A render whose loop belongs to the caller: it asks for rounds, traces their samples where and how it likes, and gives
 /// the results back.
@@ -55,6 +55,29 @@ use std::sync::Arc;
 /// }
 /// let image = session.finish()?;
 /// assert!(image.radiance.iter().all(|rgb| (rgb[0] - 0.5).abs() < 0.1));
+/// # Ok::<(), dapple_core::Error>(())
+/// ```
+///
+/// Images and states on the way need no callback, since the loop is the host's. Rounds end at every doubling of the samples.
+/// [`Round::image`] and [`Round::snapshot`] do the same between tiles, for hosts that look every few seconds.
+///
+/// ```
+/// # use dapple_core::{PointSet, SampleId, samplers::Uniform, Frame, Limits, Methods, Session, Snapshot};
+/// # struct Centre;
+/// # impl PointSet for Centre {
+/// #     fn describe(&self) -> String { "centre".into() }
+/// #     fn block(&self, _: SampleId, _: u32) -> [f32; 4] { [0.5; 4] }
+/// # }
+/// # let mut session = Session::new(Frame::new(8, 4)?, Limits::spp(16.0), Uniform::new(Centre))?;
+/// # let (mut shown, mut saved) = (Vec::new(), Vec::new());
+/// while let Some(round) = session.next_round()? {
+///     round.trace(|sample| [sample.pixel()[0] as f32; 3])?;
+///     drop(round);
+///     shown.push(session.image()?); // after 1, 2, 4, ... samples per pixel
+///     saved = session.snapshot(); // the bytes of a checkpoint
+/// }
+/// # assert_eq!(shown.len(), 5);
+/// # assert!(Snapshot::from_bytes(&saved).is_ok());
 /// # Ok::<(), dapple_core::Error>(())
 /// ```
 ///
@@ -224,8 +247,9 @@ impl<'a> Session<'a> {
         &self.state.film
     }
 
-    /// The image of the samples submitted so far, filtered if the session has a filter. Pixels without samples show the nearest one
-    /// that has some. [`Round::image`] does the same during a round.
+    /// The image of the samples submitted so far, filtered if the session has a filter. Pixels without samples, and pixels of
+    /// which [all were rejected](Film::is_rejected), show the nearest one that has some. [`Round::image`] does the same during
+    /// a round.
     ///
     /// # Errors
     ///
@@ -441,73 +465,4 @@ fn continued(
         }
     }
     Ok((state, seconds))
-}
-
-/// A sampler and a filter that work together: what a [`Session`](crate::Session) needs besides a frame and limits.
-///
-/// ```
-/// # use dapple_core::{PointSet, SampleId};
-/// # struct Centre;
-/// # impl PointSet for Centre {
-/// #     fn describe(&self) -> String { "centre".into() }
-/// #     fn block(&self, _: SampleId, _: u32) -> [f32; 4] { [0.5; 4] }
-/// # }
-/// use dapple_core::samplers::Uniform;
-/// use dapple_core::{Methods, Unfiltered};
-///
-/// let unfiltered = Methods::from(Uniform::new(Centre));
-/// let methods = Methods::from((Uniform::new(Centre), Unfiltered));
-/// # assert!(unfiltered.filter.is_none() && methods.filter.is_some());
-/// ```
-pub struct Methods<'a> {
-    /// The sampler, which holds its point set.
-    pub sampler: Box<dyn Sampler + 'a>,
-    /// The filter; `None` leaves each pixel the mean of its own samples.
-    pub filter: Option<Box<dyn Filter + 'a>>,
-    /// The statistics that the film records besides those that sampler and filter need.
-    pub needs: Needs,
-    /// The recorders of the film besides those of the sampler.
-    pub recorders: Vec<Arc<dyn Recorder>>,
-}
-
-impl<'a> Methods<'a> {
-    /// Sets the filter.
-    #[must_use]
-    pub fn with_filter(self, filter: impl Filter + 'a) -> Self {
-        Self { filter: Some(Box::new(filter)), ..self }
-    }
-
-    /// Adds the statistics that the filter needs.
-    pub(super) fn with_filter_needs(mut self) -> Self {
-        if let Some(filter) = &self.filter {
-            self.needs = self.needs.and(filter.needs());
-            self.recorders.extend(filter.recorders());
-        }
-        self
-    }
-
-    /// Adds statistics that the film must record besides those that sampler and filter need.
-    #[must_use]
-    pub fn with_needs(self, needs: Needs) -> Self {
-        Self { needs: self.needs.and(needs), ..self }
-    }
-
-    /// Adds recorders, such as those of a filter that is applied later.
-    #[must_use]
-    pub fn with_recorders(mut self, recorders: impl IntoIterator<Item = Arc<dyn Recorder>>) -> Self {
-        self.recorders.extend(recorders);
-        self
-    }
-}
-
-impl<'a, S: Sampler + 'a> From<S> for Methods<'a> {
-    fn from(sampler: S) -> Self {
-        Self { sampler: Box::new(sampler), filter: None, needs: Needs::none(), recorders: Vec::new() }
-    }
-}
-
-impl<'a, S: Sampler + 'a, F: Filter + 'a> From<(S, F)> for Methods<'a> {
-    fn from((sampler, filter): (S, F)) -> Self {
-        Methods::from(sampler).with_filter(filter)
-    }
 }

@@ -1,10 +1,13 @@
-//! Pixels without samples, in the image of a render that goes on or was stopped.
+//! Pixels without valid samples, in the image of a session.
 
 use crate::{Error, Film, Filter, Filtered};
 use std::collections::VecDeque;
 
-/// The filtered image of a film. Pixels without samples show the nearest pixel that has some, by steps along rows and columns.
+/// The filtered image of a film. Pixels without valid samples show the nearest pixel that has some, by steps along rows and
+/// columns.
 pub(super) fn image_of(filter: &dyn Filter, film: &Film) -> Result<Filtered, Error> {
+    let valid = film.without_rejected();
+    let film = valid.as_ref().unwrap_or(film);
     let mut image = filter.apply(film)?;
     let ([width, height], pixels) = (film.frame.size().map(|n| n as usize), film.frame.pixels());
     let mut has = (0..pixels).map(|i| film.count(i) > 0).collect::<Vec<_>>();

@@ -3,8 +3,8 @@
 use crate::common::*;
 use dapple_core::point_set::mix;
 use dapple_core::{
-    Block, Clock, Draws, Error, Film, Filter, Filtered, FirstHit, Limits, Methods, PathRecord, Session, Unfiltered,
-    parallel,
+    Block, Clock, Draws, Error, Film, Filter, Filtered, FirstHit, Limits, Methods, Needs, PathRecord, Session,
+    Snapshot, Unfiltered, parallel,
 };
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -204,4 +204,66 @@ fn a_session_stays_in_the_pool_that_calls_it() {
     // Without the pool of the host, other threads do the same.
     assert_eq!(trace(), image);
     assert!(threads.lock().unwrap().iter().all(|name| !name.starts_with("host ")));
+}
+
+fn halves() -> Methods<'static> {
+    Methods::from((uniform(1), Unfiltered)).with_needs(Needs::none().with_halves().with_variance())
+}
+
+/// Red of each pixel is its number, but where `bad` replaces a sample.
+fn with_faults(bad: impl Fn([u32; 2], u64) -> Option<f32>) -> Session<'static> {
+    let mut session = Session::new(frame(40, 30), Limits::spp(8.0), halves()).unwrap();
+    while let Some(round) = session.next_round().unwrap() {
+        let mut tile = round.whole();
+        for ([x, y], numbers) in tile.pixels() {
+            numbers.for_each(|number| {
+                let right = 1.0 + x as f32 + 40.0 * y as f32;
+                tile.push([x, y], [bad([x, y], number).unwrap_or(right); 3]);
+            });
+        }
+        round.submit(tile).unwrap();
+    }
+    session
+}
+
+#[test]
+fn pixels_whose_samples_are_all_rejected_are_filled_from_their_neighbours() {
+    // A block of 20x20 pixels with more rejected samples than a film lists, and a pixel of valid black samples.
+    let bad = |[x, y]: [u32; 2], number: u64| match (x, y) {
+        (5, 3) => Some(0.0),
+        (10..30, 5..25) => Some([f32::NAN, f32::INFINITY, -1.0][(number % 3) as usize]),
+        (33, 3) => [None, Some(f32::NAN)][(number % 2) as usize],
+        _ => None,
+    };
+    let mut session = with_faults(bad);
+    let film = session.film().clone();
+    let rejected: Vec<usize> = (0..1200).filter(|&i| film.is_rejected(i)).collect();
+    assert_eq!((rejected.len(), film.record().rejected), (400, 3204));
+    let image = session.image().unwrap();
+    for &i in &rejected {
+        let red = image.radiance[i][0];
+        assert!(red >= 1.0 && !rejected.contains(&(red as usize - 1)), "pixel {i} shows {red}");
+    }
+    assert_eq!((image.radiance[125], image.radiance[153]), ([0.0; 3], [77.0; 3]));
+    assert!(image.error.unwrap().iter().all(|error| error.is_finite()));
+    // A snapshot keeps it.
+    let snapshot = snapshot(&session.snapshot());
+    let again = Session::resume(frame(40, 30), Limits::spp(8.0), halves(), snapshot).unwrap();
+    assert_eq!(again.image().unwrap().radiance, image.radiance);
+}
+
+#[test]
+fn an_image_without_a_valid_sample_is_black() {
+    let image = with_faults(|_, _| Some(f32::NAN)).finish().unwrap();
+    assert!(image.radiance.iter().all(|colour| *colour == [0.0; 3]));
+}
+
+#[test]
+fn a_huge_sample_leaves_image_error_and_snapshot_finite() {
+    for value in [1e30, f32::MAX] {
+        let mut session = with_faults(|pixel, number| (pixel == [7, 7] && number == 5).then_some(value));
+        let image = session.image().unwrap();
+        assert!(image.radiance.as_flattened().iter().chain(&image.error.unwrap()).all(|x| x.is_finite()));
+        assert!(Snapshot::from_bytes(&session.snapshot()).is_ok());
+    }
 }

@@ -1,9 +1,13 @@
-//! Warnings of buffers that look exchanged: comparisons of numbers that belong together.
+//! Warnings of buffers and films that look wrong: comparisons of numbers that belong together.
 
 use super::{ALBEDO, Denoise, Feature, NORMAL, SampleBuffers, Variance};
+use dapple_core::Film;
+use dapple_core::film::Features;
+use std::collections::BTreeMap;
 use std::fmt;
 
-/// Something in the buffers of an image that is most likely a mistake; [`Denoise::warnings`] lists them.
+/// Something in the buffers of an image or in a film that is most likely a mistake; [`Denoise::warnings`] and [`warnings_of`]
+/// list them.
 #[non_exhaustive]
 #[derive(Clone, Debug, PartialEq)]
 pub enum Warning {
@@ -34,7 +38,12 @@ pub enum Warning {
     },
     /// Normals that look like albedo, and albedo that looks like normals.
     ExchangedFeatures,
-    /// Pixels whose mean is NaN or infinite. They are filled from their neighbours.
+    /// Hits at a depth of 0 or less.
+    Depth {
+        /// The share of the pixels with hits.
+        share: f64,
+    },
+    /// Pixels whose mean is NaN or infinite, or whose samples were all rejected. They are filled from their neighbours.
     Filled {
         /// The number of pixels.
         pixels: usize,
@@ -68,7 +77,7 @@ impl fmt::Display for Warning {
             Self::NoVariance => write!(f, "all variances are 0, and pixels differ; give the variance of the samples"),
             Self::AlikeHalves { factor } => write!(
                 f,
-                "the squared difference of the halves is {factor:.3} of what their variances say; give two renders with different seeds"
+                "the squared difference of the halves is {factor:.3} of what their variances say; give the halves different seeds"
             ),
             Self::ExchangedSize => write!(f, "rows fit better with width and height exchanged; give [width, height]"),
             Self::Normals => write!(
@@ -81,8 +90,11 @@ impl fmt::Display for Warning {
             Self::ExchangedFeatures => {
                 write!(f, "the normals look like albedo, and the albedo like normals; exchange them")
             }
+            Self::Depth { share } => {
+                write!(f, "the depth is not above 0 in {:.1} % of the pixels; give the distance of hits", 100.0 * share)
+            }
             Self::Filled { pixels } => {
-                write!(f, "{pixels} pixels are NaN or infinite, and are filled from their neighbours")
+                write!(f, "{pixels} pixels have no valid sample, and are filled from their neighbours")
             }
             Self::Huge { pixel: [x, y] } => {
                 write!(f, "pixel ({x}, {y}) is brighter than all others together; it may be a fault of the renderer")
@@ -99,6 +111,9 @@ const FIFTH: f64 = 0.0642;
 /// The factor by which the steps between rows must be smaller with width and height exchanged.
 const FITS: f64 = 0.6;
 
+/// The number of different means from which on halves are compared.
+const MEANS: usize = 100;
+
 impl std::error::Error for Warning {}
 
 /// The warnings about an image.
@@ -107,7 +122,7 @@ pub(super) fn warnings(image: &Denoise<'_>) -> Vec<Warning> {
     found.extend(of_samples(image));
     found.extend(of_halves(image));
     found.extend(of_size(image));
-    found.extend(of_features(image));
+    found.extend(of_buffers(image));
     found
 }
 
@@ -142,10 +157,7 @@ fn of_samples(image: &Denoise<'_>) -> Vec<Warning> {
         let sets = std::iter::once(*set).chain(image.second);
         sets.map(|set| grey(set.mean[i])).filter(|x| x.is_finite()).sum::<f64>()
     };
-    let total: f64 = (0..pixels).map(bright).sum();
-    if let Some(i) = (0..pixels).find(|i| pixels > 1 && bright(*i) > 0.5 * total) {
-        found.push(Warning::Huge { pixel: [(i % width) as u32, (i / width) as u32] });
-    }
+    found.extend(huge(width, pixels, bright));
     let Some(given) = set.variance else { return found };
     let differ = set.mean.iter().any(|colour| Some(colour) != set.mean.first());
     if differ && given.flat().values().iter().all(|v| *v == 0.0) {
@@ -197,22 +209,88 @@ fn of_size(image: &Denoise<'_>) -> Option<Warning> {
     (width != height && step(height) < FITS * step(width)).then_some(Warning::ExchangedSize)
 }
 
-fn of_features(image: &Denoise<'_>) -> Vec<Warning> {
-    let length = |v: &[f32; 3]| v.iter().map(|x| x * x).sum::<f32>().sqrt();
-    let share = |feature: Option<Feature<'_>>, holds: &dyn Fn(&[f32; 3]) -> bool| {
-        let known: Vec<_> = feature?.colours().iter().filter(|v| **v != [0.0; 3]).collect();
-        (!known.is_empty()).then(|| known.iter().filter(|v| holds(v)).count() as f64 / known.len() as f64)
+fn huge(width: usize, pixels: usize, bright: impl Fn(usize) -> f64) -> Option<Warning> {
+    let total: f64 = (0..pixels).map(&bright).sum();
+    let i = (0..pixels).find(|i| pixels > 1 && bright(*i) > 0.5 * total)?;
+    Some(Warning::Huge { pixel: [(i % width) as u32, (i / width) as u32] })
+}
+
+fn length(v: [f32; 3]) -> f32 {
+    v.iter().map(|x| x * x).sum::<f32>().sqrt()
+}
+
+fn of_buffers(image: &Denoise<'_>) -> Vec<Warning> {
+    let known = |feature: Option<Feature<'_>>| {
+        let colours = feature.map(|feature| feature.colours()).unwrap_or_default();
+        colours.iter().copied().filter(|v| *v != [0.0; 3]).collect::<Vec<_>>()
     };
-    let is_unit = |v: &[f32; 3]| (length(v) - 1.0).abs() < 0.02;
-    let is_within = |v: &[f32; 3]| v.iter().all(|x| (-1e-3..=1.0 + 1e-3).contains(x));
     let [normal, albedo, ..] = image.features;
-    let (units, outside) = (share(normal, &is_unit), share(albedo, &|v| !is_within(v)));
-    let is_like_normals = outside > Some(0.01) && share(albedo, &is_unit) > Some(0.9);
-    if is_like_normals && share(normal, &is_within) > Some(0.99) {
+    let normals: Vec<_> = known(normal).into_iter().map(|v| (v, length(v))).collect();
+    of_features(&normals, &known(albedo), 0.1)
+}
+
+/// Compares normals, given with their lengths, and albedos. At least the share `unit` of the normals must be of unit length.
+fn of_features(normals: &[([f32; 3], f32)], albedos: &[[f32; 3]], unit: f64) -> Vec<Warning> {
+    let (is_unit, is_within) =
+        (|l: f32| (l - 1.0).abs() < 0.02, |v: &[f32; 3]| v.iter().all(|x| (-1e-3..=1.0 + 1e-3).contains(x)));
+    let units = share(normals, |(_, l)| is_unit(*l));
+    let outside = share(albedos, |v| !is_within(v));
+    let is_like_normals = outside > Some(0.01) && share(albedos, |v| is_unit(length(*v))) > Some(0.9);
+    if is_like_normals && share(normals, |(v, _)| is_within(v)) > Some(0.99) {
         return vec![Warning::ExchangedFeatures];
     }
-    let long = share(normal, &|v| length(v) > 1.02);
-    let wrong_normals = long > Some(0.01) || units.is_some_and(|units| units < 0.1);
+    let wrong_normals = share(normals, |(_, l)| *l > 1.02) > Some(0.01) || units.is_some_and(|units| units < unit);
     let albedo = outside.filter(|share| *share > 0.01).map(|share| Warning::Albedo { share });
     wrong_normals.then_some(Warning::Normals).into_iter().chain(albedo).collect()
+}
+
+/// The share of the values for which this holds; `None` without values.
+fn share<T>(values: &[T], holds: impl Fn(&T) -> bool) -> Option<f64> {
+    (!values.is_empty()).then(|| values.iter().filter(|v| holds(v)).count() as f64 / values.len() as f64)
+}
+
+/// Lists what looks wrong in a film, such as that of a [`Session`](dapple_core::Session): pixels without a valid sample, a pixel
+/// brighter than all others together, the same samples in both halves, and normals, albedos and depths out of their range.
+///
+/// ```
+/// use dapple_core::{Estimate, Film, FirstHit, Frame, Needs};
+/// use dapple_denoise::{Warning, warnings_of};
+///
+/// let mut film = Film::new(Frame::new(4, 1)?, Needs::none().with_features());
+/// let hit = FirstHit::new([0.0; 3], [0.0, 0.0, 3.0], 1.0);
+/// (0..4).for_each(|i| film.push_estimate(i, 0, &Estimate::new([0.5; 3]).with_first_hit(hit)));
+/// assert_eq!(warnings_of(&film), [Warning::Normals]);
+/// # Ok::<(), dapple_core::Error>(())
+/// ```
+pub fn warnings_of(film: &Film) -> Vec<Warning> {
+    let (pixels, width) = (film.frame().pixels(), film.frame().size()[0] as usize);
+    let mut found = Vec::new();
+    let filled = (0..pixels).filter(|i| film.is_rejected(*i)).count();
+    found.extend((filled > 0).then_some(Warning::Filled { pixels: filled }));
+    // A lamp may be brighter than all else.
+    let lamps = |i: usize| [0, 1].iter().filter_map(|half| film.emission(*half, i)).map(grey).fold(0.0, f64::max);
+    found.extend(huge(width, pixels, |i| (grey(film.mean(i).map(|x| x as f32)) - lamps(i)).max(0.0)));
+    found.extend(of_streams(film));
+    let hits: Vec<Features> = (0..pixels).filter_map(|i| film.features(i)).filter(|f| f.hits > 0).collect();
+    // The mean square of the length, also where normals vary.
+    let spread = |f: &Features| f.variance.map_or(0.0, |v| (v[0] + v[1] + v[2]) * (f.hits - 1) as f32 / f.hits as f32);
+    let normals: Vec<_> = hits.iter().map(|f| (f.normal, (length(f.normal).powi(2) + spread(f)).sqrt())).collect();
+    let known: Vec<_> = normals.into_iter().filter(|(_, length)| *length > 0.0).collect();
+    let albedos: Vec<_> = hits.iter().map(|f| f.albedo).collect();
+    found.extend(of_features(&known, &albedos, 0.5));
+    found.extend(share(&hits, |f| f.depth <= 0.0).filter(|share| *share > 0.01).map(|share| Warning::Depth { share }));
+    found
+}
+
+/// Compares the halves of pixels with noise. Samples of a few values often have equal means by chance, so each mean counts once.
+fn of_streams(film: &Film) -> Option<Warning> {
+    let mut means = BTreeMap::new();
+    for i in 0..film.frame().pixels() {
+        let (a, b) = (film.half(0, i)?, film.half(1, i)?);
+        if a.count == b.count && a.m2.iter().sum::<f64>() > 0.0 {
+            means.insert(a.mean.map(f64::to_bits), a.mean == b.mean);
+        }
+    }
+    let same: Vec<bool> = means.into_values().collect();
+    (same.len() >= MEANS && share(&same, |same| *same) > Some(0.9)).then_some(Warning::AlikeHalves { factor: 0.0 })
 }

@@ -1,7 +1,9 @@
 //! Buffers that hosts exchange, and images without a fault.
 
+use crate::support::{HALVES, Noise, film, rendered, wall};
 use dapple_core::point_set::mix;
-use dapple_denoise::{Denoise, SampleBuffers, Variance, Warning, denoise, denoise_whole};
+use dapple_core::{Estimate, FirstHit, Frame};
+use dapple_denoise::{Denoise, SampleBuffers, Variance, Warning, denoise, denoise_whole, warnings_of};
 
 const SIZE: [u32; 2] = [96, 64];
 const PIXELS: usize = 96 * 64;
@@ -129,4 +131,66 @@ fn pixels_that_are_nan_are_filled_and_huge_ones_reported() {
     let radiance = image.run().unwrap().radiance;
     assert!(radiance.as_flattened().iter().all(|x| x.is_finite()));
     assert!(radiance[500..502].as_flattened().iter().all(|x| (0.02..2.0).contains(x)), "{:?}", &radiance[500..502]);
+}
+
+/// The warnings about a film of 8 samples per pixel, whose samples `change` alters.
+fn of_film(change: impl Fn([u32; 2], usize, Estimate) -> Estimate) -> Vec<Warning> {
+    let sample = |[x, y]: [u32; 2], k: usize, noise: &mut Noise| {
+        // Normals that vary, such as those of grass.
+        let (sine, cosine) = (6.0 * noise.next()).sin_cos();
+        let hit = wall([x, y]).with_shading_normal([sine, 0.0, cosine]);
+        change([x, y], k, Estimate::new([noise.next(); 3]).with_first_hit(hit))
+    };
+    warnings_of(&film([40, 30], HALVES.with_emission(), 3, |_, _| 8, sample))
+}
+
+#[test]
+fn samples_that_look_wrong_are_told() {
+    let with = |change: fn(FirstHit) -> FirstHit| of_film(|_, _, e| e.with_first_hit(e.first_hit.map(change)));
+    assert_eq!(with(|hit| hit), []);
+    assert_eq!(with(|hit| FirstHit::new(hit.position, hit.shading_normal, 0.0)), [Warning::Depth { share: 1.0 }]);
+    assert_eq!(
+        with(|hit| FirstHit::new(hit.position, hit.shading_normal, -hit.depth)),
+        [Warning::Depth { share: 1.0 }]
+    );
+    assert_eq!(with(|hit| hit.with_albedo([0.5, 1.5, 0.5])), [Warning::Albedo { share: 1.0 }]);
+    for length in [0.9, 1.1] {
+        let scaled = |hit: FirstHit| hit.with_shading_normal(hit.shading_normal.map(|x| x * length));
+        assert_eq!(of_film(|_, _, e| e.with_first_hit(e.first_hit.map(scaled))), [Warning::Normals]);
+    }
+    let at = |pixel: [u32; 2], value: f32, e: Estimate| match pixel {
+        [7, 9] => Estimate::new([value; 3]).with_first_hit(e.first_hit),
+        _ => e,
+    };
+    assert_eq!(of_film(|pixel, _, e| at(pixel, f32::NAN, e)), [Warning::Filled { pixels: 1 }]);
+    assert_eq!(of_film(|pixel, k, e| if k == 5 { at(pixel, 1e30, e) } else { e }), [Warning::Huge { pixel: [7, 9] }]);
+    // A lamp is no fault.
+    assert_eq!(
+        of_film(|pixel, _, e| at(pixel, 1e5, e).with_emission([if pixel == [7, 9] { 1e5 } else { 0.0 }; 3])),
+        []
+    );
+}
+
+/// A generator seeded by pixel and by the sample's number in its half. Samples of two values are the hardest: halves are often equal by
+/// chance.
+#[test]
+fn halves_of_the_same_samples_are_told() {
+    let frame = Frame::new(40, 30).unwrap();
+    let warned = |spp, seed, sees_half: bool, values: u64| {
+        let film = rendered(frame, HALVES, (seed, spp), |draws| {
+            let id = draws.id();
+            let place = u64::from(id.pixel[0] + 40 * id.pixel[1]) << 20 | id.index << 4;
+            let random = mix(mix(seed) ^ place ^ if sees_half { u64::from(id.stream) } else { 0 });
+            let value = (random % values) as f32 / values as f32;
+            Estimate::new([value * (1.0 + id.pixel[0] as f32); 3]).with_first_hit(wall(id.pixel))
+        });
+        warnings_of(&film)
+    };
+    for seed in 0..20 {
+        for spp in [4, 8, 32, 64] {
+            assert_eq!(warned(spp, seed, false, 1 << 20), [Warning::AlikeHalves { factor: 0.0 }], "{spp} spp");
+            assert_eq!(warned(spp, seed, true, 1 << 20), []);
+            assert_eq!(warned(spp, seed, true, 2), []);
+        }
+    }
 }
