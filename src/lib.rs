@@ -31,7 +31,7 @@
 //! * `job` (feature `job`): one render, from its description to its image; checkpoints and shards.
 //! * `study` (feature `study`): measurements of error against render time, with a report.
 //!
-//! `examples/plugs` has three renderers that keep their loop, each with under 25 lines for Dapple.
+//! `examples/plugs` has five renderers that keep their loop, each with at most 15 lines for Dapple.
 //! `examples/foreign_renderer.rs` connects clusters, sampler and denoiser to a renderer that shares no code with
 //! Dapple.
 //!
