@@ -19,11 +19,8 @@
 //! }
 //!
 //! # fn main() -> Result<(), Error> {
-//! let mut session = Session::new(Frame::new(64, 48)?, Limits::spp(16.0), dapple::default_pair(7))?;
-//! while let Some(round) = session.next_round()? {
-//!     round.trace(|s| sample(s.pixel(), &mut s.rng()))?;
-//! }
-//! let image = session.finish()?;
+//! let session = Session::new(Frame::new(64, 48)?, Limits::spp(16.0), dapple::default_pair(7))?;
+//! let image = session.run(|round| round.trace(|s| sample(s.pixel(), &mut s.rng())))?;
 //! assert_eq!(image.radiance.len(), 64 * 48);
 //! # Ok(())
 //! # }

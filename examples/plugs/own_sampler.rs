@@ -26,13 +26,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let pairs = image.as_flattened().iter().zip(reference.as_flattened());
         pairs.map(|(x, r)| (x - r).powi(2) / (r * r + 0.01)).sum::<f32>() / (3 * SIZE[0] * SIZE[1]) as f32
     };
-    let (plain, dapple) = (error(&render(SPP, 2)), error(&render_with_dapple(2)?));
+    let (plain, dapple) = (error(&render(SPP, 2)), error(&render_with_dapple(2)?.radiance));
     println!("relMSE {plain:.2e} by itself, {dapple:.2e} with Dapple: {:.3} of it", dapple / plain);
     Ok(())
 }
 
 // --- plug
-use dapple::{Error, Estimate, FirstHit, Frame, Limits, Rng, Session};
+use dapple::{Error, Estimate, Filtered, FirstHit, Frame, Limits, Rng, Session};
 
 impl Sampler for Rng<'_> {
     fn get_1d(&mut self) -> f32 {
@@ -43,20 +43,13 @@ impl Sampler for Rng<'_> {
     }
 }
 
-fn render_with_dapple(seed: u64) -> Result<Vec<Rgb>, Error> {
-    let mut session = Session::new(Frame::new(SIZE[0], SIZE[1])?, Limits::spp(SPP.into()), dapple::default_pair(seed))?;
-    while let Some(round) = session.next_round()? {
-        for_each_block(|block| {
-            let mut tile = round.tile(block)?;
-            for sample in tile.samples() {
-                let (light, hit) = radiance(sample.pixel(), &mut sample.rng());
-                let hit = hit.map(|h| FirstHit::new(h.at, h.normal, h.t).with_albedo(h.colour));
-                tile.add(&sample, Estimate::new(light).with_first_hit(hit));
-            }
-            round.submit(tile)
-        })?;
-    }
-    Ok(session.finish()?.radiance)
+fn estimate((light, hit): (Rgb, Option<Hit>)) -> Estimate {
+    (light, hit.map(|h| FirstHit::new(h.at, h.normal, h.t).with_albedo(h.colour))).into()
+}
+
+fn render_with_dapple(seed: u64) -> Result<Filtered, Error> {
+    let session = Session::new(Frame::new(SIZE[0], SIZE[1])?, Limits::spp(SPP.into()), dapple::default_pair(seed))?;
+    session.run(|round| for_each_block(|area| round.trace_tile(area, |s| estimate(radiance(s.pixel(), &mut s.rng())))))
 }
 // --- end of plug
 

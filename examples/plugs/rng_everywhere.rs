@@ -26,26 +26,23 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let pairs = image.as_flattened().iter().zip(reference.as_flattened());
         pairs.map(|(x, r)| (x - r).powi(2) / (r * r + 0.01)).sum::<f32>() / (3 * WIDTH * HEIGHT) as f32
     };
-    let (plain, dapple) = (error(&render(&scene, SPP, 2)), error(&render_with_dapple(&scene, 2)?));
+    let (plain, dapple) = (error(&render(&scene, SPP, 2)), error(&render_with_dapple(&scene, 2)?.radiance));
     println!("relMSE {plain:.2e} by itself, {dapple:.2e} with Dapple: {:.3} of it", dapple / plain);
     Ok(())
 }
 
 // --- plug
-use dapple::{Error, Estimate, FirstHit, Frame, Limits, Session};
+use dapple::{Draws, Error, Estimate, Filtered, FirstHit, Frame, Limits, Session};
 
-fn render_with_dapple(scene: &[Sphere], seed: u64) -> Result<Vec<[f32; 3]>, Error> {
-    let mut session = Session::new(Frame::new(WIDTH, HEIGHT)?, Limits::spp(SPP.into()), dapple::default_pair(seed))?;
-    while let Some(round) = session.next_round()? {
-        round.trace(|sample| {
-            let mut rng = sample.rng();
-            let ray = camera_ray(sample.pixel(), &mut rng);
-            let first = hit(scene, &ray)
-                .map(|h| FirstHit::new(rgb(h.at), rgb(h.normal), h.t as f32).with_albedo(rgb(h.sphere.colour)));
-            Estimate::new(rgb(radiance(scene, &ray, 0, &mut rng))).with_first_hit(first)
-        })?;
-    }
-    Ok(session.finish()?.radiance)
+fn render_with_dapple(scene: &[Sphere], seed: u64) -> Result<Filtered, Error> {
+    let session = Session::new(Frame::new(WIDTH, HEIGHT)?, Limits::spp(SPP.into()), dapple::default_pair(seed))?;
+    let trace = |sample: &Draws<'_>| {
+        let mut rng = sample.rng();
+        let ray = camera_ray(sample.pixel(), &mut rng);
+        let first = |h: Hit<'_>| FirstHit::new(rgb(h.at), rgb(h.normal), h.t as f32).with_albedo(rgb(h.sphere.colour));
+        Estimate::new(rgb(radiance(scene, &ray, 0, &mut rng))).with_first_hit(hit(scene, &ray).map(first))
+    };
+    session.run(|round| round.trace(trace))
 }
 // --- end of plug
 

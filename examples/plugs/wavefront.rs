@@ -27,31 +27,24 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let pairs = image.as_flattened().iter().zip(reference.as_flattened());
         pairs.map(|(x, r)| (x - r).powi(2) / (r * r + 0.01)).sum::<f32>() / (3 * SIZE[0] * SIZE[1]) as f32
     };
-    let (plain, dapple) = (error(&render(SPP, 2)), error(&render_with_dapple(2)?));
+    let (plain, dapple) = (error(&render(SPP, 2)), error(&render_with_dapple(2)?.radiance));
     println!("relMSE {plain:.2e} by itself, {dapple:.2e} with Dapple: {:.3} of it", dapple / plain);
     Ok(())
 }
 
 // --- plug
-use dapple::{Error, Estimate, FirstHit, Frame, Limits, Session};
+use dapple::{Error, Filtered, FirstHit, Frame, Limits, Session};
 
-fn render_with_dapple(seed: u64) -> Result<Vec<Rgb>, Error> {
-    let mut session = Session::new(Frame::new(SIZE[0], SIZE[1])?, Limits::spp(SPP.into()), dapple::default_pair(seed))?;
-    while let Some(round) = session.next_round()? {
-        let mut tile = round.whole();
-        let samples: Vec<_> = tile.samples().collect();
-        for batch in samples.chunks(WAVE) {
+fn render_with_dapple(seed: u64) -> Result<Filtered, Error> {
+    let session = Session::new(Frame::new(SIZE[0], SIZE[1])?, Limits::spp(SPP.into()), dapple::default_pair(seed))?;
+    let first = |h: Hit| FirstHit::new(h.at, h.normal, h.t).with_albedo(h.colour);
+    session.run(|round| {
+        round.trace_batches(WAVE, |batch| {
             let ids: Vec<_> = batch.iter().map(|sample| sample.id()).collect();
             let paths = trace(ids.iter().map(|id| id.pixel), |path, stage| round.points().block(ids[path], stage));
-            let estimates = paths.into_iter().map(|path| {
-                let hit = path.first.map(|h| FirstHit::new(h.at, h.normal, h.t).with_albedo(h.colour));
-                Estimate::new(path.radiance).with_first_hit(hit)
-            });
-            tile.add_all(batch, estimates);
-        }
-        round.submit(tile)?;
-    }
-    Ok(session.finish()?.radiance)
+            paths.into_iter().map(move |path| (path.radiance, path.first.map(first)))
+        })
+    })
 }
 // --- end of plug
 

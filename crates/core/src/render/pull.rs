@@ -151,14 +151,44 @@ impl<'s> Round<'s> {
     ///
     /// The errors of [`Round::submit`].
     pub fn trace<E: Into<Estimate>>(&self, trace: impl Fn(&Draws<'_>) -> E + Sync) -> Result<(), Error> {
-        areas(&self.frame, self.side).into_par_iter().with_max_len(1).try_for_each(|area| {
-            let mut tile = self.tile(area)?;
-            for sample in tile.samples() {
-                let estimate = trace(&sample);
-                tile.add(&sample, estimate);
-            }
-            self.submit(tile)
-        })
+        let areas = areas(&self.frame, self.side).into_par_iter().with_max_len(1);
+        areas.try_for_each(|area| self.trace_tile(area, &trace))
+    }
+
+    /// Traces the rest of columns `x0..x1` and rows `y0..y1` of the full image on this thread, for renderers with threads and blocks
+    /// of their own.
+    ///
+    /// # Errors
+    ///
+    /// The errors of [`Round::tile`] and [`Round::submit`].
+    pub fn trace_tile<E: Into<Estimate>>(
+        &self,
+        area: [u32; 4],
+        mut trace: impl FnMut(&Draws<'_>) -> E,
+    ) -> Result<(), Error> {
+        let mut tile = self.tile(area)?;
+        tile.samples().for_each(|sample| tile.add(&sample, trace(&sample)));
+        self.submit(tile)
+    }
+
+    /// Traces the rest of the round in batches of at most `most` samples, for renderers that trace waves of rays. `trace` returns a
+    /// result for each sample of a batch, in the same order.
+    ///
+    /// # Errors
+    ///
+    /// The errors of [`Round::submit`].
+    pub fn trace_batches<E: Into<Estimate>, B: IntoIterator<Item = E>>(
+        &self,
+        most: usize,
+        mut trace: impl FnMut(&[Draws<'_>]) -> B,
+    ) -> Result<(), Error> {
+        let mut tile = self.whole();
+        let mut samples = tile.samples().peekable();
+        while samples.peek().is_some() {
+            let batch: Vec<_> = samples.by_ref().take(most.max(1)).collect();
+            tile.add_all(&batch, trace(&batch));
+        }
+        self.submit(tile)
     }
 
     /// The image of the tiles submitted so far, as [`Session::image`](crate::Session::image) makes it. Tiles that are submitted meanwhile

@@ -258,6 +258,19 @@ impl<'a> Session<'a> {
         image_of(self.filter.as_deref().unwrap_or(&Unfiltered), &self.state.film)
     }
 
+    /// Traces all rounds with `trace`, and returns the image: [`Session::next_round`] until the limits are met, then
+    /// [`Session::finish`].
+    ///
+    /// # Errors
+    ///
+    /// The errors of `trace`, [`Session::next_round`] and [`Session::finish`].
+    pub fn run(mut self, mut trace: impl FnMut(&Round<'_>) -> Result<(), Error>) -> Result<Filtered, Error> {
+        while let Some(round) = self.next_round()? {
+            trace(&round)?;
+        }
+        self.finish()
+    }
+
     /// Ends the session and returns its image. Before the limits are met it is the image of the samples so far.
     ///
     /// # Errors

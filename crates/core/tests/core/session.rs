@@ -90,12 +90,7 @@ fn backwards(round: &Round<'_>) {
             let mine = areas.iter().rev().skip(part).step_by(3);
             threads.spawn(move || {
                 for &area in mine {
-                    let mut tile = round.tile(area).unwrap();
-                    let samples: Vec<_> = tile.samples().collect();
-                    for sample in samples.iter().rev() {
-                        tile.add(sample, trace(sample));
-                    }
-                    round.submit(tile).unwrap();
+                    round.trace_tile(area, trace).unwrap();
                 }
             });
         }
@@ -111,11 +106,25 @@ fn a_session_gives_the_bits_of_a_render_in_any_order() {
         }
         let traced = |round: &Round<'_>| round.trace(trace).unwrap();
         assert!(bits(&pulled(every_kind(withdraws), traced)) == whole);
+        let batches =
+            |round: &Round<'_>| round.trace_batches(777, |batch| batch.iter().map(trace).collect::<Vec<_>>()).unwrap();
+        assert!(bits(&pulled(every_kind(withdraws), batches)) == whole);
         // Another cost of each sample is seen.
         let other =
             |round: &Round<'_>| round.trace(|s| trace(&Draws::new(round.points(), s.id())).with_cost(9)).unwrap();
         assert!(bits(&pulled(every_kind(withdraws), other)) != whole);
     }
+}
+
+#[test]
+fn a_run_gives_the_image_of_its_rounds() {
+    let session = || Session::new(frame(9, 7), Limits::spp(4.0), uniform(1)).unwrap();
+    let mut whole = session();
+    while let Some(round) = whole.next_round().unwrap() {
+        round.trace(trace).unwrap();
+    }
+    assert_eq!(session().run(|round| round.trace(trace)).unwrap(), whole.finish().unwrap());
+    assert!(matches!(session().run(|_| Ok(())), Err(Error::NothingSubmitted { .. })));
 }
 
 #[test]
