@@ -49,7 +49,6 @@ impl Rates {
 }
 
 /// The rule of a sampler of two rates: the scores by which pixels are refined, and the rates.
-#[doc(hidden)]
 pub trait Rule: Options + Copy + Default + Send {
     /// The sampler's name.
     const NAME: &str;
