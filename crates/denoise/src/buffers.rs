@@ -260,11 +260,13 @@ impl<'a> Denoise<'a> {
     }
 
     /// Adds the share of the samples that hit a surface, 0 to 1. Features are then means over these samples alone.
+    ///
+    /// Give the share of the image's own samples. Other rays hit the edge of a lamp elsewhere, and its light leaks.
     pub fn coverage(self, share: &'a [f32]) -> Self {
         Self { coverage: Some(share), ..self }
     }
 
-    /// Adds the mean emission of light sources seen directly. Bright lamps then stay in their pixels.
+    /// Adds the mean emission of light sources that the image's own samples saw directly. Bright lamps then stay in their pixels.
     pub fn emission(self, mean: &'a [[f32; 3]]) -> Self {
         Self { emission: Some(mean), ..self }
     }
