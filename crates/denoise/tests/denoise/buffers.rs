@@ -130,6 +130,21 @@ fn dark_pixels_with_large_noise_break_no_filter() {
     }
 }
 
+/// Three frames in one slice, by one filter.
+#[test]
+fn frames_in_place_have_the_bits_of_images_made_alone() {
+    let (filter, mut out) = (ClusterRegression::new(), vec![[f32::NAN; 3]; PIXELS]);
+    for seed in 1..=3 {
+        let (image, coverage, emission) = lamp(seed);
+        let sets = [0, 1].map(|h| SampleBuffers::new(&image.halves[h], SPP));
+        let frame = denoise(SIZE, &sets[0], &sets[1]).depth(&image.depth).coverage(&coverage).emission(&emission);
+        frame.clone().filter(&filter).strict().run_into(&mut out).unwrap();
+        assert!(out == frame.run().unwrap().radiance, "frame {seed}");
+        let error = frame.run_into(&mut out[1..]).unwrap_err().to_string();
+        assert!(error.contains("\"out\"") && error.contains("1535 values"), "{error}");
+    }
+}
+
 #[test]
 fn pixels_without_samples_are_filled_even_where_buffers_are_nan() {
     let image = Image::new();
