@@ -260,11 +260,13 @@ impl<'a> Denoise<'a> {
     }
 
     /// Adds the share of the samples that hit a surface, 0 to 1. Features are then means over these samples alone.
+    ///
+    /// Give the share of the image's own samples. Other rays hit the edge of a lamp elsewhere, and its light leaks.
     pub fn coverage(self, share: &'a [f32]) -> Self {
         Self { coverage: Some(share), ..self }
     }
 
-    /// Adds the mean emission of light sources seen directly. Bright lamps then stay in their pixels.
+    /// Adds the mean emission of light sources that the image's own samples saw directly. Bright lamps then stay in their pixels.
     pub fn emission(self, mean: &'a [[f32; 3]]) -> Self {
         Self { emission: Some(mean), ..self }
     }
@@ -331,6 +333,35 @@ impl<'a> Denoise<'a> {
             Some(_) => plain.with_clusters(Arc::new(|hit| Some(hit.material)), "ids").apply(&film),
             None => plain.apply(&film),
         }
+    }
+
+    /// Denoises the image into a slice of the caller, such as a frame of a video, row by row from the top.
+    ///
+    /// One [filter](Self::filter) serves any number of frames. The film and the filter's memory are made and freed with each
+    /// of them. After an error, `out` is as it was.
+    ///
+    /// ```
+    /// use dapple_denoise::{ClusterRegression, ClusterRegressionOptions, SampleBuffers, denoise};
+    ///
+    /// # let noise = |i: usize, seed: usize| ((i * 7919 + seed * 104_729) % 1009) as f32 / 1009.0;
+    /// let filter = ClusterRegression::with_options(ClusterRegressionOptions::default().network(false))?;
+    /// let (depth, mut out) = (vec![2.0; 512], vec![[0.0; 3]; 512]);
+    /// for frame in 0..3 {
+    ///     # let [a, b] = [1, 2].map(|k| (0..512).map(|i| [noise(i, 2 * frame + k); 3]).collect::<Vec<_>>());
+    ///     let (half_a, half_b) = (SampleBuffers::new(&a, 8), SampleBuffers::new(&b, 8));
+    ///     denoise([32, 16], &half_a, &half_b).depth(&depth).filter(&filter).run_into(&mut out)?;
+    ///     assert!((out[100][0] - 0.5).abs() < 0.2);
+    /// }
+    /// # Ok::<(), dapple_core::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// Those of [`Denoise::run`], and [`Error::BadBuffer`] if `out` has another number of pixels.
+    pub fn run_into(&self, out: &mut [[f32; 3]]) -> Result<(), Error> {
+        check_length(self.size, out.len(), "out")?;
+        out.copy_from_slice(&self.run()?.radiance);
+        Ok(())
     }
 }
 

@@ -163,14 +163,19 @@ impl Levels {
     pub(crate) fn of(light: Light<'_>) -> Self {
         let (size, pixels) = (light.film.frame().size().map(|n| n as usize), light.film.frame().pixels());
         let grey = per_pixel(pixels, |i| (light.mean(i).iter().sum::<f64>() / 3.0) as f32);
-        let lit: Vec<f32> = grey.iter().copied().filter(|g| *g > 0.0).collect();
-        let level = quantile(lit, 2).map_or(1.0, |median| {
-            let [sum] = sum_pixels(size, |i| [f64::from(grey[i].min(8.0 * median))]);
-            // Not so small that a division by it overflows.
-            ((sum / pixels as f64) as f32).clamp(1e-18, 1e18)
-        });
+        let level = level(&grey, size);
         Self { level, bounds: Bounds::new(light, level) }
     }
+}
+
+/// The level of an image from the brightness of its pixels ([`Levels::level`]).
+pub(crate) fn level(grey: &[f32], size: [usize; 2]) -> f32 {
+    let lit: Vec<f32> = grey.iter().copied().filter(|g| *g > 0.0).collect();
+    quantile(lit, 2).map_or(1.0, |median| {
+        let [sum] = sum_pixels(size, |i| [f64::from(grey[i].min(8.0 * median))]);
+        // Not so small that a division by it overflows.
+        ((sum / grey.len() as f64) as f32).clamp(1e-18, 1e18)
+    })
 }
 
 /// The halves of a film's light.

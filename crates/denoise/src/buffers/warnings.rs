@@ -1,5 +1,6 @@
 //! Warnings of buffers and films that look wrong: comparisons of numbers that belong together.
 
+use super::film::brightness;
 use super::{ALBEDO, Denoise, Feature, NORMAL, SampleBuffers, Variance};
 use dapple_core::Film;
 use dapple_core::film::Features;
@@ -34,6 +35,11 @@ pub enum Warning {
     /// Albedos outside 0 to 1.
     Albedo {
         /// The share of the pixels.
+        share: f64,
+    },
+    /// Emission above the radiance, so that it is not part of it.
+    Emission {
+        /// The share of the pixels with emission.
         share: f64,
     },
     /// Normals that look like albedo, and albedo that looks like normals.
@@ -87,6 +93,11 @@ impl fmt::Display for Warning {
             Self::Albedo { share } => {
                 write!(f, "the albedo is outside 0 to 1 in {:.1} % of the pixels; give reflectances", 100.0 * share)
             }
+            Self::Emission { share } => write!(
+                f,
+                "the emission is above the radiance in {:.1} % of the pixels that have any, as if it came from other samples; give that of the image's samples, or none",
+                100.0 * share
+            ),
             Self::ExchangedFeatures => {
                 write!(f, "the normals look like albedo, and the albedo like normals; exchange them")
             }
@@ -123,6 +134,7 @@ pub(super) fn warnings(image: &Denoise<'_>) -> Vec<Warning> {
     found.extend(of_halves(image));
     found.extend(of_size(image));
     found.extend(of_buffers(image));
+    found.extend(of_emission(image));
     found
 }
 
@@ -207,6 +219,16 @@ fn of_size(image: &Denoise<'_>) -> Option<Warning> {
         }
     };
     (width != height && step(height) < FITS * step(width)).then_some(Warning::ExchangedSize)
+}
+
+/// Compares the emission with the radiance that contains it. At a lamp's edge, other samples hit it more often or less.
+fn of_emission(image: &Denoise<'_>) -> Option<Warning> {
+    let emission: Vec<f64> = image.emission?.iter().map(|colour| grey(*colour)).collect();
+    let lit = emission.iter().filter(|emission| **emission > 0.0).count();
+    let is_above = |(i, own): (usize, &f64)| image.first.samples(i) > 0 && *own > 1.01 * brightness(image, i);
+    let above = emission.iter().enumerate().filter(|pixel| *pixel.1 > 0.0 && is_above(*pixel)).count();
+    let share = above as f64 / lit.max(1) as f64;
+    (share > 0.01).then_some(Warning::Emission { share })
 }
 
 fn huge(width: usize, pixels: usize, bright: impl Fn(usize) -> f64) -> Option<Warning> {

@@ -3,7 +3,8 @@
 use crate::support::{Noise, grey};
 use dapple_core::{Error, Film, Filter, FirstHit, Frame, Needs};
 use dapple_denoise::{
-    Bilateral, ClusterRegression, Gaussian, NlMeans, NlMeansOptions, SampleBuffers, Variance, denoise, denoise_whole,
+    Bilateral, ClusterRegression, Gaussian, NlMeans, NlMeansOptions, SampleBuffers, Variance, Warning, denoise,
+    denoise_whole,
 };
 
 const SIZE: [u32; 2] = [48, 32];
@@ -129,6 +130,21 @@ fn dark_pixels_with_large_noise_break_no_filter() {
     }
 }
 
+/// Three frames in one slice, by one filter.
+#[test]
+fn frames_in_place_have_the_bits_of_images_made_alone() {
+    let (filter, mut out) = (ClusterRegression::new(), vec![[f32::NAN; 3]; PIXELS]);
+    for seed in 1..=3 {
+        let (image, coverage, emission) = lamp(seed);
+        let sets = [0, 1].map(|h| SampleBuffers::new(&image.halves[h], SPP));
+        let frame = denoise(SIZE, &sets[0], &sets[1]).depth(&image.depth).coverage(&coverage).emission(&emission);
+        frame.clone().filter(&filter).strict().run_into(&mut out).unwrap();
+        assert!(out == frame.run().unwrap().radiance, "frame {seed}");
+        let error = frame.run_into(&mut out[1..]).unwrap_err().to_string();
+        assert!(error.contains("\"out\"") && error.contains("1535 values"), "{error}");
+    }
+}
+
 #[test]
 fn pixels_without_samples_are_filled_even_where_buffers_are_nan() {
     let image = Image::new();
@@ -143,6 +159,70 @@ fn pixels_without_samples_are_filled_even_where_buffers_are_nan() {
         let (x, truth) = (found.radiance[i][0], image.truth[i][0]);
         assert!((x - truth).abs() < 0.5 * truth, "pixel {i}: {x} for {truth}");
     }
+}
+
+/// A lamp before a black background and a wall, with features and emission of the image's own samples.
+fn lamp(seed: u64) -> (Image, Vec<f32>, Colours) {
+    let (mut noise, mut image) = (Noise::new(seed), Image::default());
+    let (mut coverage, mut emission) = (Vec::new(), Vec::new());
+    for i in 0..PIXELS {
+        let [x, y] = [i % 48, i / 48].map(|n| n as f32);
+        let (mut hits, mut depth, mut normal, mut albedo, mut seen) = (0.0, 0.0, [0.0; 3], 0.0, 0.0);
+        for h in 0..2 {
+            let samples: Vec<f32> = (0..SPP)
+                .map(|_| {
+                    let [x, y] = [x + noise.next(), y + noise.next()];
+                    let (n, z, light) = match ((x - 24.3).hypot(y - 15.7) < 9.0, y > 19.2) {
+                        (true, _) => ([0.0, 0.6, 0.8], 4.0, 300.0),
+                        (false, true) => ([0.0, 0.0, 1.0], 8.0, 0.0),
+                        (false, false) => return 0.0,
+                    };
+                    (hits, depth, albedo, seen) = (hits + 1.0, depth + z, albedo + 0.5, seen + light);
+                    (0..3).for_each(|k| normal[k] += n[k]);
+                    light + noise.next()
+                })
+                .collect();
+            let mean = samples.iter().sum::<f32>() / SPP as f32;
+            let m2: f32 = samples.iter().map(|s| (s - mean).powi(2)).sum();
+            image.halves[h].push([mean; 3]);
+            image.variances[h].push([m2 / (SPP - 1) as f32; 3]);
+        }
+        let share = 1.0 / f32::max(hits, 1.0);
+        image.normal.push(normal.map(|v| v * share));
+        image.albedo.push([albedo * share; 3]);
+        image.depth.push(depth * share);
+        coverage.push(hits / (2 * SPP) as f32);
+        emission.push([seen / (2 * SPP) as f32; 3]);
+    }
+    (image, coverage, emission)
+}
+
+/// Partly covered pixels at the edge do not join the depth of the lamp and that of the background.
+#[test]
+fn a_lamp_does_not_light_the_background_beside_it() {
+    for seed in 1..=3 {
+        let (image, coverage, emission) = lamp(seed);
+        let sets = [0, 1]
+            .map(|h| SampleBuffers::new(&image.halves[h], SPP).variance(Variance::OfSamples(&image.variances[h])));
+        let guided = denoise(SIZE, &sets[0], &sets[1]).normal(&image.normal).albedo(&image.albedo).depth(&image.depth);
+        let covered = guided.clone().coverage(&coverage);
+        for (name, image) in [("none", guided), ("coverage", covered.clone()), ("both", covered.emission(&emission))] {
+            let found = image.run().unwrap().radiance;
+            let leak = (0..PIXELS).filter(|i| coverage[*i] == 0.0).map(|i| found[i][0]).fold(0.0, f32::max);
+            assert!(leak < 0.1, "{leak} of 300 with {name}, seed {seed}");
+        }
+    }
+}
+
+#[test]
+fn emission_of_other_samples_is_warned_of() {
+    let ((image, _, own), (_, _, other)) = (lamp(1), lamp(2));
+    let sets = [0, 1].map(|h| SampleBuffers::new(&image.halves[h], SPP));
+    let plain = || denoise(SIZE, &sets[0], &sets[1]);
+    assert_eq!(plain().emission(&own).warnings().unwrap(), []);
+    let found = plain().emission(&other).warnings().unwrap();
+    assert!(matches!(found[..], [Warning::Emission { share }] if share > 0.02), "{found:?}");
+    assert!(found[0].to_string().contains("other samples; give that of the image's samples, or none"));
 }
 
 /// Pixels of another id weigh less: a step of light that no other feature shows is kept better.
