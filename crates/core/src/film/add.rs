@@ -27,8 +27,23 @@ pub(crate) struct Strip<'a> {
 }
 
 impl Film {
-    /// All pixels, for a round of this retention.
+    /// Adds a sample as [`Strip::add`] does, for tasks that add samples one by one: to make a strip takes longer than to add to it.
     #[inline]
+    pub(crate) fn add(
+        &mut self,
+        retention: Retention,
+        (half, local): (usize, usize),
+        estimate: &Estimate,
+    ) -> Option<RejectedReason> {
+        let halves = if retention == Retention::Keep { &mut self.kept } else { &mut self.discarded };
+        let rejected = halves[half].rows().add(local, estimate, &self.recorders.active);
+        let places = self.needs.first_hits > 0;
+        let seen = if places { self.strip(retention).next(local).iter().sum::<u64>() - 1 } else { u64::MAX };
+        self.beside.rows().add(&self.needs, (half, local), seen, estimate);
+        rejected
+    }
+
+    /// All pixels, for a round of this retention.
     pub(crate) fn strip(&mut self, retention: Retention) -> Strip<'_> {
         let halves = if retention == Retention::Keep { &mut self.kept } else { &mut self.discarded };
         let (mut halves, mut withdrawn) = (halves.iter_mut(), self.withdrawn.iter());
@@ -81,18 +96,10 @@ impl Strip<'_> {
     #[inline]
     pub(crate) fn add(&mut self, half: usize, local: usize, estimate: &Estimate) -> Option<RejectedReason> {
         let rejected = self.halves[half].add(local, estimate, self.recorders);
-        if self.needs.wants_first_hit() {
-            let k = usize::from(self.needs.first_hits);
-            // Kept and discarded samples fill the places in the order of tracing. These indices give the next place,
-            // as long as all rounds have the same retention, which is usual.
-            let seen = if k > 0 { self.next(local).iter().sum::<u64>() - 1 } else { u64::MAX };
-            let BesideRows { features, half_features, first_hits, .. } = &mut self.beside;
-            let features = [features.get_mut(local), half_features.get_mut(2 * local + half)];
-            record_first_hit(features, &mut first_hits[k * local..k * (local + 1)], seen, estimate);
-        }
-        if let Some(cost) = self.beside.costs.get_mut(local) {
-            *cost += u64::from(estimate.cost);
-        }
+        // Kept and discarded samples fill the places of first hits in the order of tracing. These indices give the next place,
+        // as long as all rounds have the same retention, which is usual.
+        let seen = if self.needs.first_hits > 0 { self.next(local).iter().sum::<u64>() - 1 } else { u64::MAX };
+        self.beside.add(&self.needs, (half, local), seen, estimate);
         rejected
     }
 
@@ -106,6 +113,21 @@ impl Strip<'_> {
         for (planes, more) in self.halves.iter_mut().zip(samples).filter(|(planes, _)| !planes.counts.is_empty()) {
             let words = &mut planes.words[local * self.recorders.len()..][..self.recorders.len()];
             words.iter_mut().zip(self.recorders).for_each(|(words, recorder)| recorder.reserve(words, more));
+        }
+    }
+}
+
+impl BesideRows<'_> {
+    /// Adds what a sample reports besides its radiance. `seen` is the pixel's number of samples before.
+    #[inline]
+    fn add(&mut self, needs: &Needs, (half, local): (usize, usize), seen: u64, estimate: &Estimate) {
+        if needs.wants_first_hit() {
+            let k = usize::from(needs.first_hits);
+            let features = [self.features.get_mut(local), self.half_features.get_mut(2 * local + half)];
+            record_first_hit(features, &mut self.first_hits[k * local..k * (local + 1)], seen, estimate);
+        }
+        if let Some(cost) = self.costs.get_mut(local) {
+            *cost += u64::from(estimate.cost);
         }
     }
 }
@@ -170,6 +192,10 @@ impl HalfRows<'_> {
 /// Adds a part of a sample's radiance to its mean over `count` samples, and to squared deviations, if there are some.
 #[inline]
 fn add_part(mean: &mut [f32; 3], mut m2: Option<&mut [f32; 3]>, count: u64, part: [f32; 3]) {
+    // Most pixels see no lamp, and hosts may leave indirect light out.
+    if part == [0.0; 3] && *mean == [0.0; 3] {
+        return;
+    }
     let share = 1.0 / count as f32;
     for c in 0..3 {
         let apart = part[c] - mean[c];
@@ -190,9 +216,14 @@ pub(crate) fn record_first_hit(
 ) {
     // A NaN would spread through every mean, so such a hit counts as a miss.
     let hit = estimate.first_hit.as_ref().filter(|h| h.is_finite());
-    for moments in features.into_iter().flatten() {
-        let behind = estimate.features.filter(SurfaceFeatures::is_finite);
-        moments.push(behind.or_else(|| hit.map(SurfaceFeatures::from)));
+    let behind = estimate.features.filter(SurfaceFeatures::is_finite);
+    let seen_features = behind.or_else(|| hit.map(SurfaceFeatures::from));
+    let [all, half] = features;
+    if let Some(moments) = all {
+        moments.push(seen_features);
+    }
+    if let Some(moments) = half {
+        moments.push(seen_features);
     }
     if let Some(place) = usize::try_from(seen).ok().and_then(|seen| places.get_mut(seen)) {
         *place = hit.copied();
@@ -227,7 +258,7 @@ impl Film {
         let half = half % self.kept.len();
         self.record.samples += 1;
         self.record.rays += u64::from(estimate.cost);
-        let rejected = self.strip(Retention::Keep).add(half, pixel, estimate);
+        let rejected = self.add(Retention::Keep, (half, pixel), estimate);
         self.list_pushed(half, pixel, rejected);
     }
 

@@ -164,14 +164,17 @@ impl Window {
 
     /// Values of the rectangle.
     pub(crate) fn cut<T: Clone>(&self, plane: &[T]) -> Vec<T> {
-        self.runs(plane.len() / self.pixels).flat_map(|run| &plane[run]).cloned().collect()
+        let each = plane.len() / self.pixels;
+        let mut part = Vec::with_capacity(self.rows * self.strides[1] * each);
+        self.runs(each).for_each(|run| part.extend_from_slice(&plane[run]));
+        part
     }
 
     /// Moves values of the rectangle back.
-    pub(crate) fn paste<T>(&self, plane: &mut [T], part: Vec<T>) {
+    pub(crate) fn paste<T>(&self, plane: &mut [T], mut part: Vec<T>) {
         let each = plane.len() / self.pixels;
-        let places = self.runs(each).flatten();
-        places.zip(part).for_each(|(place, value)| plane[place] = value);
+        let rows = part.chunks_exact_mut((self.strides[1] * each).max(1));
+        self.runs(each).zip(rows).for_each(|(run, row)| plane[run].swap_with_slice(row));
     }
 }
 

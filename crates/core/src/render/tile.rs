@@ -37,17 +37,11 @@ impl<'r> Planned<'r> {
         inside.then(|| (row - y0) as usize * (x1 - x0) as usize + (column - x0) as usize)
     }
 
+    /// The half and the identity of a sample of a pixel, whose number in the tile is `local`.
     #[inline]
-    fn id(&self, local: usize, turn: u32) -> SampleId {
+    fn sample(&self, pixel: [u32; 2], local: usize, turn: u32) -> (usize, SampleId) {
         let (half, index) = self.pixels[local].sample(self.order, turn);
-        SampleId::new(self.pixel(local), self.streams[half], index)
-    }
-
-    #[inline]
-    fn draws(&self, local: usize, turn: u32) -> Draws<'r> {
-        let mut draws = Draws::for_film(self.points, self.id(local, turn), self.needs);
-        draws.turn = turn;
-        draws
+        (half, SampleId::new(pixel, self.streams[half], index))
     }
 
     fn total(&self) -> u64 {
@@ -121,7 +115,8 @@ impl<'r> Tile<'r> {
 
     /// The samples to trace, pixel by pixel. Each has its identity and its random numbers.
     pub fn samples(&self) -> Samples<'r> {
-        Samples { planned: self.planned.clone(), local: 0, turn: 0 }
+        let [x, y, ..] = self.planned.area;
+        Samples { planned: self.planned.clone(), pixel: [x, y], local: 0, turn: 0 }
     }
 
     /// Column and row of each pixel in the full image, and the numbers of the samples to trace in it.
@@ -155,9 +150,10 @@ impl<'r> Tile<'r> {
     #[inline]
     pub fn add(&mut self, sample: &Draws<'_>, estimate: impl Into<Estimate>) {
         let (id, turn) = (sample.id(), sample.turn);
-        let local = self.planned.local(id.pixel);
-        match local.filter(|&local| turn < self.planned.pixels[local].total() && self.planned.id(local, turn) == id) {
-            Some(local) => self.place(local, turn, &estimate.into(), sample.blocks_requested()),
+        let local = self.planned.local(id.pixel).filter(|&local| turn < self.planned.pixels[local].total());
+        let planned = local.map(|local| (local, self.planned.sample(id.pixel, local, turn)));
+        match planned.filter(|(_, (_, planned))| *planned == id) {
+            Some((local, named)) => self.place((local, turn), named, &estimate.into(), sample.blocks_requested()),
             None => self.wrong(id, "belongs to another tile or round; add each sample to the tile that it came from"),
         }
     }
@@ -219,7 +215,10 @@ impl<'r> Tile<'r> {
     pub fn push(&mut self, pixel: [u32; 2], estimate: impl Into<Estimate>) {
         let local = self.planned.local(pixel);
         match local.filter(|&local| self.taken[local] < self.planned.pixels[local].total()) {
-            Some(local) => self.place(local, self.taken[local], &estimate.into(), 0),
+            Some(local) => {
+                let turn = self.taken[local];
+                self.place((local, turn), self.planned.sample(pixel, local, turn), &estimate.into(), 0);
+            }
             None => {
                 let [column, row] = pixel;
                 let asked = local.map_or(0, |local| self.planned.pixels[local].total());
@@ -233,41 +232,40 @@ impl<'r> Tile<'r> {
 
     /// Records a result, or keeps it until the pixel's earlier ones are there.
     #[inline]
-    fn place(&mut self, local: usize, turn: u32, estimate: &Estimate, blocks: u32) {
+    fn place(&mut self, (local, turn): (usize, u32), named: (usize, SampleId), estimate: &Estimate, blocks: u32) {
         if turn != self.taken[local] {
-            self.keep(local, turn, Waiting { estimate: *estimate, blocks });
+            self.keep((local, turn), named.1, Waiting { estimate: *estimate, blocks });
             return;
         }
-        self.record(local, turn, estimate, blocks);
+        self.record(local, named, estimate, blocks);
         while !self.waiting.is_empty()
             && let Some(Waiting { estimate, blocks }) = self.waiting.remove(&(local, self.taken[local]))
         {
-            self.record(local, self.taken[local], &estimate, blocks);
+            let named = self.planned.sample(named.1.pixel, local, self.taken[local]);
+            self.record(local, named, &estimate, blocks);
         }
     }
 
     #[cold]
-    fn keep(&mut self, local: usize, turn: u32, waiting: Waiting) {
+    fn keep(&mut self, (local, turn): (usize, u32), id: SampleId, waiting: Waiting) {
         let again = turn < self.taken[local] || self.waiting.insert((local, turn), waiting).is_some();
         if again {
-            self.wrong(self.planned.id(local, turn), "was added twice; add each sample once");
+            self.wrong(id, "was added twice; add each sample once");
         }
     }
 
     /// Records the next result of a pixel in the film.
     #[inline]
-    fn record(&mut self, local: usize, turn: u32, estimate: &Estimate, blocks: u32) {
-        let (half, index) = self.planned.pixels[local].sample(self.planned.order, turn);
-        let rejected = self.film.strip(self.retention).add(half, local, estimate);
+    fn record(&mut self, local: usize, (half, sample): (usize, SampleId), estimate: &Estimate, blocks: u32) {
+        let rejected = self.film.add(self.retention, (half, local), estimate);
         self.film.unreported += u64::from(self.planned.needs.wants_first_hit() && !estimate.reports_hit());
         self.tally.count(half, estimate.cost, blocks);
         if self.taken[local] < repeats::KEPT {
-            repeats::watch(&mut self.firsts, &self.film.frame, self.planned.pixel(local), estimate.radiance);
+            repeats::watch(&mut self.firsts, &self.film.frame, sample.pixel, estimate.radiance);
         }
         self.taken[local] += 1;
         self.left -= 1;
         if let Some(reason) = rejected {
-            let sample = SampleId::new(self.planned.pixel(local), self.planned.streams[half], index);
             self.tally.reject(Rejected { sample, reason }, estimate.radiance);
         }
     }
@@ -289,6 +287,7 @@ pub(super) fn area(frame: &crate::Frame) -> [u32; 4] {
 /// An iterator over the samples of a [`Tile`].
 pub struct Samples<'r> {
     planned: Arc<Planned<'r>>,
+    pixel: [u32; 2],
     local: usize,
     turn: u32,
 }
@@ -300,8 +299,11 @@ impl<'r> Iterator for Samples<'r> {
     fn next(&mut self) -> Option<Draws<'r>> {
         while self.turn >= self.planned.pixels.get(self.local)?.total() {
             (self.local, self.turn) = (self.local + 1, 0);
+            self.pixel = self.planned.pixel(self.local);
         }
-        let draws = self.planned.draws(self.local, self.turn);
+        let (_, id) = self.planned.sample(self.pixel, self.local, self.turn);
+        let mut draws = Draws::for_film(self.planned.points, id, self.planned.needs);
+        draws.turn = self.turn;
         self.turn += 1;
         Some(draws)
     }
