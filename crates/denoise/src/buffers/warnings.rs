@@ -105,7 +105,7 @@ impl fmt::Display for Warning {
                 write!(f, "the depth is not above 0 in {:.1} % of the pixels; give the distance of hits", 100.0 * share)
             }
             Self::Filled { pixels } => {
-                write!(f, "{pixels} pixels have no valid sample, and are filled from their neighbours")
+                write!(f, "pixels without a finite sample are filled from their neighbours: {pixels}")
             }
             Self::Huge { pixel: [x, y] } => {
                 write!(f, "pixel ({x}, {y}) is brighter than all others together; it may be a fault of the renderer")

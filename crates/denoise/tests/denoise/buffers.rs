@@ -269,7 +269,7 @@ fn wrong_buffers_are_refused_with_their_name_and_advice() {
     let mut infinite = mean.clone();
     infinite[2][0] = f32::INFINITY;
     let other = SampleBuffers::new(&infinite, 4);
-    holds(message(denoise(SIZE, &a, &other).strict().run()), &["1 pixels are NaN or infinite", "filled"]);
+    holds(message(denoise(SIZE, &a, &other).strict().run()), &["without a finite sample are filled", ": 1"]);
 
     let none = SampleBuffers::new(&mean, 0);
     holds(message(denoise(SIZE, &none, &b).run()), &["\"count of half a\"", "no pixel has a sample"]);
