@@ -7,3 +7,4 @@ mod hard_cases;
 mod honest;
 mod price;
 mod session;
+mod video;

@@ -2,6 +2,7 @@
 
 use dapple_core::{Filtered, Frame, Limits, Render, Round, Session, Worker};
 use dapple_core::{Integrator, Snapshot};
+use dapple_denoise::warnings_of;
 use dapple_renderer::{World, integrator};
 use dapple_scene::bundled;
 
@@ -58,6 +59,8 @@ fn same_bits_on(scene: &str) {
         while let Some(round) = pulled.next_round().expect("a round") {
             trace(&*integrator, &round, order, usize::MAX);
         }
+        // No rule warns of a right host.
+        assert_eq!(warnings_of(pulled.film()), []);
         assert_eq!(pulled.finish().expect("an image"), whole, "order {order}");
     }
     // Killed after 3 tiles of the second round, and continued by another session.
