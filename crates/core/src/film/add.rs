@@ -27,7 +27,7 @@ pub(crate) struct Strip<'a> {
 }
 
 impl Film {
-    /// Adds a sample as [`Strip::add`] does, for tasks that add samples one by one: to make a strip takes longer than to add to it.
+    /// Adds a sample as [`Strip::add`] does. Making a strip for one sample takes longer than adding it.
     #[inline]
     pub(crate) fn add(
         &mut self,

@@ -164,10 +164,10 @@ impl<'s> Round<'s> {
     pub fn trace_tile<E: Into<Estimate>>(
         &self,
         area: [u32; 4],
-        mut trace: impl FnMut(&Draws<'_>) -> E,
+        trace: impl FnMut(&Draws<'_>) -> E,
     ) -> Result<(), Error> {
         let mut tile = self.tile(area)?;
-        tile.samples().for_each(|sample| tile.add(&sample, trace(&sample)));
+        tile.trace(trace);
         self.submit(tile)
     }
 

@@ -258,8 +258,8 @@ impl<'a> Session<'a> {
         image_of(self.filter.as_deref().unwrap_or(&Unfiltered), &self.state.film)
     }
 
-    /// Traces all rounds with `trace`, and returns the image: [`Session::next_round`] until the limits are met, then
-    /// [`Session::finish`].
+    /// Traces all rounds with `trace` and returns the image: [`Session::next_round`] until the limits are met, then
+    /// [`Session::finish`]. [`Limits::open`] are never met.
     ///
     /// # Errors
     ///

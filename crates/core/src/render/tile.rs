@@ -158,6 +158,20 @@ impl<'r> Tile<'r> {
         }
     }
 
+    /// Traces all samples in order, without the look-ups of [`Tile::add`].
+    pub(super) fn trace<E: Into<Estimate>>(&mut self, mut trace: impl FnMut(&Draws<'_>) -> E) {
+        let planned = self.planned.clone();
+        for (local, turns) in planned.pixels.iter().enumerate() {
+            let pixel = planned.pixel(local);
+            for turn in 0..turns.total() {
+                let named = planned.sample(pixel, local, turn);
+                let draws = Draws::for_film(planned.points, named.1, planned.needs);
+                let estimate = trace(&draws).into();
+                self.record(local, named, &estimate, draws.blocks_requested());
+            }
+        }
+    }
+
     /// Samples features without light where it is their turn, as [`Render`](crate::Render) does with
     /// [`Integrator::features_alone`](crate::Integrator::features_alone). `sample` returns a first hit, features and the emission
     /// seen directly, or `None` to end those of the pixel.
