@@ -5,9 +5,9 @@
 
 #![allow(clippy::print_stdout, reason = "a program")]
 
-use dapple::core::samplers::Uniform;
-use dapple::core::{PointSet, SampleId, Sampler};
-use dapple::{Error, Estimate, FirstHit, Frame, Limits, Methods, Needs, Session};
+use dapple_core::samplers::Uniform;
+use dapple_core::{Error, Estimate, FirstHit, Frame, Limits, Methods, Needs, Session};
+use dapple_core::{PointSet, SampleId, Sampler};
 use std::hint::black_box;
 use std::time::Instant;
 
@@ -54,8 +54,8 @@ fn own(points: &dyn PointSet, spp: u32) -> Vec<[f32; 3]> {
 fn session(spp: u32, needs: Needs, hits: bool) -> Result<Vec<[f32; 3]>, Error> {
     let methods = Methods::from(Uniform::new(Cheap)).with_needs(needs);
     let session = Session::new(Frame::new(SIDES[0], SIDES[0])?, Limits::spp(spp.into()), methods)?;
-    let trace = |sample: &dapple::Draws<'_>| {
-        let [r, g, b, t] = sample.block(dapple::Block::new(0));
+    let trace = |sample: &dapple_core::Draws<'_>| {
+        let [r, g, b, t] = sample.block(dapple_core::Block::new(0));
         let hit = hits.then(|| FirstHit::new([r, g, t], [0.0, 1.0, 0.0], t).with_albedo([b, 0.5, 0.5]));
         Estimate::new([r, g, b]).with_first_hit(hit)
     };
@@ -65,7 +65,7 @@ fn session(spp: u32, needs: Needs, hits: bool) -> Result<Vec<[f32; 3]>, Error> {
 fn main() -> Result<(), Error> {
     let has = |name: &str| std::env::args().any(|argument| argument == name);
     let (spp, times) = if has("--bench") && !has("--test") { (64, 9) } else { (2, 1) };
-    let pair = dapple::default_pair(7);
+    let pair = dapple_registry::default_pair(7);
     let needs = pair.filter.map_or(pair.sampler.needs(), |filter| filter.needs().and(pair.sampler.needs()));
     let seconds = |work: &mut dyn FnMut() -> Result<Vec<[f32; 3]>, Error>| {
         let began = Instant::now();
