@@ -1,6 +1,7 @@
 //! The features of each pixel as planes: normal, albedo, depth and position.
 
-use crate::planes::{Colours, Plane, parts, per_pixel, planes_of, quantile, raised, sum_pixels, update};
+use crate::inputs::level;
+use crate::planes::{Colours, Plane, box_mean, parts, per_pixel, planes_of, quantile, raised, sum_pixels, update};
 use dapple_core::Film;
 
 /// The number of feature channels: shading normal (3), albedo (3), logarithm of depth (1).
@@ -76,8 +77,26 @@ fn planes(film: &Film, read: bool) -> Each<Plane> {
         let [nx, ny, nz, r, g, b, depth, x, y, z] = miss(far);
         [nx, ny, nz, r, g, b, depth, x, y, z, 0.0, 0.0, 0.0, 0.0, far]
     });
-    let of = |i: usize| miss.or_else(|| feature(film, i, (far, middle)));
+    let lamps = beside_lamps(film, size);
+    let of = |i: usize| miss.or_else(|| feature(film, i, (far, middle), lamps[i] > 0.0));
     planes_of(film.frame().pixels(), |i| of(i).or_else(|| from_neighbours(of, size, i)).unwrap_or_default())
+}
+
+/// The number of times the level of an image from which on a pixel counts as a lamp.
+const LAMP: f32 = 8.0;
+
+/// The pixels within two of a lamp, of the background and of a surface that fills its pixel; 0 for all others.
+fn beside_lamps(film: &Film, size: [usize; 2]) -> Plane {
+    let grey = per_pixel(film.frame().pixels(), |i| (film.moments(i).mean.iter().sum::<f64>() / 3.0) as f32);
+    let least = LAMP * level(&grey, size);
+    let near = |holds: &(dyn Fn(usize) -> bool + Sync)| {
+        box_mean(&per_pixel(grey.len(), |i| if holds(i) { 1.0 } else { 0.0 }), size, 2)
+    };
+    let hits = |i: usize| film.features(i).map_or([0, 0], |f| [f.hits, f.samples]);
+    let [background, surfaces] = [near(&|i| hits(i)[0] == 0), near(&|i| hits(i)[0] == hits(i)[1])];
+    let mut beside = near(&|i| grey[i] > least);
+    update(&mut beside, [&background, &surfaces], |lamp, [background, surface]| lamp * background * surface);
+    beside
 }
 
 /// The means of a pixel that sees no surface.
@@ -86,7 +105,10 @@ fn miss(far: f32) -> [f32; 10] {
 }
 
 /// The features of pixel `i` with its misses blended in and positions relative to the middle; `None` without samples.
-fn feature(film: &Film, i: usize, (far, middle): (f32, [f64; 3])) -> Option<Each<f32>> {
+///
+/// From a surface to the background the depth then rises over some pixels as on a slope, which joins both: a lamp would light the
+/// background. So beside a sharp edge of a lamp, depth and position stay those of the surface.
+fn feature(film: &Film, i: usize, (far, middle): (f32, [f64; 3]), is_beside_lamp: bool) -> Option<Each<f32>> {
     let f = film.features(i).filter(|f| f.samples > 0)?;
     let share = f.hits as f32 / f.samples as f32;
     let depth = if f.hits > 0 { f.depth.clamp(1e-18, far) } else { far };
@@ -95,15 +117,16 @@ fn feature(film: &Film, i: usize, (far, middle): (f32, [f64; 3])) -> Option<Each
     let position: [f32; 3] = std::array::from_fn(|k| (f64::from(f.position[k]) - middle[k]) as f32);
     let hit = [nx, ny, nz, r, g, b, ln(depth), position[0], position[1], position[2]];
     let miss = miss(far);
+    let share = |k: usize| if is_beside_lamp && k >= 6 { 1.0 } else { share };
     let mean: [f32; 10] =
-        std::array::from_fn(|k| if f.hits > 0 { miss[k] + share * (hit[k] - miss[k]) } else { miss[k] });
+        std::array::from_fn(|k| if f.hits > 0 { miss[k] + share(k) * (hit[k] - miss[k]) } else { miss[k] });
     let mut within = f.variance.unwrap_or_default();
     let places = [within[6], within[7], within[8]];
     within[6] = within[9] / (depth * depth);
     (0..3).for_each(|k| within[7 + k] = places[k]);
     let spread = |k: usize| {
         let gap = if f.hits > 0 { hit[k] - miss[k] } else { 0.0 };
-        (share * within[k] + share * (1.0 - share) * gap * gap) / f.samples as f32
+        (share(k) * within[k] + share(k) * (1.0 - share(k)) * gap * gap) / f.samples as f32
     };
     let spreads = [spread(0) + spread(1) + spread(2), spread(3) + spread(4) + spread(5), spread(6)];
     let [vn, va, vd] = spreads.map(|v| v.min(UNKNOWN));

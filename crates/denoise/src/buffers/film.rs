@@ -1,7 +1,6 @@
 //! The film of an image that is given as buffers.
 
 use super::{ALBEDO, DEPTH, Denoise, Feature, NORMAL, POSITION, SampleBuffers, check};
-use crate::inputs::level;
 use crate::planes::{beside, box_mean};
 use dapple_core::film::{PixelStatistics, RgbMoments};
 use dapple_core::point_set::mix;
@@ -32,8 +31,8 @@ pub(super) fn film(image: &Denoise<'_>) -> Result<Film, Error> {
         }
         let Some(features) = surfaces.of(i) else { return pixel };
         let count = halves[0].count + halves[1].count;
-        let (mean, variance, coverage) = surfaces.covered(features, i, count);
-        pixel = pixel.with_features(mean, variance, coverage);
+        let coverage = image.coverage.map_or(1.0, |share| share[i]);
+        pixel = pixel.with_features(features, surfaces.variance(i, count), coverage);
         let Some(ids) = image.ids else { return pixel };
         let SurfaceFeatures { position, normal, depth, .. } = features;
         pixel.with_first_hit(FirstHit::new(position, normal, depth).with_material(ids[i]))
@@ -55,8 +54,6 @@ struct Surfaces<'a> {
     image: &'a Denoise<'a>,
     /// The depth of each pixel, if positions are given without.
     depth: Option<Vec<f32>>,
-    /// 0 for pixels that are not [beside a lamp](beside_lamps), if coverage is given.
-    lamps: Option<Vec<f32>>,
 }
 
 impl<'a> Surfaces<'a> {
@@ -64,7 +61,7 @@ impl<'a> Surfaces<'a> {
         let size = image.size.map(|n| n as usize);
         let position = image.features[POSITION].filter(|_| image.features[DEPTH].is_none());
         let depth = position.map(|position| depths(size, position.colours(), |i| hit(image, i)));
-        Self { image, depth, lamps: image.coverage.map(|_| beside_lamps(image)) }
+        Self { image, depth }
     }
 
     /// The features of pixel `i`; `None` for a miss.
@@ -79,27 +76,6 @@ impl<'a> Surfaces<'a> {
         let behind = if known.is_some() { self.behind(i, depth) } else { [0.0; 3] };
         let features = SurfaceFeatures::new(of(POSITION, behind), of(NORMAL, [0.0; 3]), depth);
         Some(features.with_albedo(of(ALBEDO, [1.0; 3])))
-    }
-
-    /// The features of pixel `i` with their sample variances, and the share of the samples that they are means over.
-    ///
-    /// Filters blend features with those of a miss by the coverage. From a surface to the background the depth then rises over
-    /// some pixels as on a slope, which joins both: a lamp would light the background. So beside a lamp, normal and albedo are
-    /// blended here, and the depth stays that of the surface.
-    fn covered(&self, mut mean: SurfaceFeatures, i: usize, count: u64) -> (SurfaceFeatures, [f32; 10], f32) {
-        let mut variance = self.variance(i, count);
-        let coverage = self.image.coverage.map_or(1.0, |share| share[i]);
-        if self.lamps.as_ref().is_none_or(|lamps| lamps[i] == 0.0) {
-            return (mean, variance, coverage);
-        }
-        let values =
-            mean.normal.iter_mut().map(|value| (value, 0.0)).chain(mean.albedo.iter_mut().map(|value| (value, 1.0)));
-        for ((value, miss), variance) in values.zip(&mut variance) {
-            let gap = *value - miss;
-            *value = miss + coverage * gap;
-            *variance = coverage * (*variance + (1.0 - coverage) * gap * gap);
-        }
-        (mean, variance, 1.0)
     }
 
     /// A point at this depth behind pixel `i`, for a camera at the origin. Its field of view is unknown; another one
@@ -120,17 +96,6 @@ impl<'a> Surfaces<'a> {
         let planes = [NORMAL, ALBEDO, POSITION];
         std::array::from_fn(|k| if k < 9 { of(planes[k / 3], k % 3, 3) } else { of(DEPTH, 0, 1) })
     }
-}
-
-/// The number of times the level of an image from which on a pixel counts as a lamp.
-const LAMP: f32 = 8.0;
-
-/// The pixels within two of a lamp; 0 for all others.
-fn beside_lamps(image: &Denoise<'_>) -> Vec<f32> {
-    let size = image.size.map(|n| n as usize);
-    let grey: Vec<f32> = (0..size[0] * size[1]).map(|i| brightness(image, i) as f32).collect();
-    let least = LAMP * level(&grey, size);
-    box_mean(&grey.iter().map(|grey| f32::from(u8::from(*grey > least))).collect::<Vec<_>>(), size, 2)
 }
 
 /// The mean of pixel `i` over all its samples and channels; 0 without samples.
