@@ -3,10 +3,9 @@
 use crate::pilot::Pilot;
 use crate::similar_pool::Surfaces;
 use crate::{AdaptiveOptions, ErrorMap, VarianceOptions, pool};
-use dapple_core::film::RgbMoments;
 use dapple_core::options::Options as _;
 use dapple_core::plan::{Feedback, PilotPolicy, Plan, Progress, SamplerMemory};
-use dapple_core::{Error, Frame, Limits, Needs, PointSet, Sampler};
+use dapple_core::{Error, Frame, Limits, Needs, PointSet, Sampler, film::RgbMoments};
 
 /// The error-driven sampler: a uniform pilot estimates each pixel's error, then counts minimise the estimated relative
 /// error of the image.

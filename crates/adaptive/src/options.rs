@@ -2,8 +2,7 @@
 
 use crate::{Adaptive, PoolShape};
 use dapple_core::options::{Options as _, OutOfRange};
-use dapple_core::plan::PilotPolicy;
-use dapple_core::{Error, Film, Needs, PointSet};
+use dapple_core::{Error, Film, Needs, PointSet, plan::PilotPolicy};
 
 dapple_core::options! {
     /// The parameters of the error-driven sampler [`Adaptive`](crate::Adaptive). The defaults are those of `dapple

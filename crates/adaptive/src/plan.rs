@@ -3,9 +3,8 @@
 use crate::pool::{pooled_variance, ratios_over_windows};
 use crate::similar_pool::Surfaces;
 use crate::{Adaptive, AdaptiveOptions, PoolShape, Pooling, Sources};
-use dapple_core::film::RgbMoments;
 use dapple_core::plan::{BudgetLeft, Feedback, Ladder, PilotPolicy, Plan, saturating_u32};
-use dapple_core::{Error, Film, PointSet, parallel};
+use dapple_core::{Error, Film, PointSet, film::RgbMoments, parallel};
 
 /// The largest sample count `n` for which a table stores `n^-exponent`.
 const TABLE: u32 = 4096;

@@ -1,9 +1,7 @@
 //! Estimates of pixel variance from few samples, pooled over neighbours.
 
 use crate::similar_pool::{Surfaces, over_similar};
-use dapple_core::film::RgbMoments;
-use dapple_core::options::OutOfRange;
-use dapple_core::{Error, parallel};
+use dapple_core::{Error, film::RgbMoments, options::OutOfRange, parallel};
 use std::ops::Range;
 
 /// The set of pixels whose variance is pooled with a pixel's own.

@@ -2,8 +2,7 @@
 
 use crate::Sources;
 use crate::pool::{Terms, scores_by_rows};
-use dapple_core::film::Features;
-use dapple_core::{Film, parallel};
+use dapple_core::{Film, film::Features, parallel};
 use std::ops::Range;
 
 /// The rows of a band, within which surfaces are compared: bits of images depend on it.
@@ -212,8 +211,7 @@ impl Window {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use dapple_core::film::RgbMoments;
-    use dapple_core::{Frame, Needs};
+    use dapple_core::{Frame, Needs, film::RgbMoments};
 
     const W: usize = 20;
     const H: usize = 40;

@@ -1,10 +1,7 @@
 //! Two samplers in sequence.
 
-use dapple_core::film::Recorder;
-use dapple_core::limits::Budget;
-use dapple_core::options::nested;
 use dapple_core::plan::{BudgetLeft, Feedback, Plan, Progress, SamplerMemory, saturating_u32};
-use dapple_core::{Error, Frame, Limits, Needs, PointSet, Sampler};
+use dapple_core::{Error, Frame, Limits, Needs, PointSet, Sampler, film::Recorder, limits::Budget, options::nested};
 use std::sync::Arc;
 
 /// Two samplers in sequence: the first spends up to a number of samples per pixel, the second the rest of the budget.

@@ -5,8 +5,7 @@ use crate::method::{next_step, with_extra};
 use crate::wavelets::{Basis, Taps, coefficient_variances, high_band, sizes, transform};
 use crate::windows::{around, filled_means, per_pixel};
 use dapple_core::plan::{Feedback, PilotPolicy, Plan, saturating_u32};
-use dapple_core::point_set::mix;
-use dapple_core::{Error, Film};
+use dapple_core::{Error, Film, point_set::mix};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 

@@ -9,11 +9,10 @@ use crate::recorders::{FilmSamples, Singles};
 use crate::tree::{Cell, Cells, Known, image_of_cells, seed_of};
 use crate::{Domain, FilmPoints};
 use cosines::{Fit, SIDE, masking, weight};
-use dapple_core::film::Recorder;
 use dapple_core::options::Options as _;
 use dapple_core::plan::{Feedback, PilotPolicy, Plan, Progress, SamplerMemory, allocate};
 use dapple_core::point_set::mix;
-use dapple_core::{Error, Film, Filtered, Frame, Limits, Needs, PointSet, Sampler, parallel};
+use dapple_core::{Error, Film, Filtered, Frame, Limits, Needs, PointSet, Sampler, film::Recorder, parallel};
 use std::sync::Arc;
 
 dapple_core::options! {

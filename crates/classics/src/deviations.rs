@@ -5,9 +5,8 @@ use crate::method::{MethodSampler, SamplingMethod};
 use crate::method::{WorstFirst, counts_so_far, lacking, total};
 use crate::welch::two_sided_critical;
 use crate::windows::{per_pixel, window_sums};
-use dapple_core::film::luminance;
 use dapple_core::plan::{Feedback, PilotPolicy, Plan, Stopping, allocate, saturating_u32, share};
-use dapple_core::{Error, Film, Filter as _, Needs};
+use dapple_core::{Error, Film, Filter as _, Needs, film::luminance};
 use dapple_denoise::Gaussian;
 
 dapple_core::options! {

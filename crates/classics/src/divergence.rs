@@ -6,9 +6,8 @@ pub use scores::DivergenceScore;
 
 use crate::method::{MethodSampler, SamplingMethod, WorstFirst, counts_so_far, lacking, total, with_extra};
 use crate::recorders::{SampleSums, Singles};
-use dapple_core::film::Recorder;
 use dapple_core::plan::{Feedback, PilotPolicy, Plan, Stopping, allocate, saturating_u32};
-use dapple_core::{Error, Film, FirstHit, Needs};
+use dapple_core::{Error, Film, FirstHit, Needs, film::Recorder};
 use std::mem;
 use std::sync::Arc;
 

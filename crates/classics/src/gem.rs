@@ -3,10 +3,8 @@
 use crate::method::{FilterMethod, MethodFilter, MethodSampler, SamplingMethod};
 use crate::method::{next_step, within_ceiling};
 use crate::windows::{convolve, gaussian_taps, per_pixel, stored, variances_of_means};
-use dapple_core::filter::ImagePlanes;
 use dapple_core::plan::{Feedback, PilotPolicy, Plan};
-use dapple_core::point_set::mix;
-use dapple_core::{Error, Film, Filtered, Needs, parallel};
+use dapple_core::{Error, Film, Filtered, Needs, filter::ImagePlanes, parallel, point_set::mix};
 use std::sync::atomic::{AtomicU32, Ordering};
 
 dapple_core::options! {

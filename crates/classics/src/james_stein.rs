@@ -1,10 +1,9 @@
 //! Shrinkage of noisy pixels towards a filtered image.
 
 use crate::windows::{per_pixel, window_sums};
-use dapple_core::film::Recorder;
 use dapple_core::filter::{FilterMemory, ImagePlanes};
 use dapple_core::options::{Options as _, nested};
-use dapple_core::{Error, Film, Filter, Filtered, Frame, Needs};
+use dapple_core::{Error, Film, Filter, Filtered, Frame, Needs, film::Recorder};
 use std::sync::Arc;
 
 /// The estimate of a pixel's noise that [`JamesStein`] shrinks by.

@@ -4,9 +4,7 @@ use crate::method::{FilterMethod, MethodFilter};
 use crate::recorders::Singles;
 use crate::tree::{At, Bounds, Cell, Division, Items, Leaf, Refinement, TreeSampler, image_of_boxes, mean, unit};
 use crate::{Domain, FilmPoints};
-use dapple_core::plan::PilotPolicy;
-use dapple_core::point_set::mix;
-use dapple_core::{Error, Film, Filtered};
+use dapple_core::{Error, Film, Filtered, plan::PilotPolicy, point_set::mix};
 
 dapple_core::options! {
     /// The parameters of [`Mdas`].

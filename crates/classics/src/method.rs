@@ -2,12 +2,11 @@
 //! the largest errors.
 
 use crate::recorders::Singles;
-use dapple_core::film::Recorder;
 use dapple_core::filter::{FilterMemory, ImagePlanes};
 use dapple_core::options::Options;
 use dapple_core::plan::{Feedback, Plan, Progress, SamplerMemory, Stopping, allocate, saturating_u32};
 use dapple_core::point_set::mix;
-use dapple_core::{Error, Film, Filter, Filtered, Frame, Limits, Needs, PointSet, Sampler};
+use dapple_core::{Error, Film, Filter, Filtered, Frame, Limits, Needs, PointSet, Sampler, film::Recorder};
 use std::cmp::Ordering;
 use std::mem;
 use std::sync::Arc;

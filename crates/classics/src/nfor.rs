@@ -4,8 +4,7 @@ mod regression;
 
 use crate::method::{FilterMethod, MethodFilter};
 use crate::windows::{FEATURES, Means, feature_moments, per_pixel, stored, unit_of_depth};
-use dapple_core::filter::ImagePlanes;
-use dapple_core::{Error, Film, Filtered, Needs};
+use dapple_core::{Error, Film, Filtered, Needs, filter::ImagePlanes};
 use regression::{Data, Guide, Kernel, nl_average, regress};
 
 dapple_core::options! {

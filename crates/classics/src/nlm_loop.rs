@@ -4,9 +4,8 @@ use crate::method::{FilterMethod, MethodFilter, MethodSampler, SamplingMethod};
 use crate::method::{next_step, within_ceiling};
 use crate::patch_means::{Mirrored, PatchGuide, Patches, patch_means};
 use crate::windows::{convolve, gaussian_taps, per_pixel, stored};
-use dapple_core::filter::ImagePlanes;
 use dapple_core::plan::{Feedback, PilotPolicy, Plan, saturating_u32, share};
-use dapple_core::{Error, Film, Filtered, Needs};
+use dapple_core::{Error, Film, Filtered, Needs, filter::ImagePlanes};
 
 /// The source of the variance of a half's pixel means.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -3,9 +3,8 @@
 use crate::method::{MethodSampler, SamplingMethod};
 use crate::method::{counts_so_far, lacking, next_step, total};
 use crate::windows::{convolve, filled_means, per_pixel};
-use dapple_core::film::luminance;
 use dapple_core::plan::{Feedback, PilotPolicy, Plan, Stopping, allocate, saturating_u32};
-use dapple_core::{Error, Film};
+use dapple_core::{Error, Film, film::luminance};
 
 dapple_core::options! {
     /// The parameters of [`Perceptual`].

@@ -5,10 +5,8 @@ use crate::method::{FilterMethod, MethodFilter};
 use crate::recorders::Singles;
 use crate::tree::{At, Bounds, Cell, Division, Items, Leaf, Refinement, TreeSampler, image_of_boxes, mean, unit};
 use crate::{Domain, FilmPoints};
-use dapple_core::film::luminance;
 use dapple_core::plan::{PilotPolicy, Stopping};
-use dapple_core::point_set::mix;
-use dapple_core::{Error, Film, Filtered};
+use dapple_core::{Error, Film, Filtered, film::luminance, point_set::mix};
 
 dapple_core::options! {
     /// The parameters of [`Hierarchical`].

@@ -1,8 +1,7 @@
 //! The dimensions of a sample that have a meaning, such as the place in the pixel, and point sets in which a sampler decides where
 //! samples lie.
 
-use dapple_core::point_set::streams;
-use dapple_core::{Error, Frame, Limits, Needs, PointSet, SampleId};
+use dapple_core::{Error, Frame, Limits, Needs, PointSet, SampleId, point_set::streams};
 use std::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
 

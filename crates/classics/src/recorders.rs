@@ -1,8 +1,7 @@
 //! Statistics that methods record for themselves: sums of functions of the samples, and samples one by one.
 
 use dapple_core::film::{Recorded, RecordedSample, Recorder};
-use dapple_core::integrator::Trajectory;
-use dapple_core::{Error, Film, Needs};
+use dapple_core::{Error, Film, Needs, integrator::Trajectory};
 use std::sync::Arc;
 
 fn recorded<'f>(film: &'f Film, who: &str, name: &str, what: &'static str) -> Result<Recorded<'f>, Error> {

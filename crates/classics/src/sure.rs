@@ -6,9 +6,8 @@ use crate::method::{FilterMethod, MethodFilter, MethodSampler, SamplingMethod};
 use crate::method::{counts_so_far, lacking, total, with_extra};
 use crate::windows::stored;
 use bank::{BANK, NEEDS, OfPixel, Planes};
-use dapple_core::filter::ImagePlanes;
 use dapple_core::plan::{Feedback, PilotPolicy, Plan, saturating_u32, share};
-use dapple_core::{Error, Film, Filtered, Needs, parallel};
+use dapple_core::{Error, Film, Filtered, Needs, filter::ImagePlanes, parallel};
 
 dapple_core::options! {
     /// The parameters of [`SureFilter`].

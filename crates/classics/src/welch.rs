@@ -5,8 +5,7 @@ use crate::method::{FilterMethod, MethodFilter};
 use crate::recorders::{SampleSums, ThirdMoments};
 use crate::windows::{beside, feature_moments, per_pixel};
 use dapple_core::film::{Recorder, RgbMoments};
-use dapple_core::filter::ImagePlanes;
-use dapple_core::{Error, Film, Filtered, Needs, parallel};
+use dapple_core::{Error, Film, Filtered, Needs, filter::ImagePlanes, parallel};
 use std::f64::consts::{FRAC_PI_2, SQRT_2};
 use std::sync::Arc;
 

@@ -1,8 +1,7 @@
 //! Sums over the pixels around each pixel: convolution with separable kernels, square windows, and patches; and the means, variances and
 //! features of pixels.
 
-use dapple_core::film::Features;
-use dapple_core::{Film, parallel};
+use dapple_core::{Film, film::Features, parallel};
 
 /// Samples of a Gaussian with standard deviation `sigma` at whole pixels, out to `3 sigma`.
 ///

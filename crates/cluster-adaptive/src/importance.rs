@@ -4,8 +4,7 @@
 use crate::probe::{self, BACKGROUND, Probe, Probes, dot};
 use crate::{ClusterSize, ClusterThesisOptions, Error, ProbeRay, rates};
 use dapple_clustering::Cluster;
-use dapple_core::point_set::mix;
-use dapple_core::{PointSet, parallel};
+use dapple_core::{PointSet, parallel, point_set::mix};
 use std::sync::Arc;
 
 /// The increasing map `f` from the ratio `x = SP / SC` of pixel area to cluster size to a sampling rate [Lan 2016, eq.

@@ -2,8 +2,7 @@
 
 use crate::Error;
 pub use dapple_core::integrator::BACKGROUND;
-use dapple_core::point_set::streams;
-use dapple_core::{Clock, Frame, PointSet, SampleId};
+use dapple_core::{Clock, Frame, PointSet, SampleId, point_set::streams};
 use rayon::prelude::*;
 
 /// The placement of a pixel's first-hit probes on pixel and lens.

@@ -2,9 +2,8 @@
 
 use crate::sampler::{Scene, frame, on_threads};
 use crate::toys::{Independent, one_round};
-use dapple_core::plan::Retention;
 use dapple_core::point_set::mix;
-use dapple_core::{Error, Film, Filter, Filtered, Frame, Limits, Needs, Render, Sampler};
+use dapple_core::{Error, Film, Filter, Filtered, Frame, Limits, Needs, Render, Sampler, plan::Retention};
 
 /// Checks a filter that works on frames of any size, created by `make`.
 ///

@@ -1,8 +1,6 @@
 //! Random numbers of one sample, by named blocks.
 
-use crate::point_set::streams;
-use crate::rng::Cursor;
-use crate::{Needs, OwnedRng, PointSet, Rng, SampleId};
+use crate::{Needs, OwnedRng, PointSet, Rng, SampleId, point_set::streams, rng::Cursor};
 use std::cell::Cell;
 use std::sync::Arc;
 

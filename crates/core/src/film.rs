@@ -20,9 +20,7 @@ pub use crate::moments::{Moments, RgbMoments};
 pub use crate::recorder::{RecordedSample, Recorder};
 
 use crate::plan::{Combine, Retention};
-use crate::point_set::streams;
-use crate::recorder::Recorders;
-use crate::{Error, FirstHit, Frame, Needs, SampleId, SurfaceFeatures};
+use crate::{Error, FirstHit, Frame, Needs, SampleId, SurfaceFeatures, point_set::streams, recorder::Recorders};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 

@@ -2,9 +2,7 @@
 
 pub use crate::memory::{FilterMemory, ImagePlanes};
 
-use crate::film::Recorder;
-use crate::macros::forward;
-use crate::{Error, Film, Frame, Needs};
+use crate::{Error, Film, Frame, Needs, film::Recorder, macros::forward};
 use std::sync::Arc;
 
 /// An image that a filter (denoiser) made from a film.

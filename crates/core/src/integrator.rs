@@ -5,8 +5,7 @@ mod path_record;
 pub use path_record::PathRecord;
 
 use crate::macros::{forward, setters};
-use crate::point_set::streams;
-use crate::{Draws, Frame, Needs, PointSet, SampleId, Worker};
+use crate::{Draws, Frame, Needs, PointSet, SampleId, Worker, point_set::streams};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 

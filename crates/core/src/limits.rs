@@ -1,7 +1,6 @@
 //! Budgets and other limits of a render.
 
-use crate::Frame;
-use crate::macros::setters;
+use crate::{Frame, macros::setters};
 
 /// The amount of work that a render may do.
 #[non_exhaustive]

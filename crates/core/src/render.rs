@@ -24,8 +24,7 @@ pub use stage::{Readiness, TracedRows};
 pub use state::Stage;
 pub use tile::{Samples, Tile};
 
-use crate::film::Recorder;
-use crate::{Clock, Error, Film, Filter, Frame, Integrator, Limits, Needs, Sampler, Snapshot};
+use crate::{Clock, Error, Film, Filter, Frame, Integrator, Limits, Needs, Sampler, Snapshot, film::Recorder};
 use std::sync::Arc;
 
 /// A render to run or resume: the frame, the limits, the statistics to record and a monitor.

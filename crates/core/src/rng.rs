@@ -1,7 +1,6 @@
 //! A cursor over a sample's random numbers, for renderers that draw "the next number".
 
-use crate::point_set::mix;
-use crate::{Block, Draws, SampleId};
+use crate::{Block, Draws, SampleId, point_set::mix};
 
 /// A cursor that hands out the random numbers of one sample one after the other; made by [`Draws::rng`].
 ///

@@ -1,9 +1,8 @@
 //! Sample counts per pixel, planned round by round.
 
-use crate::film::Recorder;
 use crate::macros::{forward, setters};
 use crate::plan::{Plan, Progress, SamplerMemory};
-use crate::{Error, Film, Frame, Limits, Needs, PointSet};
+use crate::{Error, Film, Frame, Limits, Needs, PointSet, film::Recorder};
 use std::sync::Arc;
 
 /// A render's sample budget, spent and total, at the time a round (a batch of samples) is planned.

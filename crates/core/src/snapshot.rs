@@ -2,12 +2,10 @@
 
 use crate::film::{Beside, Half, REJECTED_LISTED, Splats};
 use crate::film::{Record, Rejected};
-use crate::integrator::TrainingData;
 use crate::plan::{Combine, Plan, Retention};
-use crate::recorder::Recorders;
 use crate::render::filtered_error::FilteredError;
 use crate::render::state::{OpenRound, Stage, State};
-use crate::{Error, Film, Frame, Limits, Needs, Sampler, container};
+use crate::{Error, Film, Frame, Limits, Needs, Sampler, container, integrator::TrainingData, recorder::Recorders};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize, Serializer};
 

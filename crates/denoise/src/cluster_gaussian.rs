@@ -4,9 +4,8 @@ use crate::Gaussian;
 use crate::gaussian::{emission, mean_and_presence, memory, normalised, squared_error, variances};
 use crate::inputs::{BACKGROUND, ClusterLookup, describe};
 use crate::planes::per_pixel;
-use dapple_core::filter::FilterMemory;
 use dapple_core::options::Options as _;
-use dapple_core::{Error, Film, Filter, Filtered, Frame, Needs, parallel};
+use dapple_core::{Error, Film, Filter, Filtered, Frame, Needs, filter::FilterMemory, parallel};
 use std::fmt;
 
 dapple_core::options! {

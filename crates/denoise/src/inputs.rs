@@ -9,8 +9,7 @@ use crate::planes::{
 };
 use dapple_core::film::RgbMoments;
 pub(crate) use dapple_core::integrator::BACKGROUND;
-use dapple_core::options::Options;
-use dapple_core::{Film, Filtered, FirstHit, Needs};
+use dapple_core::{Film, Filtered, FirstHit, Needs, options::Options};
 use std::fmt;
 use std::sync::Arc;
 

@@ -4,8 +4,7 @@
 //! Within a pixel its emission is almost free of noise. So filters get images without most of it, and without all light beyond
 //! the range of their planes ([`Bounds`]).
 
-use dapple_core::film::RgbMoments;
-use dapple_core::{Film, Filtered, parallel};
+use dapple_core::{Film, Filtered, film::RgbMoments, parallel};
 
 /// The parts of the light that [`ClusterRegression`](crate::ClusterRegression) filters one by one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -7,9 +7,8 @@ use crate::inputs::{ClusterLookup, Inputs, Reads, describe, guide};
 use crate::light::Light;
 use crate::planes::Pair;
 use crate::tile::{FeatureScales, Likeness, REACH};
-use dapple_core::filter::FilterMemory;
 use dapple_core::options::Options as _;
-use dapple_core::{Error, Film, Filter, Filtered, Frame, Needs};
+use dapple_core::{Error, Film, Filter, Filtered, Frame, Needs, filter::FilterMemory};
 
 dapple_core::options! {
     /// The parameters of [`NlMeans`]: `k` and patches as published, and smaller windows.

@@ -6,8 +6,7 @@ use crate::{
     BudgetSpec, ContentHash, CropSpec, DEFAULT_INTEGRATOR, DEFAULT_SPP, ERROR_SPP, Job, JobError, PixelFilterSpec,
     RenderSpec, Warning,
 };
-use dapple_core::limits::Budget;
-use dapple_core::{Error, Frame, Limits, PointSet};
+use dapple_core::{Error, Frame, Limits, PointSet, limits::Budget};
 use dapple_renderer::{IntegratorError, World};
 use dapple_scene::bundled::{self, Bundle};
 use dapple_scene::files::{Disk, Files};

@@ -5,11 +5,9 @@
 //! read, only the length of each of its files is limited.
 
 use crate::JobError;
-use dapple_core::film::Recorder;
-use dapple_core::filter::FilterMemory;
 use dapple_core::limits::Budget;
 use dapple_core::plan::SamplerMemory;
-use dapple_core::{Film, Filter, Frame, Limits, Needs, Render, Sampler};
+use dapple_core::{Film, Filter, Frame, Limits, Needs, Render, Sampler, film::Recorder, filter::FilterMemory};
 use dapple_scene::image::Image;
 use dapple_scene::{EnvironmentRadiance, Geometry, LightKind, MeshData, Scene, Shape, TextureKind};
 use std::collections::BTreeMap;
@@ -334,9 +332,7 @@ fn kibibytes(text: &str, name: &str) -> Option<u64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use dapple_core::film::RecordedSample;
-    use dapple_core::samplers::Uniform;
-    use dapple_core::{HostNumbers, Unfiltered};
+    use dapple_core::{HostNumbers, Unfiltered, film::RecordedSample, samplers::Uniform};
     use dapple_renderer::World;
     use dapple_scene::bundled;
 

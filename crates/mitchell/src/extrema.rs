@@ -1,8 +1,7 @@
 //! The smallest and the largest samples of each pixel, and the contrast of a pixel's or a window's samples.
 
 use dapple_core::film::{Recorded, RecordedSample, Recorder, luminance};
-use dapple_core::plan::Retention;
-use dapple_core::{Error, Film};
+use dapple_core::{Error, Film, plan::Retention};
 use std::sync::Arc;
 
 /// The smallest and the largest red, green, blue and [`luminance`] of a pixel's samples.

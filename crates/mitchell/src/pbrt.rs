@@ -2,10 +2,9 @@
 
 use crate::extrema::{Extrema, deviation};
 use crate::two_rates::{Rates, Rule, TwoRates};
-use dapple_core::film::luminance;
 use dapple_core::options::Options as _;
 use dapple_core::plan::{PilotPolicy, Retention, Stopping};
-use dapple_core::{Error, Film, FirstHit, Needs};
+use dapple_core::{Error, Film, FirstHit, Needs, film::luminance};
 
 /// The test by which [`MitchellPbrt`] refines a pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

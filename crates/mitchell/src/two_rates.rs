@@ -6,8 +6,7 @@ use dapple_core::options::Options;
 use dapple_core::plan::{
     BudgetLeft, Feedback, PilotPolicy, Plan, Progress, Retention, SamplerMemory, Stopping, allocate, saturating_u32,
 };
-use dapple_core::point_set::mix;
-use dapple_core::{Error, Film, Frame, Limits, Needs, PointSet, Sampler};
+use dapple_core::{Error, Film, Frame, Limits, Needs, PointSet, Sampler, point_set::mix};
 use std::sync::Arc;
 
 const NOT_OURS: Error = Error::BadSnapshot { what: "they do not hold the state of a sampler of two rates" };

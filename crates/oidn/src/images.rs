@@ -1,7 +1,6 @@
 //! From a film to the images that OIDN reads, and back.
 
-use dapple_core::film::luminance;
-use dapple_core::{Film, Filtered};
+use dapple_core::{Film, Filtered, film::luminance};
 
 /// The least width and height of an image for OIDN. Below 16 pixels OIDN darkens constants: one pixel to 0.18.
 const LEAST_SIDE: usize = 32;

@@ -4,9 +4,8 @@
 
 use crate::library::Images;
 use crate::{Both, Library, LoadError, Oidn, OidnOptions, RunError, VARIABLE};
-use dapple_core::filter::ImagePlanes;
 use dapple_core::options::Options as _;
-use dapple_core::{Error, Estimate, Film, Filter, Frame, Needs, Unfiltered};
+use dapple_core::{Error, Estimate, Film, Filter, Frame, Needs, Unfiltered, filter::ImagePlanes};
 use dapple_denoise::Gaussian;
 use std::ffi::OsStr;
 use std::path::Path;

@@ -14,8 +14,7 @@ use dapple_classics::{
 };
 use dapple_cluster_adaptive::{ClusterSize, ClusterThesis, ClusterThesisOptions, Placement, ProbeSource, ProbesHandle};
 use dapple_core::options::Options as _;
-use dapple_core::samplers::Uniform;
-use dapple_core::{Film, Filter, Frame, PointSet, Sampler};
+use dapple_core::{Film, Filter, Frame, PointSet, Sampler, samplers::Uniform};
 use dapple_denoise::{ClusterRegression, relative_errors};
 use dapple_mitchell::{Mitchell, MitchellOptions, MitchellPbrt, MitchellPbrtOptions};
 use std::sync::Arc;

@@ -1,8 +1,7 @@
 //! The scenes of a study: their image settings, and the rendering of an image with its cost measured.
 
 use crate::{External, Method, Phases, StudyError};
-use dapple_core::render::Monitor;
-use dapple_core::{Film, Filtered, Needs};
+use dapple_core::{Film, Filtered, Needs, render::Monitor};
 use dapple_job::memory::MemoryLimit;
 use dapple_job::{
     BudgetSpec, ContentHash, CropSpec, JobError, LoadOptions, LoadedScene, PhaseSeconds, PixelFilterSpec,

@@ -19,8 +19,7 @@ pub use metropolis::{Metropolis, MetropolisOptions};
 pub use photons::{PhotonOptions, What};
 pub use radiosity::RadiosityOptions;
 
-use dapple_core::Integrator;
-use dapple_core::options::Options;
+use dapple_core::{Integrator, options::Options};
 use dapple_renderer::{
     IntegratorEntry, IntegratorError, MakeIntegrator, World, check_integrator_among, make_integrator_among,
 };

@@ -6,8 +6,7 @@ use crate::bdpt::{Bdpt, BdptOptions};
 use chain::{Chains, Deposit, Target};
 use dapple_core::integrator::{Pass, Prepared, Prepares};
 use dapple_core::options::Options as _;
-use dapple_core::point_set::mix;
-use dapple_core::{Block, Draws, Estimate, Frame, Integrator, Worker, parallel};
+use dapple_core::{Block, Draws, Estimate, Frame, Integrator, Worker, parallel, point_set::mix};
 use dapple_renderer::{MakeError, World};
 use glam::Vec3;
 

@@ -1,9 +1,7 @@
 //! Paths from the lights: emission, specular and rough scattering, passage through media. Besides, what several integrators
 //! need of a world: probes of camera rays, shadow rays, and refusals.
 
-use dapple_core::integrator::Pass;
-use dapple_core::point_set::streams;
-use dapple_core::{Block, Draws, Frame, HostNumbers, SampleId, parallel};
+use dapple_core::{Block, Draws, Frame, HostNumbers, SampleId, integrator::Pass, parallel, point_set::streams};
 use dapple_geometry::spawn_ray;
 use dapple_renderer::light::{EmittedLight, LightSample, SelectedLight, Target};
 use dapple_renderer::shading::{Bsdf, Discrete, ShadingFrame};

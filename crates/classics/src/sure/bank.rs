@@ -1,8 +1,7 @@
 //! A bank of cross non-local means filters, with Stein's estimate of each one's error, and the planes that they read.
 
 use crate::windows::{FEATURES, Means, PatchSums, PixelTile, feature_moments, per_pixel, unit_of_depth};
-use dapple_core::film::luminance;
-use dapple_core::{Film, Needs, parallel};
+use dapple_core::{Film, Needs, film::luminance, parallel};
 
 /// The number of filters that smooth. One more, the first of the bank, leaves the image as it is.
 pub(super) const FILTERS: usize = 8;

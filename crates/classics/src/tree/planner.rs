@@ -4,11 +4,9 @@ use super::{At, Cell, Cells, Division, Known, Leaf, leaves, seed_of};
 use crate::method::{counts_so_far, total, with_extra};
 use crate::recorders::{FilmSamples, Singles};
 use crate::{Domain, Placed, PlacedHandle};
-use dapple_core::film::Recorder;
-use dapple_core::options::Options;
 use dapple_core::plan::{Feedback, Plan, Progress, SamplerMemory, allocate};
 use dapple_core::point_set::mix;
-use dapple_core::{Error, Frame, Limits, Needs, PointSet, Sampler, parallel};
+use dapple_core::{Error, Frame, Limits, Needs, PointSet, Sampler, film::Recorder, options::Options, parallel};
 use std::mem;
 use std::sync::Arc;
 

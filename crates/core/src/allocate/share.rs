@@ -1,8 +1,7 @@
 //! Exact allocation of an integer budget in proportion to weights.
 
 use super::{Allocation, Range, level};
-use crate::Error;
-use crate::point_set::mix;
+use crate::{Error, point_set::mix};
 use rayon::prelude::*;
 use std::cmp::Ordering;
 

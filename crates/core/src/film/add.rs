@@ -2,10 +2,8 @@
 
 use super::planes::{BesideRows, Half, HalfRows, NONE_VALID, is_none_valid};
 use super::{FeatureMoments, Film, Rejected, RejectedReason};
-use crate::plan::Retention;
-use crate::point_set::streams;
 use crate::recorder::{RecordedSample, Recorder};
-use crate::{Estimate, FirstHit, Needs, SampleId, SurfaceFeatures};
+use crate::{Estimate, FirstHit, Needs, SampleId, SurfaceFeatures, plan::Retention, point_set::streams};
 use std::sync::Arc;
 
 /// Relative luminance of a linear colour with Rec. 709 primaries [ITU-R BT.709].

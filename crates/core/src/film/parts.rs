@@ -2,10 +2,8 @@
 
 use super::planes::Window;
 use super::{Beside, FeatureMoments, Features, Film, Half, Record, Rejected, RgbMoments};
-use crate::macros::setters;
 use crate::plan::{Combine, Retention};
-use crate::point_set::streams;
-use crate::{Error, FirstHit, Frame, Needs, SurfaceFeatures};
+use crate::{Error, FirstHit, Frame, Needs, SurfaceFeatures, macros::setters, point_set::streams};
 use std::ops::Range;
 
 impl Film {

@@ -1,8 +1,7 @@
 //! The planes of a film, each declared once: needs, parts, checkpoints and bytes per pixel follow from the declaration.
 
 use super::FeatureMoments;
-use crate::film::RgbMoments;
-use crate::{FirstHit, Frame, Needs};
+use crate::{FirstHit, Frame, Needs, film::RgbMoments};
 use serde::{Deserialize, Serialize};
 
 /// The statistics that decide which planes a film has, and how many values a pixel has in each.

@@ -1,7 +1,6 @@
 //! Splats: light that samples add to pixels other than their own.
 
-use crate::Frame;
-use crate::film::RejectedReason;
+use crate::{Frame, film::RejectedReason};
 use serde::{Deserialize, Serialize};
 
 /// The unit of the sums: 2^-64.

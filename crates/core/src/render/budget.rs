@@ -2,9 +2,7 @@
 
 use super::feature_samples::Turn;
 use super::filtered_error::Prediction;
-use crate::limits::Budget;
-use crate::plan::BudgetLeft;
-use crate::{Clock, Error, Film, Filter, Frame, Limits, Needs};
+use crate::{Clock, Error, Film, Filter, Frame, Limits, Needs, limits::Budget, plan::BudgetLeft};
 use std::ops::Range;
 
 /// Computes the sample budget of each plan from the user's budget, and extends it when it is spent.

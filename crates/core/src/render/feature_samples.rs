@@ -6,9 +6,7 @@
 //! So does the emission of lamps seen directly: at their edges, more samples of it alone take most of the noise away.
 
 use crate::film::{FeatureMoments, record_first_hit};
-use crate::plan::Retention;
-use crate::point_set::streams;
-use crate::{Draws, Estimate, Needs, PointSet, SampleId};
+use crate::{Draws, Estimate, Needs, PointSet, SampleId, plan::Retention, point_set::streams};
 
 /// The largest number of samples of features alone in a pixel.
 const MOST: u64 = 16;

@@ -1,7 +1,6 @@
 //! A sampler and a filter that work together.
 
-use crate::film::Recorder;
-use crate::{Filter, Needs, Sampler};
+use crate::{Filter, Needs, Sampler, film::Recorder};
 use std::sync::Arc;
 
 /// A sampler and a filter that work together: what a [`Session`](crate::Session) needs besides a frame and limits.

@@ -1,7 +1,6 @@
 //! The monitor of a render: progress, images and states while it runs.
 
-use crate::Film;
-use crate::snapshot::View;
+use crate::{Film, snapshot::View};
 
 /// The state of a render between two slices of tracing (about 0.2 seconds each), passed to a [`Monitor`].
 #[non_exhaustive]

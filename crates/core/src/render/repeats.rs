@@ -1,7 +1,6 @@
 //! Detection of hosts that draw the same random numbers in every part of a round.
 
-use crate::Frame;
-use crate::point_set::mix;
+use crate::{Frame, point_set::mix};
 use std::collections::BTreeMap;
 
 /// The number of first samples of a pixel that are kept of each part.

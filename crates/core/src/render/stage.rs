@@ -7,10 +7,7 @@ use super::repeats::Repeats;
 use super::round::{BLOCK, learn, pass_length, trace};
 use super::state::{Cursor, OpenRound, Stage, State, Stopped};
 use super::{Methods, Monitor, NoMonitor, Render, Session};
-use crate::film::Record;
-use crate::film::keep_first;
-use crate::snapshot::View;
-use crate::{Clock, Error, Film, Frame, Integrator, Sampler, Snapshot};
+use crate::{Clock, Error, Film, Frame, Integrator, Sampler, Snapshot, film::Record, film::keep_first, snapshot::View};
 use std::ops::Range;
 
 /// The training passes that an integrator has learned and the pass that it is prepared for, from one [`Render::trace_rows`]

@@ -3,8 +3,7 @@
 use super::filtered_error::FilteredError;
 use super::repeats::Repeats;
 use crate::integrator::{TrainingData, TrainingSum};
-use crate::plan::Plan;
-use crate::{Film, Frame};
+use crate::{Film, Frame, plan::Plan};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 

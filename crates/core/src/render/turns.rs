@@ -1,11 +1,9 @@
 //! The order of a pixel's samples in a round, and what a task counts while it traces them.
 
 use super::feature_samples::Cost;
-use crate::film::Rejected;
 use crate::film::{REJECTED_LISTED, Splats, Strip, keep_first};
 use crate::plan::{Plan, Retention};
-use crate::point_set::streams;
-use crate::{Film, SampleId};
+use crate::{Film, SampleId, film::Rejected, point_set::streams};
 
 /// The streams of a round's samples, for each half.
 pub(super) fn streams_of(retention: Retention, halves: bool) -> [u32; 2] {

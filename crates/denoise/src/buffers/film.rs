@@ -3,8 +3,7 @@
 use super::{ALBEDO, DEPTH, Denoise, Feature, NORMAL, POSITION, SampleBuffers, check};
 use crate::planes::{beside, box_mean};
 use dapple_core::film::{PixelStatistics, RgbMoments};
-use dapple_core::point_set::mix;
-use dapple_core::{Error, Film, FirstHit, Frame, SurfaceFeatures};
+use dapple_core::{Error, Film, FirstHit, Frame, SurfaceFeatures, point_set::mix};
 
 /// The depth from which on a pixel counts as a miss: renderers write numbers like this for the background.
 const FAR: f32 = 1e10;

@@ -2,8 +2,7 @@
 
 use super::film::brightness;
 use super::{ALBEDO, Denoise, Feature, NORMAL, SampleBuffers, Variance};
-use dapple_core::Film;
-use dapple_core::film::Features;
+use dapple_core::{Film, film::Features};
 use std::collections::BTreeMap;
 use std::fmt;
 

@@ -2,8 +2,7 @@
 
 use super::{Job, monitor};
 use crate::{BudgetSpec, JobError, Warning};
-use dapple_core::limits::Budget;
-use dapple_core::{Film, Filter, Filtered, Unfiltered};
+use dapple_core::{Film, Filter, Filtered, Unfiltered, limits::Budget};
 use serde::Serialize;
 use std::time::Instant;
 

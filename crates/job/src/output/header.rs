@@ -2,8 +2,7 @@
 
 use super::layers::{coverage, depth, of_features};
 use crate::{BudgetSpec, Job, RenderedImage, pixel_filter};
-use dapple_core::plan::Combine;
-use dapple_core::{Film, Frame};
+use dapple_core::{Film, Frame, plan::Combine};
 use dapple_scene::image::Plane;
 use dapple_scene::{Camera, Projection};
 use glam::{DMat4, DVec3, DVec4};

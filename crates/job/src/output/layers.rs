@@ -1,7 +1,6 @@
 //! The layers of an EXR file.
 
-use dapple_core::film::Features;
-use dapple_core::{Film, Filtered, Needs};
+use dapple_core::{Film, Filtered, Needs, film::Features};
 use dapple_scene::image::{Layer, Plane};
 
 /// A layer of EXR files besides the image.
