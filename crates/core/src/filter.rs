@@ -1,5 +1,9 @@
 //! Images from films.
 
+mod filled;
+
+pub use filled::filled;
+
 pub use crate::memory::{FilterMemory, ImagePlanes};
 
 use crate::{Error, Film, Frame, Needs, film::Recorder, macros::forward};

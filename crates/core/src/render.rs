@@ -14,7 +14,6 @@ mod stage;
 pub(crate) mod state;
 mod tile;
 mod turns;
-mod unreached;
 
 pub use methods::Methods;
 pub use monitor::{Control, Monitor, NoMonitor, Status};

@@ -4,7 +4,7 @@ pub(crate) mod film;
 mod warnings;
 
 use crate::ClusterRegression;
-use dapple_core::{Error, Film, Filter, Filtered};
+use dapple_core::{Error, Film, Filter, Filtered, filter::filled};
 use std::sync::Arc;
 pub use warnings::{Warning, warnings_of};
 
@@ -326,12 +326,12 @@ impl<'a> Denoise<'a> {
         }
         let film = self.film()?;
         if let Some(filter) = self.filter {
-            return filter.apply(&film);
+            return filled(filter, &film);
         }
         let plain = ClusterRegression::new();
         match self.ids {
-            Some(_) => plain.with_clusters(Arc::new(|hit| Some(hit.material)), "ids").apply(&film),
-            None => plain.apply(&film),
+            Some(_) => filled(&plain.with_clusters(Arc::new(|hit| Some(hit.material)), "ids"), &film),
+            None => filled(&plain, &film),
         }
     }
 

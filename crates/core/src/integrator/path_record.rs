@@ -5,7 +5,9 @@ use super::{Estimate, FirstHit, SurfaceFeatures};
 /// A path as a renderer's own loop follows it: the first hit, the features of what mirrors and glass show, the light, and which part of it
 /// is emission seen directly and which is indirect.
 ///
-/// The loop reports each surface, then the light that the surface emits and the light that reaches it.
+/// The loop reports each surface, then the light that the surface emits and the light that reaches it. A surface whose
+/// [roughness](FirstHit::with_roughness) is 0 is a mirror, clear glass, or the smooth coat that reflected the path. All others are rough,
+/// lamps too.
 ///
 /// ```
 /// use dapple_core::{FirstHit, PathRecord};
@@ -20,11 +22,11 @@ use super::{Estimate, FirstHit, SurfaceFeatures};
 ///     weight = weight.map(|w| 0.6 * w); // the surface's reflectance
 ///     path.receives(weight, direct);    // a sample of a lamp, where it is not hidden
 /// }
-/// path.receives(weight, sky);           // the last ray met no surface
+/// path.background(weight, sky);         // the last ray met no surface
 /// let estimate = path.estimate();
 /// assert_eq!((estimate.radiance, estimate.emission), ([0.36; 3], [0.0; 3]));
 /// ```
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub struct PathRecord {
     first_hit: Option<FirstHit>,
     features: Option<SurfaceFeatures>,
@@ -35,19 +37,37 @@ pub struct PathRecord {
     radiance: [f32; 3],
     emission: [f32; 3],
     indirect: [f32; 3],
+    /// The least probability of the smooth lobes that the path took.
+    lobe: f32,
 }
+
+/// The probability below which a smooth lobe is too rare for features, and the least one through which lamps count as seen directly.
+const LOBES: [f32; 2] = [0.1, 0.9];
 
 impl PathRecord {
     /// A path that has met nothing.
     pub fn new() -> Self {
-        Self::default()
+        let ([radiance, emission, indirect], rough) = ([[0.0; 3]; 3], [0; 2]);
+        Self { first_hit: None, features: None, depth: 0.0, rough, radiance, emission, indirect, lobe: 1.0 }
+    }
+
+    /// Notes the probability with which the path took the last surface's smooth lobe, where it had a choice, as between reflection and
+    /// refraction by glass.
+    ///
+    /// Below 0.9, lamps that are seen in it are no emission, since it would be noise; below 0.1, features are
+    /// [`rare`](SurfaceFeatures::rare).
+    #[inline]
+    pub fn lobe(&mut self, probability: f32) {
+        if self.rough[1] == 0 {
+            self.lobe = self.lobe.min(probability);
+        }
     }
 
     /// Notes the next surface, with the share of its light that reaches the camera, linear RGB: the product of the weights of all surfaces
     /// before it.
     ///
-    /// A roughness of 0 stands for a mirror, clear glass or the smooth coat that reflected the path: the features are then those of the next
-    /// surface. `depth` is the distance from the last surface.
+    /// The features are those of the first rough surface, or of a mirror that shows the background. `depth` is the distance from the last
+    /// surface.
     #[inline]
     pub fn surface(&mut self, hit: FirstHit, weight: [f32; 3]) {
         self.depth += hit.depth;
@@ -57,7 +77,7 @@ impl PathRecord {
         } else if is_rough && self.rough[1] == 0 {
             let albedo = [0, 1, 2].map(|c| (weight[c] * hit.albedo[c]).clamp(0.0, 1.0));
             let features = SurfaceFeatures::new(hit.position, hit.shading_normal, self.depth);
-            self.features = Some(features.with_albedo(albedo));
+            self.features = Some(features.with_albedo(albedo).with_rare(self.lobe < LOBES[0]));
         }
         self.rough = [self.rough[1], self.rough[1] + u32::from(is_rough)];
     }
@@ -68,20 +88,26 @@ impl PathRecord {
         self.add(weight, light, self.rough[0]);
     }
 
-    /// Adds light that reaches the last surface, times the weight of the path with it: from a lamp that was sampled there, or from the
-    /// background that the next ray meets. Before the first surface it is the background that the camera sees.
+    /// Adds light of a lamp or of the background that was sampled at the last surface, times the weight of the path with it.
     #[inline]
     pub fn receives(&mut self, weight: [f32; 3], light: [f32; 3]) {
+        self.add(weight, light, self.rough[1].max(1));
+    }
+
+    /// Adds the background that the path's last ray meets, times the weight of the path.
+    #[inline]
+    pub fn background(&mut self, weight: [f32; 3], light: [f32; 3]) {
         self.add(weight, light, self.rough[1]);
     }
 
     /// Adds light that this number of rough surfaces have scattered.
     #[inline]
     fn add(&mut self, weight: [f32; 3], light: [f32; 3], scattered: u32) {
+        let is_seen = scattered == 0 && self.lobe >= LOBES[1];
         for c in 0..3 {
             let light = weight[c] * light[c];
             self.radiance[c] += light;
-            self.emission[c] += if scattered == 0 { light } else { 0.0 };
+            self.emission[c] += if is_seen { light } else { 0.0 };
             self.indirect[c] += if scattered >= 2 { light } else { 0.0 };
         }
     }
@@ -91,5 +117,11 @@ impl PathRecord {
     pub fn estimate(&self) -> Estimate {
         let light = Estimate::new(self.radiance).with_emission(self.emission).with_indirect(self.indirect);
         light.with_first_hit(self.first_hit).with_features(self.features)
+    }
+}
+
+impl Default for PathRecord {
+    fn default() -> Self {
+        Self::new()
     }
 }

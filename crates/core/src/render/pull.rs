@@ -4,8 +4,8 @@ use super::budget::Stopwatch;
 use super::feature_samples::Turn;
 use super::state::{OpenRound, State};
 use super::tile::{Tile, area};
-use super::unreached::image_of;
 use crate::film::Window;
+use crate::filter::filled;
 use crate::snapshot::{Planner, SavedSampler, View};
 use crate::{Draws, Error, Estimate, Film, Filter, Filtered, Frame, InvalidSample, Limits, PointSet, Sampler};
 use rayon::prelude::*;
@@ -128,6 +128,9 @@ impl<'s> Round<'s> {
         let mut shared = self.lock();
         let State { film, open, repeats, .. } = &mut *shared.state;
         let Some(open) = open else { return bad("its round is over".into()) };
+        if tile.planned.owner != std::ptr::from_ref(&*open).addr() {
+            return bad("it is of another session; submit a tile to the round that it came from".into());
+        }
         let pixels: Vec<_> = Window::new(&film.frame, &tile.film.frame).runs(1).flatten().collect();
         let all = tile.tally.total();
         let of = |counts: &[u32]| pixels.iter().map(|&i| u64::from(counts[i])).sum::<u64>();
@@ -191,14 +194,16 @@ impl<'s> Round<'s> {
         self.submit(tile)
     }
 
-    /// The image of the tiles submitted so far, as [`Session::image`](crate::Session::image) makes it. Tiles that are submitted meanwhile
-    /// wait. It changes no bit of what follows.
+    /// The image of the tiles submitted so far, as [`Session::image`](crate::Session::image) makes it. It changes no bit of what
+    /// follows, and takes the memory of another film meanwhile.
     ///
     /// # Errors
     ///
     /// The errors of [`Filter::apply`].
     pub fn image(&self) -> Result<Filtered, Error> {
-        image_of(self.filter, &self.lock().state.film)
+        // The filter needs threads that may wait for the lock in order to submit.
+        let film = self.lock().state.film.clone();
+        filled(self.filter, &film)
     }
 
     /// The state of the render as bytes for [`Snapshot::from_bytes`](crate::Snapshot::from_bytes): all tiles submitted so

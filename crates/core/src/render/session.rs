@@ -9,8 +9,8 @@ use super::plan::{begin, check};
 use super::pull::Round;
 use super::repeats::Repeats;
 use super::state::{OpenRound, State, Stopped};
-use super::unreached::image_of;
 use crate::film::RoundRecord;
+use crate::filter::filled;
 use crate::plan::{Feedback, Plan, Progress, Retention};
 use crate::snapshot::{Planner, View};
 use crate::{Clock, Error, Film, Filter, Filtered, Frame, Integrator, Limits, Needs, Sampler, Snapshot, Unfiltered};
@@ -255,7 +255,7 @@ impl<'a> Session<'a> {
     ///
     /// The errors of [`Filter::apply`].
     pub fn image(&self) -> Result<Filtered, Error> {
-        image_of(self.filter.as_deref().unwrap_or(&Unfiltered), &self.state.film)
+        filled(self.filter.as_deref().unwrap_or(&Unfiltered), &self.state.film)
     }
 
     /// Traces all rounds with `trace` and returns the image: [`Session::next_round`] until the limits are met, then

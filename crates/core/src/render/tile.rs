@@ -18,6 +18,8 @@ pub(super) struct Planned<'r> {
     streams: [u32; 2],
     order: Order,
     pixels: Vec<Turns>,
+    /// The address of the open round, which stays in place as long as the tile lives.
+    pub(super) owner: usize,
 }
 
 impl<'r> Planned<'r> {
@@ -98,6 +100,7 @@ impl<'r> Tile<'r> {
             streams: streams_of(plan.retention, halves),
             order,
             pixels: Window::new(&film.frame, &frame).runs(1).flatten().enumerate().map(turns).collect(),
+            owner: std::ptr::from_ref(open).addr(),
         };
         let (taken, left) = (vec![0; frame.pixels()], planned.total());
         let (retention, waiting, tally) = (plan.retention, BTreeMap::new(), Tally::default());

@@ -151,7 +151,7 @@ fn a_path_record_tells_emission_direct_and_indirect_light_apart() {
     path.surface(hit(5.0), [0.4; 3]);
     path.emits([0.4; 3], [2.0; 3]); // direct too: it lights the first wall
     path.receives([0.2; 3], [4.0; 3]); // indirect
-    path.receives([0.2; 3], [1.0; 3]); // indirect: the background, seen by the second wall
+    path.background([0.2; 3], [1.0; 3]); // indirect: seen by the second wall
     let estimate = path.estimate();
     let near = |found: [f32; 3], expected: f32| found.iter().all(|x| (x - expected).abs() < 1e-6);
     assert!(near(estimate.radiance, 0.25 + 0.8 + 1.6 + 0.8 + 0.8 + 0.2), "{estimate:?}");
@@ -160,11 +160,26 @@ fn a_path_record_tells_emission_direct_and_indirect_light_apart() {
     assert!(seen.depth == 5.0 && seen.position[0] == 3.0 && near(seen.albedo, 0.4), "{seen:?}");
     assert_eq!(estimate.first_hit.map(|hit| hit.depth), Some(2.0));
 
+    // A lamp and a wall in a lobe that is too rare, and a lamp sampled below a coat.
+    let rare = |probability| {
+        let mut path = PathRecord::new();
+        path.surface(hit(2.0).with_roughness(0.0), [1.0; 3]);
+        path.lobe(probability);
+        path.surface(hit(3.0), [1.0; 3]);
+        path.emits([1.0; 3], [1.0; 3]);
+        (path.estimate().emission[0], path.estimate().features.map(|f| f.rare))
+    };
+    assert_eq!([1.0, 0.5, 0.05].map(rare), [(1.0, Some(false)), (0.0, Some(false)), (0.0, Some(true))]);
+    let mut coat = PathRecord::new();
+    coat.surface(hit(2.0).with_roughness(0.0), [1.0; 3]);
+    coat.receives([0.5; 3], [2.0; 3]);
+    assert_eq!((coat.estimate().emission, coat.estimate().radiance), ([0.0; 3], [1.0; 3]));
+
     let mut wall = PathRecord::new();
     wall.surface(hit(2.0), [1.0; 3]);
     assert!(wall.estimate().features.is_none(), "the first hit has them");
     let mut sky = PathRecord::new();
-    sky.receives([1.0; 3], [3.0; 3]);
+    sky.background([1.0; 3], [3.0; 3]);
     assert_eq!((sky.estimate().emission, sky.estimate().first_hit, sky.estimate().says_hit), ([3.0; 3], None, true));
 }
 
@@ -266,4 +281,37 @@ fn a_huge_sample_leaves_image_error_and_snapshot_finite() {
         assert!(image.radiance.as_flattened().iter().chain(&image.error.unwrap()).all(|x| x.is_finite()));
         assert!(Snapshot::from_bytes(&session.snapshot()).is_ok());
     }
+}
+
+#[test]
+fn looking_during_a_round_waits_for_nobody() {
+    struct Loop;
+    impl Filter for Loop {
+        fn name(&self) -> &str {
+            "loop"
+        }
+
+        fn apply(&self, film: &Film) -> Result<Filtered, Error> {
+            parallel::map(1 << 14, |i| i);
+            Unfiltered.apply(film)
+        }
+    }
+    let mut session = Session::new(frame(64, 64), Limits::spp(16.0), Methods::from((uniform(1), Loop))).unwrap();
+    while let Some(round) = session.next_round().unwrap() {
+        std::thread::scope(|threads| {
+            threads.spawn(|| (0..20).for_each(|_| drop(round.image().unwrap())));
+            round.trace(grey).unwrap();
+        });
+    }
+}
+
+#[test]
+fn a_tile_of_another_session_is_refused() {
+    let mut sessions = [1, 2].map(|seed| Session::new(frame(8, 8), Limits::spp(1.0), uniform(seed)).unwrap());
+    let [a, b] = &mut sessions;
+    let (a, b) = (a.next_round().unwrap().unwrap(), b.next_round().unwrap().unwrap());
+    let mut tile = a.whole();
+    tile.samples().for_each(|sample| tile.add(&sample, grey(&sample)));
+    let error = b.submit(tile).unwrap_err().to_string();
+    assert!(error.contains("another session"), "{error}");
 }

@@ -168,7 +168,7 @@ fn of_samples(image: &Denoise<'_>) -> Vec<Warning> {
         let sets = std::iter::once(*set).chain(image.second);
         sets.map(|set| grey(set.mean[i])).filter(|x| x.is_finite()).sum::<f64>()
     };
-    found.extend(huge(width, pixels, bright));
+    found.extend(huge(([0; 2], width), pixels, bright));
     let Some(given) = set.variance else { return found };
     let differ = set.mean.iter().any(|colour| Some(colour) != set.mean.first());
     if differ && given.flat().values().iter().all(|v| *v == 0.0) {
@@ -230,10 +230,11 @@ fn of_emission(image: &Denoise<'_>) -> Option<Warning> {
     (share > 0.01).then_some(Warning::Emission { share })
 }
 
-fn huge(width: usize, pixels: usize, bright: impl Fn(usize) -> f64) -> Option<Warning> {
-    let total: f64 = (0..pixels).map(&bright).sum();
+/// `origin` is the first pixel's column and row.
+fn huge((origin, width): ([u32; 2], usize), pixels: usize, bright: impl Fn(usize) -> f64) -> Option<Warning> {
+    let total: f64 = (0..pixels).map(|i| bright(i).max(0.0)).sum();
     let i = (0..pixels).find(|i| pixels > 1 && bright(*i) > 0.5 * total)?;
-    Some(Warning::Huge { pixel: [(i % width) as u32, (i / width) as u32] })
+    Some(Warning::Huge { pixel: [origin[0] + (i % width) as u32, origin[1] + (i / width) as u32] })
 }
 
 fn length(v: [f32; 3]) -> f32 {
@@ -284,13 +285,13 @@ fn share<T>(values: &[T], holds: impl Fn(&T) -> bool) -> Option<f64> {
 /// # Ok::<(), dapple_core::Error>(())
 /// ```
 pub fn warnings_of(film: &Film) -> Vec<Warning> {
-    let (pixels, width) = (film.frame().pixels(), film.frame().size()[0] as usize);
+    let (pixels, place) = (film.frame().pixels(), (film.frame().origin(), film.frame().size()[0] as usize));
     let mut found = Vec::new();
     let filled = (0..pixels).filter(|i| film.is_rejected(*i)).count();
     found.extend((filled > 0).then_some(Warning::Filled { pixels: filled }));
     // A lamp may be brighter than all else.
     let lamps = |i: usize| [0, 1].iter().filter_map(|half| film.emission(*half, i)).map(grey).fold(0.0, f64::max);
-    found.extend(huge(width, pixels, |i| (grey(film.mean(i).map(|x| x as f32)) - lamps(i)).max(0.0)));
+    found.extend(huge(place, pixels, |i| grey(film.mean(i).map(|x| x as f32)) - lamps(i)));
     found.extend(of_streams(film));
     let hits: Vec<Features> = (0..pixels).filter_map(|i| film.features(i)).filter(|f| f.hits > 0).collect();
     // The mean square of the length, also where normals vary.

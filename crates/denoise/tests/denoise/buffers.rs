@@ -329,3 +329,20 @@ fn filters_that_read_features_refuse_radiance_alone_until_told_that_there_are_no
     });
     assert_eq!(without.apply(&known).unwrap(), of_misses);
 }
+
+/// Half of the image has no samples, or NaN.
+#[test]
+fn wide_holes_are_filled() {
+    let mut noise = Noise::new(3);
+    for bad in [0.0, f32::NAN] {
+        let hole = |i: usize| i % 48 >= 24;
+        let half = |noise: &mut Noise| -> Colours {
+            (0..PIXELS).map(|i| [if hole(i) { bad } else { 0.5 + noise.next() }; 3]).collect()
+        };
+        let (a, b) = (half(&mut noise), half(&mut noise));
+        let counts: Vec<u32> = (0..PIXELS).map(|i| if hole(i) && bad == 0.0 { 0 } else { 8 }).collect();
+        let image = denoise(SIZE, &SampleBuffers::new(&a, &counts), &SampleBuffers::new(&b, &counts)).run().unwrap();
+        let dark = image.radiance.iter().filter(|colour| colour[0] < 0.7).count();
+        assert!(dark == 0 && image.error.unwrap().iter().all(|error| error.is_finite()), "{dark} for {bad}");
+    }
+}

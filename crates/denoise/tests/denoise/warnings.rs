@@ -2,7 +2,7 @@
 
 use crate::support::{HALVES, Noise, film, rendered, wall};
 use dapple_core::point_set::mix;
-use dapple_core::{Estimate, FirstHit, Frame};
+use dapple_core::{Estimate, Film, FirstHit, Frame};
 use dapple_denoise::{Denoise, SampleBuffers, Variance, Warning, denoise, denoise_whole, warnings_of};
 
 const SIZE: [u32; 2] = [96, 64];
@@ -193,4 +193,11 @@ fn halves_of_the_same_samples_are_told() {
             assert_eq!(warned(spp, seed, true, 2), []);
         }
     }
+}
+
+#[test]
+fn a_huge_pixel_of_a_crop_has_its_place_in_the_full_image() {
+    let mut film = Film::new(Frame::new(64, 64).unwrap().crop(10, 20, 30, 40).unwrap(), dapple_core::Needs::none());
+    (0..400).for_each(|i| film.push(i, 0, [if i == 62 { 1e9 } else { 0.1 }; 3]));
+    assert_eq!(warnings_of(&film), [Warning::Huge { pixel: [12, 23] }]);
 }

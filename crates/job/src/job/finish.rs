@@ -69,7 +69,7 @@ impl Job {
             filter = &Unfiltered;
         }
         let clock = Instant::now();
-        let filtered = filter.apply(&film)?;
+        let filtered = dapple_core::filter::filled(filter, &film)?;
         let seconds = clock.elapsed().as_secs_f64();
         let described = filter.describe();
         Ok(self.image(film, filtered, described, seconds, warnings))

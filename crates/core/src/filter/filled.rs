@@ -1,11 +1,15 @@
-//! Pixels without valid samples, in the image of a session.
+//! Pixels without valid samples.
 
 use crate::{Error, Film, Filter, Filtered};
 use std::collections::VecDeque;
 
 /// The filtered image of a film. Pixels without valid samples show the nearest pixel that has some, by steps along rows and
 /// columns.
-pub(super) fn image_of(filter: &dyn Filter, film: &Film) -> Result<Filtered, Error> {
+///
+/// # Errors
+///
+/// Those of [`Filter::apply`].
+pub fn filled(filter: &dyn Filter, film: &Film) -> Result<Filtered, Error> {
     let valid = film.without_rejected();
     let film = valid.as_ref().unwrap_or(film);
     let mut image = filter.apply(film)?;
