@@ -3,7 +3,7 @@
 //! `cargo bench -p dapple-benches --bench overhead` prints nanoseconds on one thread, with the statistics that the default pair
 //! records. Required: under 20 ns. `--test` runs it once and small.
 
-#![allow(clippy::print_stdout, reason = "a program")]
+#![expect(clippy::print_stdout, reason = "the program prints its result")]
 
 use dapple_core::samplers::Uniform;
 use dapple_core::{Error, Estimate, FirstHit, Frame, Limits, Methods, Needs, Session};

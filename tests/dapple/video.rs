@@ -129,7 +129,7 @@ fn errors_of_successive_frames_are_not_opposed() {
 }
 
 #[test]
-#[ignore = "minutes"]
+#[ignore = "minutes: cargo test --release --test dapple video:: -- --ignored"]
 fn errors_of_successive_frames_are_not_opposed_in_a_larger_image() {
     check([480, 270]);
 }

@@ -1,4 +1,4 @@
-//! What a sampler reads and plans: budgets, finished rounds, and the division of samples over pixels.
+//! The data that a sampler reads and plans: budgets, finished rounds, and the division of samples over pixels.
 
 pub use crate::allocate::{Allocation, Ladder, allocate, share};
 pub use crate::memory::SamplerMemory;

@@ -1,4 +1,4 @@
-//! What a renderer's own loop notes of a path, so that no ray is traced twice.
+//! The record of a path that a renderer's own loop follows, so that no ray is traced twice.
 
 use super::{Estimate, FirstHit, SurfaceFeatures};
 
