@@ -239,8 +239,8 @@ impl Film {
         self.kept.iter().map(|b| b.counts[i]).sum()
     }
 
-    /// Returns `true` if pixel `i` has kept samples and all were rejected. Their mean is black; images of a
-    /// [`Session`](crate::Session) fill such pixels from their neighbours.
+    /// Returns `true` if pixel `i` has kept samples and all were rejected. Their mean is black;
+    /// [`filled`](crate::filter::filled) images show their neighbours there.
     pub fn is_rejected(&self, i: usize) -> bool {
         self.count(i) > 0 && self.kept.iter().all(|half| half.counts[i] == 0 || planes::is_none_valid(half.means[i]))
     }

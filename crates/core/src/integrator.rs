@@ -2,7 +2,7 @@
 
 mod path_record;
 
-pub use path_record::PathRecord;
+pub use path_record::{CERTAIN_LOBE, PathRecord, RARE_LOBE};
 
 use crate::macros::{forward, setters};
 use crate::{Draws, Frame, Needs, PointSet, SampleId, Worker, point_set::streams};

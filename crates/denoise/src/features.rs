@@ -77,26 +77,31 @@ fn planes(film: &Film, read: bool) -> Each<Plane> {
         let [nx, ny, nz, r, g, b, depth, x, y, z] = miss(far);
         [nx, ny, nz, r, g, b, depth, x, y, z, 0.0, 0.0, 0.0, 0.0, far]
     });
-    let lamps = beside_lamps(film, size);
-    let of = |i: usize| miss.or_else(|| feature(film, i, (far, middle), lamps[i] > 0.0));
+    let lamps = if miss.is_none() { beside_lamps(film, size) } else { None };
+    let is_beside_lamp = |i: usize| lamps.as_ref().is_some_and(|lamps| lamps[i] > 0.0);
+    let of = |i: usize| miss.or_else(|| feature(film, i, (far, middle), is_beside_lamp(i)));
     planes_of(film.frame().pixels(), |i| of(i).or_else(|| from_neighbours(of, size, i)).unwrap_or_default())
 }
 
 /// The number of times the level of an image from which on a pixel counts as a lamp.
 const LAMP: f32 = 8.0;
 
-/// The pixels within two of a lamp, of the background and of a surface that fills its pixel; 0 for all others.
-fn beside_lamps(film: &Film, size: [usize; 2]) -> Plane {
+/// The pixels within two of a lamp, of the background and of a surface that fills its pixel; 0 for all others; `None` without
+/// background.
+fn beside_lamps(film: &Film, size: [usize; 2]) -> Option<Plane> {
+    let hits = |i: usize| film.features(i).map_or([0, 0], |f| [f.hits, f.samples]);
+    if (0..film.frame().pixels()).all(|i| hits(i)[0] > 0) {
+        return None;
+    }
     let grey = per_pixel(film.frame().pixels(), |i| (film.moments(i).mean.iter().sum::<f64>() / 3.0) as f32);
     let least = LAMP * level(&grey, size);
     let near = |holds: &(dyn Fn(usize) -> bool + Sync)| {
         box_mean(&per_pixel(grey.len(), |i| if holds(i) { 1.0 } else { 0.0 }), size, 2)
     };
-    let hits = |i: usize| film.features(i).map_or([0, 0], |f| [f.hits, f.samples]);
     let [background, surfaces] = [near(&|i| hits(i)[0] == 0), near(&|i| hits(i)[0] == hits(i)[1])];
     let mut beside = near(&|i| grey[i] > least);
     update(&mut beside, [&background, &surfaces], |lamp, [background, surface]| lamp * background * surface);
-    beside
+    Some(beside)
 }
 
 /// The means of a pixel that sees no surface.

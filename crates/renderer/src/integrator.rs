@@ -10,7 +10,7 @@ mod tests;
 
 pub use ambient_occlusion::{AmbientOcclusion, AmbientOcclusionOptions};
 pub use light_selector::{FixedSelector, LearnedSelector, LightSelector};
-pub use path::{CERTAIN_LOBE, GatherPoint, NoVertexLight, PathTracer, RARE_LOBE, VertexLight};
+pub use path::{GatherPoint, NoVertexLight, PathTracer, VertexLight};
 pub use table::{
     IntegratorEntry, IntegratorError, MakeError, MakeIntegrator, check_among, integrators, make, make_among,
 };

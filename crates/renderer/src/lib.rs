@@ -28,10 +28,10 @@ mod texture;
 mod world;
 
 pub use integrator::{
-    AmbientOcclusion, AmbientOcclusionOptions, CERTAIN_LOBE, FixedSelector, GatherPoint, IntegratorEntry,
-    IntegratorError, LearnedSelector, LightSelector, MakeError, MakeIntegrator, NoVertexLight, PathTracer, RARE_LOBE,
-    VertexLight, check_among as check_integrator_among, code, integrator, integrator_with, integrators,
-    make as make_integrator, make_among as make_integrator_among, path_tracer_with,
+    AmbientOcclusion, AmbientOcclusionOptions, FixedSelector, GatherPoint, IntegratorEntry, IntegratorError,
+    LearnedSelector, LightSelector, MakeError, MakeIntegrator, NoVertexLight, PathTracer, VertexLight,
+    check_among as check_integrator_among, code, integrator, integrator_with, integrators, make as make_integrator,
+    make_among as make_integrator_among, path_tracer_with,
 };
 pub use material::{MaterialError, Surface, without};
 pub use space::Space;

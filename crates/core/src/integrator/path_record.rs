@@ -26,7 +26,7 @@ use super::{Estimate, FirstHit, SurfaceFeatures};
 /// let estimate = path.estimate();
 /// assert_eq!((estimate.radiance, estimate.emission), ([0.36; 3], [0.0; 3]));
 /// ```
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct PathRecord {
     first_hit: Option<FirstHit>,
     features: Option<SurfaceFeatures>,
@@ -37,30 +37,36 @@ pub struct PathRecord {
     radiance: [f32; 3],
     emission: [f32; 3],
     indirect: [f32; 3],
-    /// The least probability of the smooth lobes that the path took.
-    lobe: f32,
+    /// True after a smooth lobe below [`CERTAIN_LOBE`], and after one below [`RARE_LOBE`].
+    is_uncertain: bool,
+    is_rare: bool,
 }
 
-/// The probability below which a smooth lobe is too rare for features, and the least one through which lamps count as seen directly.
-const LOBES: [f32; 2] = [0.1, 0.9];
+/// The probability below which a smooth lobe of glass is left out of features.
+///
+/// Features are then those of what glass shows best. With all lobes, four scenes with glass keep 3 % more error at 8 spp
+/// and 1 % more at 32.
+pub const RARE_LOBE: f32 = 0.1;
+
+/// The least probability of a smooth lobe through which light sources count as seen directly. Their emission is then
+/// almost free of noise within a pixel.
+pub const CERTAIN_LOBE: f32 = 0.9;
 
 impl PathRecord {
     /// A path that has met nothing.
     pub fn new() -> Self {
-        let ([radiance, emission, indirect], rough) = ([[0.0; 3]; 3], [0; 2]);
-        Self { first_hit: None, features: None, depth: 0.0, rough, radiance, emission, indirect, lobe: 1.0 }
+        Self::default()
     }
 
     /// Notes the probability with which the path took the last surface's smooth lobe, where it had a choice, as between reflection and
     /// refraction by glass.
     ///
-    /// Below 0.9, lamps that are seen in it are no emission, since it would be noise; below 0.1, features are
+    /// Below [`CERTAIN_LOBE`], lamps that are seen in it are no emission; below [`RARE_LOBE`], features are
     /// [`rare`](SurfaceFeatures::rare).
     #[inline]
     pub fn lobe(&mut self, probability: f32) {
-        if self.rough[1] == 0 {
-            self.lobe = self.lobe.min(probability);
-        }
+        self.is_uncertain |= self.rough[1] == 0 && probability < CERTAIN_LOBE;
+        self.is_rare |= self.rough[1] == 0 && probability < RARE_LOBE;
     }
 
     /// Notes the next surface, with the share of its light that reaches the camera, linear RGB: the product of the weights of all surfaces
@@ -77,7 +83,7 @@ impl PathRecord {
         } else if is_rough && self.rough[1] == 0 {
             let albedo = [0, 1, 2].map(|c| (weight[c] * hit.albedo[c]).clamp(0.0, 1.0));
             let features = SurfaceFeatures::new(hit.position, hit.shading_normal, self.depth);
-            self.features = Some(features.with_albedo(albedo).with_rare(self.lobe < LOBES[0]));
+            self.features = Some(features.with_albedo(albedo).with_rare(self.is_rare));
         }
         self.rough = [self.rough[1], self.rough[1] + u32::from(is_rough)];
     }
@@ -103,7 +109,7 @@ impl PathRecord {
     /// Adds light that this number of rough surfaces have scattered.
     #[inline]
     fn add(&mut self, weight: [f32; 3], light: [f32; 3], scattered: u32) {
-        let is_seen = scattered == 0 && self.lobe >= LOBES[1];
+        let is_seen = scattered == 0 && !self.is_uncertain;
         for c in 0..3 {
             let light = weight[c] * light[c];
             self.radiance[c] += light;
@@ -117,11 +123,5 @@ impl PathRecord {
     pub fn estimate(&self) -> Estimate {
         let light = Estimate::new(self.radiance).with_emission(self.emission).with_indirect(self.indirect);
         light.with_first_hit(self.first_hit).with_features(self.features)
-    }
-}
-
-impl Default for PathRecord {
-    fn default() -> Self {
-        Self::new()
     }
 }

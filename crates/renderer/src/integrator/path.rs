@@ -18,7 +18,7 @@ use crate::light::LightSample;
 use crate::material::Surface;
 use crate::shading::{Bsdf, ShadingFrame, power_heuristic, power_heuristic_over_pdf};
 use crate::world::{Interaction, NO_LIGHT, NO_MEDIUM};
-use dapple_core::integrator::{Pass, Prepared, Prepares, TrainingData};
+use dapple_core::integrator::{CERTAIN_LOBE, Pass, Prepared, Prepares, RARE_LOBE, TrainingData};
 use dapple_core::{Draws, Estimate, Frame, Integrator, Worker};
 use dapple_geometry::{Ray, spawn_ray};
 use glam::Vec3;
@@ -30,16 +30,6 @@ use transmission::MediumEnd;
 /// The variance of an endless path is finite only while albedo^2 < SURVIVAL. A value of 0.95 would make it infinite in
 /// closed rooms of albedo 0.98.
 const SURVIVAL: f32 = 0.99;
-
-/// The probability below which a smooth lobe of glass is left out of features.
-///
-/// Features are then those of what glass shows best. With all lobes, four scenes with glass keep 3 % more error at 8 spp
-/// and 1 % more at 32.
-pub const RARE_LOBE: f32 = 0.1;
-
-/// The least probability of a smooth lobe through which light sources count as seen directly. Their emission is then
-/// almost free of noise within a pixel.
-pub const CERTAIN_LOBE: f32 = 0.9;
 
 /// A path tracer for a camera of kind `L` and light selection `S`. `E` is a combination of bits of
 /// [`code`](super::code): the effects it has code for.

@@ -3,10 +3,11 @@
 
 use super::Bdpt;
 use super::vertex::{From, Kind, Vertex, on_light, point_in_space};
+use dapple_core::integrator::{CERTAIN_LOBE, RARE_LOBE};
 use dapple_core::{Block, Draws, Estimate, SurfaceFeatures};
 use dapple_geometry::{Ray, spawn_ray};
 use dapple_renderer::light::Target;
-use dapple_renderer::{CERTAIN_LOBE, Interaction, RARE_LOBE, World, blocks};
+use dapple_renderer::{Interaction, World, blocks};
 use glam::Vec3;
 
 /// The number of scattering events after which Russian roulette starts.

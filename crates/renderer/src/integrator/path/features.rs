@@ -5,7 +5,7 @@
 //! refracts, or shows its base through a coat, they follow the lobe that the path samples.
 
 use super::transmission::MediumEnd;
-use super::{CERTAIN_LOBE, LightSelector, NoVertexLight, Path, PathTracer, RARE_LOBE, VertexLight, code};
+use super::{LightSelector, NoVertexLight, Path, PathTracer, VertexLight, code};
 use crate::World;
 use crate::blocks;
 use crate::camera::{General, Lens};
@@ -13,6 +13,7 @@ use crate::integrator::FixedSelector;
 use crate::material::Surface;
 use crate::shading::Bsdf;
 use crate::world::{Interaction, NO_LIGHT, NO_MEDIUM};
+use dapple_core::integrator::{CERTAIN_LOBE, RARE_LOBE};
 use dapple_core::{Draws, Estimate, SurfaceFeatures};
 use dapple_geometry::spawn_ray;
 use glam::Vec3;
