@@ -92,19 +92,6 @@ impl<const G: usize> WithSimd for TileTask<'_, G> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Sums {
-        // Each radius has its own unrolled sums over patches.
-        match self.by.like.patch {
-            0 => self.run::<S, 0>(simd),
-            1 => self.run::<S, 1>(simd),
-            2 => self.run::<S, 2>(simd),
-            _ => self.run::<S, 3>(simd),
-        }
-    }
-}
-
-impl<const G: usize> TileTask<'_, G> {
-    #[inline(always)]
-    fn run<S: Simd, const R: usize>(self, simd: S) -> Sums {
         let Self { by, values, window, origin, scratch } = self;
         let inputs = by.inputs;
         scratch.tile.copy(by, origin);
@@ -121,8 +108,8 @@ impl<const G: usize> TileTask<'_, G> {
             if window.disc.is_some_and(|most| square > most) {
                 continue;
             }
-            scratch.tile.compare::<S, R>(simd, offset);
-            scratch.gather::<S, R>(simd, by.like, window, offset, &mut sums);
+            scratch.tile.compare(simd, offset, by.like.patch);
+            scratch.gather(simd, by.like, window, offset, &mut sums);
         }
         divide(&mut sums);
         sums
@@ -132,14 +119,7 @@ impl<const G: usize> TileTask<'_, G> {
 impl<const G: usize> Scratch<G> {
     /// Adds to the sums of each pixel in the tile the pixel at `offset` from it, multiplied by its weight.
     #[inline(always)]
-    fn gather<S: Simd, const R: usize>(
-        &mut self,
-        simd: S,
-        like: &Likeness,
-        window: &Window,
-        offset: [isize; 2],
-        sums: &mut Sums,
-    ) {
+    fn gather<S: Simd>(&mut self, simd: S, like: &Likeness, window: &Window, offset: [isize; 2], sums: &mut Sums) {
         let Self { tile, values } = self;
         let [dx, dy] = offset.map(|d| d as f32);
         let spatial = exp_minus(window.falloff * (dx * dx + dy * dy));
@@ -147,9 +127,9 @@ impl<const G: usize> Scratch<G> {
         let step = stride::<S>();
         let mut weights = [[0.0; LANES]; G];
         for y in 0..tile.extent()[0] {
-            tile.sum_columns::<S, R>(simd, y);
+            tile.sum_columns(simd, y, like.patch);
             for parity in 0..2 {
-                tile.weights::<S, R>(simd, like, [y, parity], offset, &mut weights);
+                tile.weights(simd, like, [y, parity], offset, &mut weights);
                 for half in 0..2 {
                     let here = vectors::<S>(values[half].moved(y, parity, [0, 0]));
                     let there = vectors::<S>(values[half].moved(y, parity, offset));

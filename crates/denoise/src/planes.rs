@@ -111,9 +111,9 @@ pub(crate) fn map<const N: usize, const M: usize>(
     planes: [&[f32]; N],
     of: impl Fn([f32; N]) -> [f32; M] + Sync + Send,
 ) -> [Plane; M] {
-    let part = |(): &mut (), number: usize, to: [&mut [f32]; M]| {
+    let part = |(): &mut (), number: usize, mut to: [&mut [f32]; M]| {
         let from = planes.map(|plane| &plane[number * CHUNK..][..to[0].len()]);
-        dispatch(MapTask { from, to, of: |_, values| of(values) });
+        replace(from, &mut to, |_, values| of(values));
     };
     parts(planes[0].len(), CHUNK, || (), part)
 }
@@ -128,38 +128,30 @@ pub(crate) fn map_to_one<const N: usize>(planes: [&[f32]; N], of: impl Fn([f32; 
 pub(crate) fn update<const N: usize>(plane: &mut [f32], planes: [&[f32]; N], of: impl Fn(f32, [f32; N]) -> f32 + Sync) {
     parallel::chunks(plane, CHUNK, |number, to| {
         let from = planes.map(|plane| &plane[number * CHUNK..][..to.len()]);
-        dispatch(MapTask { from, to: [to], of: |[own]: [f32; 1], values| [of(own, values)] });
+        replace(from, &mut [to], |[own]: [f32; 1], values| [of(own, values)]);
     });
 }
 
 /// Replaces the values of a part by a function of them and of the pixel's values in `N` other planes.
-struct MapTask<'a, F, const N: usize, const M: usize> {
-    from: [&'a [f32]; N],
-    to: [&'a mut [f32]; M],
-    of: F,
-}
-
-impl<F: Fn([f32; M], [f32; N]) -> [f32; M], const N: usize, const M: usize> WithSimd for MapTask<'_, F, N, M> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Self { from, to, of } = self;
-        let end = to[0].len();
-        // Equal lengths that the compiler sees, so that no index is checked.
-        let (from, to) = (from.map(|from| &from[..end]), to.map(|to| &mut to[..end]));
-        for k in 0..end {
-            let (mut own, mut values) = ([0.0; M], [0.0; N]);
-            for m in 0..M {
-                own[m] = to[m][k];
-            }
-            for n in 0..N {
-                values[n] = from[n][k];
-            }
-            let values = of(own, values);
-            for m in 0..M {
-                to[m][k] = values[m];
-            }
+fn replace<const N: usize, const M: usize>(
+    from: [&[f32]; N],
+    to: &mut [&mut [f32]; M],
+    of: impl Fn([f32; M], [f32; N]) -> [f32; M],
+) {
+    let end = to[0].len();
+    // Equal lengths that the compiler sees, so that no index is checked.
+    let (from, to) = (from.map(|from| &from[..end]), to.each_mut().map(|to| &mut to[..end]));
+    for k in 0..end {
+        let (mut own, mut values) = ([0.0; M], [0.0; N]);
+        for m in 0..M {
+            own[m] = to[m][k];
+        }
+        for n in 0..N {
+            values[n] = from[n][k];
+        }
+        let values = of(own, values);
+        for m in 0..M {
+            to[m][k] = values[m];
         }
     }
 }

@@ -183,10 +183,10 @@ fn weigh<S: Simd, const G: usize>(simd: S, tile: &mut Tile<G>, like: &Likeness, 
     let (zero, negligible) = (simd.splat_f32s(0.0), simd.splat_f32s(NEGLIGIBLE));
     for o in (0..SIDE * SIDE).filter(in_disc) {
         let offset = [o % SIDE, o / SIDE].map(|d| d as isize - REACH as isize);
-        tile.compare::<S, PATCH>(simd, offset);
+        tile.compare(simd, offset, PATCH);
         for row in 0..rows.div_ceil(2) {
-            tile.sum_columns::<S, PATCH>(simd, 2 * row);
-            tile.weights::<S, PATCH>(simd, like, [2 * row, 0], offset, &mut both);
+            tile.sum_columns(simd, 2 * row, PATCH);
+            tile.weights(simd, like, [2 * row, 0], offset, &mut both);
             for g in 0..G {
                 let to = S::as_mut_simd_f32s(&mut weights[g][o][row]).0;
                 let from = vectors::<S>(&both[g]);

@@ -16,6 +16,7 @@ use crate::planes::{Plane, map_to_one};
 use pulp::Simd;
 use stack::moved;
 pub(crate) use stack::{COLUMNS, HEIGHT, LANES, MARGIN, ROWS, Stack, WIDTH};
+use std::ops::Range;
 
 /// The largest radius of a window in pixels.
 pub(crate) const REACH: usize = 7;
@@ -224,11 +225,10 @@ impl Default for Differences {
 }
 
 impl Differences {
-    /// Compares the pixels of the tile's first `rows` rows, and of the rows that patches of radius `R` reach, with the
-    /// pixels at `offset` from them.
+    /// Compares the pixels of these rows of the copies with the pixels at `offset` from them.
     #[inline(always)]
-    fn compare<S: Simd, const R: usize>(&mut self, simd: S, guide: &LocalGuide, rows: usize, offset: [isize; 2]) {
-        for y in MARGIN - R..MARGIN + rows + R {
+    fn compare<S: Simd>(&mut self, simd: S, guide: &LocalGuide, lines: Range<usize>, offset: [isize; 2]) {
+        for y in lines {
             for parity in 0..2 {
                 let (other, shift) = moved(parity, offset[0]);
                 // Patches reach three columns to the left: two even ones, or the odd one before as well.
@@ -240,15 +240,15 @@ impl Differences {
         }
     }
 
-    /// Sums the differences of each column over the `2 R + 1` rows around row `y` of the tile.
+    /// Sums the differences of each column over the `2 radius + 1` rows around row `y` of the tile.
     #[inline(always)]
-    fn sum_columns<S: Simd, const R: usize>(&mut self, simd: S, y: usize) {
+    fn sum_columns<S: Simd>(&mut self, simd: S, y: usize, radius: usize) {
         for parity in 0..2 {
-            let first = 2 * (y + MARGIN - R) + parity;
+            let first = 2 * (y + MARGIN - radius) + parity;
             let sums = S::as_mut_simd_f32s(&mut self.column_sums[parity]).0;
             for i in 0..COLUMNS / S::F32_LANES {
                 let mut sum = vectors::<S>(&self.pointwise[first])[i];
-                for k in 1..=2 * R {
+                for k in 1..=2 * radius {
                     sum = simd.add_f32s(sum, vectors::<S>(&self.pointwise[first + 2 * k])[i]);
                 }
                 sums[i] = sum;
@@ -259,10 +259,10 @@ impl Differences {
     /// The column sums that make up the patches around the even (or odd) pixels of the row, one slice per column of a
     /// patch.
     #[inline(always)]
-    fn columns<S: Simd, const R: usize>(&self, parity: usize) -> [&[S::f32s]; 7] {
+    fn columns<S: Simd>(&self, parity: usize, radius: usize) -> [&[S::f32s]; 7] {
         let mut columns: [&[S::f32s]; 7] = [&[]; 7];
-        for k in 0..=2 * R {
-            let (other, shift) = moved(parity, k as isize - R as isize);
+        for k in 0..=2 * radius {
+            let (other, shift) = moved(parity, k as isize - radius as isize);
             let from = (MARGIN / 2).wrapping_add_signed(shift);
             columns[k] = vectors::<S>(&self.column_sums[other][from..][..LANES]);
         }
@@ -271,27 +271,29 @@ impl Differences {
 }
 
 impl<const G: usize> Tile<G> {
-    /// Compares the pixels of the tile's rows with the pixels at `offset` from them, by each guide.
+    /// Compares the pixels of the tile's rows, and of the rows that patches of this radius reach, with the pixels at `offset` from
+    /// them, by each guide.
     #[inline(always)]
-    pub(crate) fn compare<S: Simd, const R: usize>(&mut self, simd: S, offset: [isize; 2]) {
+    pub(crate) fn compare<S: Simd>(&mut self, simd: S, offset: [isize; 2], radius: usize) {
         let [rows, _] = self.extent();
         for g in 0..G {
-            self.differences[g].compare::<S, R>(simd, &self.guides[g], rows, offset);
+            let lines = MARGIN - radius..MARGIN + rows + radius;
+            self.differences[g].compare(simd, &self.guides[g], lines, offset);
         }
     }
 
-    /// Sums the differences of each column over the `2 R + 1` rows around row `y` of the tile.
+    /// Sums the differences of each column over the `2 radius + 1` rows around row `y` of the tile.
     #[inline(always)]
-    pub(crate) fn sum_columns<S: Simd, const R: usize>(&mut self, simd: S, y: usize) {
+    pub(crate) fn sum_columns<S: Simd>(&mut self, simd: S, y: usize, radius: usize) {
         for differences in &mut self.differences {
-            differences.sum_columns::<S, R>(simd, y);
+            differences.sum_columns(simd, y, radius);
         }
     }
 
     /// Computes the weight of the pixel at `offset` from each even (or odd) pixel in row `y`, for each guide. Weights
     /// follow from the differences of patches and features, and from the clusters.
     #[inline(always)]
-    pub(crate) fn weights<S: Simd, const R: usize>(
+    pub(crate) fn weights<S: Simd>(
         &self,
         simd: S,
         like: &Likeness,
@@ -299,7 +301,8 @@ impl<const G: usize> Tile<G> {
         offset: [isize; 2],
         rows: &mut [Row; G],
     ) {
-        let side = (2 * R + 1) as f32;
+        let radius = like.patch;
+        let side = (2 * radius + 1) as f32;
         let share = simd.splat_f32s(1.0 / (side * side * like.colour * like.colour));
         let (zero, one, outside) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0), simd.splat_f32s(like.outside));
         // No closures: their bodies would not be compiled for this machine's vectors.
@@ -315,7 +318,7 @@ impl<const G: usize> Tile<G> {
         }
         let mut columns: [[&[S::f32s]; 7]; G] = [[&[]; 7]; G];
         for guide in 0..G {
-            columns[guide] = self.differences[guide].columns::<S, R>(parity);
+            columns[guide] = self.differences[guide].columns::<S>(parity, radius);
         }
         for i in 0..LANES / S::F32_LANES {
             let mut distance = zero;
@@ -328,7 +331,7 @@ impl<const G: usize> Tile<G> {
             }
             for guide in 0..G {
                 let mut patch = zero;
-                for k in 0..=2 * R {
+                for k in 0..=2 * radius {
                     patch = simd.add_f32s(patch, columns[guide][k][i]);
                 }
                 let by_colour = simd.max_f32s(simd.mul_f32s(patch, share), zero);
