@@ -5,7 +5,7 @@ use crate::similar_pool::Surfaces;
 use crate::{AdaptiveOptions, ErrorMap, VarianceOptions, pool};
 use dapple_core::options::Options as _;
 use dapple_core::plan::{Feedback, PilotPolicy, Plan, Progress, SamplerMemory};
-use dapple_core::{Error, Frame, Limits, Needs, PointSet, Sampler, film::RgbMoments};
+use dapple_core::{Error, Frame, Limits, Needs, PointSet, Sampler, film::RgbMoments, parallel};
 
 /// The error-driven sampler: a uniform pilot estimates each pixel's error, then counts minimise the estimated relative
 /// error of the image.
@@ -117,7 +117,7 @@ impl<P: PointSet> Sampler for Adaptive<P> {
             // Scores, surfaces and the windows of each thread; scores beside the error map.
             let surfaces = if needs.features && self.reads_surfaces() { Surfaces::BYTES } else { 0 };
             let size = frame.size().map(|n| n as usize);
-            let windows = pool::bytes_of_windows(size, 2 * self.options.radius as usize, rayon::current_num_threads());
+            let windows = pool::bytes_of_windows(size, 2 * self.options.radius as usize, parallel::threads());
             let map = self.errors.as_ref().map_or(0, |map| 8 + map.bytes_per_pixel);
             let scoring = frame.bytes(8 + surfaces).saturating_add(windows as u64).max(frame.bytes(map));
             memory.planning = memory.planning.saturating_add(frame.bytes(always)).saturating_add(scoring);

@@ -2,8 +2,7 @@
 
 use crate::Error;
 pub use dapple_core::integrator::BACKGROUND;
-use dapple_core::{Clock, Frame, PointSet, SampleId, point_set::streams};
-use rayon::prelude::*;
+use dapple_core::{Clock, Frame, PointSet, SampleId, parallel, point_set::streams};
 
 /// The placement of a pixel's first-hit probes on pixel and lens.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -175,7 +174,7 @@ pub fn probe(
         Ok(rejected)
     };
     // Collected row by row, so that the first error is the same for any number of threads.
-    let rows: Vec<Result<u64, Error>> = probes.par_chunks_mut(width).enumerate().map(trace).collect();
+    let rows: Vec<Result<u64, Error>> = parallel::map_parts(probes.chunks_mut(width).enumerate(), trace);
     let rejected = rows.into_iter().sum::<Result<u64, Error>>()?;
     let cost = ProbeCost { rays: probes.len() as u64, seconds: clock.seconds() };
     Ok(Probes { frame: *frame, placement, probes, rejected, cost })

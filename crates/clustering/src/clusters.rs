@@ -1,20 +1,4 @@
-//! The result: clusters, their figures, and a report on the grid.
-
-use std::sync::Arc;
-
-/// The clusters of a mesh's triangles: the cluster of each triangle, the triangles and properties of each cluster, and
-/// a report on the voxel grid.
-///
-/// Clusters are numbered by voxel (z, then y, then x), within a voxel by material, and within one voxel and material in
-/// the order in which they were opened. Clones share the large arrays.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Clusters {
-    pub(crate) labels: Arc<[u32]>,
-    pub(crate) clusters: Arc<[Cluster]>,
-    pub(crate) members: Vec<u32>,
-    pub(crate) starts: Vec<u32>,
-    pub(crate) report: ClusterReport,
-}
+//! The figures of a cluster, and the report on the grid.
 
 /// The properties of one cluster of triangles.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -78,9 +62,6 @@ pub struct ClusterReport {
 }
 
 impl Cluster {
-    /// A cluster without triangles.
-    pub(crate) const NONE: Self = Self::without_triangles([[0.0; 3]; 2], 0.0, 0, 0);
-
     /// Makes a cluster without triangles and without a normal, for a shape such as a sphere.
     ///
     /// `bounds` are the smallest and largest corner of the shape's bounding box. `group` continues the numbers of the
@@ -102,46 +83,5 @@ impl ClusterReport {
     /// A distant object then stretches the grid ("the teapot in a stadium"). Leave it out, or cluster it separately.
     pub fn is_degenerate(&self) -> bool {
         self.requested() > 8 && self.triangles > 8 && self.fullest > self.triangles / 2
-    }
-}
-
-impl Clusters {
-    /// The cluster number of each triangle, below [`Clusters::len`].
-    pub fn labels(&self) -> &[u32] {
-        &self.labels
-    }
-
-    /// The number of clusters.
-    pub fn len(&self) -> usize {
-        self.clusters.len()
-    }
-
-    /// Returns true if there are no clusters, and so no triangles.
-    pub fn is_empty(&self) -> bool {
-        self.clusters.is_empty()
-    }
-
-    /// The properties of each cluster, in the order of cluster numbers.
-    pub fn clusters(&self) -> &[Cluster] {
-        &self.clusters
-    }
-
-    /// Reference-counted handles to the [labels](Self::labels) and [clusters](Self::clusters), made without copying the
-    /// arrays.
-    pub fn shared(&self) -> (Arc<[u32]>, Arc<[Cluster]>) {
-        (self.labels.clone(), self.clusters.clone())
-    }
-
-    /// The indices of a cluster's triangles, ascending; empty if `cluster` is not below [`Clusters::len`].
-    pub fn members(&self, cluster: u32) -> &[u32] {
-        match self.starts.get(cluster as usize..) {
-            Some(&[start, end, ..]) => &self.members[start as usize..end as usize],
-            _ => &[],
-        }
-    }
-
-    /// The report on the voxel grid: its resolution and how triangles fill it.
-    pub fn report(&self) -> ClusterReport {
-        self.report
     }
 }

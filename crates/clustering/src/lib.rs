@@ -70,18 +70,14 @@
 //! * Permuting axes permutes voxels. Clusters of curved surfaces may differ, since the order of normals begins with z.
 
 mod clusters;
-mod greedy;
-mod grid;
-mod group;
 mod params;
+#[cfg(feature = "cluster")]
 mod partition;
-mod small_groups;
-mod triangle_normals;
-mod voxels;
 
-pub use clusters::{Cluster, ClusterReport, Clusters};
+pub use clusters::{Cluster, ClusterReport};
 pub use params::{ClusterParams, Connection, Error, Grouping, Insertion, Order, Sides};
-pub use partition::cluster;
+#[cfg(feature = "cluster")]
+pub use partition::{Clusters, cluster};
 
 /// The triangles to cluster, as plain slices.
 #[derive(Clone, Copy, Debug)]

@@ -7,13 +7,6 @@ const MAX_K: f64 = 1_048_576.0;
 pub(crate) const MAX_CLAMP: u32 = 1 << 20;
 /// The widest allowed angle in degrees. Beyond a right angle, normals of one cluster could be opposed.
 const MAX_ANGLE: f64 = 90.0;
-/// The tolerance of a cosine. It exceeds the rounding error of the dot product of two `f32` unit vectors: at most `2 *
-/// 2^-24` from their lengths and `3 * 2^-24` from the sum.
-///
-/// With this tolerance, equal normals are alike at any angle (a representative joins its own cluster), and an angle met
-/// exactly counts as within.
-const COSINE_SLACK: f64 = 1.0 / (1 << 21) as f64;
-
 /// The voxels that a triangle is put into.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
@@ -179,16 +172,6 @@ impl ClusterParams {
             Self { count: Some(0), .. } => Err(Error::BadCount),
             _ => Ok(()),
         }
-    }
-
-    /// Tests if opposite normals are alike.
-    pub(crate) fn two_sided(&self) -> bool {
-        self.sides == Sides::Either
-    }
-
-    /// The least dot product of two unit normals that count as similar.
-    pub(crate) fn cosine(&self) -> f32 {
-        (self.angle.to_radians().cos() - COSINE_SLACK) as f32
     }
 }
 

@@ -1,15 +1,25 @@
 //! Clusters triangles over a grid: sorts them by voxel, clusters ranges of voxels in parallel, and joins the results.
 
-use crate::grid::{Bounds, CHUNK, Grid, Mesh};
-use crate::group::{GroupRule, Scratch};
+mod greedy;
+mod grid;
+mod group;
+mod result;
+mod small_groups;
+mod triangle_normals;
+mod voxels;
+
+pub use result::Clusters;
+
 use crate::params::{ClusterParams, Insertion, MAX_CLAMP};
-use crate::small_groups::Batch;
-use crate::triangle_normals::{Members, Surfaces};
-use crate::voxels::{Entry, Ranges, Sorted, for_ranges};
-use crate::{Cluster, ClusterReport, Clusters, Error, Triangles};
+use crate::{Cluster, ClusterReport, Error, Triangles};
+use grid::{Bounds, CHUNK, Grid, Mesh};
+use group::{GroupRule, Scratch};
 use pulp::{Arch, NullaryFnOnce};
 use rayon::prelude::*;
+use small_groups::Batch;
 use std::sync::Arc;
+use triangle_normals::{Members, Surfaces};
+use voxels::{Entry, Ranges, Sorted, for_ranges};
 
 /// The largest number of pairs of a triangle and a voxel. With a sorted copy, pairs of 64 bits then take up to 4 GiB.
 const MAX_ENTRIES: u64 = 1 << 28;

@@ -17,9 +17,8 @@ mod share;
 pub use ladder::Ladder;
 pub use share::share;
 
-use crate::Error;
+use crate::{Error, parallel};
 use order::{Waiting, hand_out, steps_above};
-use rayon::prelude::*;
 
 /// The result of an allocation: one sample count per pixel.
 #[non_exhaustive]
@@ -127,7 +126,7 @@ fn share_out(demand: &Demand<'_>, rung: u32, steps: &impl Steps) -> Result<Alloc
     Ok(Allocation { counts: share_out_clean(&demand, needed, steps), unspent: 0, replaced })
 }
 
-/// The least number of pixels that one thread's task handles.
+/// The number of pixels that are summed by one task.
 const SERIAL: usize = 4096;
 
 /// Returns the counts that minimise the total error and sum to `total`. Requires scores above 0, not all equal, and a
@@ -136,14 +135,17 @@ fn share_out_clean(demand: &Demand<'_>, needed: u64, steps: &impl Steps) -> Vec<
     let Demand { scores, floors, ceiling, total } = *demand;
     let reach = |g: f64, floor: u32, threshold: f64| steps.reach(threshold / g).min(ceiling).max(floor);
     let spend = |threshold: f64| -> u64 {
-        let each = scores.par_iter().zip(floors).with_min_len(SERIAL);
-        each.map(|(&g, &floor)| u64::from(reach(g, floor, threshold))).sum()
+        let part = |number: usize| {
+            let part = number * SERIAL..scores.len().min((number + 1) * SERIAL);
+            let each = scores[part.clone()].iter().zip(&floors[part]);
+            each.map(|(&g, &floor)| u128::from(reach(g, floor, threshold))).sum()
+        };
+        parallel::sum(scores.len().div_ceil(SERIAL), &part) as u64
     };
     let start = threshold_of_some(demand, reach, steps);
     let close = (scores.len() / 64).max(256) as u64;
-    // The search sums over all pixels several times. Called from outside the pool, each sum would wait for a thread to wake up,
-    // which took longer than the sum.
-    let bracket = rayon::scope(|_| find_threshold(start, total, close, spend));
+    // The search sums over all pixels several times. From outside the pool, each sum would wait longer than it takes.
+    let bracket = parallel::within(|| find_threshold(start, total, close, spend));
     let (mut counts, spent): (Vec<u32>, u64) = match bracket.within {
         Some((t, spent)) => (scores.iter().zip(floors).map(|(&g, &floor)| reach(g, floor, t)).collect(), spent),
         None => (floors.to_vec(), needed),

@@ -6,7 +6,6 @@ pub use path_record::{CERTAIN_LOBE, PathRecord, RARE_LOBE};
 
 use crate::macros::{forward, setters};
 use crate::{Draws, Frame, Needs, PointSet, SampleId, Worker, point_set::streams};
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// The cluster label of a camera ray that meets no surface; other rays have the label of the cluster they hit.
@@ -423,15 +422,11 @@ pub struct TrainingData {
 
 impl TrainingData {
     /// Merges the sums of an image's parts, given in the order of the image, by sorting them by key. A tree would take several
-    /// times as long. A task works `alone`: one that waits for a parallel sort would start other tasks meanwhile.
-    pub(crate) fn merge(parts: &[Vec<TrainingSum>], alone: bool) -> Self {
+    /// times as long.
+    pub(crate) fn merge(parts: &[Vec<TrainingSum>]) -> Self {
         let mut entries = parts.concat();
         // Equal keys stay in order.
-        if alone {
-            entries.sort_by_key(|e| e.key)
-        } else {
-            entries.par_sort_by_key(|e| e.key)
-        }
+        entries.sort_by_key(|e| e.key);
         entries.dedup_by(|next, kept| {
             let same = next.key == kept.key;
             if same {

@@ -2,7 +2,10 @@
 //!
 //! Rayon's generic loops were a third of the code of some crates, since each function got a loop of its own. These loops are
 //! compiled once; a function is called through a pointer for many pixels at a time.
+//!
+//! Without the feature `threads`, the loops run on the thread of their caller, with the same bits.
 
+#[cfg(feature = "threads")]
 use rayon::prelude::*;
 use std::sync::{Mutex, PoisonError};
 
@@ -15,8 +18,49 @@ pub fn parts<P: Send>(parts: impl Iterator<Item = P>, f: impl Fn(usize, &mut P) 
     for_each(parts.len(), &|number| f(number, &mut parts[number].lock().unwrap_or_else(PoisonError::into_inner)));
 }
 
+/// Calls `f` with each part and returns the results in the order of the parts.
+pub fn map_parts<P: Send, R: Send>(all: impl Iterator<Item = P>, f: impl Fn(P) -> R + Sync) -> Vec<R> {
+    let mut slots: Vec<(Option<P>, Option<R>)> = all.map(|part| (Some(part), None)).collect();
+    parts(slots.iter_mut(), |_, (part, result)| *result = part.take().map(&f));
+    slots.into_iter().filter_map(|(_, result)| result).collect()
+}
+
+#[cfg(feature = "threads")]
 fn for_each(n: usize, f: &(dyn Fn(usize) + Sync)) {
     (0..n).into_par_iter().with_max_len(1).for_each(f);
+}
+
+#[cfg(not(feature = "threads"))]
+fn for_each(n: usize, f: &(dyn Fn(usize) + Sync)) {
+    (0..n).for_each(f);
+}
+
+/// The sum of `f` over all numbers below `n`.
+#[cfg(feature = "threads")]
+pub(crate) fn sum(n: usize, f: &(dyn Fn(usize) -> u128 + Sync)) -> u128 {
+    (0..n).into_par_iter().map(f).sum()
+}
+
+/// The sum of `f` over all numbers below `n`.
+#[cfg(not(feature = "threads"))]
+pub(crate) fn sum(n: usize, f: &(dyn Fn(usize) -> u128 + Sync)) -> u128 {
+    (0..n).map(f).sum()
+}
+
+/// Runs `f` on a thread of the pool, where a loop begins without waiting for a thread to wake up.
+pub(crate) fn within<R: Send>(f: impl FnOnce() -> R + Send) -> R {
+    #[cfg(feature = "threads")]
+    return rayon::scope(|_| f());
+    #[cfg(not(feature = "threads"))]
+    f()
+}
+
+/// The number of threads that loops use.
+pub fn threads() -> usize {
+    #[cfg(feature = "threads")]
+    return rayon::current_num_threads();
+    #[cfg(not(feature = "threads"))]
+    1
 }
 
 /// Calls `f` with the number and the values of each chunk of `length` values; the last chunk may be shorter.

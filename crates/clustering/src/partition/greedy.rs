@@ -1,7 +1,26 @@
 //! The published grouping [Lan 2016]: a triangle joins the first class whose representative has a similar normal (first
 //! fit).
 
-use crate::params::{ClusterParams, Order};
+use crate::params::{ClusterParams, Order, Sides};
+
+/// The tolerance of a cosine. It exceeds the rounding error of the dot product of two `f32` unit vectors: at most `2 *
+/// 2^-24` from their lengths and `3 * 2^-24` from the sum.
+///
+/// With this tolerance, equal normals are alike at any angle (a representative joins its own cluster), and an angle met
+/// exactly counts as within.
+const COSINE_SLACK: f64 = 1.0 / (1 << 21) as f64;
+
+impl ClusterParams {
+    /// Tests if opposite normals are alike.
+    pub(crate) fn two_sided(&self) -> bool {
+        self.sides == Sides::Either
+    }
+
+    /// The least dot product of two unit normals that count as similar.
+    pub(crate) fn cosine(&self) -> f32 {
+        (self.angle.to_radians().cos() - COSINE_SLACK) as f32
+    }
+}
 
 /// A triangle's unit normal and its index in the group (one material's triangles in a voxel).
 #[derive(Clone, Copy, Debug, Default)]

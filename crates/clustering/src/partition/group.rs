@@ -2,11 +2,11 @@
 //! union-find over shared vertices [after Tarjan 1975].
 
 use crate::Cluster;
-use crate::greedy::{Classes, Facet, Rule, classify};
-use crate::grid::{Mesh, centroid_sum};
 use crate::params::{ClusterParams, Connection, Grouping, Insertion, Order};
-use crate::small_groups::{Batch, SmallGroups};
-use crate::triangle_normals::{MAX_SMALL, Members, Surface};
+use crate::partition::greedy::{Classes, Facet, Rule, classify};
+use crate::partition::grid::{Mesh, centroid_sum};
+use crate::partition::small_groups::{Batch, SmallGroups};
+use crate::partition::triangle_normals::{MAX_SMALL, Members, Surface};
 
 /// The scratch space of one thread for clustering groups. Triangles are identified by their index in the group.
 #[derive(Default)]

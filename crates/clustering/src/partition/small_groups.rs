@@ -4,8 +4,8 @@
 //! Most groups of fine grids are small. There a mispredicted branch costs more than idle lanes.
 
 use crate::Cluster;
-use crate::greedy::Rule;
-use crate::triangle_normals::{Members, Surface};
+use crate::partition::greedy::Rule;
+use crate::partition::triangle_normals::{Members, Surface};
 
 /// The largest number of classes of similar normals in a group that is clustered in vector lanes. Each class takes a
 /// pass over all lanes, and those of a group with more classes are in vain.

@@ -3,7 +3,7 @@
 //! Blocks have one array per coordinate, so that one instruction of any width handles several triangles.
 
 use crate::Cluster;
-use crate::grid::{Bounds, Mesh};
+use crate::partition::grid::{Bounds, Mesh};
 
 /// The sine of the angle between two edges up to which a triangle is flat, that is, without a normal. For three `f32`
 /// points on a line, rounding in f64 arithmetic produces a sine of about `2^-52`.

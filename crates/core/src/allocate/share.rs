@@ -1,8 +1,7 @@
 //! Exact allocation of an integer budget in proportion to weights.
 
 use super::{Allocation, Range, level};
-use crate::{Error, point_set::mix};
-use rayon::prelude::*;
+use crate::{Error, parallel, point_set::mix};
 use std::cmp::Ordering;
 
 /// The binary logarithm of the number of units in a sample. Shares of the budget are integers of these units, so that
@@ -68,8 +67,12 @@ pub fn share(weights: &[f64], base: u32, floors: &[u32], ceiling: u32, total: u6
         (share * QUANTA + INTEGERS).to_bits() - INTEGERS.to_bits()
     };
     let spend = |factor: f64| -> u128 {
-        let chunks = weights.par_chunks(CHUNK).zip(floors.par_chunks(CHUNK)).with_min_len(2);
-        chunks.map(|(w, f)| u128::from(w.iter().zip(f).map(|(&w, &f)| quanta(w, f, factor)).sum::<u64>())).sum()
+        let chunk = |number: usize| {
+            let chunk = number * CHUNK..weights.len().min((number + 1) * CHUNK);
+            let each = weights[chunk.clone()].iter().zip(&floors[chunk]);
+            u128::from(each.map(|(&w, &f)| quanta(w, f, factor)).sum::<u64>())
+        };
+        parallel::sum(weights.len().div_ceil(CHUNK), &chunk)
     };
     // The factor without any bound. Integers are summed, so the order does not matter.
     let sum: u128 = weights.iter().map(|w| u128::from((w * (1u64 << 40) as f64) as u64)).sum();

@@ -7,8 +7,9 @@ use super::tile::{Tile, area};
 use crate::film::Window;
 use crate::filter::filled;
 use crate::snapshot::{Planner, SavedSampler, View};
-use crate::{Draws, Error, Estimate, Film, Filter, Filtered, Frame, InvalidSample, Limits, PointSet, Sampler};
-use rayon::prelude::*;
+use crate::{
+    Draws, Error, Estimate, Film, Filter, Filtered, Frame, InvalidSample, Limits, PointSet, Sampler, parallel,
+};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// A round of a [`Session`](crate::Session): samples that were planned together, and can be traced in any order, by any
@@ -154,8 +155,8 @@ impl<'s> Round<'s> {
     ///
     /// The errors of [`Round::submit`].
     pub fn trace<E: Into<Estimate>>(&self, trace: impl Fn(&Draws<'_>) -> E + Sync) -> Result<(), Error> {
-        let areas = areas(&self.frame, self.side).into_par_iter().with_max_len(1);
-        areas.try_for_each(|area| self.trace_tile(area, &trace))
+        let areas = areas(&self.frame, self.side).into_iter();
+        parallel::map_parts(areas, |area| self.trace_tile(area, &trace)).into_iter().collect()
     }
 
     /// Traces the rest of columns `x0..x1` and rows `y0..y1` of the full image on this thread, for renderers with threads and blocks

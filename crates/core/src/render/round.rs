@@ -11,8 +11,9 @@ use crate::integrator::{Pass, Prepares, TrainingData};
 use crate::plan::{Plan, Retention};
 use crate::point_set::{mix, streams};
 use crate::render::Control;
-use crate::{Clock, Draws, Error, Film, Integrator, InvalidSample, Limits, Needs, PointSet, SampleId, Worker};
-use rayon::prelude::*;
+use crate::{
+    Clock, Draws, Error, Film, Integrator, InvalidSample, Limits, Needs, PointSet, SampleId, Worker, parallel,
+};
 use std::any::Any;
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -115,7 +116,7 @@ pub(super) fn learn(
     let mut pending = std::mem::take(pending);
     pending.sort_by_key(|(row, _)| *row);
     let rows: Vec<_> = pending.into_iter().map(|(_, sums)| sums).collect();
-    let pass = TrainingData::merge(&rows, false);
+    let pass = TrainingData::merge(&rows);
     integrator.learn(&pass);
     passes.push(pass);
 }
@@ -268,7 +269,7 @@ fn slice(
         bands.sort_by_key(|b| mix(b.first as u64 ^ limits.schedule.shuffle));
     }
     let traced = |band: Band<'_>| (band.first, trace_band(&round, band));
-    let mut all: Vec<(usize, Traced)> = bands.into_par_iter().with_max_len(1).map(traced).collect();
+    let mut all: Vec<(usize, Traced)> = parallel::map_parts(bands.into_iter(), traced);
     all.sort_by_key(|(first, _)| *first);
     all.into_iter().map(|(_, traced)| traced).collect()
 }
@@ -332,7 +333,7 @@ fn trace_blocks(
             }
             blocks.push(worker.summarise());
         }
-        ((first_row + top) / BLOCK, TrainingData::merge(&blocks, true).entries)
+        ((first_row + top) / BLOCK, TrainingData::merge(&blocks).entries)
     };
     (0..rows).step_by(BLOCK).map(of_row).collect()
 }
