@@ -3,7 +3,8 @@
 use crate::machine::start_threads;
 use crate::output::{tell, warn};
 use crate::{Failure, Outcome, Result};
-use dapple_job::denoise::{DenoiseError, DenoiseSpec, DenoisedImage, LayerKind, denoise_files};
+use dapple_core::options::OptionValue as _;
+use dapple_job::denoise::{DenoiseError, DenoiseSpec, DenoisedImage, FireflyLight, LayerKind, denoise_files};
 use dapple_job::registry::{RegistryError, check_filter};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -42,6 +43,11 @@ pub(crate) struct DenoiseArgs {
     #[arg(long, visible_alias = "denoiser", value_name = "NAME[:…]", value_parser = filter)]
     filter: Option<String>,
 
+    /// Light of fireflies, which alone would brighten their surroundings, with the default filter: keep (in their pixels), drop (what
+    /// one half of the samples alone has seen), or spread
+    #[arg(long, value_name = "PLACE", value_parser = fireflies, default_value = FireflyLight::default().name(), conflicts_with = "filter")]
+    fireflies: FireflyLight,
+
     /// Exposure of PNG files in stops; each doubles the brightness
     #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true)]
     exposure: f32,
@@ -62,6 +68,10 @@ fn layer(argument: &str) -> std::result::Result<(LayerKind, String), String> {
     Ok((kind.parse()?, name.to_owned()))
 }
 
+fn fireflies(name: &str) -> std::result::Result<FireflyLight, String> {
+    FireflyLight::from_text(name).ok_or_else(|| format!("\"{name}\" is not keep, drop or spread"))
+}
+
 fn filter(description: &str) -> std::result::Result<String, RegistryError> {
     check_filter(description).map(|()| description.to_owned())
 }
@@ -76,6 +86,7 @@ pub(crate) fn run(args: &DenoiseArgs) -> Result<Outcome> {
         spp: args.spp,
         variance_of_mean: args.variance_of_mean,
         filter: args.filter.clone(),
+        fireflies: args.fireflies,
     };
     start_threads(args.threads)?;
     spec.check_outputs(&args.outputs).map_err(failure)?;

@@ -7,6 +7,7 @@ pub use filled::filled;
 pub use crate::memory::{FilterMemory, ImagePlanes};
 
 use crate::{Error, Film, Frame, Needs, film::Recorder, macros::forward};
+use std::fmt;
 use std::sync::Arc;
 
 /// An image that a filter (denoiser) made from a film.
@@ -19,12 +20,35 @@ pub struct Filtered {
     pub radiance: Vec<[f32; 3]>,
     /// The estimated squared error of each pixel (mean over the channels), if the filter estimates one.
     pub error: Option<Vec<f32>>,
+    /// The pixels with so much light of a few samples that it would brighten their surroundings, if the filter treats them apart.
+    pub fireflies: Fireflies,
+}
+
+/// Pixels with fireflies, and their light.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Fireflies {
+    /// The number of pixels.
+    pub pixels: u64,
+    /// Their light beyond that of their surroundings, as a share of the light of all other samples.
+    pub share: f64,
+    /// `true` if that light is left out of the image.
+    pub dropped: bool,
+}
+
+impl fmt::Display for Fireflies {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { pixels, share, dropped } = *self;
+        let place = if dropped { "is left out" } else { "stays in place" };
+        let pixels =
+            if pixels == 1 { "1 pixel has a firefly".to_owned() } else { format!("{pixels} pixels have fireflies") };
+        write!(f, "{pixels}; their light, {:.3} % of that of all other samples, {place}", 100.0 * share)
+    }
 }
 
 impl Filtered {
     /// An image of width and height `size` with these pixels, without error estimates.
     pub fn new(size: [u32; 2], radiance: Vec<[f32; 3]>) -> Self {
-        Self { size, radiance, error: None }
+        Self { size, radiance, error: None, fireflies: Fireflies::default() }
     }
 
     /// Sets the estimated squared error of each pixel: a `Vec`, or an `Option` of one.

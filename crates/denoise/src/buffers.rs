@@ -3,7 +3,7 @@
 pub(crate) mod film;
 mod warnings;
 
-use crate::ClusterRegression;
+use crate::{ClusterRegression, ClusterRegressionOptions};
 use dapple_core::{Error, Film, Filter, Filtered, filter::filled};
 use std::sync::Arc;
 pub use warnings::{Warning, warnings_of};
@@ -201,6 +201,7 @@ pub struct Denoise<'a> {
     emission: Option<&'a [[f32; 3]]>,
     ids: Option<&'a [u32]>,
     filter: Option<&'a dyn Filter>,
+    options: ClusterRegressionOptions,
     is_strict: bool,
 }
 
@@ -208,7 +209,8 @@ impl<'a> Denoise<'a> {
     fn new(size: [u32; 2], first: SampleBuffers<'a>, second: Option<SampleBuffers<'a>>) -> Self {
         let features = [None; 4];
         let (coverage, emission, ids, filter) = (None, None, None, None);
-        Self { size, first, second, features, coverage, emission, ids, filter, is_strict: false }
+        let options = ClusterRegressionOptions::default();
+        Self { size, first, second, features, coverage, emission, ids, filter, options, is_strict: false }
     }
 
     fn feature(mut self, place: usize, mean: &'a [f32], variance: Option<Variance<'a, f32>>) -> Self {
@@ -276,9 +278,25 @@ impl<'a> Denoise<'a> {
         Self { ids: Some(ids), ..self }
     }
 
-    /// Sets the filter. The default is [`ClusterRegression`], with the ids as clusters.
+    /// Sets the filter. The default is [`Denoise::default_filter`].
     pub fn filter(self, filter: &'a dyn Filter) -> Self {
         Self { filter: Some(filter), ..self }
+    }
+
+    /// Sets the parameters of the default filter.
+    pub fn options(self, options: ClusterRegressionOptions) -> Self {
+        Self { options, ..self }
+    }
+
+    /// The filter of an image without another one: [`ClusterRegression`] with the [options](Self::options), and with the ids as
+    /// clusters.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`ClusterRegression::with_options`].
+    pub fn default_filter(&self) -> Result<ClusterRegression, Error> {
+        let plain = ClusterRegression::with_options(self.options)?;
+        Ok(if self.ids.is_some() { plain.with_clusters(Arc::new(|hit| Some(hit.material)), "ids") } else { plain })
     }
 
     /// Refuses images with [`Denoise::warnings`].
@@ -328,11 +346,7 @@ impl<'a> Denoise<'a> {
         if let Some(filter) = self.filter {
             return filled(filter, &film);
         }
-        let plain = ClusterRegression::new();
-        match self.ids {
-            Some(_) => filled(&plain.with_clusters(Arc::new(|hit| Some(hit.material)), "ids"), &film),
-            None => filled(&plain, &film),
-        }
+        filled(&self.default_filter()?, &film)
     }
 
     /// Denoises the image into a slice of the caller, such as a frame of a video, row by row from the top.

@@ -2,6 +2,7 @@
 
 use crate::averaging::prefilter;
 use crate::error_map::{ERROR, EVIDENCE, LAST, Radii, filtered, relative_weight, select, shrink};
+use crate::fireflies::{self, FireflyLight};
 use crate::inputs::{ClusterLookup, Inputs, Reads, guide, residual_guide};
 use crate::light::{self, Layers, Part};
 use crate::network;
@@ -10,7 +11,7 @@ use crate::planes::Pair;
 use crate::regression::{self, regress};
 use crate::tile::{FeatureScales, Likeness};
 use crate::wide::{self, wide};
-use dapple_core::filter::{FilterMemory, ImagePlanes};
+use dapple_core::filter::{FilterMemory, ImagePlanes, filled};
 use dapple_core::options::Options as _;
 use dapple_core::{Error, Film, Filter, Filtered, Frame, Needs};
 
@@ -28,6 +29,8 @@ dapple_core::options! {
         pub layers: Layers = Layers::Auto => "auto";
         /// If false, the image stays that of the regressions, which the network learns from (tools/train).
         pub network: bool = true => "true";
+        /// Light of fireflies, which alone would brighten their surroundings: keep (in their pixels), drop or spread (as all light).
+        pub fireflies: FireflyLight = FireflyLight::Keep => "keep";
     }
 }
 
@@ -256,6 +259,16 @@ impl Filter for ClusterRegression {
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
         film.require(self.name(), &self.needs())?;
+        if self.options.fireflies != FireflyLight::Spread {
+            let (found, total) = fireflies::find(film);
+            let is_one = |half: usize, i: usize| found.iter().any(|f| (f.half, f.pixel) == (half, i));
+            if let Some(calm) = film.without_samples(is_one) {
+                let spread = Self { options: self.options.fireflies(FireflyLight::Spread), ..self.clone() };
+                let mut image = filled(&spread, &calm)?;
+                fireflies::restore(&mut image, &found, total, self.options.fireflies);
+                return Ok(image);
+            }
+        }
         let parts = light::parts(film, self.options.layers);
         let mut inputs = Inputs::new(parts[0], &self.reads);
         prefilter(&mut inputs);

@@ -70,10 +70,12 @@
 
 mod averaging;
 mod buffers;
+mod cells;
 mod cluster_gaussian;
 mod cluster_regression;
 mod error_map;
 mod features;
+mod fireflies;
 mod gaussian;
 mod inputs;
 mod light;
@@ -90,6 +92,7 @@ pub use buffers::{Counts, Denoise, SampleBuffers, Variance, Warning, denoise, de
 pub use cluster_gaussian::{ClusterGaussian, ClusterGaussianOptions};
 pub use cluster_regression::{ClusterRegression, ClusterRegressionOptions};
 pub use error_map::relative_errors;
+pub use fireflies::FireflyLight;
 pub use gaussian::{Gaussian, GaussianOptions};
 pub use inputs::ClusterLookup;
 pub use light::Layers;

@@ -11,7 +11,9 @@ pub use layers::{KNOWN_LAYERS, LayerKind};
 use crate::output::FileIdentity;
 use crate::registry::{self, MethodInputs, RegistryError};
 use assemble::Assembled;
-use dapple_core::Filtered;
+use dapple_core::{Filter as _, Filtered};
+use dapple_denoise::ClusterRegressionOptions;
+pub use dapple_denoise::FireflyLight;
 use dapple_scene::image::{
     Format, Image, ImageError, Layer, check_writable, encode_exr, encode_pfm, encode_png, write_file,
 };
@@ -31,6 +33,8 @@ pub struct DenoiseSpec {
     pub variance_of_mean: bool,
     /// The filter; `None` for the default.
     pub filter: Option<String>,
+    /// The place of the light of fireflies, by the default filter.
+    pub fireflies: FireflyLight,
 }
 
 /// A denoised image, and what was read for it.
@@ -59,13 +63,15 @@ pub fn denoise_files(spec: &DenoiseSpec) -> Result<DenoisedImage, DenoiseError> 
     let read = Assembled::read(spec)?;
     let reading = start.elapsed().as_secs_f64();
     let start = Instant::now();
-    let image = read.image();
+    let image = read.image().options(ClusterRegressionOptions::default().fireflies(spec.fireflies));
     let (filtered, described) = match &filter {
         Some(filter) => (image.clone().filter(&**filter).run()?, filter.describe()),
-        None => (image.run()?, read.default_filter()),
+        None => (image.run()?, image.default_filter()?.describe()),
     };
     let warnings = image.warnings()?.into_iter().map(|warning| warning.to_string());
-    let notices = read.notices.iter().cloned().chain(warnings).collect();
+    let about = || format!("{}; --fireflies keep, drop or spread", filtered.fireflies);
+    let fireflies = (filtered.fireflies.pixels > 0).then(about);
+    let notices = read.notices.iter().cloned().chain(warnings).chain(fireflies).collect();
     let seconds = [reading, start.elapsed().as_secs_f64()];
     Ok(DenoisedImage { filtered, filter: described, found: read.found, notices, seconds })
 }

@@ -102,6 +102,9 @@ pub enum Warning {
         /// The name of the filter that was not applied.
         filter: String,
     },
+    /// Pixels whose light would brighten their surroundings, and that the filter treats apart.
+    #[error("{0}; more samples, or --filter cluster-regression:fireflies=drop, make them vanish")]
+    Fireflies(dapple_core::filter::Fireflies),
     /// Pixel values that were too large for the file format, and were clamped to its maximum.
     #[error("{}: {values} values were too large for it", path.display())]
     Clamped {

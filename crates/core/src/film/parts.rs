@@ -28,13 +28,16 @@ impl Film {
         Ok(Film { record: self.record.clone(), unreported: self.unreported, rejected, ..part })
     }
 
-    /// The film with no samples in pixels of which all were rejected; `None` without such pixels.
-    pub(crate) fn without_rejected(&self) -> Option<Film> {
+    /// The film without the samples of some pixels: those of half 0 or 1 of pixel `i` for which `is_marked(half, i)` is true. `None`
+    /// without such pixels.
+    pub fn without_samples(&self, is_marked: impl Fn(usize, usize) -> bool) -> Option<Film> {
         let pixels = self.frame.pixels();
-        let marked: Vec<bool> = (0..pixels).map(|i| self.is_rejected(i)).collect();
-        let mut film = marked.contains(&true).then(|| self.clone())?;
+        let marked = |half: usize| (0..pixels).map(|i| is_marked(half, i)).collect::<Vec<_>>();
+        let marked: Vec<_> = (0..self.kept.len()).map(marked).collect();
+        let mut film = marked.iter().flatten().any(|is_marked| *is_marked).then(|| self.clone())?;
         let layout = film.layout();
-        film.kept.iter_mut().for_each(|half| half.exchange(&mut Half::new(pixels, &layout), &marked));
+        let halves = film.kept.iter_mut().zip(&marked);
+        halves.for_each(|(half, marked)| half.exchange(&mut Half::new(pixels, &layout), marked));
         Some(film)
     }
 

@@ -10,7 +10,7 @@ use std::collections::VecDeque;
 ///
 /// Those of [`Filter::apply`].
 pub fn filled(filter: &dyn Filter, film: &Film) -> Result<Filtered, Error> {
-    let valid = film.without_rejected();
+    let valid = film.without_samples(|_, i| film.is_rejected(i));
     let film = valid.as_ref().unwrap_or(film);
     let mut image = filter.apply(film)?;
     let ([width, height], pixels) = (film.frame.size().map(|n| n as usize), film.frame.pixels());

@@ -1,15 +1,10 @@
 //! The light that the network takes out with fireflies, returned to the surroundings.
 
 use super::exposed_film::ExposedFilm;
+use crate::cells::{CELL, blurred};
 use crate::planes::per_pixel;
 use dapple_core::film::luminance;
 use dapple_core::parallel;
-
-/// The side of a cell in pixels.
-const CELL: usize = 8;
-/// The radius in cells of a mean; three of them make a blur of 84 pixels standard deviation. With 20 pixels, a room lit through a gap has
-/// 1.1 times the error: the noise of the samples' mean.
-const RADIUS: isize = 10;
 
 /// Multiplies colours by a smooth gain, such that their light is that of the film's samples.
 ///
@@ -40,26 +35,6 @@ pub(super) fn keep(exposed: &ExposedFilm<'_>, colours: &mut [[f32; 3]]) {
             *colour = colour.map(|c| (f64::from(c) * gain) as f32);
         }
     });
-}
-
-/// Three means over [`RADIUS`] cells along both axes; beyond the frame, cells repeat as in a mirror.
-fn blurred(cells: Vec<f64>, [width, height]: [usize; 2]) -> Vec<f64> {
-    let mirrored = |k: isize, n: usize| {
-        let k = k.rem_euclid(2 * n as isize) as usize;
-        k.min(2 * n - 1 - k)
-    };
-    let mut from = cells;
-    for is_row in [true, true, true, false, false, false] {
-        from = per_pixel(from.len(), |i| {
-            let (x, y) = (i % width, i / width);
-            let at = |k: isize| match is_row {
-                true => from[y * width + mirrored(x as isize + k, width)],
-                false => from[mirrored(y as isize + k, height) * width + x],
-            };
-            (-RADIUS..=RADIUS).map(at).sum::<f64>() / (2 * RADIUS + 1) as f64
-        });
-    }
-    from
 }
 
 /// The value at a pixel between the centres of four cells.

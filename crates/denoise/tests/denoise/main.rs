@@ -4,6 +4,7 @@ mod buffers;
 mod conformance;
 mod consistency;
 mod filters;
+mod fireflies;
 mod hard_cases;
 mod lamps;
 mod layers;

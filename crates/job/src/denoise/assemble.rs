@@ -2,7 +2,7 @@
 
 use super::layers::{Found, Layers, floats};
 use super::{DenoiseError, DenoiseSpec, LayerKind};
-use dapple_denoise::{ClusterRegression, Denoise, SampleBuffers, Variance, denoise, denoise_whole};
+use dapple_denoise::{Denoise, SampleBuffers, Variance, denoise, denoise_whole};
 use dapple_scene::image::{Channels, Plane, read_attributes, read_channels, read_integers};
 use std::path::{Path, PathBuf};
 
@@ -91,16 +91,6 @@ impl Assembled {
         image = self.coverage.iter().fold(image, |image, (share, _)| image.coverage(share.as_flattened()));
         image = self.emission.iter().fold(image, |image, (emission, _)| image.emission(emission));
         self.ids.iter().fold(image, |image, ids| image.ids(ids))
-    }
-
-    /// The description of the default filter.
-    pub(super) fn default_filter(&self) -> String {
-        use dapple_core::Filter as _;
-        let plain = ClusterRegression::new();
-        match self.ids {
-            Some(_) => plain.with_clusters(std::sync::Arc::new(|_| None), "ids").describe(),
-            None => plain.describe(),
-        }
     }
 }
 

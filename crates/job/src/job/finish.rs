@@ -94,6 +94,9 @@ impl Job {
             let (rejected, samples, points) = (record.rejected, record.samples, self.points.clone());
             warnings.push(Warning::RejectedSamples { rejected, samples, first, points });
         }
+        if filtered.fireflies.pixels > 0 {
+            warnings.push(Warning::Fireflies(filtered.fireflies));
+        }
         if let Budget::Error { relmse: goal, .. } = self.limits.budget {
             let predicted = record.filtered_relmse.or_else(|| film.predicted_relmse());
             if !record.interrupted && predicted.is_none_or(|predicted| predicted > goal) {
