@@ -191,6 +191,7 @@ fn the_default_features_bring_no_scene_and_few_crates() {
     for heavy in OF_A_SCENE.split_whitespace().chain(["dapple-job", "dapple-study", "clap", "serde_json"]) {
         assert!(!built.contains(heavy), "the default features bring {heavy}");
     }
+    assert!(built.contains("rayon") && !facade_built_with("registry").contains("rayon"), "threads are no feature");
     let foreign: Vec<_> = built.iter().filter(|name| !name.starts_with("dapple")).collect();
     assert!(foreign.len() <= FOREIGN_CRATES, "{} crates: {foreign:?}", foreign.len());
     assert!(built_with("dapple-cli").len() > 3 * foreign.len(), "the tree does not show a heavy crate as heavy");
