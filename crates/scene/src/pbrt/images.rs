@@ -3,7 +3,7 @@
 use super::params::Params;
 use super::tokens::shown;
 use super::version::Version;
-use crate::image::{Encoding, Image, ImageError, read_image};
+use crate::image::{Encoding, Image, ImageError, read_texture};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -88,17 +88,21 @@ impl Channel {
     }
 }
 
-/// Decodes an image file. `name` is its name in messages.
-pub(super) fn decode(bytes: &[u8], name: &str, (decoding, channel): ReadAs) -> Result<Image, ImageError> {
+/// Decodes an image file. `name` is its name in messages. Returns notices, too.
+pub(super) fn decode(
+    bytes: &[u8],
+    name: &str,
+    (decoding, channel): ReadAs,
+) -> Result<(Image, Vec<String>), ImageError> {
     let encoding = if decoding == Decoding::Srgb { Encoding::Srgb } else { Encoding::Linear };
-    let mut image = read_image(bytes, name, encoding)?.checked_finite(name)?;
+    let (mut image, notices) = read_texture(bytes, name, encoding)?;
     if let Decoding::Gamma(bits) = decoding
         && holds_integers(bytes)
     {
         let gamma = f32::from_bits(bits);
         image.pixels.iter_mut().for_each(|p| *p = p.map(|c| c.powf(gamma)));
     }
-    Ok(channel.of(image))
+    Ok((channel.of(image), notices))
 }
 
 /// Returns true if a file's values are encoded integers, false for OpenEXR, Radiance HDR and PFM files, which hold
