@@ -100,7 +100,7 @@ fn facts_of_part(part: &ExrPart) -> impl Iterator<Item = (&'static str, String)>
         ("size", format!("{w}x{h}")),
         ("data", part.data_window.to_string()),
         ("display", part.display_window.to_string()),
-        ("pixels", format!("{} as wide as high", part.pixel_aspect)),
+        ("aspect", format!("{} (width of a pixel by its height)", part.pixel_aspect)),
         ("colours", space.unwrap_or_else(|| "Rec. 709 (no chromaticities are named)".to_owned())),
         ("compression", format!("{}, {tiles}{levels}", part.compression)),
     ];
