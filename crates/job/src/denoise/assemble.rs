@@ -242,7 +242,7 @@ impl Reader<'_> {
         let layer = kinds.iter().find_map(|&kind| self.find(k, kind).transpose()).transpose()?;
         let Some(layer) = layer else { return Ok(None) };
         let (mut variance, of_mean) = match layer.kind {
-            LayerKind::SecondMoment => (self.from_second_moments(k, &layer, mean)?, false),
+            LayerKind::SecondMoment => (self.variance_by_squares(k, &layer, mean)?, false),
             LayerKind::MeanVariance => (self.pixels(k, &layer)?, true),
             _ => (self.pixels(k, &layer)?, self.spec.variance_of_mean),
         };
@@ -300,7 +300,7 @@ impl Reader<'_> {
 
 impl Reader<'_> {
     /// Sample variances from second moments. Those of X, Y and Z give the relative variance of Y to all channels.
-    fn from_second_moments(&self, k: usize, second: &FoundLayer, mean: &Colours) -> Result<Colours, DenoiseError> {
+    fn variance_by_squares(&self, k: usize, second: &FoundLayer, mean: &Colours) -> Result<Colours, DenoiseError> {
         let layers = &self.inputs[k].layers;
         let squares: Colours = self.pixels(k, second)?;
         if !layers.is_xyz(second) {

@@ -4,7 +4,7 @@ use super::input::Input;
 use super::{DenoiseError, DenoiseSpec, DenoisedImage, DenoisedView};
 use dapple_core::Filtered;
 use dapple_scene::image::{
-    Chromaticities, ExrEdit, Format, FoundLayer, Image, Plane, Window, encode_pfm, encode_png, write_file,
+    Chromaticities, ExrEdit, Format, FoundLayer, Image, Plane, RewrittenExr, Window, encode_pfm, encode_png, write_file,
 };
 use std::path::Path;
 
@@ -26,6 +26,8 @@ pub(super) struct Target {
     channels: Vec<String>,
     /// The name and the values of the alpha channel: the mean of two files.
     alpha: Option<(String, Vec<f32>)>,
+    /// True if a pixel is not opaque.
+    transparent: bool,
     /// The name of the channel for the estimated error.
     error: String,
     pub(super) space: Chromaticities,
@@ -39,18 +41,20 @@ impl Target {
         let name = |channel: usize| about.channels[channel].name.clone();
         let mut indices = image.channels.clone();
         indices.dedup();
-        let mut alpha = None;
-        if let ([_, second], Some(channel)) = (inputs, first.layers.alpha(&image)) {
-            let beside = second.layers.shown_beside(&colors[1]);
-            if let Some(other) = second.layers.alpha(&beside) {
-                let a = first.floats(image.part, channel, window)?;
-                let b = second.floats(beside.part, other, window)?;
+        let (mut alpha, mut transparent) = (None, false);
+        if let Some(channel) = first.layers.alpha(&image) {
+            let a = first.floats(image.part, channel, window)?;
+            transparent = a.iter().any(|&a| a != 1.0);
+            let other = inputs.get(1).map(|second| (second, second.layers.shown_beside(&colors[1])));
+            let other = other.and_then(|(second, beside)| Some((second, beside.part, second.layers.alpha(&beside)?)));
+            if let Some((second, part, other)) = other {
+                let b = second.floats(part, other, window)?;
                 alpha = Some((name(channel), a.iter().zip(&b).map(|(a, b)| 0.5 * (a + b)).collect()));
             }
         }
         let error = first.layers.channel_beside(&image, about, "error", "Y");
         let channels = indices.into_iter().map(name).collect();
-        Ok(Self { part: image.part, window, channels, alpha, error, space: about.color_space() })
+        Ok(Self { part: image.part, window, channels, alpha, transparent, error, space: about.color_space() })
     }
 
     fn edit<'a>(&'a self, filtered: &'a Filtered) -> ExrEdit<'a> {
@@ -83,11 +87,18 @@ impl DenoisedImage {
             Format::Pfm => (encode_pfm(&self.rec709()?)?, "the image"),
             Format::Png => (encode_png(&self.rec709()?, exposure)?, "the image, sRGB"),
         };
-        if let ([view, _, ..], Format::Pfm | Format::Png) = (&self.views[..], Format::from_path(path)?) {
-            notices.push(format!("{}: it holds view \"{}\" alone; EXR holds all views", path.display(), view.view));
+        if Format::from_path(path)? != Format::Exr {
+            notices.extend(self.left_out().into_iter().map(|notice| format!("{}: {notice}", path.display())));
         }
         write_file(path, &bytes)?;
         Ok(WrittenImage { about: format!("{}: {about}", path.display()), notices })
+    }
+
+    /// What files of other formats than EXR lack.
+    fn left_out(&self) -> Vec<String> {
+        let views = (self.views.len() > 1).then(|| format!("it holds view \"{}\" alone", self.views[0].view));
+        let alpha = self.views[0].target.transparent.then(|| "it has no alpha".to_owned());
+        views.into_iter().chain(alpha).map(|what| format!("{what}; write EXR, too")).collect()
     }
 
     /// The image of the first view, in Rec. 709.
@@ -100,7 +111,7 @@ impl DenoisedImage {
         Ok(image)
     }
 
-    fn exr(&self, spec: &DenoiseSpec) -> Result<dapple_scene::image::RewrittenExr, DenoiseError> {
+    fn exr(&self, spec: &DenoiseSpec) -> Result<RewrittenExr, DenoiseError> {
         let edits: Vec<ExrEdit<'_>> = self.views.iter().map(|view| view.target.edit(&view.filtered)).collect();
         let inputs: Vec<String> = spec.inputs.iter().map(|path| path.display().to_string()).collect();
         let found = self.views.iter().flat_map(|view| &view.found);
@@ -112,6 +123,12 @@ impl DenoisedImage {
             ("dapple:layers", found.join("\n")),
         ];
         let attributes: Vec<(String, String)> = attributes.map(|(key, value)| (key.to_owned(), value)).into();
-        Ok(self.original.rewritten(&edits, &attributes)?)
+        let mut rewritten = self.original.rewritten(&edits, &attributes)?;
+        for Target { part, error, .. } in self.views.iter().map(|view| &view.target) {
+            if self.original.parts[*part].channels.iter().any(|channel| channel.name == *error) {
+                rewritten.notices.push(format!("channel \"{error}\" of the input is replaced by the estimated error"));
+            }
+        }
+        Ok(rewritten)
     }
 }

@@ -89,14 +89,14 @@ impl ExrFile<'_> {
         edits: &[&'p ExrEdit<'_>],
     ) -> Result<Vec<Plane<'p>>, ImageError> {
         let own = self.parts[part].data_window;
-        let mut channels: BTreeMap<Vec<u8>, (ChannelDescription, Plane<'p>)> = BTreeMap::new();
+        let mut channels: BTreeMap<String, (ChannelDescription, Plane<'p>)> = BTreeMap::new();
         for (channel, plane) in header.channels.list.iter().zip(self.planes(part)?) {
-            channels.insert(channel.name.as_slice().to_vec(), (channel.clone(), cut(plane, own, window)));
+            channels.insert(channel.name.to_string(), (channel.clone(), cut(plane, own, window)));
         }
         for (edit, name, plane) in edits.iter().flat_map(|edit| edit.channels.iter().map(move |(n, p)| (edit, n, p))) {
             super::check_count(edit.window.size, plane.len())?;
             let values = cut(plane, edit.window, window);
-            let known = channels.get(name.as_bytes());
+            let known = channels.get(name);
             let values = match (values, known) {
                 (Plane::F32(values), Some((_, Plane::F16(_)))) => Plane::F16(values),
                 (values, _) => values,
@@ -104,7 +104,7 @@ impl ExrFile<'_> {
             let mut channel = known.map(|(channel, _)| channel.clone());
             let channel = channel.get_or_insert_with(|| ChannelDescription::new(text(name), SampleType::F32, false));
             channel.sample_type = values.sample_type();
-            channels.insert(name.as_bytes().to_vec(), (channel.clone(), values));
+            channels.insert(name.clone(), (channel.clone(), values));
         }
         header.layer_size = Vec2(window.size[0] as usize, window.size[1] as usize);
         header.own_attributes.layer_position = Vec2(window.origin[0], window.origin[1]);

@@ -91,6 +91,10 @@ pub(super) fn with_reader<'a, T>(
     file: &File<'a>,
     work: impl FnOnce(&mut dyn FnMut() -> Result<Reader<Source<'a>>, Fault>) -> Result<T, Fault>,
 ) -> Result<T, ImageError> {
+    const DEEP: u8 = 0x08;
+    if file.bytes.get(5).is_some_and(|flags| flags & DEEP != 0) {
+        return Err(file.unsupported("deep data", "a flat image"));
+    }
     check_header_length(file)?;
     let mut open = || {
         let reader = ::exr::block::read(Cursor::new(file.bytes), false)?;

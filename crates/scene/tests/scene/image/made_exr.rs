@@ -66,14 +66,16 @@ impl Made {
             white: point(space.white),
         });
         let layers = self.parts.iter().map(|part| {
-            let mut own = exr::LayerAttributes::default();
-            own.layer_name = Some(&part.name).filter(|name| !name.is_empty()).map(text);
-            own.view_name = part.view.as_ref().map(text);
-            own.layer_position = exr::Vec2(part.window.origin[0], part.window.origin[1]);
-            own.multi_view_names =
-                Some(self.views.iter().map(text).collect()).filter(|views: &Vec<_>| !views.is_empty());
-            own.owner = Some(exr::Text::from("somebody"));
-            own.other.insert(exr::Text::from("shot"), exr::AttributeValue::I32(7));
+            let views: Vec<exr::Text> = self.views.iter().map(text).collect();
+            let own = exr::LayerAttributes {
+                layer_name: Some(&part.name).filter(|name| !name.is_empty()).map(text),
+                view_name: part.view.as_ref().map(text),
+                layer_position: exr::Vec2(part.window.origin[0], part.window.origin[1]),
+                multi_view_names: Some(views).filter(|views| !views.is_empty()),
+                owner: Some(exr::Text::from("somebody")),
+                other: [(exr::Text::from("shot"), exr::AttributeValue::I32(7))].into(),
+                ..exr::LayerAttributes::default()
+            };
             let channels = part.channels.iter().map(|(name, values)| {
                 let samples = match self.half {
                     true => exr::FlatSamples::F16(values.iter().map(|v| exr::f16::from_f32(*v)).collect()),

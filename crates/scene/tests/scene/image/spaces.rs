@@ -2,6 +2,8 @@
 
 use super::made_exr::{ACES, Made};
 use dapple_scene::image::*;
+use dapple_scene::pbrt::{ReadOptions, read_scene_from};
+use dapple_scene::{EnvironmentRadiance, LightKind};
 
 /// A file of one pixel.
 fn pixel(rgb: [f32; 3], space: Option<Chromaticities>) -> Vec<u8> {
@@ -46,6 +48,41 @@ fn chromaticities_of_no_colour_space_are_named() {
     let read = read_image_file(&file, "a.exr", Encoding::Auto, None).unwrap();
     assert_eq!(read.image.pixels, [[1.0, 0.5, 0.25]]);
     assert!(read.notices[0].contains("are not those of a colour space; Rec. 709 is taken"), "{:?}", read.notices);
+}
+
+/// A sky of ACEScg colours in `beauty`, beside a layer that comes first by its name.
+#[test]
+fn skies_and_textures_show_the_image_of_a_file_in_rec709() {
+    let window = Window { origin: [0, 0], size: [4, 2] };
+    let names = ["AO.R", "AO.G", "AO.B", "beauty.R", "beauty.G", "beauty.B"];
+    let of = |name: &str, _, _| [9.0, 9.0, 9.0, 0.05, 1.0, 0.2][names.iter().position(|n| *n == name).unwrap()];
+    let make = |space| Made { space, ..Made::of(vec![Made::part("", window, &names, of)]) }.bytes();
+    let text = b"Camera \"perspective\"\nWorldBegin\nLightSource \"infinite\" \"string filename\" \"a.exr\"\n\
+        Texture \"t\" \"spectrum\" \"imagemap\" \"string filename\" \"a.exr\"\nMaterial \"diffuse\" \"texture reflectance\" \"t\"\n\
+        Shape \"sphere\"\n";
+    let read = |space| {
+        let exr = make(space);
+        let files: [(&str, &[u8]); 2] = [("a.pbrt", text), ("a.exr", &exr)];
+        let scene = read_scene_from(&files[..], "a.pbrt", &ReadOptions::default()).unwrap();
+        let LightKind::Infinite { radiance: EnvironmentRadiance::LatLong { image, .. } } = &scene.lights[0].kind else {
+            panic!("{:?}", scene.lights)
+        };
+        let warnings: Vec<String> = scene
+            .notices
+            .iter()
+            .map(|notice| notice.message.clone())
+            .filter(|message| message.contains("a.exr"))
+            .collect();
+        (image.pixels[0], warnings)
+    };
+    let (plain, warnings) = read(None);
+    assert_eq!((plain, warnings), ([0.05, 1.0, 0.2], Vec::new()));
+    let (converted, warnings) = read(Some(ACES));
+    let expected =
+        [0.0, 1.140_803 - 0.05 * 0.130_257 - 0.2 * 0.010_548, 0.2 * 1.152_972 - 0.128_970 - 0.05 * 0.024_004];
+    (0..3).for_each(|c| assert!((converted[c] - expected[c]).abs() < 1e-3, "{converted:?}"));
+    assert_eq!(warnings.len(), 1, "one for the file: {warnings:?}");
+    assert!(warnings[0].starts_with("a.exr: 8 pixels are outside of Rec. 709"), "{warnings:?}");
 }
 
 #[test]
