@@ -12,16 +12,17 @@ use std::path::PathBuf;
 /// Denoise an image of any renderer: an OpenEXR file with its variance, or two renders with different seeds
 ///
 /// Layers are found by the names that pbrt-v4, Cycles, Mitsuba, Arnold, RenderMan and Dapple give them: the image, its
-/// variance and sample counts, and as guides normal, albedo, position or depth of what each pixel shows. Two files need
-/// no variance.
+/// variance and sample counts, and as guides normal, albedo, position or depth of what each pixel shows, in the view
+/// layer of the image. Two files need no variance.
 #[derive(clap::Args)]
 #[command(after_help = include_str!("help/denoise.txt").trim_end())]
 pub(crate) struct DenoiseArgs {
-    /// OpenEXR file to denoise; with a second one, two renders of the same image with different seeds
+    /// OpenEXR file to denoise, in all its views; with a second one, two renders of the same image with different seeds
     #[arg(value_name = "IN", num_args = 1..=2, required = true)]
     inputs: Vec<PathBuf>,
 
-    /// Image file to write: .exr (with the estimated error), .pfm or .png; may be repeated. Inputs are never replaced
+    /// Image file to write: .exr (the first input with its image denoised, and the estimated error), .pfm or .png (the
+    /// image alone, in Rec. 709); may be repeated. Inputs are never replaced
     #[arg(short, long = "output", visible_alias = "outfile", value_name = "OUT", required = true)]
     outputs: Vec<PathBuf>,
 

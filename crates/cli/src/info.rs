@@ -17,7 +17,9 @@ use std::path::{Path, PathBuf};
 /// Of an image, the size, the channels and the bits of each value are printed; of an EXR file, the parts, views, windows,
 /// chromaticities, compression and layers.
 #[derive(clap::Args)]
-#[command(after_help = "Examples:\n  dapple info scene.pbrt\n  dapple info model.obj\n  dapple info terrain")]
+#[command(
+    after_help = "Examples:\n  dapple info scene.pbrt\n  dapple info model.obj\n  dapple info image.exr\n  dapple info terrain"
+)]
 pub(crate) struct InfoArgs {
     /// A pbrt file (v4, v3 or v2), a model (.gltf, .glb, .obj, .ply, .stl), or a bundled scene: teapot, terrain, cornell, furnace, plates, lens,
     /// motion, glass, room, grass, door, tea, cabin, many-lights, caustic, chess, zone-plate, penumbra; or an image

@@ -151,7 +151,7 @@ fn images_are_denoised_in_every_layout_view_window_and_space() {
             let [a, out] = ["a.exr", "out.exr"].map(|name| open(&folder, name));
             let common = WINDOW.common(window).expect("an overlap");
             assert_eq!(
-                said.err.contains(&format!("all are cut to {common}")),
+                said.err.contains(&format!("the output is cut to them, {common}")),
                 window != WINDOW,
                 "{case}: {}",
                 said.err

@@ -175,7 +175,11 @@ impl Reader<'_> {
         }
         if !cut.is_empty() {
             let first = format!("{} of {} has pixels {image}", self.colors[0].shown(), inputs[0].path.display());
-            self.note(format!("{first}, {}; all are cut to {}", cut.join(", "), self.window));
+            self.note(format!(
+                "{first}, {}; those in common are denoised, and the output is cut to them, {}",
+                cut.join(", "),
+                self.window
+            ));
         }
         Ok(())
     }

@@ -3,7 +3,7 @@
 use super::layers::{FoundLayer, Layers, NoImage, Purpose};
 use super::openexr::{Fault, Plane, check_size, floats, read_lines, read_planes, with_reader};
 use super::read::{ALPHA_BYTES, File, ImageFile, OPENEXR, PIXEL_BYTES};
-use super::{Chromaticities, Image, ImageError, Window};
+use super::{Chromaticities, Encoding, Image, ImageError, Window};
 use ::exr::meta::BlockDescription;
 use ::exr::meta::attribute::{AttributeValue, Compression, LevelMode, SampleType, Text};
 use ::exr::meta::header::Header;
@@ -253,7 +253,7 @@ struct MainChannels {
 }
 
 /// Reads the image of a file: that of the layer `wanted`, or the main one.
-pub(super) fn read(file: &File<'_>, wanted: Option<&str>) -> Result<ImageFile, ImageError> {
+pub(super) fn read(file: &File<'_>, wanted: Option<&str>, encoding: Encoding) -> Result<ImageFile, ImageError> {
     let exr = ExrFile::open(file.bytes, file.name)?;
     let (main, mut notices) = main_channels(&exr, wanted)?;
     let part = &exr.parts[main.part];
@@ -278,7 +278,7 @@ pub(super) fn read(file: &File<'_>, wanted: Option<&str>) -> Result<ImageFile, I
     })?;
     let space = part.color_space();
     let mut converted = false;
-    if !space.is_same(Chromaticities::REC709) {
+    if encoding != Encoding::Linear && !space.is_same(Chromaticities::REC709) {
         converted = space.convert_to_rec709(&mut pixels);
         if !converted {
             notices.push(format!("its chromaticities ({space}) are not those of a colour space; Rec. 709 is taken"));
@@ -310,7 +310,15 @@ fn main_channels(exr: &ExrFile<'_>, wanted: Option<&str>) -> Result<(MainChannel
             let shown = chosen.layer.shown();
             let notice =
                 |empty: &String| format!("layer \"{empty}\" is 0 everywhere; layer \"{shown}\" is read instead");
-            Ok((main(&chosen.layer), chosen.empty.iter().map(notice).collect()))
+            let mut notices: Vec<String> = chosen.empty.iter().map(notice).collect();
+            let views = layers.in_all_views(&chosen.layer).0;
+            if let [view, others @ ..] = &views[..]
+                && !others.is_empty()
+            {
+                let others: Vec<&str> = others.iter().map(|other| other.view.as_str()).collect();
+                notices.push(format!("view \"{}\" is read, view \"{}\" is not", view.view, others.join("\", \"")));
+            }
+            Ok((main(&chosen.layer), notices))
         }
         Err(NoImage::Ambiguous(names)) => Err(ImageError::Ambiguous { file: exr.name.clone(), layers: names }),
         Err(NoImage::Missing) => partial(exr).map(|main| (main, Vec::new())),

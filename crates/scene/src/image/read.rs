@@ -6,15 +6,16 @@ use ::image::codecs::{hdr::HdrDecoder, jpeg::JpegDecoder, png::PngDecoder, tga::
 use ::image::{ImageDecoder, ImageError as Decoder, Limits};
 use std::io::{Cursor, ErrorKind};
 
-/// The encoding of integer samples in an image file. Floating-point samples are always linear.
+/// The meaning of the samples in an image file. Floating-point samples are always linear.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Encoding {
     /// The default: integers are sRGB, as with [`Encoding::Srgb`].
     #[default]
     Auto,
-    /// Integers are proportional to intensity, as in bump maps, roughness and masks.
+    /// Samples are data, as in bump maps, roughness and masks: integers are proportional to them, and they have no colour
+    /// space.
     Linear,
-    /// Integers are sRGB.
+    /// Samples are colours; integers are sRGB.
     Srgb,
 }
 
@@ -39,8 +40,8 @@ pub struct ImageFile {
 /// first frame. HDR values are used as stored (EXPOSURE is ignored); PFM values are multiplied by the magnitude of the
 /// header's scale. NaN and infinities are kept: see [`Image::non_finite`].
 ///
-/// Pixels of an OpenEXR file are those of its data window. Colours of other chromaticities are converted to Rec. 709;
-/// channels may become negative. Of its layers, the first of these is read, with its own alpha
+/// Pixels of an OpenEXR file are those of its data window. Colours of other chromaticities are converted to Rec. 709, unless
+/// `encoding` is linear; channels may become negative. Of its layers, the first of these is read, with its own alpha
 /// ([`Layers::image`](super::Layers::image)):
 /// * channels `R`, `G`, `B` (or `Y`) without a layer name,
 /// * the layer that is named as an image, such as `Combined`, `rgba` or `beauty`, unless it is 0 everywhere,
@@ -93,7 +94,7 @@ pub fn read_image_file(
 ) -> Result<ImageFile, ImageError> {
     let file = open(bytes, file_name)?;
     if file.format == OPENEXR {
-        return exr_file::read(&file, layer);
+        return exr_file::read(&file, layer, encoding);
     }
     let image = read_flat(&file, encoding)?;
     Ok(ImageFile { image, window: None, notices: Vec::new(), converted: false })

@@ -62,6 +62,8 @@ impl Decoding {
 pub(super) enum Channel {
     /// The colour (RGB).
     Rgb,
+    /// Three numbers that are no colour, as in a normal map.
+    Vector,
     /// Opacity if it is not 1 everywhere, else the mean of R, G and B, as in pbrt-v4.
     AlphaOrMean,
     /// Luminance of the colour, as in pbrt-v2 and v3.
@@ -71,9 +73,10 @@ pub(super) enum Channel {
 impl Channel {
     fn of(self, mut image: Image) -> Image {
         // A float texture does not need the opacity besides its values.
-        let alpha = if self == Self::Rgb { Vec::new() } else { std::mem::take(&mut image.alpha) };
+        let alpha =
+            if matches!(self, Self::Rgb | Self::Vector) { Vec::new() } else { std::mem::take(&mut image.alpha) };
         match self {
-            Self::Rgb => {}
+            Self::Rgb | Self::Vector => {}
             Self::AlphaOrMean if !alpha.is_empty() => {
                 image.pixels = alpha.into_iter().map(|a| [a; 3]).collect();
             }
@@ -94,7 +97,9 @@ pub(super) fn decode(
     name: &str,
     (decoding, channel): ReadAs,
 ) -> Result<(Image, Vec<String>), ImageError> {
-    let encoding = if decoding == Decoding::Srgb { Encoding::Srgb } else { Encoding::Linear };
+    // Floats are linear either way, but only colours have a colour space.
+    let is_color = channel == Channel::Rgb && (decoding == Decoding::Srgb || !holds_integers(bytes));
+    let encoding = if is_color || decoding == Decoding::Srgb { Encoding::Srgb } else { Encoding::Linear };
     let (mut image, notices) = read_texture(bytes, name, encoding)?;
     if let Decoding::Gamma(bits) = decoding
         && holds_integers(bytes)

@@ -27,7 +27,7 @@ fn colours_of_other_chromaticities_become_rec709() {
     assert_eq!(read(&color([0.25; 3])), [0.25; 3], "grey stays grey");
     assert_eq!(read(&pixel([1.0, 0.2, 0.05], None)), [1.0, 0.2, 0.05], "without the attribute it is Rec. 709");
     let linear = read_image(&color([1.0, 0.2, 0.05]), "a.exr", Encoding::Linear).unwrap().pixels[0];
-    assert_eq!(linear, found, "floats are colours whatever the encoding of integers");
+    assert_eq!(linear, [1.0, 0.2, 0.05], "data, such as a normal map, has no colour space");
 }
 
 #[test]
@@ -97,4 +97,18 @@ fn windows_have_their_common_pixels_cut() {
     let far = window(i32::MIN, i32::MIN, u32::MAX, u32::MAX);
     assert_eq!(far.common(far), Some(far));
     assert_eq!(window(30, 7, 40, 28).to_string(), "(30,7)-(69,34)");
+}
+
+#[test]
+fn views_that_are_not_read_are_named() {
+    let window = Window { origin: [0, 0], size: [1, 1] };
+    let names = ["R", "G", "B", "right.R", "right.G", "right.B"];
+    let of = |name: &str, _, _| if name.starts_with("right") { 2.0 } else { 1.0 };
+    let views = vec!["left".to_owned(), "right".to_owned()];
+    let bytes = Made { views, ..Made::of(vec![Made::part("", window, &names, of)]) }.bytes();
+    let file = read_image_file(&bytes, "a.exr", Encoding::Auto, None).unwrap();
+    assert_eq!(
+        (file.image.pixels[0], &file.notices[..]),
+        ([1.0; 3], &["view \"left\" is read, view \"right\" is not".to_owned()][..])
+    );
 }
