@@ -4,13 +4,14 @@ use crate::output::{tell, warn};
 use crate::{Failure, Outcome, Result};
 use dapple_metrics::{Better, Comparison, METRICS, Measurement, Metric, Pixels, WorstBlock};
 use dapple_scene::files::{Disk, Files};
-use dapple_scene::image::{Encoding, Image, read_image};
+use dapple_scene::image::{Encoding, Image, ImageError, ImageFile, Window, read_image_file};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
 /// Compare an image with its reference
 ///
-/// Reads EXR (its main layer), PFM, Radiance HDR, PNG, JPEG and TGA; integer values are decoded as sRGB. Errors
+/// Reads EXR (its main layer), PFM, Radiance HDR, PNG, JPEG and TGA; integer values are decoded as sRGB, and colours of
+/// other chromaticities converted to Rec. 709. Pixels of EXR files are paired by their data windows. Errors
 /// are of linear values, unless they are labelled "display" or "sRGB". FLIP estimates the difference that
 /// a viewer sees on a display 0.7 m wide with 3840 pixels across, from 0.7 m.
 #[derive(clap::Args)]
@@ -22,14 +23,17 @@ pub(crate) struct CompareArgs {
     /// Reference image, of the same size
     #[arg(value_name = "REF")]
     reference: PathBuf,
+    /// Layer of EXR files to compare, such as Front.Combined [default: the main one]
+    #[arg(long, value_name = "NAME")]
+    layer: Option<String>,
     /// Print one line of JSON instead of a table
     #[arg(long)]
     json: bool,
 }
 
 pub(crate) fn run(options: &CompareArgs) -> Result<Outcome> {
-    let image = read(&options.image)?;
-    let reference = read(&options.reference)?;
+    let [image, reference] = [&options.image, &options.reference].map(|path| read(path, options.layer.as_deref()));
+    let (image, reference) = paired(options, image?, reference?)?;
     let [x, r] = [pixels(&image)?, pixels(&reference)?];
     let found = Measurement::new(x, r, None).map_err(Failure::new)?;
     let value = |metric: &'static Metric| Ok((metric, (metric.of)(&found).map_err(Failure::new)?));
@@ -47,12 +51,47 @@ fn pixels(image: &Image) -> Result<Pixels<'_>> {
     Pixels::new(image.size, &image.pixels).map_err(Failure::new)
 }
 
-fn read(path: &Path) -> Result<Image> {
+fn read(path: &Path, layer: Option<&str>) -> Result<ImageFile> {
     let name = path.display().to_string();
     let bytes = Disk
         .read(path)
         .map_err(|e| Failure::new(format!("{name}: cannot read it: {e}; check the name of the image")))?;
-    read_image(&bytes, &name, Encoding::Auto).map_err(Failure::new)
+    let file = read_image_file(&bytes, &name, Encoding::Auto, layer).map_err(|error| match error {
+        ImageError::Ambiguous { .. } => Failure::new(format!("{error}, or name it with --layer NAME")),
+        error => Failure::new(error),
+    })?;
+    file.notices.iter().for_each(|notice| warn(format!("{name}: {notice}")));
+    Ok(file)
+}
+
+/// Cuts both images to the pixels that they have in common, with a warning.
+fn paired(options: &CompareArgs, image: ImageFile, reference: ImageFile) -> Result<(Image, Image)> {
+    let windows = [windows(&image, &reference), windows(&reference, &image)];
+    let [(own, display), (other, other_display)] = windows;
+    if own == other || display.size != other_display.size {
+        // Images of different sizes are refused with the sizes.
+        return Ok((image.image, reference.image));
+    }
+    let [name, other_name] = [&options.image, &options.reference].map(|path| path.display());
+    let Some(common) = own.common(other) else {
+        let what = format!("{name}: it has pixels {own}, none of which {other_name} has, {other}");
+        return Err(Failure::new(format!("{what}; render both with one data window")));
+    };
+    warn(format!("{name} has pixels {own}, {other_name} {other}; those in common are compared, {common}"));
+    let cut = |image: Image, window: Window| Image::new(common.size, window.cut(&image.pixels, common));
+    Ok((cut(image.image, own).map_err(Failure::new)?, cut(reference.image, other).map_err(Failure::new)?))
+}
+
+/// The data window and the display window of an image. A file without windows has those of the other image that fit its
+/// size.
+fn windows(image: &ImageFile, other: &ImageFile) -> (Window, Window) {
+    let size = image.image.size;
+    match (image.window, other.window) {
+        (Some([data, display]), _) => (data, display),
+        (None, Some([_, display])) if display.size == size => (display, display),
+        (None, Some([data, display])) if data.size == size => (data, display),
+        _ => (Window { origin: [0, 0], size }, Window { origin: [0, 0], size }),
+    }
 }
 
 /// The JSON line that is printed: the metrics by name, then where the errors are.

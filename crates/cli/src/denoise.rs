@@ -4,7 +4,9 @@ use crate::machine::start_threads;
 use crate::output::{tell, warn};
 use crate::{Failure, Outcome, Result};
 use dapple_core::options::OptionValue as _;
-use dapple_job::denoise::{DenoiseError, DenoiseSpec, DenoisedImage, FireflyLight, LayerKind, denoise_files};
+use dapple_job::denoise::{
+    DenoiseError, DenoiseSpec, DenoisedImage, DenoisedView, FireflyLight, LayerKind, denoise_files,
+};
 use dapple_job::registry::{RegistryError, check_filter};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -13,16 +15,17 @@ use std::path::PathBuf;
 /// Denoise an image of any renderer: an OpenEXR file with its variance, or two renders with different seeds
 ///
 /// Layers are found by the names that pbrt-v4, Cycles, Mitsuba, Arnold, RenderMan and Dapple give them: the image, its
-/// variance and sample counts, and as guides normal, albedo, position or depth of what each pixel shows. Two files need
-/// no variance.
+/// variance and sample counts, and as guides normal, albedo, position or depth of what each pixel shows, in the view
+/// layer of the image. Two files need no variance.
 #[derive(clap::Args)]
 #[command(after_help = include_str!("help/denoise.txt").trim_end())]
 pub(crate) struct DenoiseArgs {
-    /// OpenEXR file to denoise; with a second one, two renders of the same image with different seeds
+    /// OpenEXR file to denoise, in all its views; with a second one, two renders of the same image with different seeds
     #[arg(value_name = "IN", num_args = 1..=2, required = true)]
     inputs: Vec<PathBuf>,
 
-    /// Image file to write: .exr (with the estimated error), .pfm or .png; may be repeated. Inputs are never replaced
+    /// Image file to write: .exr (the first input with its image denoised, and the estimated error), .pfm or .png (the
+    /// image alone, in Rec. 709); may be repeated. Inputs are never replaced
     #[arg(short, long = "output", visible_alias = "outfile", value_name = "OUT", required = true)]
     outputs: Vec<PathBuf>,
 
@@ -94,12 +97,15 @@ pub(crate) fn run(args: &DenoiseArgs) -> Result<Outcome> {
     image.notices.iter().for_each(warn);
     let written = args.outputs.iter().map(|path| image.write(&spec, path, args.exposure));
     let written = written.collect::<std::result::Result<Vec<_>, _>>().map_err(failure)?;
+    written.iter().flat_map(|written| &written.notices).for_each(warn);
     if args.json {
         tell(line(&image, &args.outputs))?;
     } else {
-        let found: Vec<String> = image.found.iter().map(|(kind, name)| format!("{} ({name})", kind.name())).collect();
-        tell(format!("read {}", found.join(", ")))?;
-        written.iter().try_for_each(tell)?;
+        for view in &image.views {
+            let found = view.found.iter().map(|(kind, name)| format!("{} ({name})", kind.name()));
+            tell(format!("read {}", found.collect::<Vec<_>>().join(", ")))?;
+        }
+        written.iter().try_for_each(|written| tell(&written.about))?;
     }
     Ok(Outcome::Done)
 }
@@ -115,17 +121,25 @@ struct Line<'a> {
     size: [u32; 2],
     filter: &'a str,
     layers: BTreeMap<&'static str, &'a str>,
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    other_views: BTreeMap<&'a str, BTreeMap<&'static str, &'a str>>,
     notices: &'a [String],
     read_seconds: f64,
     filter_seconds: f64,
 }
 
+fn layers(view: &DenoisedView) -> BTreeMap<&'static str, &str> {
+    view.found.iter().map(|(kind, name)| (kind.name(), name.as_str())).collect()
+}
+
 fn line(image: &DenoisedImage, outputs: &[PathBuf]) -> String {
+    let (first, others) = (&image.views[0], &image.views[1..]);
     let line = Line {
         outputs,
-        size: image.filtered.size,
+        size: first.filtered.size,
         filter: &image.filter,
-        layers: image.found.iter().map(|(kind, name)| (kind.name(), name.as_str())).collect(),
+        layers: layers(first),
+        other_views: others.iter().map(|view| (view.view.as_str(), layers(view))).collect(),
         notices: &image.notices,
         read_seconds: image.seconds[0],
         filter_seconds: image.seconds[1],

@@ -1,20 +1,29 @@
 //! The subcommand `dapple info SCENE`.
 
 use crate::output::{tell, warn};
-use crate::{Outcome, Result, failure};
+use crate::{Failure, Outcome, Result, failure};
 use dapple_job::memory::{MemoryEstimate, size};
 use dapple_job::{JobError, LoadOptions, LoadedScene, OutputFiles, PreparedScene, RenderSpec, Warning, pixel_filter};
 use dapple_renderer::World;
 use dapple_scene::Scene;
 use dapple_scene::bundled;
-use std::path::PathBuf;
+use dapple_scene::image::{ExrPart, ImageInfo, Window, image_info, is_image};
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
 
-/// Print the contents of a scene, the effects that it uses and the estimated memory of a render
+/// Print the contents of a scene, the effects that it uses and the estimated memory of a render; or those of an image
+///
+/// Of an image, the size, the channels and the bits of each value are printed; of an EXR file, the parts, views, windows,
+/// chromaticities, compression and layers.
 #[derive(clap::Args)]
-#[command(after_help = "Examples:\n  dapple info scene.pbrt\n  dapple info model.obj\n  dapple info terrain")]
+#[command(
+    after_help = "Examples:\n  dapple info scene.pbrt\n  dapple info model.obj\n  dapple info image.exr\n  dapple info terrain"
+)]
 pub(crate) struct InfoArgs {
     /// A pbrt file (v4, v3 or v2), a model (.gltf, .glb, .obj, .ply, .stl), or a bundled scene: teapot, terrain, cornell, furnace, plates, lens,
-    /// motion, glass, room, grass, door, tea, cabin, many-lights, caustic, chess, zone-plate, penumbra
+    /// motion, glass, room, grass, door, tea, cabin, many-lights, caustic, chess, zone-plate, penumbra; or an image
+    /// (.exr, .png, .jpg, .tga, .hdr, .pfm)
     #[arg(value_name = "SCENE", default_value = bundled::DEFAULT)]
     scene: PathBuf,
     /// Print warnings about unsupported features of the scene instead of refusing it
@@ -23,6 +32,10 @@ pub(crate) struct InfoArgs {
 }
 
 pub(crate) fn run(args: &InfoArgs) -> Result<Outcome> {
+    if let Some(info) = image(&args.scene)? {
+        facts_of_image(&info).into_iter().try_for_each(tell)?;
+        return Ok(Outcome::Done);
+    }
     let spec =
         RenderSpec { allow_unsupported: args.allow_unsupported, ..RenderSpec::new(args.scene.to_string_lossy()) };
     let loaded = LoadedScene::read(&spec, &LoadOptions { digest: false, ..LoadOptions::default() });
@@ -44,6 +57,69 @@ pub(crate) fn run(args: &InfoArgs) -> Result<Outcome> {
         tell(format!("  {:<18}{} ({})", called.effect.name(), called.because, called.source))?;
     }
     Ok(Outcome::Done)
+}
+
+/// What a file holds; `None` if it is not an image.
+fn image(path: &Path) -> Result<Option<ImageInfo>> {
+    let Ok(mut file) = File::open(path) else { return Ok(None) };
+    let (name, mut bytes) = (path.display().to_string(), vec![0; 16]);
+    let start = file.read(&mut bytes).unwrap_or_default();
+    bytes.truncate(start);
+    if !is_image(&bytes, &name) {
+        return Ok(None);
+    }
+    file.read_to_end(&mut bytes).map_err(|e| Failure::new(format!("{name}: cannot read it: {e}")))?;
+    image_info(&bytes, &name).map(Some).map_err(Failure::new)
+}
+
+fn facts_of_image(info: &ImageInfo) -> Vec<String> {
+    let parts = match info {
+        ImageInfo::Flat { format, size: [w, h], channels, values } => {
+            let facts = [("image", format!("{format}, {w}x{h}")), ("channels", format!("{channels} ({values})"))];
+            return facts.map(|(name, what)| format!("{name:<12}{what}")).into();
+        }
+        ImageInfo::Exr(parts) => parts,
+    };
+    let first = [("image", "OpenEXR".to_owned()), ("parts", parts.len().to_string())];
+    let mut lines: Vec<String> = first.map(|(name, what)| format!("{name:<12}{what}")).into();
+    for (index, part) in parts.iter().enumerate() {
+        if parts.len() > 1 {
+            lines.push(format!("part {index}      \"{}\"", part.name));
+        }
+        lines.extend(facts_of_part(part).map(|(name, what)| format!("{name:<12}{what}")));
+    }
+    lines
+}
+
+fn facts_of_part(part: &ExrPart) -> impl Iterator<Item = (&'static str, String)> + use<> {
+    let Window { size: [w, h], .. } = part.data_window;
+    let views = part.view.iter().chain(&part.views).map(String::as_str).collect::<Vec<_>>().join(", ");
+    let space = part.chromaticities.map(|space| space.to_string());
+    let tiles = part.tiles.map_or_else(|| "scan lines".to_owned(), |[w, h]| format!("tiles of {w}x{h}"));
+    let levels = if part.levels { ", with smaller versions" } else { "" };
+    let facts = [
+        ("views", views),
+        ("size", format!("{w}x{h}")),
+        ("data", part.data_window.to_string()),
+        ("display", part.display_window.to_string()),
+        ("aspect", format!("{} (width of a pixel by its height)", part.pixel_aspect)),
+        ("colours", space.unwrap_or_else(|| "Rec. 709 (no chromaticities are named)".to_owned())),
+        ("compression", format!("{}, {tiles}{levels}", part.compression)),
+    ];
+    let mut layers: Vec<(&str, &str, Vec<&str>)> = Vec::new();
+    for channel in &part.channels {
+        let (layer, letter) = channel.name.rsplit_once('.').unwrap_or(("", &channel.name));
+        match layers.iter_mut().find(|(name, values, _)| *name == layer && *values == channel.values) {
+            Some((.., letters)) => letters.push(letter),
+            None => layers.push((layer, channel.values, vec![letter])),
+        }
+    }
+    let layers = layers.into_iter().map(|(layer, values, letters)| {
+        let layer = if layer.is_empty() { String::new() } else { format!("{layer}: ") };
+        ("channels", format!("{layer}{} ({values})", letters.join(", ")))
+    });
+    let layers: Vec<_> = layers.collect();
+    facts.into_iter().filter(|(_, what)| !what.is_empty()).chain(layers)
 }
 
 /// The memory estimate of a render with the default arguments.

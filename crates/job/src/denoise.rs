@@ -1,12 +1,14 @@
 //! Denoising of image files of any renderer: OpenEXR layers in, an image and its error out.
 //!
 //! [`DenoiseSpec`] names the files and settings; [`denoise_files`] reads and denoises them. Layers are found by the names
-//! that renderers give them ([`KNOWN_LAYERS`]), or by a name that the caller gives.
+//! that renderers give them ([`KNOWN_LAYERS`]), or by a name that the caller gives. All views of an image are denoised.
 
 mod assemble;
-mod layers;
+mod input;
+mod output;
 
-pub use layers::{KNOWN_LAYERS, LayerKind};
+pub use dapple_scene::image::{KNOWN_LAYERS, LayerKind};
+pub use output::WrittenImage;
 
 use crate::output::FileIdentity;
 use crate::registry::{self, MethodInputs, RegistryError};
@@ -14,10 +16,10 @@ use assemble::Assembled;
 use dapple_core::{Filter as _, Filtered};
 use dapple_denoise::ClusterRegressionOptions;
 pub use dapple_denoise::FireflyLight;
-use dapple_scene::image::{
-    Format, Image, ImageError, Layer, check_writable, encode_exr, encode_pfm, encode_png, write_file,
-};
-use std::path::{Path, PathBuf};
+use dapple_scene::image::{Chromaticities, ExrFile, Format, ImageError, Window, check_writable};
+use input::{Images, Input};
+use output::Target;
+use std::path::PathBuf;
 use std::time::Instant;
 
 /// The files and settings of a denoising run.
@@ -37,19 +39,31 @@ pub struct DenoiseSpec {
     pub fireflies: FireflyLight,
 }
 
-/// A denoised image, and what was read for it.
+/// A denoised image in all its views, and what was read for it.
 #[derive(Clone, Debug)]
 pub struct DenoisedImage {
-    /// The image and its estimated error.
-    pub filtered: Filtered,
+    /// The views, the default one first; one in files without views.
+    pub views: Vec<DenoisedView>,
     /// The filter with all its parameters.
     pub filter: String,
-    /// The kinds of layers that were read, each with its name in the files.
-    pub found: Vec<(LayerKind, String)>,
-    /// Notices about layers that the files lack, and about assumptions made instead; one sentence each.
+    /// Notices about layers that the files lack, about what was cut, and about assumptions; one sentence each.
     pub notices: Vec<String>,
     /// The seconds that reading and filtering took.
     pub seconds: [f64; 2],
+    /// The first input.
+    original: ExrFile<'static>,
+}
+
+/// One view of a denoised image.
+#[derive(Clone, Debug)]
+pub struct DenoisedView {
+    /// The name of the view; empty in files without views.
+    pub view: String,
+    /// The image and its estimated error.
+    pub filtered: Filtered,
+    /// The kinds of layers that were read, each with its name in the files.
+    pub found: Vec<(LayerKind, String)>,
+    target: Target,
 }
 
 /// Reads the files of `spec` and denoises their image.
@@ -60,20 +74,39 @@ pub struct DenoisedImage {
 pub fn denoise_files(spec: &DenoiseSpec) -> Result<DenoisedImage, DenoiseError> {
     let filter = spec.filter.as_deref().map(filter).transpose()?;
     let start = Instant::now();
-    let read = Assembled::read(spec)?;
+    if spec.inputs.is_empty() || spec.inputs.len() > 2 {
+        return Err(DenoiseError::Files { count: spec.inputs.len() });
+    }
+    let mut inputs = spec.inputs.iter().map(|path| Input::read(path)).collect::<Result<Vec<_>, _>>()?;
+    let images = Images::choose(spec, &inputs)?;
+    let mut read = Vec::new();
+    for colors in &images.views {
+        let assembled = Assembled::read(spec, &inputs, colors)?;
+        let target = Target::of(&inputs, colors, assembled.window)?;
+        read.push((colors[0].view.clone(), assembled, target));
+    }
+    let mut original = inputs.swap_remove(0).file;
+    drop(inputs);
+    original.release();
     let reading = start.elapsed().as_secs_f64();
     let start = Instant::now();
-    let image = read.image().options(ClusterRegressionOptions::default().fireflies(spec.fireflies));
-    let (filtered, described) = match &filter {
-        Some(filter) => (image.clone().filter(&**filter).run()?, filter.describe()),
-        None => (image.run()?, image.default_filter()?.describe()),
-    };
-    let warnings = image.warnings()?.into_iter().map(|warning| warning.to_string());
-    let about = || format!("{}; --fireflies keep, drop or spread", filtered.fireflies);
-    let fireflies = (filtered.fireflies.pixels > 0).then(about);
-    let notices = read.notices.iter().cloned().chain(warnings).chain(fireflies).collect();
+    let (mut views, mut notices, mut described) = (Vec::new(), images.notices, String::new());
+    for (view, read, target) in read {
+        let image = read.image().options(ClusterRegressionOptions::default().fireflies(spec.fireflies));
+        let filtered: Filtered;
+        (filtered, described) = match &filter {
+            Some(filter) => (image.clone().filter(&**filter).run()?, filter.describe()),
+            None => (image.run()?, image.default_filter()?.describe()),
+        };
+        let warnings = image.warnings()?.into_iter().map(|warning| warning.to_string());
+        let about = || format!("{}; --fireflies keep, drop or spread", filtered.fireflies);
+        let fireflies = (filtered.fireflies.pixels > 0).then(about);
+        let new: Vec<String> = read.notices.iter().cloned().chain(warnings).chain(fireflies).collect();
+        notices.extend(new.into_iter().filter(|notice| !notices.contains(notice)).collect::<Vec<_>>());
+        views.push(DenoisedView { view, filtered, found: read.found, target });
+    }
     let seconds = [reading, start.elapsed().as_secs_f64()];
-    Ok(DenoisedImage { filtered, filter: described, found: read.found, notices, seconds })
+    Ok(DenoisedImage { views, filter: described, notices, seconds, original })
 }
 
 /// Makes a filter by its name, without a scene.
@@ -105,42 +138,6 @@ impl DenoiseSpec {
             check_writable(output)?;
         }
         Ok(())
-    }
-}
-
-impl DenoisedImage {
-    /// Writes the image: EXR with an error layer, PFM, or PNG as sRGB with this exposure in stops. Returns a line about
-    /// the file.
-    ///
-    /// # Errors
-    ///
-    /// [`DenoiseError::Image`] for a file that cannot be written.
-    pub fn write(&self, spec: &DenoiseSpec, path: &Path, exposure: f32) -> Result<String, DenoiseError> {
-        let image = Image::new(self.filtered.size, self.filtered.radiance.clone())?;
-        let (bytes, about) = match Format::from_path(path)? {
-            Format::Exr => (self.exr(spec, &image)?, "the image, with its estimated squared error"),
-            Format::Pfm => (encode_pfm(&image)?, "the image"),
-            Format::Png => (encode_png(&image, exposure)?, "the image, sRGB"),
-        };
-        write_file(path, &bytes)?;
-        Ok(format!("{}: {about}", path.display()))
-    }
-
-    fn exr(&self, spec: &DenoiseSpec, image: &Image) -> Result<Vec<u8>, DenoiseError> {
-        let mut layers = vec![Layer::of_image("", image)];
-        if let Some(error) = &self.filtered.error {
-            layers.push(Layer { name: "error".into(), channels: vec![("Y", error.clone().into())] });
-        }
-        let inputs: Vec<String> = spec.inputs.iter().map(|path| path.display().to_string()).collect();
-        let found: Vec<String> = self.found.iter().map(|(kind, name)| format!("{}={name}", kind.name())).collect();
-        let attributes = [
-            ("dapple:version", env!("CARGO_PKG_VERSION").to_owned()),
-            ("dapple:filter", self.filter.clone()),
-            ("dapple:inputs", inputs.join("\n")),
-            ("dapple:layers", found.join("\n")),
-        ];
-        let attributes: Vec<(String, String)> = attributes.map(|(key, value)| (key.to_owned(), value)).into();
-        Ok(encode_exr(image.size, &layers, &attributes)?.bytes)
     }
 }
 
@@ -177,8 +174,28 @@ pub enum DenoiseError {
     Sizes {
         /// The two files.
         paths: Box<[PathBuf; 2]>,
-        /// Their sizes in pixels.
+        /// The sizes of their displays in pixels.
         sizes: [[u32; 2]; 2],
+    },
+    /// Layers without a common pixel.
+    #[error("{}: layer \"{}\" has pixels {}, none of which {} has in layer \"{}\", {}; save both with one data window",
+        paths[1].display(), layers[1], windows[1], paths[0].display(), layers[0], windows[0])]
+    Windows {
+        /// The two files.
+        paths: Box<[PathBuf; 2]>,
+        /// The names of the layers.
+        layers: Box<[String; 2]>,
+        /// The pixels that they have.
+        windows: Box<[Window; 2]>,
+    },
+    /// Two files of different colour spaces.
+    #[error("{}: its colours are those of {}, and {} has {}; convert one of them, with its variance",
+        paths[1].display(), spaces[1], paths[0].display(), spaces[0])]
+    ColorSpaces {
+        /// The two files.
+        paths: Box<[PathBuf; 2]>,
+        /// Their colour spaces.
+        spaces: Box<[Chromaticities; 2]>,
     },
     /// A layer that the caller names and that no file has.
     #[error("{}: it has no layer \"{name}\" for {}; {}its layers are {}", path.display(), kind.name(),
@@ -195,12 +212,34 @@ pub enum DenoiseError {
         /// All layers of the file.
         layers: Vec<String>,
     },
+    /// A layer that the caller names, without the channels of its kind.
+    #[error("{}: layer \"{name}\" has the channels {}, but layers of the kind {} have {}; rename them, or name another layer",
+        path.display(), letters.join(", "), kind.name(), kind.channels())]
+    LayerChannels {
+        /// The file.
+        path: PathBuf,
+        /// The kind of layer.
+        kind: LayerKind,
+        /// The name that was given.
+        name: String,
+        /// The letters of its channels.
+        letters: Vec<String>,
+    },
     /// A file without an image.
-    #[error("{}: no image was found among its layers {}; name it with --layer color=NAME", path.display(), layers.join(", "))]
+    #[error("{}: no image was found among its channels {}; name its layer with --layer color=NAME; its channels are {}",
+        path.display(), channels.join(", "), LayerKind::Color.channels())]
     NoImage {
         /// The file.
         path: PathBuf,
-        /// All layers of the file.
+        /// All channels of the file.
+        channels: Vec<String>,
+    },
+    /// A file with several images.
+    #[error("{}: it holds several images, {}; name one with --layer color=NAME", path.display(), layers.join(", "))]
+    Ambiguous {
+        /// The file.
+        path: PathBuf,
+        /// The names of their layers.
         layers: Vec<String>,
     },
     /// One file without its variance.

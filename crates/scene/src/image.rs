@@ -23,19 +23,31 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod color_space;
+mod exr_file;
+mod exr_rewrite;
 mod exr_write;
 mod file;
+mod info;
+mod layers;
 mod openexr;
 mod pfm;
 mod png;
 mod read;
+mod window;
 
+pub use color_space::Chromaticities;
+pub use exr_file::{Channels, ExrChannel, ExrFile, ExrPart, read_attributes, read_channels};
+pub use exr_rewrite::{ExrEdit, RewrittenExr};
 pub use exr_write::{EncodedExr, ExrHeader, Layer, encode_exr, encode_exr_with, rows_at_a_time};
 pub use file::{Format, check_writable, write_file};
-pub use openexr::{Channels, Plane, read_attributes, read_channels, read_integers};
+pub use info::{ImageInfo, image_info, is_image};
+pub use layers::{ChosenImage, FoundLayer, KNOWN_LAYERS, LayerKind, Layers, NoImage, Purpose};
+pub use openexr::Plane;
 pub use pfm::encode_pfm;
 pub use png::{encode_png, encode_png_gray, encode_png_rgb, srgb_decode, srgb_encode};
-pub use read::{Encoding, read_image};
+pub use read::{Encoding, ImageFile, read_image, read_image_file, read_texture};
+pub use window::Window;
 
 use std::path::PathBuf;
 
@@ -176,6 +188,14 @@ pub enum ImageError {
     /// A file with a feature of its format that Dapple does not support.
     #[error("{0}")]
     Unsupported(String),
+    /// An OpenEXR file with several images, of which none comes first.
+    #[error("{file}: several of its layers may be the image: {}; save the one to use as R, G and B without a layer", layers.join(", "))]
+    Ambiguous {
+        /// The file.
+        file: String,
+        /// The names of the layers.
+        layers: Vec<String>,
+    },
     /// An output path whose extension is not .exr, .pfm or .png.
     #[error("{}: unknown image format; name the output .exr, .pfm or .png", .0.display())]
     UnknownExtension(PathBuf),

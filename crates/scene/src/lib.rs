@@ -9,6 +9,7 @@
 struct Readme;
 
 pub mod bundled;
+mod colorimetry;
 mod description;
 mod effects;
 pub mod files;

@@ -25,7 +25,6 @@
 //! all lights, or the line break of the last line. A cut between two directives that leaves a complete scene is not
 //! detected.
 
-mod colorimetry;
 mod directive;
 mod execute;
 mod images;

@@ -4,7 +4,10 @@ mod common;
 mod denoise;
 mod effects;
 mod farm;
+mod image_files;
 mod live;
+#[path = "../../../scene/tests/scene/image/made_exr.rs"]
+mod made_exr;
 mod memory;
 mod models;
 #[cfg(target_os = "linux")]

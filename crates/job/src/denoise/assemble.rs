@@ -1,24 +1,14 @@
-//! The buffers of an image, features with their variance among them, from the layers of one or two files.
+//! The buffers of one view's image, features with their variance among them, from the layers of one or two files.
 
-use super::layers::{Found, Layers, floats};
+use super::input::Input;
 use super::{DenoiseError, DenoiseSpec, LayerKind};
 use dapple_denoise::{Denoise, SampleBuffers, Variance, denoise, denoise_whole};
-use dapple_scene::image::{Channels, Plane, read_attributes, read_channels, read_integers};
-use std::path::{Path, PathBuf};
+use dapple_scene::image::{FoundLayer, Plane, Window};
 
 /// The number of samples per pixel that is assumed where none is known.
 const ASSUMED_SPP: u32 = 16;
 
 type Colours = Vec<[f32; 3]>;
-
-/// One file with its channels.
-struct Input {
-    path: PathBuf,
-    file: Channels,
-    layers: Layers,
-    /// Samples per pixel by the header.
-    spp: Option<u32>,
-}
 
 /// The samples in one file.
 struct Set {
@@ -30,7 +20,8 @@ struct Set {
 
 /// All buffers of an image.
 pub(super) struct Assembled {
-    size: [u32; 2],
+    /// The pixels that all layers have.
+    pub(super) window: Window,
     sets: Vec<Set>,
     normal: Feature<[f32; 3]>,
     albedo: Feature<[f32; 3]>,
@@ -44,20 +35,11 @@ pub(super) struct Assembled {
 }
 
 impl Assembled {
-    /// Reads the files of `spec`.
-    pub(super) fn read(spec: &DenoiseSpec) -> Result<Self, DenoiseError> {
-        if spec.inputs.is_empty() || spec.inputs.len() > 2 {
-            return Err(DenoiseError::Files { count: spec.inputs.len() });
-        }
-        let inputs = spec.inputs.iter().map(|path| Input::read(path)).collect::<Result<Vec<_>, _>>()?;
-        let size = inputs[0].file.size;
-        if let [a, b] = &inputs[..]
-            && a.file.size != b.file.size
-        {
-            let paths = Box::new([a.path.clone(), b.path.clone()]);
-            return Err(DenoiseError::Sizes { paths, sizes: [size, b.file.size] });
-        }
-        let mut reader = Reader { spec, inputs: &inputs, found: Vec::new(), notices: Vec::new() };
+    /// Reads the image of one view, given by its layer in each file, and what belongs to it.
+    pub(super) fn read(spec: &DenoiseSpec, inputs: &[Input], colors: &[FoundLayer]) -> Result<Self, DenoiseError> {
+        let window = inputs[0].window(&colors[0]);
+        let mut reader = Reader { spec, inputs, colors, window, found: Vec::new(), notices: Vec::new() };
+        reader.cut()?;
         let sets = (0..inputs.len()).map(|k| reader.set(k)).collect::<Result<Vec<_>, _>>()?;
         let counts: Vec<&[u32]> = sets.iter().map(|set| &set.count[..]).collect();
         let normal = reader.feature(LayerKind::Normal, &counts)?;
@@ -73,16 +55,16 @@ impl Assembled {
             (LayerKind::Albedo, albedo.is_some()),
             (LayerKind::Position, position.is_some() || depth.is_some()),
         ]);
-        let Reader { mut found, notices, .. } = reader;
+        let Reader { mut found, notices, window, .. } = reader;
         found.sort();
-        Ok(Self { size, sets, normal, albedo, position, depth, emission, coverage, ids, found, notices })
+        Ok(Self { window, sets, normal, albedo, position, depth, emission, coverage, ids, found, notices })
     }
 
     /// The image for the denoiser.
     pub(super) fn image(&self) -> Denoise<'_> {
         let mut image = match &self.sets[..] {
-            [a, b, ..] => denoise(self.size, &a.buffers(), &b.buffers()),
-            sets => denoise_whole(self.size, &sets[0].buffers()),
+            [a, b, ..] => denoise(self.window.size, &a.buffers(), &b.buffers()),
+            sets => denoise_whole(self.window.size, &sets[0].buffers()),
         };
         image = added(image, &self.normal, Denoise::normal, Denoise::noisy_normal);
         image = added(image, &self.albedo, Denoise::albedo, Denoise::noisy_albedo);
@@ -119,55 +101,39 @@ impl Set {
     }
 }
 
-impl Input {
-    fn read(path: &Path) -> Result<Self, DenoiseError> {
-        let open = |source| DenoiseError::Open { path: path.to_owned(), source };
-        let bytes = std::fs::read(path).map_err(open)?;
-        let name = path.display().to_string();
-        if !bytes.starts_with(b"\x76\x2f\x31\x01") {
-            return Err(DenoiseError::NotExr { path: path.to_owned() });
-        }
-        let file = read_channels(&bytes, &name)?;
-        let layers = Layers::of(&file);
-        // pbrt-v4 writes a number, Cycles a text `cycles.LAYER.samples`.
-        let number = read_integers(&bytes, &name)?.into_iter().find(|(key, _)| key == "samplesPerPixel");
-        let text = read_attributes(&bytes, &name)?;
-        let text = text.iter().find(|(key, _)| key.starts_with("cycles.") && key.ends_with(".samples"));
-        let spp = number.and_then(|(_, n)| u32::try_from(n).ok()).or_else(|| text?.1.parse().ok());
-        Ok(Self { path: path.to_owned(), file, layers, spp: spp.filter(|n| *n > 0) })
-    }
-
-    /// The values of `N` channels, pixel by pixel.
-    fn pixels<const N: usize>(&self, channels: &[usize]) -> Vec<[f32; N]> {
-        let planes: Vec<Vec<f32>> = channels.iter().map(|&channel| floats(&self.file.channels[channel].1)).collect();
-        interleaved(&planes)
-    }
-}
-
 /// The values of `N` planes, pixel by pixel.
 fn interleaved<const N: usize>(planes: &[Vec<f32>]) -> Vec<[f32; N]> {
     (0..planes[0].len()).map(|pixel| std::array::from_fn(|c| planes[c][pixel])).collect()
 }
 
-/// The search for layers in all files.
+/// The search for the layers of one view in all files.
 struct Reader<'a> {
     spec: &'a DenoiseSpec,
     inputs: &'a [Input],
+    /// The image in each file.
+    colors: &'a [FoundLayer],
+    window: Window,
     found: Vec<(LayerKind, String)>,
     notices: Vec<String>,
 }
 
 impl Reader<'_> {
-    /// Finds a layer of file `k`, by the caller's name or by known names, and notes it.
-    fn find(&mut self, k: usize, kind: LayerKind) -> Result<Option<Found>, DenoiseError> {
-        let input = &self.inputs[k];
+    /// Finds a layer of file `k`, by the caller's name or by known names.
+    fn search(&self, k: usize, kind: LayerKind) -> Result<Option<FoundLayer>, DenoiseError> {
+        let (input, color) = (&self.inputs[k], &self.colors[k]);
         let given = self.spec.layers.iter().find(|(own, _)| *own == kind);
-        let found = match given {
-            Some((_, name)) => Some(input.layers.given(kind, name, &input.path)?),
-            None => input.layers.find(kind),
-        };
+        match given {
+            _ if kind == LayerKind::Color => Ok(Some(color.clone())),
+            Some((_, name)) => Ok(input.layers.in_view(&input.given(kind, name)?, &color.view)),
+            None => Ok(input.layers.guide(kind, color)),
+        }
+    }
+
+    /// Finds a layer as [`search`](Self::search) does, and notes it.
+    fn find(&mut self, k: usize, kind: LayerKind) -> Result<Option<FoundLayer>, DenoiseError> {
+        let found = self.search(k, kind)?;
         if let Some(found) = &found {
-            let entry = (kind, if found.name.is_empty() { "R, G, B".to_owned() } else { found.name.clone() });
+            let entry = (kind, found.shown());
             if !self.found.contains(&entry) {
                 self.found.push(entry);
             }
@@ -175,14 +141,52 @@ impl Reader<'_> {
         Ok(found)
     }
 
+    /// Sets the window to the pixels that all layers have, and notes what is cut.
+    fn cut(&mut self) -> Result<(), DenoiseError> {
+        let inputs = self.inputs;
+        let image = self.window;
+        let mut cut = Vec::new();
+        // The image comes first of all kinds, and a layer counts only if all files have it.
+        for kind in LayerKind::all() {
+            let layers = (0..inputs.len()).map(|k| self.search(k, kind)).collect::<Result<Option<Vec<_>>, _>>()?;
+            for (input, layer) in inputs.iter().zip(layers.iter().flatten()) {
+                let window = input.window(layer);
+                let apart = || DenoiseError::Windows {
+                    paths: Box::new([inputs[0].path.clone(), input.path.clone()]),
+                    layers: Box::new([self.colors[0].shown(), layer.shown()]),
+                    windows: Box::new([image, window]),
+                };
+                self.window = self.window.common(window).ok_or_else(apart)?;
+                let entry = format!("{} of {} {window}", layer.shown(), input.path.display());
+                if window != image && !cut.contains(&entry) {
+                    cut.push(entry);
+                }
+            }
+        }
+        if !cut.is_empty() {
+            let first = format!("{} of {} has pixels {image}", self.colors[0].shown(), inputs[0].path.display());
+            self.note(format!(
+                "{first}, {}; those in common are denoised, and the output is cut to them, {}",
+                cut.join(", "),
+                self.window
+            ));
+        }
+        Ok(())
+    }
+
+    /// The values of `N` channels of file `k`, pixel by pixel.
+    fn pixels<const N: usize>(&self, k: usize, layer: &FoundLayer) -> Result<Vec<[f32; N]>, DenoiseError> {
+        let planes = layer.channels.iter().map(|&channel| self.inputs[k].floats(layer.part, channel, self.window));
+        Ok(interleaved(&planes.collect::<Result<Vec<_>, _>>()?))
+    }
+
     /// The samples in file `k`.
     fn set(&mut self, k: usize) -> Result<Set, DenoiseError> {
         let input = &self.inputs[k];
         let (path, names) = (input.path.clone(), input.layers.names());
-        let Some(color) = self.find(k, LayerKind::Color)? else {
-            return Err(DenoiseError::NoImage { path, layers: names });
-        };
-        let mut mean: Colours = input.pixels(&color.channels);
+        let color = self.colors[k].clone();
+        self.find(k, LayerKind::Color)?;
+        let mut mean: Colours = self.pixels(k, &color)?;
         let count = self.counts(k, mean.len())?;
         let variance = self.variance(k, &mean, count.is_some())?;
         if variance.is_none() && self.inputs.len() == 1 {
@@ -205,9 +209,9 @@ impl Reader<'_> {
 
     /// The number of samples of each pixel in file `k`, as far as it is known.
     fn counts(&mut self, k: usize, pixels: usize) -> Result<Option<Vec<u32>>, DenoiseError> {
-        let known = self.spec.spp.or(self.inputs[k].spp);
+        let known = self.spec.spp.or(self.inputs[k].spp(&self.colors[k]));
         let Some(layer) = self.find(k, LayerKind::Count)? else { return Ok(known.map(|spp| vec![spp; pixels])) };
-        let counts: Vec<[f32; 1]> = self.inputs[k].pixels(&layer.channels);
+        let counts: Vec<[f32; 1]> = self.pixels(k, &layer)?;
         let counts = counts.as_flattened();
         // Cycles writes shares of the largest number.
         let most = counts.iter().copied().fold(0.0, f32::max);
@@ -232,9 +236,9 @@ impl Reader<'_> {
         let layer = kinds.iter().find_map(|&kind| self.find(k, kind).transpose()).transpose()?;
         let Some(layer) = layer else { return Ok(None) };
         let (mut variance, of_mean) = match layer.kind {
-            LayerKind::SecondMoment => (from_second_moments(input, &layer, mean), false),
-            LayerKind::MeanVariance => (input.pixels(&layer.channels), true),
-            _ => (input.pixels(&layer.channels), self.spec.variance_of_mean),
+            LayerKind::SecondMoment => (self.variance_by_squares(k, &layer, mean)?, false),
+            LayerKind::MeanVariance => (self.pixels(k, &layer)?, true),
+            _ => (self.pixels(k, &layer)?, self.spec.variance_of_mean),
         };
         let name = layer.name;
         if !of_mean && !counted {
@@ -257,11 +261,12 @@ impl Reader<'_> {
 
     /// The ids in the first file.
     fn ids(&mut self) -> Result<Option<Vec<u32>>, DenoiseError> {
-        let layer = self.find(0, LayerKind::Id)?;
-        Ok(layer.map(|layer| match &self.inputs[0].file.channels[layer.channels[0]].1 {
-            Plane::U32(ids) => ids.to_vec(),
+        let Some(layer) = self.find(0, LayerKind::Id)? else { return Ok(None) };
+        let own = self.inputs[0].window(&layer);
+        Ok(Some(match &self.inputs[0].file.planes(layer.part)?[layer.channels[0]] {
+            Plane::U32(ids) => own.cut(ids, self.window),
             // Cryptomatte and other float ids: equal bits are equal ids.
-            Plane::F32(ids) | Plane::F16(ids) => ids.iter().map(|id| id.to_bits()).collect(),
+            Plane::F32(ids) | Plane::F16(ids) => own.cut(ids, self.window).iter().map(|id| id.to_bits()).collect(),
         }))
     }
 
@@ -287,19 +292,43 @@ impl Reader<'_> {
     }
 }
 
-/// Sample variances from second moments. Those of X, Y and Z give the relative variance of Y to all channels.
-fn from_second_moments(input: &Input, second: &Found, mean: &Colours) -> Colours {
-    let squares: Colours = input.pixels(&second.channels);
-    if !input.layers.is_xyz(second) {
-        let variance = |(m2, m): (&[f32; 3], &[f32; 3])| [0, 1, 2].map(|c| (m2[c] - m[c] * m[c]).max(0.0));
-        return squares.iter().zip(mean).map(variance).collect();
+impl Reader<'_> {
+    /// Sample variances from second moments. Those of X, Y and Z give the relative variance of Y to all channels.
+    fn variance_by_squares(&self, k: usize, second: &FoundLayer, mean: &Colours) -> Result<Colours, DenoiseError> {
+        let layers = &self.inputs[k].layers;
+        let squares: Colours = self.pixels(k, second)?;
+        if !layers.is_xyz(second) {
+            let variance = |(m2, m): (&[f32; 3], &[f32; 3])| [0, 1, 2].map(|c| (m2[c] - m[c] * m[c]).max(0.0));
+            return Ok(squares.iter().zip(mean).map(variance).collect());
+        }
+        let first = layers.first_moment(second).map(|first| self.pixels(k, &first)).transpose()?;
+        let first = first.unwrap_or_else(|| mean.clone());
+        let variance = |((m2, m), rgb): ((&[f32; 3], &[f32; 3]), &[f32; 3])| {
+            let relative = if m[1] > 0.0 { (m2[1] / (m[1] * m[1]) - 1.0).max(0.0) } else { 0.0 };
+            rgb.map(|v| relative * v * v)
+        };
+        Ok(squares.iter().zip(&first).zip(mean).map(variance).collect())
     }
-    let first = input.layers.first_moment(second).map_or_else(|| mean.clone(), |channels| input.pixels(&channels));
-    let variance = |((m2, m), rgb): ((&[f32; 3], &[f32; 3]), &[f32; 3])| {
-        let relative = if m[1] > 0.0 { (m2[1] / (m[1] * m[1]) - 1.0).max(0.0) } else { 0.0 };
-        rgb.map(|v| relative * v * v)
-    };
-    squares.iter().zip(&first).zip(mean).map(variance).collect()
+
+    /// The variance of the mean of each channel of a layer, if file `k` has the second moments of the layer.
+    ///
+    /// Differences that rounding can explain count as 0: second moments of far positions are large numbers.
+    fn variances(&self, k: usize, layer: &FoundLayer, counts: &[u32]) -> Result<Option<Vec<Vec<f32>>>, DenoiseError> {
+        let input = &self.inputs[k];
+        let Some(squares) = input.layers.second_moment(layer) else { return Ok(None) };
+        let planes = layer.channels.iter().zip(&squares.channels).map(|(&first, &second)| {
+            let is_half = matches!(input.file.planes(squares.part)?[second], Plane::F16(_));
+            let rounding = if is_half { 2e-3 } else { 5e-7 };
+            let means = input.floats(layer.part, first, self.window)?;
+            let values = means.into_iter().zip(input.floats(squares.part, second, self.window)?).zip(counts);
+            let variance = values.map(|((mean, square), &count)| {
+                let variance = (square - mean * mean - rounding * square) / count.saturating_sub(1).max(1) as f32;
+                if variance.is_finite() { variance.max(0.0) } else { 0.0 }
+            });
+            Ok(variance.collect())
+        });
+        planes.collect::<Result<_, DenoiseError>>().map(Some)
+    }
 }
 
 /// The mean of a feature, and the variance of that mean if it is known: from two files, or from second moments.
@@ -319,10 +348,12 @@ impl Reader<'_> {
         counts: &[&[u32]],
     ) -> Result<Feature<[f32; N]>, DenoiseError> {
         let Some(layers) = self.in_all(kind)? else { return Ok(None) };
-        let mean_of = |((input, layer), counts): ((&Input, &Found), &&[u32])| -> Mean<[f32; N]> {
-            (input.pixels(&layer.channels), variances(input, layer, counts).map(|planes| interleaved(&planes)))
+        let mean_of = |(k, (layer, counts)): (usize, (&FoundLayer, &&[u32]))| -> Result<Mean<[f32; N]>, DenoiseError> {
+            let variance = self.variances(k, layer, counts)?.map(|planes| interleaved(&planes));
+            Ok((self.pixels(k, layer)?, variance))
         };
-        let mut each: Vec<_> = self.inputs.iter().zip(&layers).zip(counts).map(mean_of).collect();
+        let each = layers.iter().zip(counts).enumerate().map(mean_of);
+        let mut each: Vec<Mean<[f32; N]>> = each.collect::<Result<_, _>>()?;
         if let ([a, b], 1) = (&mut each[..], N) {
             // A depth that only one file knows counts for both.
             for (a, b) in a.0.as_flattened_mut().iter_mut().zip(b.0.as_flattened_mut()) {
@@ -349,31 +380,13 @@ impl Reader<'_> {
     }
 
     /// The layer of this kind in each file; `None` unless all have one.
-    fn in_all(&mut self, kind: LayerKind) -> Result<Option<Vec<Found>>, DenoiseError> {
+    fn in_all(&mut self, kind: LayerKind) -> Result<Option<Vec<FoundLayer>>, DenoiseError> {
         let layers = (0..self.inputs.len()).map(|k| self.find(k, kind)).collect::<Result<Option<Vec<_>>, _>>()?;
         if layers.is_none() {
             self.found.retain(|(found, _)| *found != kind);
         }
         Ok(layers)
     }
-}
-
-/// The variance of the mean of each channel of a layer, if the file has the second moments of the layer.
-///
-/// Differences that rounding can explain count as 0: second moments of far positions are large numbers.
-fn variances(input: &Input, layer: &Found, counts: &[u32]) -> Option<Vec<Vec<f32>>> {
-    let squares = input.layers.second_moment(layer)?;
-    let planes = layer.channels.iter().zip(&squares.channels).map(|(&first, &second)| {
-        let [first, second] = [first, second].map(|channel| &input.file.channels[channel].1);
-        let rounding = if matches!(second, Plane::F16(_)) { 2e-3 } else { 5e-7 };
-        let values = floats(first).into_iter().zip(floats(second)).zip(counts);
-        let variance = values.map(|((mean, square), &count)| {
-            let variance = (square - mean * mean - rounding * square) / count.saturating_sub(1).max(1) as f32;
-            if variance.is_finite() { variance.max(0.0) } else { 0.0 }
-        });
-        variance.collect()
-    });
-    Some(planes.collect())
 }
 
 /// The mean of the values of one or two files, and the variance of that mean: by second moments, else by the difference

@@ -2,7 +2,7 @@
 
 use super::buffers::{beside, read_uri};
 use super::{Reader, named};
-use crate::image::{Encoding, Image, read_image};
+use crate::image::{Encoding, Image, read_texture};
 use crate::{Color, Notice, Scalar, TextureId, TextureKind, Wrap};
 use ::gltf::json;
 use ::gltf::json::texture::WrappingMode;
@@ -138,7 +138,10 @@ impl Reader<'_> {
             return known.clone();
         }
         let image = match self.decode(index, part) {
-            Ok(image) => Some(Arc::new(image)),
+            Ok((image, notices)) => {
+                notices.into_iter().for_each(|notice| self.notice(notice));
+                Some(Arc::new(image))
+            }
             Err(what) => {
                 let name = self.document.images().nth(index).and_then(|image| image.name()).map(str::to_owned);
                 let name = named("image", index, name.as_deref());
@@ -150,7 +153,7 @@ impl Reader<'_> {
         image
     }
 
-    fn decode(&self, index: usize, part: Part) -> Result<Image, String> {
+    fn decode(&self, index: usize, part: Part) -> Result<(Image, Vec<String>), String> {
         let json: &json::Image = self.document.as_json().images.get(index).ok_or("it does not exist")?;
         let name = match &json.uri {
             Some(uri) if !uri.starts_with("data:") => beside(uri, &self.source.file).display().to_string(),
@@ -165,8 +168,8 @@ impl Reader<'_> {
             (None, None) => return Err("it names no file".into()),
         };
         let encoding = if part == Part::Color { Encoding::Srgb } else { Encoding::Linear };
-        let image = read_image(&bytes, &name, encoding).and_then(|image| image.checked_finite(&name));
-        Ok(part.of(image.map_err(|e| e.to_string())?))
+        let (image, notices) = read_texture(&bytes, &name, encoding).map_err(|e| e.to_string())?;
+        Ok((part.of(image), notices))
     }
 }
 

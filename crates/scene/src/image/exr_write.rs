@@ -2,10 +2,11 @@
 
 use super::openexr::Plane;
 use super::{Image, ImageError, check_count, read_attributes};
+use ::exr::block::chunk::Chunk;
 use ::exr::block::writer::ChunksWriter;
 use ::exr::block::{self, BlockIndex, UncompressedBlock, enumerate_ordered_header_block_indices};
 use ::exr::meta::BlockDescription;
-use ::exr::meta::attribute::{AttributeValue, ChannelDescription, Compression, LineOrder, SampleType, Text};
+use ::exr::meta::attribute::{AttributeValue, ChannelDescription, Compression, LineOrder, Text};
 use ::exr::meta::header::{Header, ImageAttributes, LayerAttributes};
 use ::exr::prelude::f16;
 use rayon::prelude::*;
@@ -96,7 +97,7 @@ pub fn encode_exr_with(size: [u32; 2], layers: &[Layer<'_>], given: &ExrHeader<'
     check_names("channel", channels.iter().map(|(name, _)| name.as_str()))?;
     check_names("attribute", attributes.iter().map(|(name, _)| name.as_str()))?;
     let planes: Vec<&Plane<'_>> = channels.iter().map(|&(_, plane)| plane).collect();
-    let bytes = encode(header(size, &channels, given), &planes)
+    let bytes = encode(vec![header(size, &channels, given)], std::slice::from_ref(&planes), Vec::new(), true)
         .map_err(|e| ImageError::Encode(format!("EXR: {e}; rename what it names, or write another format")))?;
     let bytes = sort_attributes(bytes);
     check_attributes(&bytes, attributes)?;
@@ -120,7 +121,7 @@ fn check_names<'a>(kind: &str, names: impl Iterator<Item = &'a str>) -> Result<(
 }
 
 /// Checks that every attribute can be read back as text. Refuses names to which OpenEXR gives another type.
-fn check_attributes(bytes: &[u8], attributes: &[(String, String)]) -> Result<(), ImageError> {
+pub(super) fn check_attributes(bytes: &[u8], attributes: &[(String, String)]) -> Result<(), ImageError> {
     let found = read_attributes(bytes, "the EXR file in memory").unwrap_or_default();
     match attributes.iter().find(|given| !found.contains(given)) {
         Some((name, _)) => {
@@ -130,22 +131,18 @@ fn check_attributes(bytes: &[u8], attributes: &[(String, String)]) -> Result<(),
     }
 }
 
-fn count_clamped(plane: &Plane<'_>) -> u64 {
+pub(super) fn count_clamped(plane: &Plane<'_>) -> u64 {
     let Plane::F16(values) = plane else { return 0 };
     values.iter().filter(|v| v.is_finite() && v.abs() > F16_MAX).count() as u64
 }
 
+pub(super) fn text(text: &str) -> Text {
+    Text::from_slice_unchecked(text.as_bytes())
+}
+
 fn header(size: [u32; 2], channels: &[(String, &Plane<'_>)], given: &ExrHeader<'_>) -> Header {
-    let text = |s: &str| Text::from_slice_unchecked(s.as_bytes());
     let size = (size[0] as usize, size[1] as usize);
-    let list = channels.iter().map(|(name, plane)| {
-        let kind = match plane {
-            Plane::F32(_) => SampleType::F32,
-            Plane::F16(_) => SampleType::F16,
-            Plane::U32(_) => SampleType::U32,
-        };
-        ChannelDescription::new(text(name), kind, false)
-    });
+    let list = channels.iter().map(|(name, plane)| ChannelDescription::new(text(name), plane.sample_type(), false));
     let other = given.attributes.iter().map(|(name, value)| (text(name), AttributeValue::Text(text(value)))).collect();
     Header::new(text("main"), size, list.collect())
         .with_encoding(Compression::ZIP16, BlockDescription::ScanLines, LineOrder::Increasing)
@@ -168,17 +165,26 @@ pub fn rows_at_a_time() -> usize {
     4 * BLOCK_ROWS * rayon::current_num_threads()
 }
 
-fn encode(header: Header, planes: &[&Plane<'_>]) -> ::exr::error::Result<Vec<u8>> {
+/// Encodes a file: planes for each part, in the order of its channels, or none for a part whose chunks are `copied`
+/// with their numbers in the part. `strict` refuses what other programs may not read.
+pub(super) fn encode(
+    headers: Vec<Header>,
+    planes: &[Vec<&Plane<'_>>],
+    copied: Vec<(usize, Chunk)>,
+    strict: bool,
+) -> ::exr::error::Result<Vec<u8>> {
     // Enough for incompressible planes: a vector that grows is copied, and its old memory is wasted.
-    let raw: usize = planes.iter().map(|plane| if let Plane::F16(_) = plane { 2 } else { 4 } * plane.len()).sum();
+    let bytes_of = |plane: &&Plane<'_>| if let Plane::F16(_) = plane { 2 } else { 4 } * plane.len();
+    let raw: usize = planes.iter().flatten().map(bytes_of).sum();
     let mut bytes = Cursor::new(Vec::with_capacity(raw + raw / 64));
-    block::write(&mut bytes, [header].into_iter().collect(), true, |meta, writer| {
-        let blocks: Vec<(usize, BlockIndex)> = enumerate_ordered_header_block_indices(&meta.headers).collect();
+    block::write(&mut bytes, headers.into_iter().collect(), strict, |meta, writer| {
+        let blocks = enumerate_ordered_header_block_indices(&meta.headers);
+        let blocks: Vec<(usize, BlockIndex)> = blocks.filter(|(_, index)| !planes[index.layer].is_empty()).collect();
         // In batches, so that not everything is in memory uncompressed; in order, so that the bytes do not
         // depend on threads.
         for batch in blocks.chunks(rows_at_a_time() / BLOCK_ROWS) {
-            let compress = |&(number, index)| {
-                let block = pack(&meta.headers[0], index, planes)?;
+            let compress = |&(number, index): &(usize, BlockIndex)| {
+                let block = pack(&meta.headers[index.layer], index, &planes[index.layer])?;
                 block.compress_to_chunk(&meta.headers).map(|chunk| (number, chunk))
             };
             let chunks: Vec<_> = batch.par_iter().map(compress).collect::<::exr::error::Result<_>>()?;
@@ -186,7 +192,7 @@ fn encode(header: Header, planes: &[&Plane<'_>]) -> ::exr::error::Result<Vec<u8>
                 writer.write_chunk(number, chunk)?;
             }
         }
-        Ok(())
+        copied.into_iter().try_for_each(|(number, chunk)| writer.write_chunk(number, chunk))
     })?;
     Ok(bytes.into_inner())
 }
@@ -212,12 +218,24 @@ fn to_half(value: f32) -> f16 {
     f16::from_f32(if value.is_finite() { value.clamp(-F16_MAX, F16_MAX) } else { value })
 }
 
-/// Sorts the attributes in an encoded file's header by name, since `exr` keeps them in a hash map and files would
-/// differ between runs. The length of the header and all offsets stay the same.
-fn sort_attributes(mut bytes: Vec<u8>) -> Vec<u8> {
-    const START: usize = 8;
+/// Sorts the attributes in each header of an encoded file by name, since `exr` keeps them in a hash map and files would
+/// differ between runs. The length of the headers and all offsets stay the same.
+pub(super) fn sort_attributes(mut bytes: Vec<u8>) -> Vec<u8> {
+    let several = bytes[5] & 0x10 != 0;
+    let mut at = 8;
+    loop {
+        at = sort_header(&mut bytes, at);
+        // An empty header ends several ones.
+        if !several || bytes[at] == 0 {
+            return bytes;
+        }
+    }
+}
+
+/// Sorts the attributes of the header that starts here. Returns the end of the header.
+fn sort_header(bytes: &mut [u8], start: usize) -> usize {
     let mut entries = Vec::new();
-    let mut at = START;
+    let mut at = start;
     let word_end = |at: usize| at + bytes[at..].iter().position(|&b| b == 0).unwrap_or(0);
     while bytes[at] != 0 {
         let name_end = word_end(at);
@@ -229,6 +247,6 @@ fn sort_attributes(mut bytes: Vec<u8>) -> Vec<u8> {
     }
     entries.sort();
     let sorted = entries.into_iter().flat_map(|(_, entry)| entry);
-    bytes[START..at].iter_mut().zip(sorted).for_each(|(byte, new)| *byte = new);
-    bytes
+    bytes[start..at].iter_mut().zip(sorted).for_each(|(byte, new)| *byte = new);
+    at + 1
 }

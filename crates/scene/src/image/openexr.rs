@@ -1,14 +1,14 @@
-//! OpenEXR files, read through the `exr` crate block by block. A wrong header is thus detected before memory is
+//! Decoding of OpenEXR files through the `exr` crate, block by block. A wrong header is thus detected before memory is
 //! allocated for the sizes that it claims.
 
-use super::read::{ALPHA_BYTES, File, OPENEXR, PIXEL_BYTES};
-use super::{Image, ImageError};
+use super::ImageError;
+use super::read::File;
 use ::exr::block::lines::LineRef;
 use ::exr::block::reader::{ChunksReader, Reader};
 use ::exr::error::Error as ExrError;
 use ::exr::math::Vec2;
 use ::exr::meta::BlockDescription;
-use ::exr::meta::attribute::{AttributeValue, ChannelDescription, SampleType, Text};
+use ::exr::meta::attribute::{ChannelDescription, SampleType};
 use ::exr::meta::header::Header;
 use ::exr::prelude::f16;
 use std::borrow::Cow;
@@ -53,163 +53,29 @@ impl Plane<'_> {
         }
     }
 
+    pub(super) const fn sample_type(&self) -> SampleType {
+        match self {
+            Self::F32(_) => SampleType::F32,
+            Self::F16(_) => SampleType::F16,
+            Self::U32(_) => SampleType::U32,
+        }
+    }
+
+    /// Returns the values as floats.
+    pub fn floats(&self) -> Cow<'_, [f32]> {
+        match self {
+            Self::F32(values) | Self::F16(values) => Cow::Borrowed(values),
+            Self::U32(values) => values.iter().map(|&value| value as f32).collect(),
+        }
+    }
+
     /// Returns true if the channel has no values.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 }
 
-/// All channels of an OpenEXR file, read by [`read_channels`].
-#[derive(Clone, Debug, PartialEq)]
-pub struct Channels {
-    /// Width and height of every channel, in pixels.
-    pub size: [u32; 2],
-    /// Full name (`R`, `albedo.R`) and values of each channel. Parts are in the file's order; the channels of a part
-    /// are sorted by name.
-    pub channels: Vec<(String, Plane<'static>)>,
-}
-
-impl Channels {
-    /// Returns the values of the channel with this full name; `None` if there is none.
-    pub fn plane(&self, name: &str) -> Option<&Plane<'static>> {
-        self.channels.iter().find(|(n, _)| n == name).map(|(_, plane)| plane)
-    }
-}
-
-/// Reads all channels of an OpenEXR file in full precision. In a file of several parts, a channel's full name begins
-/// with its part's name.
-///
-/// # Errors
-/// Those of [`read_image`](super::read_image), and [`ImageError::Unsupported`] if the parts differ in size.
-pub fn read_channels(bytes: &[u8], file_name: &str) -> Result<Channels, ImageError> {
-    let file = File { bytes, name: file_name, format: OPENEXR };
-    with_reader(&file, |open| {
-        let headers = open()?.headers().to_vec();
-        let size = headers[0].layer_size;
-        let count: usize = headers.iter().map(|h| h.channels.list.len()).sum();
-        headers.iter().try_for_each(|h| check_size(&file, h, 4 * count as u64))?;
-        if headers.iter().any(|h| h.layer_size != size) {
-            return Err(file.unsupported("a set of parts of different sizes", "one file a part").into());
-        }
-        let mut channels = Vec::new();
-        for (part, header) in headers.iter().enumerate() {
-            let planes = read_planes(&file, open()?, part)?;
-            let prefix = header.own_attributes.layer_name.as_ref().filter(|_| headers.len() > 1);
-            let name = |text: &Text| prefix.map_or(text.to_string(), |p| format!("{p}.{text}"));
-            channels.extend(header.channels.list.iter().map(|c| name(&c.name)).zip(planes));
-        }
-        Ok(Channels { size: [size.0 as u32, size.1 as u32], channels })
-    })
-}
-
-/// Reads the text attributes (name, value) in the header of an OpenEXR file's first part.
-///
-/// # Errors
-/// The errors of [`read_image`](super::read_image) for a faulty header.
-pub fn read_attributes(bytes: &[u8], file_name: &str) -> Result<Vec<(String, String)>, ImageError> {
-    attributes(bytes, file_name, |value| match value {
-        AttributeValue::Text(value) => Some(String::from_utf8_lossy(value.as_slice()).into_owned()),
-        _ => None,
-    })
-}
-
-/// Reads the whole numbers (name, value) among the attributes in the header of an OpenEXR file's first part.
-///
-/// # Errors
-/// The errors of [`read_image`](super::read_image) for a faulty header.
-pub fn read_integers(bytes: &[u8], file_name: &str) -> Result<Vec<(String, i32)>, ImageError> {
-    attributes(bytes, file_name, |value| match value {
-        AttributeValue::I32(value) => Some(value),
-        _ => None,
-    })
-}
-
-/// Reads the attributes for which `pick` returns a value, sorted by name.
-fn attributes<T: Ord>(
-    bytes: &[u8],
-    file_name: &str,
-    pick: impl Fn(AttributeValue) -> Option<T>,
-) -> Result<Vec<(String, T)>, ImageError> {
-    with_reader(&File { bytes, name: file_name, format: OPENEXR }, |open| {
-        let reader = open()?;
-        let named = reader.headers()[0].all_named_attributes();
-        let name = |name: &[u8]| String::from_utf8_lossy(name).into_owned();
-        let mut found: Vec<_> = named.filter_map(|(key, value)| Some((name(key), pick(value)?))).collect();
-        found.sort();
-        Ok(found)
-    })
-}
-
-pub(super) fn read(file: &File<'_>) -> Result<Image, ImageError> {
-    with_reader(file, |open| {
-        let reader = open()?;
-        let main = main_channels(file, reader.headers())?;
-        let header = reader.headers()[main.part].clone();
-        let (size, count) = (header.layer_size, header.layer_size.area());
-        let alpha_bytes = if main.alpha.is_some() { ALPHA_BYTES } else { 0 };
-        check_size(file, &header, PIXEL_BYTES + alpha_bytes)?;
-        let mut pixels = vec![[0.0; 3]; count];
-        let mut alpha = vec![0.0; if main.alpha.is_some() { count } else { 0 }];
-        read_lines(file, reader, main.part, |line, start| {
-            let channel = line.location.channel;
-            for (slot, _) in main.colors.iter().enumerate().filter(|(_, c)| **c == Some(channel)) {
-                floats(&header, line, |i, value| pixels[start + i][slot] = value)?;
-            }
-            if main.alpha == Some(channel) {
-                floats(&header, line, |i, value| alpha[start + i] = value)?;
-            }
-            Ok(())
-        })?;
-        let image = Image::new([size.0 as u32, size.1 as u32], pixels)?;
-        Ok(if main.alpha.is_some() { image.with_alpha(alpha)? } else { image })
-    })
-}
-
-/// The channels to read as the image, by index within their part of the file.
-struct MainChannels {
-    part: usize,
-    /// Indices of red, green and blue (`None` is 0 everywhere); three equal indices for a gray image.
-    colors: [Option<usize>; 3],
-    alpha: Option<usize>,
-}
-
-fn main_channels(file: &File<'_>, headers: &[Header]) -> Result<MainChannels, ImageError> {
-    let mut parts: Vec<usize> = (0..headers.len()).collect();
-    parts.sort_by_key(|&i| headers[i].own_attributes.layer_name.is_some());
-    let names = |part: usize| headers[part].channels.list.iter().map(|channel| channel.name.as_slice());
-    let find = |part: usize, layer: &[u8], letter: u8| {
-        names(part).position(|name| name.strip_prefix(layer) == Some(&[letter][..]))
-    };
-    // Channels without a layer name come first, then those of each layer.
-    for (layered, letters) in [(false, b"RGB"), (false, b"YYY"), (true, b"RGB"), (true, b"YYY")] {
-        for (part, name) in parts.iter().flat_map(|&part| names(part).map(move |name| (part, name))) {
-            let layer = &name[..name.iter().rposition(|&b| b == b'.').map_or(0, |i| i + 1)];
-            let colors = letters.map(|letter| find(part, layer, letter));
-            if layered == layer.is_empty() || colors.contains(&None) {
-                continue;
-            }
-            let has = |name: &[u8]| names(part).any(|other| other == name);
-            if !layered && has(b"Y") && (has(b"RY") || has(b"BY")) {
-                return Err(file.unsupported("luminance and chroma", "RGB"));
-            }
-            return Ok(MainChannels { part, colors, alpha: find(part, layer, b'A') });
-        }
-    }
-    if headers.len() == 1 && names(0).count() == 1 {
-        return Ok(MainChannels { part: 0, colors: [Some(0); 3], alpha: None });
-    }
-    for part in parts {
-        let colors = [b'R', b'G', b'B'].map(|letter| find(part, b"", letter));
-        if colors.iter().any(Option::is_some) {
-            return Ok(MainChannels { part, colors, alpha: find(part, b"", b'A') });
-        }
-    }
-    let names: Vec<String> = headers.iter().flat_map(|h| h.channels.list.iter().map(|c| c.name.to_string())).collect();
-    let what = format!("an image without R, G and B or Y (its channels are {})", names.join(", "));
-    Err(file.unsupported(&what, "RGB"))
-}
-
-type Fault = super::read::Fault<ExrError>;
+pub(super) type Fault = super::read::Fault<ExrError>;
 
 impl From<ExrError> for Fault {
     fn from(error: ExrError) -> Self {
@@ -217,14 +83,18 @@ impl From<ExrError> for Fault {
     }
 }
 
-type Source<'a> = Cursor<&'a [u8]>;
+pub(super) type Source<'a> = Cursor<&'a [u8]>;
 
 /// Calls `work` with a function that opens the file anew and checks its headers. Returns the result of `work`, its
 /// errors converted to [`ImageError`].
-fn with_reader<'a, T>(
+pub(super) fn with_reader<'a, T>(
     file: &File<'a>,
     work: impl FnOnce(&mut dyn FnMut() -> Result<Reader<Source<'a>>, Fault>) -> Result<T, Fault>,
 ) -> Result<T, ImageError> {
+    const DEEP: u8 = 0x08;
+    if file.bytes.get(5).is_some_and(|flags| flags & DEEP != 0) {
+        return Err(file.unsupported("deep data", "a flat image"));
+    }
     check_header_length(file)?;
     let mut open = || {
         let reader = ::exr::block::read(Cursor::new(file.bytes), false)?;
@@ -304,7 +174,7 @@ fn check_header_length(file: &File<'_>) -> Result<(), ImageError> {
 const BLOCK_COPIES: u64 = 5;
 
 /// Checks that one part of a file fits the memory limit: `per_pixel` bytes for each pixel, and one decompressed block.
-fn check_size(file: &File<'_>, header: &Header, per_pixel: u64) -> Result<(), ImageError> {
+pub(super) fn check_size(file: &File<'_>, header: &Header, per_pixel: u64) -> Result<(), ImageError> {
     let size = [header.layer_size.0 as u64, header.layer_size.1 as u64];
     let [w, h] = match header.blocks {
         // A tile may well be larger than a small image.
@@ -318,7 +188,11 @@ fn check_size(file: &File<'_>, header: &Header, per_pixel: u64) -> Result<(), Im
 }
 
 /// Reads all channels of one part at full resolution.
-fn read_planes(file: &File<'_>, reader: Reader<Source<'_>>, part: usize) -> Result<Vec<Plane<'static>>, Fault> {
+pub(super) fn read_planes(
+    file: &File<'_>,
+    reader: Reader<Source<'_>>,
+    part: usize,
+) -> Result<Vec<Plane<'static>>, Fault> {
     let header = reader.headers()[part].clone();
     let count = header.layer_size.area();
     let plane = |channel: &ChannelDescription| match channel.sample_type {
@@ -342,7 +216,7 @@ fn read_planes(file: &File<'_>, reader: Reader<Source<'_>>, part: usize) -> Resu
 }
 
 /// Calls `put` for each sample of a line, with the sample's index in the line and its value as a float.
-fn floats(header: &Header, line: LineRef<'_>, mut put: impl FnMut(usize, f32)) -> Result<(), ExrError> {
+pub(super) fn floats(header: &Header, line: LineRef<'_>, mut put: impl FnMut(usize, f32)) -> Result<(), ExrError> {
     let samples = 0..line.location.sample_count;
     match header.channels.list[line.location.channel].sample_type {
         SampleType::F32 => samples.zip(line.read_samples::<f32>()).try_for_each(|(i, v)| v.map(|v| put(i, v))),
@@ -353,7 +227,7 @@ fn floats(header: &Header, line: LineRef<'_>, mut put: impl FnMut(usize, f32)) -
 
 /// Calls `store` for each line of each channel of one part, at full resolution, with the index of the line's first
 /// pixel in the image.
-fn read_lines(
+pub(super) fn read_lines(
     file: &File<'_>,
     reader: Reader<Source<'_>>,
     part: usize,

@@ -2,7 +2,7 @@
 //! 32-bit floats from the bottom up; a negative scale means little-endian.
 
 use super::read::{File, PIXEL_BYTES};
-use super::{Image, ImageError, check_count};
+use super::{Image, ImageError, ImageInfo, check_count};
 
 pub(super) fn read(file: &File<'_>) -> Result<Image, ImageError> {
     let (size, channels, scale, start) = header(file)?;
@@ -29,6 +29,14 @@ pub(super) fn read(file: &File<'_>) -> Result<Image, ImageError> {
     let pixels = rows.flat_map(|row| row.chunks_exact(channels));
     let pixels = pixels.map(|p| std::array::from_fn(|i| value(p[channel(i)]))).collect();
     Image::new([width as u32, height as u32], pixels)
+}
+
+/// Reads what a file holds.
+pub(super) fn info(file: &File<'_>) -> Result<ImageInfo, ImageError> {
+    let (size, channels, ..) = header(file)?;
+    file.check_claim(size, PIXEL_BYTES, 0)?;
+    let channels = if channels == 1 { "Y" } else { "R, G, B" };
+    Ok(ImageInfo::Flat { format: file.format, size: size.map(|side| side as u32), channels, values: "float" })
 }
 
 /// Encodes an image as a PFM file: little-endian, rows from the bottom up. Every bit pattern is preserved, NaN and

@@ -1,76 +1,157 @@
 //! Reading of image files.
 
-use super::{Image, ImageError, openexr, pfm, srgb_decode};
+use super::{Image, ImageError, ImageInfo, Window, exr_file, pfm, srgb_decode};
 use ::image::ColorType;
 use ::image::codecs::{hdr::HdrDecoder, jpeg::JpegDecoder, png::PngDecoder, tga::TgaDecoder};
 use ::image::{ImageDecoder, ImageError as Decoder, Limits};
 use std::io::{Cursor, ErrorKind};
 
-/// The encoding of integer samples in an image file. Floating-point samples are always linear.
+/// The meaning of the samples in an image file. Floating-point samples are always linear.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Encoding {
     /// The default: integers are sRGB, as with [`Encoding::Srgb`].
     #[default]
     Auto,
-    /// Integers are proportional to intensity, as in bump maps, roughness and masks.
+    /// Samples are data, as in bump maps, roughness and masks: integers are proportional to them, and they have no colour
+    /// space.
     Linear,
-    /// Integers are sRGB.
+    /// Samples are colours; integers are sRGB.
     Srgb,
+}
+
+/// An image file that was read.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ImageFile {
+    /// The image, linear Rec. 709.
+    pub image: Image,
+    /// The data window and the display window of an OpenEXR file; other formats have none.
+    pub window: Option<[Window; 2]>,
+    /// Notices about the choice of a layer; one sentence each, without the file's name.
+    pub notices: Vec<String>,
+    /// True if the file is of another colour space, from which its colours were converted.
+    pub converted: bool,
 }
 
 /// Reads an image: PNG, JPEG, TGA, Radiance HDR, OpenEXR or PFM.
 ///
 /// The content decides on the format; only TGA, which has no signature, needs its extension. Integers of 8 or 16 bits
 /// are scaled to 0..=1, then decoded by the sRGB curve unless `encoding` is linear; alpha is never decoded. Gray
-/// becomes RGB. Color profiles, EXIF orientation and OpenEXR's display window are ignored. An animated PNG gives its
+/// becomes RGB. Color profiles and EXIF orientation are ignored. An animated PNG gives its
 /// first frame. HDR values are used as stored (EXPOSURE is ignored); PFM values are multiplied by the magnitude of the
-/// header's scale. Pixels of an OpenEXR file are those of its data window. NaN and infinities are kept: see
-/// [`Image::non_finite`].
+/// header's scale. NaN and infinities are kept: see [`Image::non_finite`].
 ///
-/// Of an OpenEXR file, the first of these that exists is read, with the `A` of the same layer as alpha:
-/// * channels `R`, `G`, `B` without a layer name,
-/// * channel `Y` without a layer name,
-/// * `R`, `G`, `B` of the first layer that has them,
-/// * `Y` of the first layer that has it,
+/// Pixels of an OpenEXR file are those of its data window. Colours of other chromaticities are converted to Rec. 709, unless
+/// `encoding` is linear; channels may become negative. Of its layers, the first of these is read, with its own alpha
+/// ([`Layers::image`](super::Layers::image)):
+/// * channels `R`, `G`, `B` (or `Y`) without a layer name,
+/// * the layer that is named as an image, such as `Combined`, `rgba` or `beauty`, unless it is 0 everywhere,
+/// * the only layer with the channels of an image,
 /// * the only channel of the file,
 /// * any of `R`, `G`, `B`, the others 0.
 ///
 /// `file_name` is used for messages and for its extension.
 ///
 /// # Errors
-/// Any fault of the file, with its name and the byte offset. An image whose reading would take more than 256 MiB + 16 x
+/// Any fault of the file, with its name and the byte offset. [`ImageError::Ambiguous`] for an OpenEXR file with several
+/// images. An image whose reading would take more than 256 MiB + 16 x
 /// `bytes.len()` is refused before memory is allocated: see [`ImageError::TooLarge`]. Images of up to 5 million pixels
 /// always pass (4 million with alpha, 3.5 million for a progressive JPEG).
 pub fn read_image(bytes: &[u8], file_name: &str, encoding: Encoding) -> Result<Image, ImageError> {
-    let format = format_of(bytes, file_name);
-    let format = format.ok_or_else(|| ImageError::UnknownContent(file_name.to_owned()))?;
-    let file = File { bytes, name: file_name, format };
+    read_image_file(bytes, file_name, encoding, None).map(|file| file.image)
+}
+
+/// Reads an image that scatters or gives light, and notices about it. Channels that are negative after the conversion
+/// of colours outside of Rec. 709 become 0.
+///
+/// # Errors
+/// Those of [`read_image`], and [`ImageError::NotFinite`].
+pub fn read_texture(bytes: &[u8], file_name: &str, encoding: Encoding) -> Result<(Image, Vec<String>), ImageError> {
+    let ImageFile { image, mut notices, converted, .. } = read_image_file(bytes, file_name, encoding, None)?;
+    let mut image = image.checked_finite(file_name)?;
+    let outside = |pixel: &&mut [f32; 3]| converted && pixel.iter().any(|channel| *channel < 0.0);
+    let mut clamped = 0;
+    for pixel in image.pixels.iter_mut().filter(outside) {
+        *pixel = pixel.map(|channel| channel.max(0.0));
+        clamped += 1;
+    }
+    if clamped > 0 {
+        notices.push(format!("{clamped} pixels are outside of Rec. 709; 0 stands for their negative channels"));
+    }
+    notices.iter_mut().for_each(|notice| *notice = format!("{file_name}: {notice}"));
+    Ok((image, notices))
+}
+
+/// Reads an image as [`read_image`] does, with what the file tells of it. `layer` is a layer of an OpenEXR file; `None`
+/// is its main one.
+///
+/// # Errors
+/// Those of [`read_image`], and [`ImageError::Unsupported`] for a layer that the file lacks.
+pub fn read_image_file(
+    bytes: &[u8],
+    file_name: &str,
+    encoding: Encoding,
+    layer: Option<&str>,
+) -> Result<ImageFile, ImageError> {
+    let file = open(bytes, file_name)?;
+    if file.format == OPENEXR {
+        return exr_file::read(&file, layer, encoding);
+    }
+    let image = read_flat(&file, encoding)?;
+    Ok(ImageFile { image, window: None, notices: Vec::new(), converted: false })
+}
+
+fn open<'a>(bytes: &'a [u8], name: &'a str) -> Result<File<'a>, ImageError> {
+    let format = format_of(bytes, name).ok_or_else(|| ImageError::UnknownContent(name.to_owned()))?;
+    Ok(File { bytes, name, format })
+}
+
+/// Reads what a file of a format other than OpenEXR holds.
+pub(super) fn flat_info(bytes: &[u8], name: &str) -> Result<ImageInfo, ImageError> {
+    let file = open(bytes, name)?;
     let mut cursor = Cursor::new(bytes);
-    let image = match format {
-        OPENEXR => return openexr::read(&file),
-        PFM => return pfm::read(&file),
+    let about = |decoder: &dyn ImageDecoder| (decoder.dimensions(), decoder.color_type());
+    let opened = match file.format {
+        PFM => return pfm::info(&file),
+        PNG => PngDecoder::with_limits(&mut cursor, check_png(&file)?).map(|decoder| about(&decoder)),
+        JPEG => JpegDecoder::new(&mut cursor).map(|decoder| about(&decoder)),
+        HDR => HdrDecoder::new_nonstrict(&mut cursor).map(|decoder| about(&decoder)),
+        _ => TgaDecoder::new(&mut cursor).map(|decoder| about(&decoder)),
+    };
+    let ((width, height), color) = opened.map_err(|e| file.fault(Fault::Decoder(e), cursor.position() as usize))?;
+    let channels = match (color.channel_count(), color.has_alpha()) {
+        (1, _) => "Y",
+        (2, _) => "Y, A",
+        (_, false) => "R, G, B",
+        (_, true) => "R, G, B, A",
+    };
+    let values = match (file.format, color.bytes_per_pixel() / color.channel_count()) {
+        (HDR, _) => "8 bits and a common exponent",
+        (_, 1) => "8 bits",
+        _ => "16 bits",
+    };
+    Ok(ImageInfo::Flat { format: file.format, size: [width, height], channels, values })
+}
+
+/// Reads a file of a format other than OpenEXR.
+fn read_flat(file: &File<'_>, encoding: Encoding) -> Result<Image, ImageError> {
+    let mut cursor = Cursor::new(file.bytes);
+    let image = match file.format {
+        PFM => return pfm::read(file),
         PNG => {
-            let limits = check_png(&file)?;
-            decode(&file, encoding, 0, PngDecoder::with_limits(&mut cursor, limits))
+            let limits = check_png(file)?;
+            decode(file, encoding, 0, PngDecoder::with_limits(&mut cursor, limits))
         }
         JPEG => {
-            let working = check_jpeg(&file)?;
-            decode(&file, encoding, working, JpegDecoder::new(&mut cursor))
+            let working = check_jpeg(file)?;
+            decode(file, encoding, working, JpegDecoder::new(&mut cursor))
         }
         HDR => {
-            check_hdr(&file)?;
-            decode(&file, encoding, 0, HdrDecoder::new_nonstrict(&mut cursor))
+            check_hdr(file)?;
+            decode(file, encoding, 0, HdrDecoder::new_nonstrict(&mut cursor))
         }
-        _ => decode(&file, encoding, tga_copy(&file), TgaDecoder::new(&mut cursor)),
+        _ => decode(file, encoding, tga_copy(file), TgaDecoder::new(&mut cursor)),
     };
-    image.map_err(|fault| match fault {
-        Fault::Ours(error) => error,
-        Fault::Decoder(Decoder::IoError(e)) if e.kind() == ErrorKind::UnexpectedEof => file.truncated(),
-        Fault::Decoder(Decoder::Unsupported(e)) => {
-            file.unsupported(&format!("what this file uses ({e})"), "RGB of 8 bits per channel")
-        }
-        Fault::Decoder(error) => file.malformed(cursor.position() as usize, error),
-    })
+    image.map_err(|fault| file.fault(fault, cursor.position() as usize))
 }
 
 const PNG: &str = "PNG";
@@ -132,6 +213,17 @@ impl File<'_> {
         ImageError::Unsupported(format!("{name}: {what} in {format} files is not supported; save it as {instead}"))
     }
 
+    fn fault(&self, fault: Fault<Decoder>, position: usize) -> ImageError {
+        match fault {
+            Fault::Ours(error) => error,
+            Fault::Decoder(Decoder::IoError(e)) if e.kind() == ErrorKind::UnexpectedEof => self.truncated(),
+            Fault::Decoder(Decoder::Unsupported(e)) => {
+                self.unsupported(&format!("what this file uses ({e})"), "RGB of 8 bits per channel")
+            }
+            Fault::Decoder(error) => self.malformed(position, error),
+        }
+    }
+
     /// Returns the largest memory in bytes that reading the file may take, the file included.
     fn memory_limit(&self) -> u64 {
         FREE_BYTES.saturating_add((self.bytes.len() as u64).saturating_mul(BYTES_PER_BYTE))
@@ -161,7 +253,7 @@ impl File<'_> {
 }
 
 /// Returns the name of a file's format; `None` for an unknown one.
-fn format_of(bytes: &[u8], name: &str) -> Option<&'static str> {
+pub(super) fn format_of(bytes: &[u8], name: &str) -> Option<&'static str> {
     const STARTS: [(&[u8], &str); 7] = [
         (b"\x89PNG\r\n\x1a\n", PNG),
         (b"\xff\xd8\xff", JPEG),

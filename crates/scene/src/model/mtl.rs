@@ -2,7 +2,7 @@
 
 use super::{GREY, add_material};
 use crate::files::Files;
-use crate::image::{Encoding, Image, read_image};
+use crate::image::{Encoding, Image, read_texture};
 use crate::{Color, MaterialId, Scene, Source, TextureKind};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -92,11 +92,13 @@ impl Materials {
         let bytes = files.read(&path).map_err(|e| format!("{}: {e}", path.display()));
         let read = |bytes: Vec<u8>| {
             let name = path.display().to_string();
-            let image = read_image(&bytes, &name, Encoding::Auto).and_then(|p| p.checked_finite(&name));
-            image.map_err(|e| e.to_string())
+            read_texture(&bytes, &name, Encoding::Auto).map_err(|e| e.to_string())
         };
         let image = match bytes.and_then(read) {
-            Ok(image) => Some(Arc::new(image)),
+            Ok((image, notices)) => {
+                notices.into_iter().for_each(|notice| scene.warn(source, notice));
+                Some(Arc::new(image))
+            }
             Err(e) => {
                 scene.warn(source, format!("the texture cannot be read, Kd stands for it: {e}"));
                 None

@@ -3,7 +3,7 @@
 use super::params::Params;
 use super::tokens::shown;
 use super::version::Version;
-use crate::image::{Encoding, Image, ImageError, read_image};
+use crate::image::{Encoding, Image, ImageError, read_texture};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -62,6 +62,8 @@ impl Decoding {
 pub(super) enum Channel {
     /// The colour (RGB).
     Rgb,
+    /// Three numbers that are no colour, as in a normal map.
+    Vector,
     /// Opacity if it is not 1 everywhere, else the mean of R, G and B, as in pbrt-v4.
     AlphaOrMean,
     /// Luminance of the colour, as in pbrt-v2 and v3.
@@ -71,9 +73,10 @@ pub(super) enum Channel {
 impl Channel {
     fn of(self, mut image: Image) -> Image {
         // A float texture does not need the opacity besides its values.
-        let alpha = if self == Self::Rgb { Vec::new() } else { std::mem::take(&mut image.alpha) };
+        let alpha =
+            if matches!(self, Self::Rgb | Self::Vector) { Vec::new() } else { std::mem::take(&mut image.alpha) };
         match self {
-            Self::Rgb => {}
+            Self::Rgb | Self::Vector => {}
             Self::AlphaOrMean if !alpha.is_empty() => {
                 image.pixels = alpha.into_iter().map(|a| [a; 3]).collect();
             }
@@ -88,17 +91,23 @@ impl Channel {
     }
 }
 
-/// Decodes an image file. `name` is its name in messages.
-pub(super) fn decode(bytes: &[u8], name: &str, (decoding, channel): ReadAs) -> Result<Image, ImageError> {
-    let encoding = if decoding == Decoding::Srgb { Encoding::Srgb } else { Encoding::Linear };
-    let mut image = read_image(bytes, name, encoding)?.checked_finite(name)?;
+/// Decodes an image file. `name` is its name in messages. Returns notices, too.
+pub(super) fn decode(
+    bytes: &[u8],
+    name: &str,
+    (decoding, channel): ReadAs,
+) -> Result<(Image, Vec<String>), ImageError> {
+    // Floats are linear either way, but only colours have a colour space.
+    let is_color = channel == Channel::Rgb && (decoding == Decoding::Srgb || !holds_integers(bytes));
+    let encoding = if is_color || decoding == Decoding::Srgb { Encoding::Srgb } else { Encoding::Linear };
+    let (mut image, notices) = read_texture(bytes, name, encoding)?;
     if let Decoding::Gamma(bits) = decoding
         && holds_integers(bytes)
     {
         let gamma = f32::from_bits(bits);
         image.pixels.iter_mut().for_each(|p| *p = p.map(|c| c.powf(gamma)));
     }
-    Ok(channel.of(image))
+    Ok((channel.of(image), notices))
 }
 
 /// Returns true if a file's values are encoded integers, false for OpenEXR, Radiance HDR and PFM files, which hold

@@ -94,7 +94,9 @@ impl<'a> Reader<'a> {
             return Some(image.clone());
         }
         let image = decode(&self.load(&key.0, source)?, name, read_as);
-        let image = Arc::new(image.map_err(|e| self.log.problem(source, e.to_string())).ok()?);
+        let (image, notices) = image.map_err(|e| self.log.problem(source, e.to_string())).ok()?;
+        notices.into_iter().for_each(|notice| self.log.notice(source, notice));
+        let image = Arc::new(image);
         self.images.insert(key, image.clone());
         Some(image)
     }

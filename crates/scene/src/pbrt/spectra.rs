@@ -1,9 +1,9 @@
 //! Conversion of colours, spectra and named metals, glasses and illuminants to linear RGB. Files of spectra.
 
-use super::colorimetry::{Sampled, blackbody, blackbody_of_peak_one, rgb_of_chromaticity, rgb_of_xyz};
 use super::params::{Params, Type, Values};
 use super::tokens::shown;
 use super::version::Version;
+use crate::colorimetry::{Sampled, blackbody, blackbody_of_peak_one, rgb_of_chromaticity, rgb_of_xyz};
 use glam::DVec3;
 use std::str::FromStr;
 

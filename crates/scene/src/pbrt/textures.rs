@@ -170,7 +170,7 @@ impl Reader<'_> {
     /// Makes the texture of a material's normal map; `None` if the parameters name no file, or the file cannot be read.
     pub(super) fn normal_map(&mut self, params: &mut Params) -> Option<TextureId> {
         let (file, line) = params.text("normalmap")?;
-        let image = self.image(&file, (Decoding::Linear, Channel::Rgb), &params.at(line))?;
+        let image = self.image(&file, (Decoding::Linear, Channel::Vector), &params.at(line))?;
         match self.add_texture(&file, TextureKind::image(image, 1.0), params) {
             Color::Texture(id) => Some(id),
             Color::Constant(_) => None,

@@ -7,7 +7,7 @@ use glam::DVec3;
 use polygon::triangulate;
 use tokens::{Kind, Token, Tokens, number, unescape};
 
-#[path = "../../src/pbrt/colorimetry.rs"]
+#[path = "../../src/colorimetry.rs"]
 mod colorimetry;
 #[path = "../../src/polygon.rs"]
 mod polygon;

@@ -48,10 +48,11 @@ fn foreign_exr() -> Vec<u8> {
 
 #[test]
 fn whole_numbers_of_a_header_are_read() {
-    let found = read_integers(&foreign_exr(), "a.exr").unwrap();
+    let integers = |bytes: Vec<u8>| ExrFile::open(bytes, "a.exr").unwrap().integers(0);
+    let found = integers(foreign_exr());
     assert!(found.contains(&("samplesPerPixel".to_owned(), 16)), "{found:?}");
     let ours = encode_exr([5, 3], &[Layer::of_image("", &image())], &[]).unwrap();
-    assert!(read_integers(&ours.bytes, "b.exr").unwrap().iter().all(|(name, _)| name != "samplesPerPixel"));
+    assert!(integers(ours.bytes).iter().all(|(name, _)| name != "samplesPerPixel"));
 }
 
 /// A name and a small file of every format.
@@ -129,6 +130,34 @@ fn files_cut_at_any_byte_are_errors() {
 }
 
 #[test]
+fn every_format_tells_what_it_holds() {
+    let flat = |name: &str| {
+        let bytes = small_files().into_iter().find(|(known, _)| *known == name).unwrap().1;
+        match image_info(&bytes, name).unwrap() {
+            ImageInfo::Flat { format, size: [w, h], channels, values } => {
+                format!("{format} {w}x{h} {channels} {values}")
+            }
+            ImageInfo::Exr(parts) => parts.iter().map(|p| format!("{}:{} ", p.name, p.channels.len())).collect(),
+        }
+    };
+    assert_eq!(flat("a.png"), "PNG 5x3 R, G, B 8 bits");
+    assert_eq!(flat("16.png"), "PNG 5x3 R, G, B, A 16 bits");
+    assert_eq!(flat("a.jpg"), "JPEG 5x3 R, G, B 8 bits");
+    assert_eq!(flat("a.tga"), "TGA 5x3 R, G, B 8 bits");
+    assert_eq!(flat("a.hdr"), "Radiance HDR 9x3 R, G, B 8 bits and a common exponent");
+    assert_eq!(flat("a.pfm"), "PFM 5x3 R, G, B float");
+    assert_eq!(flat("foreign.exr"), "depth:1 color:3 ");
+}
+
+#[test]
+fn deep_data_is_refused_by_its_name() {
+    let mut bytes = small_files()[6].1.clone();
+    bytes[5] |= 0x08;
+    let message = read("a.exr", &bytes).unwrap_err().to_string();
+    assert_eq!(message, "a.exr: deep data in OpenEXR files is not supported; save it as a flat image");
+}
+
+#[test]
 fn damaged_files_never_panic() {
     let mut random = rand_pcg::Pcg64::seed_from_u64(8);
     for (name, bytes) in small_files() {
@@ -143,6 +172,12 @@ fn damaged_files_never_panic() {
             }
             let _ = read_channels(&bytes, name);
             let _ = read_attributes(&bytes, name);
+            let _ = image_info(&bytes, name);
+            if let Ok(file) = ExrFile::open(bytes, name) {
+                let window = file.parts[0].data_window;
+                let edit = ExrEdit { part: 0, window, channels: vec![("R".into(), vec![1.0; window.pixels()].into())] };
+                let _ = file.rewritten(&[edit], &[]);
+            }
         }
     }
 }

@@ -15,7 +15,7 @@ static TABLE: LazyLock<Vec<DVec4>> = LazyLock::new(|| {
 });
 
 /// Converts XYZ to linear sRGB [IEC 61966-2-1] without clipping.
-pub(super) fn rgb_of_xyz(xyz: DVec3) -> DVec3 {
+pub(crate) fn rgb_of_xyz(xyz: DVec3) -> DVec3 {
     DMat3::from_cols_array_2d(&[
         [3.240_969_942, -0.969_243_636, 0.055_630_080],
         [-1.537_383_178, 1.875_967_502, -0.203_976_959],
@@ -52,7 +52,7 @@ fn xyz(spectrum: impl Fn(f64) -> f64, under_d65: bool) -> DVec3 {
 /// A spectrum as a file gives it: pairs of wavelength (nm) and value, linear between wavelengths and constant before
 /// the first and after the last.
 #[derive(Clone, Debug)]
-pub(super) struct Sampled {
+pub(crate) struct Sampled {
     pairs: Vec<[f64; 2]>,
 }
 
@@ -61,7 +61,7 @@ impl Sampled {
     ///
     /// # Errors
     /// Returns a message that is to follow the name of the parameter.
-    pub(super) fn new(numbers: &[f64]) -> Result<Self, String> {
+    pub(crate) fn new(numbers: &[f64]) -> Result<Self, String> {
         let (pairs, rest) = numbers.as_chunks::<2>();
         if pairs.is_empty() || !rest.is_empty() {
             return Err(format!("takes wavelengths and values in turn, not {} numbers", numbers.len()));
@@ -76,18 +76,18 @@ impl Sampled {
     }
 
     /// Returns the spectrum's value if it is equal at all wavelengths, else `None`.
-    pub(super) fn constant(&self) -> Option<f64> {
+    pub(crate) fn constant(&self) -> Option<f64> {
         let [_, value] = self.pairs[0];
         self.pairs.iter().all(|p| p[1] == value).then_some(value)
     }
 
     /// Returns the spectrum's smallest value.
-    pub(super) fn least(&self) -> f64 {
+    pub(crate) fn least(&self) -> f64 {
         self.pairs.iter().fold(f64::INFINITY, |least, p| least.min(p[1]))
     }
 
     /// Returns the spectrum's value at a wavelength in nm.
-    pub(super) fn at(&self, wavelength: f64) -> f64 {
+    pub(crate) fn at(&self, wavelength: f64) -> f64 {
         let above = self.pairs.partition_point(|p| p[0] <= wavelength);
         match (above.checked_sub(1).map(|i| self.pairs[i]), self.pairs.get(above)) {
             (Some([x0, y0]), Some(&[x1, y1])) => y0 + (y1 - y0) * ((wavelength - x0) / (x1 - x0)),
@@ -97,20 +97,20 @@ impl Sampled {
     }
 
     /// Returns the linear sRGB colour of a reflectance spectrum under D65. A constant spectrum is gray.
-    pub(super) fn rgb_under_d65(&self) -> DVec3 {
+    pub(crate) fn rgb_under_d65(&self) -> DVec3 {
         // At this step the white of the tables is off by 0.3 % in blue. The division removes the error.
         rgb_of_xyz(xyz(|w| self.at(w), true)) / rgb_of_xyz(xyz(|_| 1.0, true))
     }
 
     /// Returns the linear sRGB colour of the spectrum without an illuminant (equal energy), as in pbrt-v2 and v3. The
-    /// metals in [`super::spectra`] were converted in this way.
-    pub(super) fn rgb(&self) -> DVec3 {
+    /// metals in `pbrt/spectra.rs` were converted in this way.
+    pub(crate) fn rgb(&self) -> DVec3 {
         rgb_of_xyz(xyz(|w| self.at(w), false))
     }
 
     /// Returns the linear sRGB colour of the spectrum as light, scaled to luminance 1; `None` if the spectrum has no
     /// visible part.
-    pub(super) fn rgb_of_luminance_one(&self) -> Option<DVec3> {
+    pub(crate) fn rgb_of_luminance_one(&self) -> Option<DVec3> {
         let xyz = xyz(|w| self.at(w), false);
         let rgb = rgb_of_xyz(xyz / xyz.y);
         (xyz.y > 0.0 && rgb.is_finite()).then_some(rgb)
@@ -118,13 +118,13 @@ impl Sampled {
 }
 
 /// Returns the linear sRGB colour of light with CIE chromaticity `x, y` and luminance 1.
-pub(super) fn rgb_of_chromaticity([x, y]: [f64; 2]) -> DVec3 {
+pub(crate) fn rgb_of_chromaticity([x, y]: [f64; 2]) -> DVec3 {
     rgb_of_xyz(dvec3(x / y, 1.0, (1.0 - x - y) / y))
 }
 
 /// Returns the linear sRGB colour of a black body at a temperature in kelvin, scaled to luminance 1. Channels may be
 /// negative. `None` if it emits no visible light.
-pub(super) fn blackbody(kelvin: f64) -> Option<DVec3> {
+pub(crate) fn blackbody(kelvin: f64) -> Option<DVec3> {
     // The division by Y removes the factor of `planck`, which keeps cold bodies from underflow.
     let xyz = xyz(|wavelength| planck(wavelength, kelvin, 555.0), false);
     let rgb = rgb_of_xyz(xyz / xyz.y);
@@ -133,7 +133,7 @@ pub(super) fn blackbody(kelvin: f64) -> Option<DVec3> {
 
 /// Returns the linear sRGB colour of a black body at a temperature in kelvin, scaled to a spectral maximum of 1, as in
 /// pbrt-v3. `None` if the colour is not finite.
-pub(super) fn blackbody_of_peak_one(kelvin: f64) -> Option<DVec3> {
+pub(crate) fn blackbody_of_peak_one(kelvin: f64) -> Option<DVec3> {
     /// Wien's displacement constant in nm K [CODATA 2018].
     const WIEN: f64 = 2.897_771_955e6;
     let peak = WIEN / kelvin;

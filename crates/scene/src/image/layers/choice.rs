@@ -1,0 +1,220 @@
+//! The choice of an image among the layers of a file, and of the layers that belong to it.
+
+use super::{ExrPart, FoundLayer, Group, LayerKind, Layers, NOISY, first_moment_of, is_feature};
+use LayerKind::{Color, SecondMoment};
+
+/// The use of an image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Purpose {
+    /// To be denoised: the noisy image of a view layer, not a composite of several.
+    Denoising,
+    /// To be shown, measured or used as a texture: the finished image.
+    Showing,
+}
+
+/// An image that was chosen.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ChosenImage {
+    /// The layer.
+    pub layer: FoundLayer,
+    /// Names of layers that come first but are 0 everywhere.
+    pub empty: Vec<String>,
+    /// Names of other images of the same view.
+    pub others: Vec<String>,
+}
+
+/// The reason why no image was chosen.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum NoImage {
+    /// No layer has the channels and the name of an image.
+    Missing,
+    /// Several layers may be meant; these are their names.
+    Ambiguous(Vec<String>),
+}
+
+impl Layers {
+    /// Chooses an image in the first view that has one. Channels without a layer come first, then the layers named as
+    /// images of each view layer. An image that `is_zero` finds to be 0 everywhere gives way to others. For
+    /// [`Purpose::Showing`], the only layer with the channels of an image is taken whatever its name.
+    ///
+    /// # Errors
+    /// Those of `is_zero`. The inner result is the reason why there is no choice.
+    pub fn image<E>(
+        &self,
+        purpose: Purpose,
+        mut is_zero: impl FnMut(&FoundLayer) -> Result<bool, E>,
+    ) -> Result<Result<ChosenImage, NoImage>, E> {
+        let named = self.views.iter().map(|view| self.images(purpose, view));
+        let unnamed = self.views.iter().flat_map(|view| [false, true].map(|grey| self.unnamed(view, grey)));
+        let unnamed = unnamed.filter(|_| purpose == Purpose::Showing);
+        let Some(mut candidates) = named.chain(unnamed).find(|found| !found.is_empty()) else {
+            return Ok(Err(NoImage::Missing));
+        };
+        let names = |layers: &[FoundLayer]| layers.iter().map(FoundLayer::shown).collect::<Vec<_>>();
+        candidates.sort_by_key(|layer| self.rank(layer, purpose));
+        let mut empty = Vec::new();
+        let single = candidates.len() == 1;
+        for alike in candidates.chunk_by(|a, b| self.rank(a, purpose) == self.rank(b, purpose)) {
+            let mut full = Vec::new();
+            for layer in alike {
+                if !single && is_zero(layer)? { empty.push(layer.shown()) } else { full.push(layer.clone()) }
+            }
+            match &full[..] {
+                [] => {}
+                [layer] => {
+                    let mut others = names(&candidates);
+                    others.retain(|name| *name != layer.shown() && !empty.contains(name));
+                    return Ok(Ok(ChosenImage { layer: layer.clone(), empty, others }));
+                }
+                _ => return Ok(Err(NoImage::Ambiguous(names(&full)))),
+            }
+        }
+        // All are 0 everywhere.
+        Ok(Ok(ChosenImage { layer: candidates.swap_remove(0), empty: Vec::new(), others: Vec::new() }))
+    }
+
+    /// The order of images: those without a view layer; a composite to be shown; others; a composite to be denoised.
+    fn rank(&self, image: &FoundLayer, purpose: Purpose) -> u8 {
+        let view_layer = &self.groups[image.group].view_layer;
+        let is_composite = view_layer.last().is_some_and(|name| name.eq_ignore_ascii_case("composite"));
+        match (is_composite, purpose) {
+            _ if view_layer.is_empty() => 0,
+            (true, Purpose::Showing) => 1,
+            (true, Purpose::Denoising) => 3,
+            (false, _) => 2,
+        }
+    }
+
+    /// The images of one view by their names: the best one of each view layer.
+    fn images(&self, purpose: Purpose, view: &str) -> Vec<FoundLayer> {
+        let names = Color.names();
+        let noisy = names.iter().filter(|name| NOISY.contains(name));
+        let finished = names.iter().filter(|name| !NOISY.contains(name));
+        let names: Vec<&str> = match purpose {
+            Purpose::Denoising => noisy.chain(finished).copied().collect(),
+            Purpose::Showing => finished.chain(noisy).copied().collect(),
+        };
+        let order = |group: &Group| {
+            let pass = group.pass.to_lowercase();
+            Some((group.is_grey(), names.iter().position(|name| *name == pass)?))
+        };
+        let mut images: Vec<usize> = (0..self.groups.len()).filter(|&i| self.is_image(i, view)).collect();
+        images.sort_by_key(|&i| order(&self.groups[i]));
+        let mut best: Vec<usize> = Vec::new();
+        for image in images {
+            let place = |i: &usize| self.groups[*i].view_layer == self.groups[image].view_layer;
+            if order(&self.groups[image]).is_some() && !best.iter().any(place) {
+                best.push(image);
+            }
+        }
+        best.sort_unstable();
+        best.into_iter().filter_map(|group| self.found(group, Color)).collect()
+    }
+
+    /// All layers of one view with the channels of an image, in colour or in grey, whatever their names.
+    fn unnamed(&self, view: &str, grey: bool) -> Vec<FoundLayer> {
+        let images = (0..self.groups.len()).filter(|&i| self.is_image(i, view) && self.groups[i].is_grey() == grey);
+        images.filter_map(|group| self.found(group, Color)).collect()
+    }
+
+    fn is_image(&self, group: usize, view: &str) -> bool {
+        let group = &self.groups[group];
+        group.view == view && group.image().is_some() && first_moment_of(&group.name).is_none()
+    }
+
+    /// Finds the layer of a kind that belongs to an image by its known names: in the same view layer, else in one above
+    /// or below it that has no image of its own.
+    pub fn guide(&self, kind: LayerKind, image: &FoundLayer) -> Option<FoundLayer> {
+        let images = self.images(Purpose::Denoising, &image.view);
+        let place = &self.groups[image.group];
+        let owners: Vec<&[String]> = images.iter().map(|i| &self.groups[i.group].view_layer[..]).collect();
+        let candidates = || (0..self.groups.len()).filter(|&i| self.groups[i].view == image.view);
+        let own = candidates().filter(|&i| self.groups[i].view_layer == place.view_layer);
+        if let Some(found) = self.first_of(kind, own) {
+            return Some(found);
+        }
+        let belongs = |&i: &usize| {
+            let (own, other) = (&place.view_layer[..], &self.groups[i].view_layer[..]);
+            let has_image = owners.contains(&other);
+            let only = owners.iter().filter(|owner| **owner != own).count();
+            let near = own.starts_with(other) || other.starts_with(own);
+            // Programs write the data of one image into a part of its own.
+            let beside = only == 0 && self.groups[i].part != place.part;
+            own != other && if has_image { own.is_empty() && only == 1 } else { near || beside }
+        };
+        let around: Vec<usize> = candidates().filter(belongs).collect();
+        let found: Vec<FoundLayer> = around.iter().filter_map(|&i| self.first_of(kind, [i].into_iter())).collect();
+        let view_layer = |layer: &FoundLayer| &self.groups[layer.group].view_layer;
+        let unique = found.iter().all(|layer| view_layer(layer) == view_layer(&found[0]));
+        self.first_of(kind, around.into_iter()).filter(|_| unique)
+    }
+
+    /// The layer of a kind with the best name among these groups.
+    fn first_of(&self, kind: LayerKind, groups: impl Iterator<Item = usize> + Clone) -> Option<FoundLayer> {
+        if kind == SecondMoment {
+            return groups.filter(|&i| self.is_second_moment_of_image(i)).find_map(|i| self.found(i, kind));
+        }
+        let first = groups.filter(|&i| first_moment_of(&self.groups[i].name).is_none());
+        kind.names().iter().find_map(|name| {
+            let mut named = first.clone().filter(|&i| self.groups[i].pass.eq_ignore_ascii_case(name));
+            let whole = named.find_map(|i| self.found(i, kind));
+            whole.or_else(|| first.clone().find_map(|i| self.lone(i, kind, name)))
+        })
+    }
+
+    fn is_second_moment_of_image(&self, group: usize) -> bool {
+        let first = first_moment_of(&self.groups[group].name);
+        first.is_some_and(|first| self.named(&first).is_some() && !is_feature(&first))
+    }
+
+    /// The layer that shows the denoised image: the finished image beside a noisy one, else the layer itself.
+    pub fn shown_beside(&self, image: &FoundLayer) -> FoundLayer {
+        let place = &self.groups[image.group];
+        let finished = self.images(Purpose::Showing, &image.view);
+        let beside = finished.into_iter().find(|other| self.groups[other.group].view_layer == place.view_layer);
+        let is_noisy = NOISY.contains(&place.pass.to_lowercase().as_str());
+        beside.filter(|_| is_noisy).unwrap_or_else(|| image.clone())
+    }
+
+    /// The same layer in every view, this one first, and the views that lack it.
+    pub fn in_all_views(&self, image: &FoundLayer) -> (Vec<FoundLayer>, Vec<String>) {
+        let place = &self.groups[image.group];
+        let is = |group: &Group| group.pass.eq_ignore_ascii_case(&place.pass) && group.view_layer == place.view_layer;
+        let (mut found, mut missing) = (vec![image.clone()], Vec::new());
+        for view in self.views.iter().filter(|view| **view != image.view) {
+            let same = self.groups.iter().position(|group| group.view == *view && is(group));
+            match same.and_then(|group| self.found(group, Color)) {
+                Some(layer) => found.push(layer),
+                None if self.groups.iter().any(|group| group.view == *view) => missing.push(view.clone()),
+                None => {}
+            }
+        }
+        (found, missing)
+    }
+
+    /// The same layer in another view; `None` if that view lacks it.
+    pub fn in_view(&self, layer: &FoundLayer, view: &str) -> Option<FoundLayer> {
+        if layer.view == view {
+            return Some(layer.clone());
+        }
+        let place = &self.groups[layer.group];
+        let is = |group: &Group| group.pass == place.pass && group.view_layer == place.view_layer && group.view == view;
+        self.found(self.groups.iter().position(is)?, layer.kind)
+    }
+
+    /// The name of a channel in another layer at the place of `image`, which is in this part: `Front.error.Y` beside
+    /// `Front.Combined.R`.
+    pub fn channel_beside(&self, image: &FoundLayer, part: &ExrPart, layer: &str, letter: &str) -> String {
+        let Group { pass, view, .. } = &self.groups[image.group];
+        let mut path: Vec<&str> = part.channels[image.channels[0]].name.split('.').collect();
+        path.pop();
+        match path.iter().rposition(|name| name == pass) {
+            Some(at) => path[at] = layer,
+            // The view is the last name before the letter.
+            None if path.last() == Some(&view.as_str()) => path.insert(path.len() - 1, layer),
+            None => path.push(layer),
+        }
+        path.push(letter);
+        path.join(".")
+    }
+}
