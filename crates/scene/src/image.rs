@@ -28,6 +28,7 @@ mod exr_file;
 mod exr_rewrite;
 mod exr_write;
 mod file;
+mod hdr;
 mod info;
 mod layers;
 mod openexr;

@@ -1,6 +1,7 @@
 //! Reading and describing scenes, as one test program: linking takes longer than compiling.
 
 mod bundled;
+mod corpus;
 mod effects_found;
 mod effects_removed;
 mod fuzz_corpus;
@@ -18,3 +19,4 @@ mod reader_old;
 mod reader_parts;
 mod reader_scenes;
 mod support;
+mod text;
