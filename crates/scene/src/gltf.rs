@@ -65,8 +65,8 @@ struct Reader<'a> {
     source: &'a Source,
     /// Images by their index, each decoded once for every part that is read; `None` for one that cannot be read.
     images: BTreeMap<(usize, textures::Part), Option<Arc<Image>>>,
-    /// Materials by their index.
-    surfaces: BTreeMap<Option<usize>, materials::Surface>,
+    /// Materials by their index, and with vertex colours or without.
+    surfaces: BTreeMap<(Option<usize>, bool), materials::Surface>,
     /// Parts of meshes by the mesh's index.
     meshes: BTreeMap<usize, Vec<primitives::Part>>,
     objects: BTreeMap<usize, ObjectId>,

@@ -71,7 +71,7 @@ impl<'a> Use<'a> {
     }
 
     /// The scale and the shift of our texture coordinates, whose v is 1 minus that of glTF.
-    pub(super) fn transform(&self) -> [[f32; 2]; 2] {
+    fn transform(&self) -> [[f32; 2]; 2] {
         [self.scale, [self.offset[0], 1.0 - self.offset[1] - self.scale[1]]]
     }
 }
@@ -118,7 +118,7 @@ impl Reader<'_> {
     }
 
     /// Adds a notice if the coordinates of a use are rotated.
-    pub(super) fn check_rotation(&mut self, info: &Use<'_>) {
+    fn check_rotation(&mut self, info: &Use<'_>) {
         if info.rotated {
             let name = named("texture", info.texture.index(), info.texture.name());
             self.notice(format!("{name}: the rotation of its coordinates is left out"));
@@ -133,7 +133,7 @@ impl Reader<'_> {
     }
 
     /// A part of an image. `None`, with a notice, if it cannot be read.
-    pub(super) fn image(&mut self, index: usize, part: Part) -> Option<Arc<Image>> {
+    fn image(&mut self, index: usize, part: Part) -> Option<Arc<Image>> {
         if let Some(known) = self.images.get(&(index, part)) {
             return known.clone();
         }

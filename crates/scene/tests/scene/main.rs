@@ -5,6 +5,7 @@ mod effects_found;
 mod effects_removed;
 mod fuzz_corpus;
 mod gltf;
+mod gltf_surfaces;
 mod image;
 #[cfg(target_os = "linux")] // Reads /proc.
 mod image_memory;
