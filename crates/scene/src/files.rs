@@ -1,6 +1,9 @@
 //! Sources of file contents: disk or memory.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
+#[cfg(unix)]
+use std::ffi::{OsStr, OsString};
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -19,17 +22,42 @@ impl<F: Files + ?Sized> Files for &F {
     }
 }
 
-/// The files on disk. Devices and pipes are refused, since reading them may never end.
+/// The files on disk. Devices and pipes are refused, since reading them may never end. Where no file has a name in UTF-8,
+/// one of the same name in Latin-1 is read: texts and file systems may differ in their encoding.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Disk;
 
 impl Files for Disk {
     fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
-        if !std::fs::metadata(path)?.is_file() {
+        let found = std::fs::metadata(path).map(|about| (about, Cow::Borrowed(path)));
+        let latin = |e| {
+            let mut paths = in_latin1(path).into_iter();
+            paths.find_map(|path| Some((std::fs::metadata(&path).ok()?, Cow::Owned(path)))).ok_or(e)
+        };
+        let (about, path) = found.or_else(latin)?;
+        if !about.is_file() {
             return Err(io::Error::new(io::ErrorKind::InvalidInput, "not a regular file"));
         }
         std::fs::read(path)
     }
+}
+
+/// A path with its file name in Latin-1, and with all its names; none if it is ASCII, or not in UTF-8.
+#[cfg(unix)]
+fn in_latin1(path: &Path) -> Vec<PathBuf> {
+    use std::os::unix::ffi::OsStringExt;
+    let latin = |path: &OsStr| {
+        let text = path.to_str().filter(|text| !text.is_ascii())?;
+        let bytes: Option<Vec<u8>> = text.chars().map(|c| u8::try_from(c).ok()).collect();
+        bytes.map(OsString::from_vec)
+    };
+    let name = path.file_name().and_then(latin).map(|name| path.with_file_name(name));
+    name.into_iter().chain(latin(path.as_os_str()).map(PathBuf::from)).collect()
+}
+
+#[cfg(not(unix))]
+fn in_latin1(_: &Path) -> Vec<PathBuf> {
+    Vec::new()
 }
 
 impl Default for &dyn Files {

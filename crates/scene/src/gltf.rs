@@ -15,7 +15,7 @@ use crate::files::Files;
 use crate::image::Image;
 use crate::model::{ModelError as Fault, UpAxis, scene_of, studio};
 use crate::scene_reader::SceneReader;
-use crate::{ObjectId, Scene, Source};
+use crate::{ObjectId, Scene, Source, text};
 use ::gltf::json::validation::Checked;
 use ::gltf::{Document, json};
 use buffers::Buffers;
@@ -42,7 +42,7 @@ pub(crate) const READER: SceneReader = SceneReader {
     name: "glTF",
     extensions: &["gltf", "glb"],
     recognizes: |content| {
-        let start = content.trim_ascii_start();
+        let start = text::without_mark(content).unwrap_or_default().trim_ascii_start();
         let head = &start[..start.len().min(1 << 16)];
         let asset = || head.windows(7).any(|window| window == b"\"asset\"");
         content.starts_with(b"glTF") || (head.starts_with(b"{") && asset())
@@ -84,6 +84,10 @@ fn add_file(scene: &mut Scene, bytes: &[u8], files: &dyn Files, source: &Source)
     let document = &document(text, scene, source)?;
     let buffers = Buffers::read(document, blob, files, &source.file)?;
     let placed = nodes::place(document)?;
+    if let Some(empty) = nodes::first_scene(document).filter(|first| first.nodes().len() == 0) {
+        let name = named("scene", empty.index(), empty.name());
+        scene.warn(source, format!("{name} has no nodes; those of another scene, or else all, are shown"));
+    }
     let (images, surfaces, meshes, objects) = Default::default();
     let mut reader = Reader { scene, document, buffers, files, source, images, surfaces, meshes, objects };
     reader.add_shapes(&placed)?;
@@ -132,8 +136,8 @@ fn truncated(length: usize) -> Fault {
 
 /// Parses and checks the JSON part of a file. Extensions that are left out become notices.
 fn document(text: &[u8], scene: &mut Scene, source: &Source) -> Result<Document, Fault> {
-    let mut root: json::Root =
-        json::Root::from_slice(text).map_err(|e| Fault::at(e.line() as u32, format!("{e}; export the file again")))?;
+    let mut root =
+        root(&text::decode(text)?).map_err(|e| Fault::at(e.line() as u32, format!("{e}; export the file again")))?;
     if !root.asset.version.starts_with("2.") {
         let version = &root.asset.version;
         return Err(format!("the file has glTF version {version:?}; export version 2.0").into());
@@ -155,6 +159,19 @@ fn document(text: &[u8], scene: &mut Scene, source: &Source) -> Result<Document,
             None => "the file is invalid; export it again".into(),
         },
         other => other.to_string().into(),
+    })
+}
+
+/// Parses the JSON part of a file, of which a binary file may be padded with zeros.
+fn root(text: &str) -> serde_json::Result<json::Root> {
+    let text = text.trim_end_matches('\0');
+    json::Root::from_str(text).or_else(|e| {
+        // The library wants the nodes of a scene, which the specification doesn't.
+        let Ok(mut value) = serde_json::from_str::<serde_json::Value>(text) else { return Err(e) };
+        let scenes = value.get_mut("scenes").and_then(|scenes| scenes.as_array_mut());
+        let scenes = scenes.into_iter().flatten().filter_map(|scene| scene.as_object_mut());
+        scenes.for_each(|scene| _ = scene.entry("nodes").or_insert_with(|| serde_json::json!([])));
+        serde_json::from_value(value).or(Err(e))
     })
 }
 

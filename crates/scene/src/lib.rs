@@ -19,6 +19,7 @@ pub mod pbrt;
 mod polygon;
 mod readers;
 mod scene_reader;
+pub mod text;
 
 pub use description::*;
 pub use effects::{Albedo, Called, Effect, Effects, UnknownEffect, WithoutError};

@@ -2,7 +2,7 @@
 
 use crate::files::{Disk, Files};
 use crate::scene_reader::{AnyOptions, ReadError, SceneReader, unreadable};
-use crate::{Scene, Source};
+use crate::{Scene, Source, text};
 use std::cell::RefCell;
 use std::path::Path;
 use std::sync::Arc;
@@ -91,7 +91,10 @@ fn foreign_content(content: &[u8]) -> Option<String> {
     if let Some(advice) = compression(content) {
         return Some(advice.into());
     }
-    let text = after_prolog(content.strip_prefix(b"\xef\xbb\xbf").unwrap_or(content).trim_ascii_start());
+    let text = match text::without_mark(content) {
+        Ok(text) => after_prolog(text.trim_ascii_start()),
+        Err(advice) => return Some(advice.into()),
+    };
     let known = FOREIGN.iter().find(|format| format.2.iter().any(|start| text.starts_with(start)));
     known.filter(|format| format.0 != "3ds Max" || is_3ds(content)).map(message)
 }

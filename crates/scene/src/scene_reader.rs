@@ -75,15 +75,6 @@ impl ModelOptions {
     }
 }
 
-/// The first word of a text, after empty lines and `#` comments. Only the first 64 KiB count.
-pub(crate) fn first_word(content: &[u8]) -> Option<&[u8]> {
-    let head = &content[..content.len().min(1 << 16)];
-    let head = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(head);
-    let mut lines = head.split(|byte| matches!(byte, b'\n' | b'\r')).map(<[u8]>::trim_ascii);
-    let first = lines.find(|line| !line.is_empty() && !line.starts_with(b"#"))?;
-    first.split(|byte| byte.is_ascii_whitespace() || matches!(byte, b'"' | b'[')).next()
-}
-
 /// Makes the error of a file that cannot be opened.
 pub(crate) fn unreadable(source: Source, e: &std::io::Error) -> ReadError {
     let message = format!("cannot read {}: {e}; check the name and that the file is there", source.file.display());

@@ -2,6 +2,7 @@
 
 use super::{Fault, named};
 use crate::files::Files;
+use crate::text;
 use ::gltf::accessor::{Accessor, DataType};
 use ::gltf::{Document, buffer};
 use base64::Engine;
@@ -159,5 +160,5 @@ fn unescaped(uri: &str) -> String {
         bytes.push(escaped.unwrap_or(byte));
         at += if escaped.is_some() { 3 } else { 1 };
     }
-    String::from_utf8_lossy(&bytes).into_owned()
+    text::lossless(&bytes).into_owned()
 }

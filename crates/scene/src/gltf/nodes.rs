@@ -5,7 +5,7 @@ use crate::{Camera, FilmSettings, Light, LightKind, Projection, SpotFalloff};
 use ::gltf::json::camera::{Orthographic, Perspective};
 use ::gltf::khr_lights_punctual::Kind;
 use ::gltf::scene::Transform;
-use ::gltf::{Document, Node, json};
+use ::gltf::{Document, Node, Scene, json};
 use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3};
 
 /// The deepest nesting of nodes.
@@ -23,11 +23,16 @@ pub(super) struct Placed<'a> {
     pub(super) to_world: DAffine3,
 }
 
-/// Returns the nodes of the default scene (else of the first, else all), parents before children.
+/// The default scene, else the first.
+pub(super) fn first_scene(document: &Document) -> Option<Scene<'_>> {
+    document.default_scene().or_else(|| document.scenes().next())
+}
+
+/// Returns the nodes of the default scene (else of the first that has nodes, else all), parents before children.
 pub(super) fn place(document: &Document) -> Result<Vec<Placed<'_>>, Fault> {
     let mut placed = Vec::new();
     let mut seen = vec![false; document.nodes().len()];
-    let scene = document.default_scene().or_else(|| document.scenes().next());
+    let scene = first_scene(document).into_iter().chain(document.scenes()).find(|scene| scene.nodes().len() > 0);
     let roots: Vec<Node<'_>> = match scene {
         Some(scene) => scene.nodes().collect(),
         None => {

@@ -3,8 +3,9 @@
 use super::{GREY, add_material};
 use crate::files::Files;
 use crate::image::{Encoding, Image, read_image};
-use crate::{Color, MaterialId, Scene, Source, TextureKind};
+use crate::{Color, MaterialId, Scene, Source, TextureKind, text};
 use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Display;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -18,14 +19,24 @@ pub(super) struct Materials {
 }
 
 impl Materials {
-    pub(super) fn open(&mut self, scene: &mut Scene, name: &str, files: &dyn Files, source: &Source) {
+    /// Reads the material files that the argument of a `mtllib` names: one, whose name may hold blanks, or several.
+    pub(super) fn open(&mut self, scene: &mut Scene, argument: &str, files: &dyn Files, source: &Source) {
+        let whole = text::names(argument).find_map(|name| self.read(scene, name, files, source).ok());
+        if whole.is_none() {
+            for name in several(argument) {
+                if let Err(what) = self.read(scene, name, files, source) {
+                    scene.warn(source, what);
+                }
+            }
+        }
+    }
+
+    /// Reads a material file. The error is a message.
+    fn read(&mut self, scene: &mut Scene, name: &str, files: &dyn Files, source: &Source) -> Result<(), String> {
         let path = beside(&source.file, name);
-        let fault = |e| format!("the materials of {} cannot be read ({e}); grey instead", path.display());
-        let bytes = match files.read(&path).map_err(fault) {
-            Ok(bytes) => bytes,
-            Err(what) => return scene.warn(source, what),
-        };
-        let library = read_mtl(&bytes);
+        let fault = |e: &dyn Display| format!("the materials of {} cannot be read ({e}); grey instead", path.display());
+        let bytes = files.read(&path).map_err(|e| fault(&e))?;
+        let library = read_mtl(&text::decode(&bytes).map_err(|e| fault(&e))?);
         let file = Arc::new(path);
         for (line, message) in library.notices {
             scene.warn(&Source { file: file.clone(), line }, message);
@@ -33,6 +44,7 @@ impl Materials {
         for (name, material) in library.materials {
             self.known.insert(name, (material, file.clone()));
         }
+        Ok(())
     }
 
     /// Returns the scene's material for the name and line of a `usemtl`, or the default grey for `None`. Adds the
@@ -50,7 +62,7 @@ impl Materials {
         }
         let id = match asked {
             None => add_material(scene, "grey", GREY, source),
-            Some((name, line)) => match self.known.get(name).cloned() {
+            Some((name, line)) => match self.find(name).cloned() {
                 Some((material, file)) => {
                     let source = Source { line: material.line, file };
                     let color = self.color(scene, &material, files, &source);
@@ -67,29 +79,37 @@ impl Materials {
         id
     }
 
+    /// Returns the MTL material of a name, of which a comment is no part.
+    fn find(&self, name: &str) -> Option<&(Statements, Arc<PathBuf>)> {
+        let commented = || self.known.iter().find(|(known, _)| text::names(known).any(|known| known == name));
+        text::names(name).find_map(|name| self.known.get(name)).or_else(|| commented().map(|(_, found)| found))
+    }
+
     fn color(&mut self, scene: &mut Scene, material: &Statements, files: &dyn Files, source: &Source) -> Color {
         let flat = material.diffuse.map_or(GREY, Color::Constant);
-        let Some(name) = &material.texture else { return flat };
-        let Some(image) = self.image(scene, name, files, source) else { return flat };
+        let Some(argument) = &material.texture else { return flat };
+        let Some(image) = self.image(scene, argument, files, source) else { return flat };
         // Kd multiplies the image. A missing Kd, or a black one as some programs write, leaves the image unchanged.
         let tint = material.diffuse.filter(|c| *c != [0.0; 3]).unwrap_or([1.0; 3]);
         let even = tint[0] == tint[1] && tint[1] == tint[2];
         let image = TextureKind::image(image, if even { tint[0] } else { 1.0 });
-        let image = Color::Texture(scene.add_texture(name, image, source));
+        let image = Color::Texture(scene.add_texture(argument, image, source));
         if even {
             return image;
         }
         let product = TextureKind::Product { factors: [Color::Constant(tint), image] };
-        Color::Texture(scene.add_texture(name, product, source))
+        Color::Texture(scene.add_texture(argument, product, source))
     }
 
-    /// Returns the image of a file; `None`, with a notice, if it cannot be read. Each file is read once.
-    fn image(&mut self, scene: &mut Scene, name: &str, files: &dyn Files, source: &Source) -> Option<Arc<Image>> {
-        let path = beside(&source.file, name);
+    /// Returns the image of the file that an argument names; `None`, with a notice, if it cannot be read. Each file is
+    /// read once.
+    fn image(&mut self, scene: &mut Scene, argument: &str, files: &dyn Files, source: &Source) -> Option<Arc<Image>> {
+        let path = beside(&source.file, text::name(argument));
         if let Some(known) = self.images.get(&path) {
             return known.clone();
         }
-        let bytes = files.read(&path).map_err(|e| format!("{}: {e}", path.display()));
+        let other = || text::names(argument).skip(1).find_map(|name| files.read(&beside(&source.file, name)).ok());
+        let bytes = files.read(&path).or_else(|e| other().ok_or(e)).map_err(|e| format!("{}: {e}", path.display()));
         let read = |bytes: Vec<u8>| {
             let name = path.display().to_string();
             let image = read_image(&bytes, &name, Encoding::Auto).and_then(|p| p.checked_finite(&name));
@@ -105,6 +125,33 @@ impl Materials {
         self.images.insert(path, image.clone());
         image
     }
+}
+
+/// The largest number of material files that one statement names.
+const MOST_LIBRARIES: usize = 64;
+
+/// The names in the argument of a `mtllib` that names several files: in quotes, or up to a word that ends in `.mtl`, or
+/// single words. A comment ends them.
+fn several(argument: &str) -> Vec<&str> {
+    let mut names = Vec::new();
+    let mut rest = argument.trim_start();
+    while !rest.is_empty() && !rest.starts_with('#') {
+        if names.len() == MOST_LIBRARIES {
+            // Not found, which is reported.
+            names.push(rest);
+            break;
+        }
+        let quoted = rest.strip_prefix('"').and_then(|rest| rest.split_once('"'));
+        let (name, after) = quoted.unwrap_or_else(|| {
+            let is_end = |at: usize| rest[at..].chars().next().is_none_or(char::is_whitespace);
+            let suffixes = rest.as_bytes().windows(4).enumerate().filter(|(_, w)| w.eq_ignore_ascii_case(b".mtl"));
+            let end = suffixes.map(|(at, _)| at + 4).find(|&end| is_end(end));
+            rest.split_at(end.or_else(|| rest.find(char::is_whitespace)).unwrap_or(rest.len()))
+        });
+        names.push(name);
+        rest = after.trim_start();
+    }
+    names
 }
 
 /// Returns the path of the file `name` relative to the folder of `file`. Accepts backslashes, as Windows writes them.
@@ -133,8 +180,7 @@ struct Statements {
 }
 
 /// Reads an MTL file. Unreadable statements are skipped with a notice, never an error.
-fn read_mtl(bytes: &[u8]) -> Library {
-    let text = String::from_utf8_lossy(bytes);
+fn read_mtl(text: &str) -> Library {
     let mut library = Library::default();
     // Statements before the first `newmtl` belong to no material.
     let mut ownerless = Statements::default();
@@ -144,18 +190,20 @@ fn read_mtl(bytes: &[u8]) -> Library {
         let line = line.trim();
         let keyword = line.split_whitespace().next().unwrap_or("");
         let rest = line[keyword.len()..].trim();
-        let numbers: Vec<f64> = rest.split_whitespace().map_while(|w| w.parse().ok()).collect();
+        let numbers: Vec<f64> = rest.split_whitespace().map_while(text::number).collect();
         let material = name.as_ref().and_then(|name| library.materials.get_mut(name)).unwrap_or(&mut ownerless);
         match keyword {
             "newmtl" if !rest.is_empty() => {
-                library.materials.insert(rest.to_owned(), Statements { line: number, ..Statements::default() });
-                name = Some(rest.to_owned());
+                let given = text::name(rest).to_owned();
+                library.materials.insert(given.clone(), Statements { line: number, ..Statements::default() });
+                name = Some(given);
             }
             "Kd" => match numbers[..] {
                 [r, g, b, ..] if [r, g, b].iter().all(|c| c.is_finite()) => {
                     material.diffuse = Some([r, g, b].map(|c| c.clamp(0.0, 1.0) as f32));
                 }
-                _ => library.notices.push((number, "Kd needs three numbers; left out".into())),
+                [grey] if grey.is_finite() => material.diffuse = Some([grey.clamp(0.0, 1.0) as f32; 3]),
+                _ => library.notices.push((number, "Kd needs one or three numbers; left out".into())),
             },
             "map_Kd" => match file_of(rest) {
                 Some(file) => {
@@ -181,10 +229,26 @@ fn read_mtl(bytes: &[u8]) -> Library {
     library
 }
 
-/// Returns the file name in a texture statement: the last word if options precede it, else the whole argument.
-fn file_of(rest: &str) -> Option<&str> {
-    let file = if rest.starts_with('-') { rest.split_whitespace().next_back()? } else { rest };
-    (!file.is_empty() && !file.starts_with('-')).then_some(file)
+/// Returns the file name in a texture statement: what follows its options. A file name may hold blanks.
+fn file_of<'t>(mut rest: &'t str) -> Option<&'t str> {
+    // The first word, and what follows it.
+    let first = |rest: &'t str| rest.split_at(rest.find(char::is_whitespace).unwrap_or(rest.len()));
+    while rest.starts_with('-') {
+        let (option, values) = first(rest);
+        let most = match option {
+            "-o" | "-s" | "-t" => 3,
+            "-mm" => 2,
+            _ => 1,
+        };
+        rest = values.trim_start();
+        for _ in 0..most {
+            let (value, after) = first(rest);
+            if most == 1 || text::number::<f64>(value).is_some() {
+                rest = after.trim_start();
+            }
+        }
+    }
+    (!rest.is_empty()).then_some(rest)
 }
 
 /// Returns true if an unsupported MTL statement would change the image. The statement is given by its keyword and its

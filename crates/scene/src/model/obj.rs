@@ -7,7 +7,8 @@ use super::mtl::Materials;
 use super::{ModelError, UpAxis, model_scene};
 use crate::files::Files;
 use crate::polygon;
-use crate::scene_reader::{SceneReader, first_word};
+use crate::scene_reader::SceneReader;
+use crate::text::{self, first_word};
 use crate::{Geometry, MeshData, Scene, Shape, Source};
 use glam::{DAffine3, DVec3};
 use std::collections::{BTreeMap, HashMap};
@@ -38,8 +39,8 @@ fn add_model(scene: &mut Scene, model: ObjModel, files: &dyn Files, source: &Sou
         let source = Source { line, ..source.clone() };
         scene.warn(&source, format!("\"{word}\" is not a surface; left out"));
     }
-    for (name, line) in model.libraries {
-        materials.open(scene, &name, files, &Source { line, ..source.clone() });
+    for (argument, line) in model.libraries {
+        materials.open(scene, &argument, files, &Source { line, ..source.clone() });
     }
     for mesh in model.meshes {
         let material = materials.of(scene, mesh.material.as_ref(), files, source);
@@ -53,7 +54,7 @@ fn add_model(scene: &mut Scene, model: ObjModel, files: &dyn Files, source: &Sou
 pub struct ObjModel {
     /// The meshes, one for each combination of material and vertex attributes (normals, texture coordinates).
     pub meshes: Vec<ObjMesh>,
-    /// Names of the material files (MTL), each with the line that names it.
+    /// Arguments of `mtllib`, which name one or several material files (MTL), each with its line.
     pub libraries: Vec<(String, u32)>,
     /// Keywords of unsupported statements (lines, points, curves), each with the line of its first use.
     pub left_out: Vec<(String, u32)>,
@@ -71,19 +72,21 @@ pub struct ObjMesh {
 /// Reads the meshes of an OBJ file.
 ///
 /// Negative indices count back from the last vertex read so far. Polygons become triangles. Colours and `w` of vertices
-/// are skipped. Bytes that are not UTF-8 are allowed in names.
+/// are skipped. Names may be in UTF-8 or Latin-1.
 ///
 /// # Errors
 /// Returns the first fault in the file.
 pub fn read_obj(bytes: &[u8]) -> Result<ObjModel, ModelError> {
-    let text = String::from_utf8_lossy(bytes);
+    let text = text::decode(bytes)?;
     let mut parser = Parser::default();
     // The lines that a backslash at the end continues, joined, and the number of the first.
     let (mut joined, mut first) = (String::new(), 1);
     for (number, line) in (1..).zip(text.lines().chain([""])) {
         let line = line.trim_end();
         first = if joined.is_empty() { number } else { first };
-        let (part, continued) = line.strip_suffix('\\').map_or((line, false), |part| (part, true));
+        // A backslash within a comment continues nothing.
+        let part = line.strip_suffix('\\').filter(|part| !part.contains('#'));
+        let (part, continued) = part.map_or((line, false), |part| (part, true));
         joined.extend([part, " "]);
         if !continued {
             parser.line(first, &joined).map_err(|what| ModelError::at(first, what))?;
@@ -188,7 +191,7 @@ impl Parser {
         // A comment may follow anything but a name.
         let words = || line.split('#').next().unwrap_or("").split_whitespace().skip(1);
         let Some(keyword) = line.split_whitespace().next() else { return Ok(()) };
-        let name = line.trim_start()[keyword.len()..].trim();
+        let argument = line.trim_start()[keyword.len()..].trim();
         match keyword {
             "v" => numbers("v", words()).map(|p| self.vertices.positions.push(DVec3::from_array(p))),
             // A texture of one dimension has one coordinate.
@@ -196,6 +199,7 @@ impl Parser {
             "vn" => numbers("vn", words()).and_then(single).map(|n| self.vertices.normals.push(n)),
             "f" | "fo" => self.face(number, words()),
             "usemtl" => {
+                let name = text::name(argument);
                 self.key.material = (!name.is_empty()).then(|| {
                     let line = *self.materials.entry(name.to_owned()).or_insert(number);
                     (line, name.to_owned())
@@ -204,7 +208,8 @@ impl Parser {
             }
             "mtllib" | "l" | "p" | "curv" | "curv2" | "surf" | "call" => {
                 let is_library = keyword == "mtllib";
-                let (list, name) = if is_library { (&mut self.libraries, name) } else { (&mut self.left_out, keyword) };
+                let (list, name) =
+                    if is_library { (&mut self.libraries, argument) } else { (&mut self.left_out, keyword) };
                 if !name.is_empty() && !list.iter().any(|(known, _)| known == name) {
                     list.push((name.to_owned(), number));
                 }
@@ -278,10 +283,10 @@ impl Parser {
 
 /// Parses the first `N` numbers of a statement. The error is a message without the line.
 fn numbers<'w, const N: usize>(keyword: &str, words: impl Iterator<Item = &'w str>) -> Result<[f64; N], String> {
-    let number = |word: &str| match word.parse::<f64>() {
-        Ok(value) if value.is_finite() => Ok(value),
-        Ok(_) => Err(not_finite(word)),
-        Err(_) => Err(format!("\"{}\" is not a number", shown(word))),
+    let number = |word: &str| match text::number::<f64>(word) {
+        Some(value) if value.is_finite() => Ok(value),
+        Some(_) => Err(not_finite(word)),
+        None => Err(format!("\"{}\" is not a number", shown(word))),
     };
     let values: Vec<f64> = words.take(N).map(number).collect::<Result<_, _>>()?;
     values.try_into().map_err(|values: Vec<f64>| format!("{keyword} needs {N} numbers, not {}", values.len()))

@@ -7,13 +7,15 @@ use super::{ModelError, ModelMesh, UpAxis, mesh_scene};
 use crate::MeshData;
 use crate::polygon;
 use crate::scene_reader::SceneReader;
+use crate::text::{self, Words, first_word};
 use glam::dvec3;
+use std::borrow::Cow;
 
 /// The reader of PLY models.
 pub(crate) const PLY: SceneReader = SceneReader {
     name: "PLY",
     extensions: &["ply"],
-    recognizes: |content| content.starts_with(b"ply\n") || content.starts_with(b"ply\r"),
+    recognizes: |content| first_word(content) == Some(b"ply"),
     read: |files, path, options| mesh_scene(files, path, options.model.stage(UpAxis::Y), read_ply),
 };
 
@@ -25,13 +27,17 @@ pub(crate) const PLY: SceneReader = SceneReader {
 /// # Errors
 /// Returns the first fault in the file.
 pub fn read_ply(bytes: &[u8]) -> Result<ModelMesh, ModelError> {
-    let (elements, mut rows) = header(bytes)?;
-    let ascii = rows.format == ASCII;
+    let header = header(text::without_mark(bytes)?)?;
+    let text = if header.format == ASCII { text::decode(header.rest)? } else { Cow::default() };
+    let mut rows = match header.format {
+        ASCII => Rows::Text(Words::new(&text, header.lines + 1)),
+        format => Rows::Binary { left: header.rest, big: format == BIG },
+    };
     let mut data = MeshData::default();
     let (mut has_positions, mut faces) = (false, None);
-    for element in &elements {
+    for element in &header.elements {
         rows.check_length(element)?;
-        match element.name {
+        match &*element.name {
             "vertex" => {
                 has_positions = element.has(&["x", "y", "z"]);
                 read_vertices(&mut rows, element, &mut data)?;
@@ -49,13 +55,13 @@ pub fn read_ply(bytes: &[u8]) -> Result<ModelMesh, ModelError> {
     let mended = data.mend_normals();
     let mended = mended.map(|count| format!("{count} normals are not finite; the faces' own stand for them"));
     data.check()?;
-    let cut = (ascii && !bytes.ends_with(b"\n"))
-        .then(|| "the last line has no line break; if the file was cut off, a number may be wrong".into());
-    let doubts = mended.into_iter().chain(cut).collect::<Vec<String>>().join("; ");
+    let doubts = mended.into_iter().chain(rows.doubt(&text)).collect::<Vec<String>>().join("; ");
     Ok(ModelMesh { data, doubt: (!doubts.is_empty()).then_some(doubts) })
 }
 
 const ASCII: &str = "ascii";
+const LITTLE: &str = "binary_little_endian";
+const BIG: &str = "binary_big_endian";
 const NO_FACES: &str = "there is no element face with a list vertex_indices; export triangles";
 
 /// A type of number: its length in bytes, and how its bits are read.
@@ -84,14 +90,12 @@ impl Number {
         })
     }
 
-    /// The value of a word, of which some programs write `nan(ind)`.
     fn of_word(self, word: &str) -> Option<f64> {
-        let plain = word.split('(').next()?;
         match self {
-            Self(4, Bits::Float) => plain.parse().map(|value: f32| value.into()).ok(),
-            Self(_, Bits::Float) => plain.parse().ok(),
+            Self(4, Bits::Float) => text::number::<f32>(word).map(f64::from),
+            Self(_, Bits::Float) => text::number(word),
             // A number of too many bytes has other bits.
-            Self(bytes, _) => plain
+            Self(bytes, _) => word
                 .parse()
                 .ok()
                 .map(|value: i64| value as f64)
@@ -112,20 +116,20 @@ impl Number {
 }
 
 /// A property of an element: a number, or a list with a count.
-struct Property<'b> {
-    name: &'b str,
+struct Property {
+    name: String,
     count: Option<Number>,
     number: Number,
 }
 
 /// An element of the header: the form of some rows.
-struct Element<'b> {
-    name: &'b str,
+struct Element {
+    name: String,
     count: usize,
-    properties: Vec<Property<'b>>,
+    properties: Vec<Property>,
 }
 
-impl Element<'_> {
+impl Element {
     fn lacks(&self, name: &str) -> bool {
         self.properties.iter().all(|p| p.name != name)
     }
@@ -136,24 +140,34 @@ impl Element<'_> {
     }
 }
 
-/// Reads the header. Returns the elements, and the rows that follow.
-fn header(bytes: &[u8]) -> Result<(Vec<Element<'_>>, Rows<'_>), ModelError> {
-    let mut rows = Rows { left: bytes, format: "" };
-    let mut elements: Vec<Element<'_>> = Vec::new();
-    let mut line = 0;
+/// The header, and what follows it.
+struct Header<'b> {
+    elements: Vec<Element>,
+    format: &'static str,
+    lines: u32,
+    rest: &'b [u8],
+}
+
+fn header(bytes: &[u8]) -> Result<Header<'_>, ModelError> {
+    let mut header = Header { elements: Vec::new(), format: "", lines: 0, rest: bytes };
+    // Binary rows may begin with a LF after a header whose lines end with CR.
+    let first = bytes.iter().position(|b| matches!(b, b'\r' | b'\n')).unwrap_or(0);
+    let lone = bytes[first..].starts_with(b"\r") && !bytes[first..].starts_with(b"\r\n");
     loop {
-        line += 1;
+        header.lines += 1;
+        let line = header.lines;
         let bad = |what| ModelError::at(line, format!("the PLY header cannot be read ({what}); export the mesh anew"));
+        let text = text::take_line(&mut header.rest, lone).ok_or_else(|| bad("it does not end"))?;
         let unknown = || bad("this line is unknown");
-        let words: Vec<&str> = rows.line().ok_or_else(|| bad("it does not end"))?.split_whitespace().collect();
-        match words[..] {
+        let elements = &mut header.elements;
+        match text.split_whitespace().collect::<Vec<&str>>()[..] {
             [] | ["ply" | "comment" | "obj_info", ..] => {}
-            ["format", format @ ("ascii" | "binary_little_endian" | "binary_big_endian"), _] => {
-                rows.format = format;
-            }
+            ["format", ASCII, _] => header.format = ASCII,
+            ["format", LITTLE, _] => header.format = LITTLE,
+            ["format", BIG, _] => header.format = BIG,
             ["element", name, count] if elements.iter().all(|e| e.name != name) => {
                 let count = count.parse().map_err(|_| unknown())?;
-                elements.push(Element { name, count, properties: Vec::new() });
+                elements.push(Element { name: name.to_owned(), count, properties: Vec::new() });
             }
             ["property", ref kind @ .., name] if elements.last().is_some_and(|e| e.lacks(name)) => {
                 let (count, number) = match kind {
@@ -163,38 +177,38 @@ fn header(bytes: &[u8]) -> Result<(Vec<Element<'_>>, Rows<'_>), ModelError> {
                 };
                 let number = Number::named(number).ok_or_else(unknown)?;
                 let last = elements.len() - 1;
-                elements[last].properties.push(Property { name, count, number });
+                elements[last].properties.push(Property { name: name.to_owned(), count, number });
             }
             ["element", ..] | ["property", ..] => {
                 return Err(bad("a name is declared twice, or a property before its element"));
             }
-            ["end_header"] if !rows.format.is_empty() => return Ok((elements, rows)),
+            ["end_header"] if !header.format.is_empty() => return Ok(header),
             _ => return Err(unknown()),
         }
     }
 }
 
-/// The unread bytes and, after the header, their format.
-struct Rows<'b> {
-    left: &'b [u8],
-    format: &'b str,
+/// The rows that have not been read.
+enum Rows<'b> {
+    /// Numbers in ASCII. Any white space separates them, and the line ends of rows mean no more.
+    Text(Words<'b>),
+    Binary {
+        left: &'b [u8],
+        big: bool,
+    },
 }
 
-impl<'b> Rows<'b> {
-    /// Takes the next line; `None` at the end, or if it is not UTF-8.
-    fn line(&mut self) -> Option<&'b str> {
-        let line = self.left.split_inclusive(|&b| b == b'\n').next()?;
-        self.left = &self.left[line.len()..];
-        std::str::from_utf8(line).ok()
-    }
-
+impl Rows<'_> {
     /// Refuses an element count that the remaining bytes cannot hold, before memory is allocated.
-    fn check_length(&self, element: &Element<'_>) -> Result<(), ModelError> {
+    fn check_length(&self, element: &Element) -> Result<(), ModelError> {
         // The shortest number in ASCII: a digit and a space.
-        let size = |number: Number| if self.format == ASCII { 2 } else { number.0 };
-        let least: usize = element.properties.iter().map(|p| size(p.count.unwrap_or(p.number))).sum();
+        let (bytes, short) = match self {
+            Self::Text(words) => (words.rest().len(), Some(2)),
+            Self::Binary { left, .. } => (left.len(), None),
+        };
+        let size = |p: &Property| short.unwrap_or(p.count.unwrap_or(p.number).0);
+        let least: usize = element.properties.iter().map(size).sum();
         // The last line may lack its line break.
-        let bytes = self.left.len();
         let fits = least > 0 && element.count.checked_mul(least).is_some_and(|total| total <= bytes + 1);
         if fits || element.count == 0 {
             return Ok(());
@@ -203,36 +217,48 @@ impl<'b> Rows<'b> {
         Err(format!("{promised}, and only {bytes} bytes follow; the file is cut off or damaged").into())
     }
 
-    /// Reads the row `index` of an element. Calls `take` with the index of the property and each of its values.
-    fn read(
-        &mut self,
-        element: &Element<'_>,
-        index: usize,
-        mut take: impl FnMut(usize, f64),
-    ) -> Result<(), ModelError> {
-        let mut words = if self.format == ASCII { self.line().unwrap_or("") } else { "" }.split_ascii_whitespace();
-        let mut next = |number: Number| match self.format {
-            ASCII => words.next().and_then(|word| number.of_word(word)),
-            _ => {
-                let (bytes, rest) = self.left.split_at_checked(number.0)?;
-                self.left = rest;
-                let join = |bits: u64, byte: &u8| bits << 8 | u64::from(*byte);
-                let big = self.format == "binary_big_endian";
-                let bits = if big { bytes.iter().fold(0, join) } else { bytes.iter().rev().fold(0, join) };
-                Some(number.of_bits(bits))
-            }
+    /// Takes the next number.
+    fn next(&mut self, number: Number) -> Option<f64> {
+        let (left, big) = match self {
+            Self::Text(words) => return number.of_word(words.next()?.1),
+            Self::Binary { left, big } => (left, *big),
         };
-        for (at, Property { name, count, number }) in element.properties.iter().enumerate() {
-            let bad = || {
-                let what = format!("{} {index} cannot be read ({name} lacks a number of its type)", element.name);
-                ModelError::from(what + "; the file is cut off or damaged")
-            };
-            let count = count.map_or(Some(1.0), &mut next).filter(|count| *count >= 0.0).ok_or_else(bad)?;
+        let (bytes, rest) = left.split_at_checked(number.0)?;
+        *left = rest;
+        let join = |bits: u64, byte: &u8| bits << 8 | u64::from(*byte);
+        let bits = if big { bytes.iter().fold(0, join) } else { bytes.iter().rev().fold(0, join) };
+        Some(number.of_bits(bits))
+    }
+
+    /// Reads the row `index` of an element. Calls `take` with the index of the property and each of its values.
+    fn read(&mut self, element: &Element, index: usize, mut take: impl FnMut(usize, f64)) -> Result<(), ModelError> {
+        for (at, property) in element.properties.iter().enumerate() {
+            let count = property.count.map_or(Some(1.0), |count| self.next(count)).filter(|count| *count >= 0.0);
+            let count = count.ok_or_else(|| self.bad(element, index, property))?;
             for _ in 0..count as u64 {
-                take(at, next(*number).ok_or_else(bad)?);
+                let value = self.next(property.number);
+                take(at, value.ok_or_else(|| self.bad(element, index, property))?);
             }
         }
         Ok(())
+    }
+
+    /// The error of a row that lacks a number, or has another word in its place.
+    fn bad(&self, element: &Element, index: usize, property: &Property) -> ModelError {
+        let what = format!("{} {index} cannot be read ({} lacks a number of its type)", element.name, property.name);
+        let line = if let Self::Text(words) = self { Some(words.line()) } else { None };
+        ModelError { line, what: what + "; the file is cut off or damaged" }
+    }
+
+    /// A reason to suspect rows in ASCII, after the last one is read. `text` is all rows.
+    fn doubt(self, text: &str) -> Option<String> {
+        let Self::Text(mut words) = self else { return None };
+        if let Some((line, word)) = words.next() {
+            let first = format!("\"{}\" in line {line}, and all that follows, is not read", word.escape_debug());
+            return Some(first + ": the header promises no more; if rows hold more numbers than it does, export anew");
+        }
+        let cut = "the last line has no line break; if the file was cut off, a number may be wrong";
+        (!text.ends_with('\n')).then(|| cut.to_owned())
     }
 }
 
@@ -248,8 +274,8 @@ const SLOTS: [[&str; 4]; 8] = [
     ["v", "t", "texture_v", "texture_t"],
 ];
 
-fn read_vertices(rows: &mut Rows<'_>, element: &Element<'_>, data: &mut MeshData) -> Result<(), ModelError> {
-    let slot = |p: &Property<'_>| SLOTS.iter().position(|names| p.count.is_none() && names.contains(&p.name));
+fn read_vertices(rows: &mut Rows<'_>, element: &Element, data: &mut MeshData) -> Result<(), ModelError> {
+    let slot = |p: &Property| SLOTS.iter().position(|names| p.count.is_none() && names.contains(&&*p.name));
     let slots: Vec<Option<usize>> = element.properties.iter().map(slot).collect();
     let normals = element.has(&["nx", "ny", "nz"]);
     let uvs = (0..4).any(|k| element.has(&[SLOTS[6][k], SLOTS[7][k]]));
@@ -278,8 +304,8 @@ struct Faces {
     ends: Vec<usize>,
 }
 
-fn read_faces(rows: &mut Rows<'_>, element: &Element<'_>) -> Result<Faces, ModelError> {
-    let is_corners = |p: &Property<'_>| p.count.is_some() && matches!(p.name, "vertex_indices" | "vertex_index");
+fn read_faces(rows: &mut Rows<'_>, element: &Element) -> Result<Faces, ModelError> {
+    let is_corners = |p: &Property| p.count.is_some() && matches!(&*p.name, "vertex_indices" | "vertex_index");
     let list = element.properties.iter().position(is_corners).ok_or(NO_FACES)?;
     let mut faces = Faces::default();
     for face in 0..element.count {

@@ -3,6 +3,7 @@
 use super::{ModelError, ModelMesh, UpAxis, mesh_scene};
 use crate::MeshData;
 use crate::scene_reader::SceneReader;
+use crate::text::{self, Words, first_word};
 use glam::DVec3;
 use std::collections::HashMap;
 
@@ -11,9 +12,8 @@ pub(crate) const STL: SceneReader = SceneReader {
     name: "STL",
     extensions: &["stl"],
     recognizes: |content| {
-        let count = content.get(80..84).map(|b| u64::from(u32::from_le_bytes([b[0], b[1], b[2], b[3]])));
-        let binary = count.is_some_and(|count| count > 0 && content.len() as u64 == 84 + 50 * count);
-        binary || begins_with(&String::from_utf8_lossy(&content[..content.len().min(64)]), "solid")
+        let binary = promised(content).is_some_and(|(count, length)| count > 0 && length == content.len() as u64);
+        binary || begins_as_text(content)
     },
     read: |files, path, options| mesh_scene(files, path, options.model.stage(UpAxis::Z), read_stl),
 };
@@ -21,7 +21,7 @@ pub(crate) const STL: SceneReader = SceneReader {
 /// Length of a binary file's header in bytes: 80 of text, and 4 for the number of facets.
 const HEADER: usize = 84;
 /// Length of a facet of a binary file in bytes: normal, three corners, two extra bytes.
-const FACET: usize = 50;
+const FACET_LENGTH: usize = 50;
 
 /// Reads a mesh from the bytes of an STL file, without normals, since facets are flat. Bitwise equal corners are merged
 /// into one vertex.
@@ -32,24 +32,25 @@ const FACET: usize = 50;
 /// # Errors
 /// Returns the first fault in the file.
 pub fn read_stl(bytes: &[u8]) -> Result<ModelMesh, ModelError> {
-    let count = bytes.get(80..HEADER).and_then(<[u8]>::first_chunk).map(|&count| u32::from_le_bytes(count));
-    let promised = count.map(|count| HEADER as u64 + FACET as u64 * u64::from(count));
-    let blanks = bytes.iter().take_while(|b| b.is_ascii_whitespace()).count();
-    let begins = bytes.get(blanks..blanks + 5).is_some_and(|word| word.eq_ignore_ascii_case(b"solid"));
-    if begins && promised != Some(bytes.len() as u64) && !bytes[..bytes.len().min(512)].contains(&0) {
-        return read_text(bytes);
+    let promised = promised(bytes);
+    if promised.is_none_or(|(_, length)| length != bytes.len() as u64) {
+        // An error for UTF-16.
+        text::without_mark(bytes)?;
+        if begins_as_text(bytes) && !bytes[..bytes.len().min(512)].contains(&0) {
+            return read_text(&text::decode(bytes)?);
+        }
     }
-    let (Some(count), Some(promised)) = (count, promised) else {
+    let Some((count, promised)) = promised else {
         let what = "bytes that do not begin with `solid` are no STL file; a binary one has";
         return Err(format!("{} {what} {HEADER} or more", bytes.len()).into());
     };
     if promised > bytes.len() as u64 {
-        let found = format!("only {} bytes follow where each takes {FACET}", bytes.len() - HEADER);
+        let found = format!("only {} bytes follow where each takes {FACET_LENGTH}", bytes.len() - HEADER);
         let what = format!("the header promises {count} facets, and {found}; the file is cut off or damaged");
         return Err(what.into());
     }
     let mut welder = Welder::default();
-    for (number, facet) in bytes[HEADER..promised as usize].chunks_exact(FACET).enumerate() {
+    for (number, facet) in bytes[HEADER..promised as usize].chunks_exact(FACET_LENGTH).enumerate() {
         // The normal comes first, and two bytes without meaning last.
         let float = |i: usize| f32::from_le_bytes([facet[i], facet[i + 1], facet[i + 2], facet[i + 3]]);
         let corners = [12, 24, 36].map(|corner| [corner, corner + 4, corner + 8].map(float));
@@ -64,54 +65,75 @@ pub fn read_stl(bytes: &[u8]) -> Result<ModelMesh, ModelError> {
     Ok(ModelMesh { data, doubt })
 }
 
-fn read_text(bytes: &[u8]) -> Result<ModelMesh, ModelError> {
-    let text = String::from_utf8_lossy(bytes);
-    let mut lines = (1..).zip(text.lines()).filter(|(_, line)| !line.trim().is_empty());
+/// The number of facets of a binary file, and the length in bytes that follows from it.
+fn promised(bytes: &[u8]) -> Option<(u32, u64)> {
+    let count = bytes.get(80..HEADER).and_then(<[u8]>::first_chunk).map(|&count| u32::from_le_bytes(count))?;
+    Some((count, HEADER as u64 + FACET_LENGTH as u64 * u64::from(count)))
+}
+
+fn begins_as_text(bytes: &[u8]) -> bool {
+    first_word(bytes).is_some_and(|word| word.eq_ignore_ascii_case(b"solid"))
+}
+
+/// The words that begin a facet, where a line holds more than the name of a solid.
+const FACET: [&str; 2] = ["facet", "normal"];
+
+/// Reads solids in a row. Line ends mean nothing, except that names of solids reach to the end of their line.
+fn read_text(text: &str) -> Result<ModelMesh, ModelError> {
+    let mut words = Words::new(text, 1);
     let mut welder = Welder::default();
-    while let Some((start, line)) = lines.next() {
-        if !begins_with(line, "solid") {
-            return Err(ModelError::at(start, "outside of a solid, only `solid` can follow; the file is damaged"));
-        }
-        loop {
-            let end = || bad_facet(text.lines().count() as u32, "endsolid");
-            let (first, line) = lines.next().ok_or_else(end)?;
-            if begins_with(line, "endsolid") {
-                break;
-            }
-            if !begins_with(line, "facet") {
-                return Err(bad_facet(first, "facet"));
-            }
-            let mut take = |word| match lines.next() {
-                Some((_, line)) if begins_with(line, word) => Ok(line),
-                _ => Err(bad_facet(first, word)),
-            };
-            take("outer")?;
-            let mut corners = [[0.0; 3]; 3];
-            for corner in &mut corners {
-                let numbers = take("vertex")?.split_whitespace().skip(1).map_while(|word| word.parse().ok());
-                let numbers = numbers.take(3).collect::<Vec<f32>>();
-                *corner = numbers.try_into().map_err(|_| bad_facet(first, "vertex"))?;
-            }
-            take("endloop")?;
-            take("endfacet")?;
-            let not_finite = || ModelError::at(first, "a corner of this facet is not finite; mend the mesh");
+    let mut open = false;
+    loop {
+        let mut ahead = words.clone();
+        let Some((line, word)) = ahead.next() else { break };
+        if words.take_pair(["end", "solid"]) {
+            // All may be in one line, another solid behind this one.
+            open = words.skip_line_to(FACET);
+        } else if word.eq_ignore_ascii_case("solid") {
+            words = ahead;
+            words.skip_line_to(FACET);
+            open = true;
+        } else if open {
+            let corners = read_facet(&mut words).map_err(|lacks| bad_facet(line, lacks))?;
+            let not_finite = || ModelError::at(line, "a corner of this facet is not finite; mend the mesh");
             welder.add(corners).ok_or_else(not_finite)?;
+        } else {
+            return Err(ModelError::at(line, "outside of a solid, only `solid` can follow; the file is damaged"));
         }
+    }
+    if open {
+        return Err(bad_facet(words.line(), "endsolid"));
     }
     welder.mesh.check()?;
     Ok(ModelMesh { data: welder.mesh, doubt: None })
 }
 
-/// The error of a facet that begins at a line and lacks the line that begins with `word`.
-fn bad_facet(line: u32, word: &str) -> ModelError {
-    let what = format!(
-        "this was read as a text STL file, and its next facet is missing or wrong (`{word}` is missing, or its numbers); the file is cut off, damaged or of another format"
-    );
-    ModelError::at(line, what)
+/// Reads the corners of a facet, and skips its normal, which may be missing or anything. The error is what lacks.
+fn read_facet(words: &mut Words<'_>) -> Result<[[f32; 3]; 3], &'static str> {
+    let is = |word: &str, other: &&str| word.eq_ignore_ascii_case(other);
+    words.next().filter(|(_, word)| is(word, &"facet")).ok_or("facet")?;
+    while !words.take_pair(["outer", "loop"]) {
+        let after = ["facet", "vertex", "endloop", "endfacet", "endsolid"];
+        words.next().filter(|(_, word)| !after.iter().any(|other| is(word, other))).ok_or("outer loop")?;
+    }
+    let mut corners = [[0.0; 3]; 3];
+    for corner in &mut corners {
+        words.next().filter(|(_, word)| is(word, &"vertex")).ok_or("vertex")?;
+        for coordinate in corner {
+            *coordinate = words.next().and_then(|(_, word)| text::number(word)).ok_or("vertex")?;
+        }
+    }
+    let ends = [("endloop", "loop"), ("endfacet", "facet")];
+    ends.into_iter().try_for_each(|(both, what)| words.take_pair(["end", what]).then_some(()).ok_or(both))?;
+    Ok(corners)
 }
 
-fn begins_with(line: &str, word: &str) -> bool {
-    line.split_whitespace().next().is_some_and(|first| first.eq_ignore_ascii_case(word))
+/// The error of a facet that begins at a line and lacks these words.
+fn bad_facet(line: u32, words: &str) -> ModelError {
+    let what = format!(
+        "this was read as a text STL file, and its next facet is missing or wrong (`{words}` is missing, or its numbers); the file is cut off, damaged or of another format"
+    );
+    ModelError::at(line, what)
 }
 
 /// A mesh under construction, which merges bitwise equal corners into one vertex.

@@ -4,7 +4,7 @@ use super::log::Log;
 use super::params::{Param, read_param};
 use super::tokens::{Fault, Kind, Token, Tokens, number, shown, unescape, unknown_name};
 use crate::Source;
-use crate::scene_reader::first_word;
+use crate::text::first_word;
 use std::collections::HashMap;
 use std::path::PathBuf;
 use std::sync::{Arc, LazyLock};

@@ -6,7 +6,7 @@ use super::reader::{Ctm, MaterialRef, Reader, tidy};
 use super::tokens::shown;
 use super::version::Version;
 use crate::scene_reader::ReadError;
-use crate::{Material, MaterialKind, PixelFilter, Scene, Source};
+use crate::{Material, MaterialKind, PixelFilter, Scene, Source, text};
 use glam::DAffine3;
 use std::path::Path;
 use std::rc::Rc;
@@ -43,24 +43,20 @@ impl Reader<'_> {
             self.stopped |= self.including.is_empty();
             return;
         };
-        let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
         let file = Arc::new(path.to_owned());
-        let text = match std::str::from_utf8(bytes) {
+        let text = match text::decode(&bytes) {
             Ok(text) => text,
-            Err(e) => {
-                let good = &bytes[..e.valid_up_to()];
-                let line = 1 + good.iter().filter(|&&b| b == b'\n').count() as u32;
-                let what = format!("the byte at offset {} is not UTF-8; save the file as UTF-8", good.len());
-                self.log.problem(&Source { file, line }, what);
+            Err(what) => {
+                self.log.problem(&Source { file, line: 0 }, what);
                 self.stopped = true;
                 return;
             }
         };
         if self.including.is_empty() {
-            self.set_version(Version::of(text), named_at);
+            self.set_version(Version::of(&text), named_at);
         }
         self.including.push(path.to_owned());
-        let mut directives = Directives::new(text, file);
+        let mut directives = Directives::new(&text, file);
         while let Some(directive) = directives.next(&mut self.log) {
             self.execute(directive);
             if self.stopped {

@@ -4,6 +4,7 @@ use super::colorimetry::{Sampled, blackbody, blackbody_of_peak_one, rgb_of_chrom
 use super::params::{Params, Type, Values};
 use super::tokens::shown;
 use super::version::Version;
+use crate::text;
 use glam::DVec3;
 use std::str::FromStr;
 
@@ -182,10 +183,10 @@ pub(super) fn names() -> impl Iterator<Item = &'static str> {
 /// Parses all numbers of a text; `#` begins a comment. The error is the line, from 1, and a message.
 pub(super) fn numbers(bytes: &[u8]) -> Result<Vec<f64>, (u32, String)> {
     let mut numbers = Vec::new();
-    for (line, content) in (1..).zip(bytes.split(|&b| b == b'\n')) {
-        let content = content.split(|&b| b == b'#').next().unwrap_or_default();
-        let text = std::str::from_utf8(content).map_err(|_| (line, "this is not UTF-8".to_owned()))?;
-        for word in text.split_ascii_whitespace() {
+    let text = text::decode(bytes).map_err(|what| (0, what.to_owned()))?;
+    for (line, content) in (1..).zip(text.lines()) {
+        let content = content.split('#').next().unwrap_or_default();
+        for word in content.split_ascii_whitespace() {
             let value = word.parse().ok().filter(|value: &f64| value.is_finite());
             let what = || format!("{} is not a number; a spectrum file holds wavelengths and values", shown(word));
             numbers.push(value.ok_or_else(|| (line, what()))?);

@@ -36,7 +36,7 @@ impl Token<'_> {
 /// An error: its line, and its message.
 pub(super) type Fault = (u32, String);
 
-/// An iterator over the tokens of a text, with a look-ahead of one token.
+/// An iterator over the tokens of a decoded text, with a look-ahead of one token.
 #[derive(Debug)]
 pub(super) struct Tokens<'t> {
     text: &'t str,
@@ -90,7 +90,7 @@ impl<'t> Tokens<'t> {
             b']' => one(Kind::Close),
             b'"' => return Some(self.scan_text()),
             _ => {
-                let ends = |b: &u8| matches!(b, b' ' | b'\t' | b'\r' | b'\n' | b'"' | b'[' | b']' | b'#');
+                let ends = |b: &u8| matches!(b, b' ' | b'\t' | b'\n' | b'"' | b'[' | b']' | b'#');
                 let length = bytes[start..].iter().position(ends).unwrap_or(bytes.len() - start);
                 self.at = start + length;
                 return Some(Ok(Token { kind: Kind::Word, text: &self.text[start..self.at], line }));
@@ -105,7 +105,7 @@ impl<'t> Tokens<'t> {
         while let Some(&b) = bytes.get(self.at) {
             match b {
                 b'\n' => self.line += 1,
-                b' ' | b'\t' | b'\r' => {}
+                b' ' | b'\t' => {}
                 b'#' => {
                     let rest = &bytes[self.at..];
                     self.at += rest.iter().position(|&b| b == b'\n').unwrap_or(rest.len());

@@ -19,3 +19,4 @@ mod reader_old;
 mod reader_parts;
 mod reader_scenes;
 mod support;
+mod text;

@@ -292,7 +292,7 @@ fn wrong_statements_of_materials_are_left_out_and_noted() {
     assert_eq!(colors, [[1.0, 0.0, 0.0], [0.5; 3], [1.0, 0.0, 0.5]].map(Color::Constant));
     let noted: Vec<_> = scene.notices.iter().map(|n| n.source.line).collect();
     assert_eq!(noted, [8, 9, 10, 12, 0, 7, 11]);
-    for (notice, what) in [(4, "Ks, d not followed"), (5, "wall.png: "), (6, "wood \u{fffd}.png: ")] {
+    for (notice, what) in [(4, "Ks, d not followed"), (5, "brick wall.png: "), (6, "wood \u{ff}.png: ")] {
         assert!(scene.notices[notice].message.contains(what), "{}", scene.notices[notice].message);
     }
 }

@@ -22,7 +22,7 @@ fn words(text: &str) -> Vec<(Kind, &str, u32)> {
 #[test]
 fn tokens_have_lines() {
     use Kind::{Close, Open, Text, Word};
-    let text = "A[1 2]#c \"[\r\n\"b c\"-1\r\n\n# end\nZ";
+    let text = "A[1 2]#c \"[\n\"b c\"-1\n\n# end\nZ";
     let kinds = [Word, Open, Word, Word, Close, Text, Word, Word];
     let texts = ["A", "[", "1", "2", "]", "b c", "-1", "Z"];
     let expected = kinds.into_iter().zip(texts).zip([1, 1, 1, 1, 1, 2, 2, 5]);
