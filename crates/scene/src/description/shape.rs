@@ -2,6 +2,7 @@
 
 use super::{MaterialId, Scalar, Source, Texture, TextureId, texture_mean};
 use glam::{DAffine3, DVec3};
+use std::collections::HashMap;
 use std::sync::Arc;
 
 /// A shape: geometry, material, emission and media.
@@ -143,6 +144,30 @@ impl MeshData {
         match self.positions.iter().position(|p| !p.is_finite()) {
             Some(vertex) => Err(MeshFault(format!("the position of vertex {vertex} is not finite; mend the mesh"))),
             None => Ok(()),
+        }
+    }
+
+    /// Gives each triangle its own colour. Vertices between triangles of different colours are doubled.
+    pub(crate) fn color_triangles(&mut self, colors: &[[f32; 3]]) {
+        let bits = |color: [f32; 3]| color.map(f32::to_bits);
+        let mut taken: Vec<Option<[u32; 3]>> = vec![None; self.positions.len()];
+        let mut doubled: HashMap<(u32, [u32; 3]), u32> = HashMap::new();
+        self.colors = vec![[1.0; 3]; self.positions.len()];
+        for (triangle, &color) in self.triangles.iter_mut().zip(colors) {
+            for corner in triangle {
+                let old = *corner as usize;
+                if *taken[old].get_or_insert(bits(color)) == bits(color) {
+                    self.colors[old] = color;
+                    continue;
+                }
+                *corner = *doubled.entry((*corner, bits(color))).or_insert_with(|| {
+                    self.positions.push(self.positions[old]);
+                    self.normals.extend(self.normals.get(old).copied());
+                    self.uvs.extend(self.uvs.get(old).copied());
+                    self.colors.push(color);
+                    self.positions.len() as u32 - 1
+                });
+            }
         }
     }
 

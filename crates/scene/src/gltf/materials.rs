@@ -4,7 +4,7 @@ use super::textures::{Part, Use};
 use super::{Reader, named};
 use crate::{
     ClearCoat, Color, ConductorFresnel, Emission, Material, MaterialId, MaterialKind, Medium, MediumId,
-    MediumInterface, Roughness, Scalar, TextureKind,
+    MediumInterface, Roughness, Scalar,
 };
 use ::gltf::material::{AlphaMode, Material as GltfMaterial};
 
@@ -44,7 +44,11 @@ impl Reader<'_> {
         }
         let surface = match material.index() {
             None => {
-                let base = if colored { self.vertex_color(Color::Constant([1.0; 3])) } else { Color::Constant(BARE) };
+                let base = if colored {
+                    self.scene.vertex_color(Color::Constant([1.0; 3]), self.source)
+                } else {
+                    Color::Constant(BARE)
+                };
                 let kind = MaterialKind::Diffuse { reflectance: base };
                 let id = self.scene.add_material(Material::new("bare", kind, self.source.clone()));
                 Surface { material: id, emission: None, alpha: None, media: None, uv_set: 0 }
@@ -57,6 +61,9 @@ impl Reader<'_> {
 
     fn surface(&mut self, material: &GltfMaterial<'_>, name: String, colored: bool) -> Result<Surface, String> {
         let uv_set = self.uv_set(material, &name);
+        if material.occlusion_texture().is_some() {
+            self.warn(format!("{name}: its texture of occlusion is left out; light is traced"));
+        }
         let look = self.look(material, name, colored);
         if material.unlit() {
             let id = self.add_material(&look, MaterialKind::Unlit { color: look.base });
@@ -102,7 +109,7 @@ impl Reader<'_> {
         let pbr = material.pbr_metallic_roughness();
         let [r, g, b, _] = pbr.base_color_factor();
         let base = self.color(pbr.base_color_texture(), [r, g, b].map(share));
-        let base = if colored { self.vertex_color(base) } else { base };
+        let base = if colored { self.scene.vertex_color(base, self.source) } else { base };
         let rough = share(pbr.roughness_factor());
         let alpha = self.number(pbr.metallic_roughness_texture(), Part::Squared(1), rough * rough);
         let roughness = Roughness { u: alpha, v: alpha, remap: false };
@@ -110,18 +117,14 @@ impl Reader<'_> {
             let info = Use::of_normals(&normal);
             self.texture(&info, Part::Normal(normal.scale().to_bits()), 1.0)
         });
-        let ior = material.ior().filter(|ior| ior.is_finite() && *ior >= 1.0).unwrap_or(IOR);
+        let ior = material.ior().unwrap_or(IOR);
+        let ior = if ior.is_finite() && ior >= 1.0 {
+            ior
+        } else {
+            self.warn(format!("{name}: its index of refraction of {ior} is left out; {IOR} stands for it"));
+            IOR
+        };
         Look { name, base, colored, roughness, ior, normal_map }
-    }
-
-    /// The product of a colour and the vertex colours of the mesh.
-    fn vertex_color(&mut self, color: Color) -> Color {
-        let vertex = self.scene.add_texture("vertex colours", TextureKind::VertexColor, self.source);
-        if color == Color::Constant([1.0; 3]) {
-            return Color::Texture(vertex);
-        }
-        let kind = TextureKind::Product { factors: [color, Color::Texture(vertex)] };
-        Color::Texture(self.scene.add_texture("product", kind, self.source))
     }
 
     /// Adds the scattering of a material, with all mixed materials.
@@ -193,7 +196,7 @@ impl Reader<'_> {
     ) -> MaterialKind {
         let [r, g, b, _] = old.diffuse_factor();
         let diffuse = self.color(old.diffuse_texture(), [r, g, b].map(share));
-        let diffuse = if colored { self.vertex_color(diffuse) } else { diffuse };
+        let diffuse = if colored { self.scene.vertex_color(diffuse, self.source) } else { diffuse };
         let gloss = share(old.glossiness_factor());
         let specular = self.color(old.specular_glossiness_texture(), old.specular_factor().map(share));
         let used = old.specular_glossiness_texture().map(|info| Use::of(&info));

@@ -98,6 +98,11 @@ impl Reader<'_> {
                 self.warn(format!("{name} consists of points or lines; left out"));
                 continue;
             }
+            if primitive.get(&Semantic::Tangents).is_some() && primitive.material().normal_texture().is_some() {
+                self.warn(format!(
+                    "{name}: its tangents are left out; those of the texture coordinates stand for them"
+                ));
+            }
             let colors = self.vertex_colors(&primitive, &name).map_err(|what| format!("{name}: {what}"))?;
             let surface = self.surface_of(&primitive.material(), !colors.is_empty())?;
             let data = self.mesh(&primitive, pose, surface.uv_set);

@@ -3,9 +3,9 @@
 use super::buffers::{beside, read_uri};
 use super::{Reader, named};
 use crate::image::{Encoding, Image, read_image};
-use crate::{Color, Notice, Scalar, TextureId, TextureKind, Wrap};
+use crate::{Color, Scalar, TextureId, TextureKind, Wrap};
 use ::gltf::json;
-use ::gltf::json::texture::WrappingMode;
+use ::gltf::json::texture::{MagFilter, WrappingMode};
 use ::gltf::material::NormalTexture;
 use ::gltf::texture::Info;
 use serde_json::Value;
@@ -106,10 +106,13 @@ impl Reader<'_> {
         let sampler = info.texture.sampler();
         let wrap = [sampler.wrap_s(), sampler.wrap_t()];
         if wrap.contains(&WrappingMode::MirroredRepeat) {
-            self.notice(format!("{name}: it repeats without being mirrored"));
+            self.warn(format!("{name}: it repeats without being mirrored"));
         }
         if wrap[0] != wrap[1] {
-            self.notice(format!("{name}: wraps in the same way in both directions"));
+            self.warn(format!("{name}: wraps in the same way in both directions"));
+        }
+        if sampler.mag_filter() == Some(MagFilter::Nearest) {
+            self.warn(format!("{name}: its texels are interpolated, where the file asks for the nearest"));
         }
         let wrap = if wrap[0] == WrappingMode::ClampToEdge { Wrap::Clamp } else { Wrap::Repeat };
         let [scale, shift] = info.transform();
@@ -121,14 +124,7 @@ impl Reader<'_> {
     fn check_rotation(&mut self, info: &Use<'_>) {
         if info.rotated {
             let name = named("texture", info.texture.index(), info.texture.name());
-            self.notice(format!("{name}: the rotation of its coordinates is left out"));
-        }
-    }
-
-    fn notice(&mut self, message: String) {
-        let notice = Notice::warning(self.source.clone(), message);
-        if !self.scene.notices.contains(&notice) {
-            self.scene.notices.push(notice);
+            self.warn(format!("{name}: the rotation of its coordinates is left out"));
         }
     }
 
@@ -142,7 +138,7 @@ impl Reader<'_> {
             Err(what) => {
                 let name = self.document.images().nth(index).and_then(|image| image.name()).map(str::to_owned);
                 let name = named("image", index, name.as_deref());
-                self.notice(format!("{name} cannot be read, a constant stands for it: {what}"));
+                self.warn(format!("{name} cannot be read, a constant stands for it: {what}"));
                 None
             }
         };

@@ -113,7 +113,8 @@ impl Reader<'_> {
                 if let Some(what) = mesh.doubt {
                     params.notice(line, format!("{}: {what}", path.display()));
                 }
-                let mesh = Arc::new(mesh.data);
+                // pbrt's materials see no vertex colours.
+                let mesh = Arc::new(MeshData { colors: Vec::new(), ..mesh.data });
                 self.meshes.insert(path, mesh.clone());
                 Some(Geometry::Mesh(mesh))
             }

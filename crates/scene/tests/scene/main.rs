@@ -9,6 +9,8 @@ mod gltf_surfaces;
 mod image;
 #[cfg(target_os = "linux")] // Reads /proc.
 mod image_memory;
+
+mod model_colors;
 mod model_views;
 mod models;
 mod reader_directives;
