@@ -10,6 +10,7 @@ mod image;
 #[cfg(target_os = "linux")] // Reads /proc.
 mod image_memory;
 
+mod left_out;
 mod model_colors;
 mod model_views;
 mod models;
