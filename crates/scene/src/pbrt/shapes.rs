@@ -75,8 +75,12 @@ impl Reader<'_> {
             params.unsupported(line, "an area light that moves");
             return None;
         }
+        if light.texture.is_some() && !matches!(geometry, Geometry::Mesh(_)) {
+            params.unsupported(line, format!("an image that a {} emits (make it a mesh)", geometry.name()));
+            return None;
+        }
         let Some(power) = light.power else {
-            return Some(Emission::even(light.radiance, light.two_sided));
+            return Some(Emission { texture: light.texture, ..Emission::even(light.radiance, light.two_sided) });
         };
         let Some(area) = world_area(geometry, self.state.ctm.start) else {
             let what = "the power of a stretched sphere or disk is not known; give its radiance L and scale";
