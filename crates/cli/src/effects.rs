@@ -70,8 +70,7 @@ pub(crate) struct EffectsArgs {
 pub(crate) fn run(options: &EffectsArgs) -> Result<Outcome> {
     let stop = Stop::listen()?;
     start_threads(options.threads)?;
-    let spec =
-        RenderSpec { allow_unsupported: options.allow_unsupported, ..RenderSpec::new(options.scene.to_string_lossy()) };
+    let spec = RenderSpec { allow_unsupported: options.allow_unsupported, ..RenderSpec::new(&options.scene) };
     let loaded = LoadedScene::read(&spec, &LoadOptions { digest: false, ..LoadOptions::default() });
     let loaded = loaded?;
     for warning in loaded.warnings.iter().filter(|warning| matches!(warning, Warning::Notice(_))) {

@@ -5,11 +5,13 @@ mod systems;
 use crate::output::tell;
 use crate::render::RenderArgs;
 use crate::{Failure, Outcome, Result};
+use clap::builder::{PathBufValueParser, TypedValueParser};
 use clap::parser::ValueSource;
 use clap::{ArgMatches, Args, Command, FromArgMatches, ValueEnum};
 use dapple_job::{BudgetSpec, RenderSpec};
 use dapple_scene::bundled;
 use dapple_scene::image::Format;
+use dapple_scene::text::file_stem;
 use std::path::{Path, PathBuf};
 use systems::{Files, quoted};
 
@@ -30,7 +32,7 @@ pub(crate) struct FarmOptions {
     parts: u32,
 
     /// Image file to make at the end: .exr, .pfm or .png, in DIR unless absolute; may be repeated [default: image.exr]
-    #[arg(long = "image", value_name = "FILE", value_parser = image, help_heading = "Job")]
+    #[arg(long = "image", value_name = "FILE", value_parser = image(), help_heading = "Job")]
     images: Vec<PathBuf>,
 
     /// Number of times that a task is tried
@@ -171,14 +173,13 @@ impl<'a> Job<'a> {
             let wrong = "tasks of a job do not share a clock; give --spp or --error (mpirun takes --time)";
             return Err(Failure::usage("farm", wrong));
         }
-        let stem = Path::new(&spec.scene).file_stem();
-        let name = stem.map_or("render".into(), |stem| stem.to_string_lossy().into_owned());
-        if !bundled::names().contains(&spec.scene.as_str()) {
+        let name = file_stem(&spec.scene).unwrap_or_else(|| "render".into());
+        if !bundled::names().iter().any(|name| spec.scene == Path::new(name)) {
             let scene = std::path::absolute(&spec.scene).map_err(Failure::new)?;
             if !scene.exists() {
                 return Err(Failure::new(format!("{}: no such file; give the path of a scene", scene.display())));
             }
-            spec.scene = text(&scene)?;
+            spec.scene = scene;
         }
         let images = match &options.images[..] {
             [] => vec!["image.exr".to_owned()],
@@ -240,9 +241,8 @@ fn text(path: &Path) -> Result<String> {
 }
 
 /// The name of an image file.
-fn image(text: &str) -> std::result::Result<PathBuf, String> {
-    Format::from_path(Path::new(text)).map_err(|e| e.to_string())?;
-    Ok(text.into())
+fn image() -> impl TypedValueParser<Value = PathBuf> {
+    PathBufValueParser::new().try_map(|path| Format::from_path(&path).map(|_| path).map_err(|e| e.to_string()))
 }
 
 /// A word of letters, digits and underscores.

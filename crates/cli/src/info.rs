@@ -23,8 +23,7 @@ pub(crate) struct InfoArgs {
 }
 
 pub(crate) fn run(args: &InfoArgs) -> Result<Outcome> {
-    let spec =
-        RenderSpec { allow_unsupported: args.allow_unsupported, ..RenderSpec::new(args.scene.to_string_lossy()) };
+    let spec = RenderSpec { allow_unsupported: args.allow_unsupported, ..RenderSpec::new(&args.scene) };
     let loaded = LoadedScene::read(&spec, &LoadOptions { digest: false, ..LoadOptions::default() });
     let prepared = loaded.and_then(LoadedScene::build)?;
     for warning in prepared.loaded.warnings.iter().filter(|warning| matches!(warning, Warning::Notice(_))) {

@@ -18,6 +18,7 @@ use dapple_job::{
     Warning,
 };
 use dapple_scene::Scene;
+use dapple_scene::text::file_stem;
 use live::Live;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -242,8 +243,8 @@ impl Show<'_> {
 
 /// The name of output files: that of the scene file's own output, without folder and extension; else the scene's.
 fn name(scene: &Scene) -> String {
-    let given = scene.film.file_name.as_deref().and_then(|file| Path::new(file).file_stem());
-    given.map_or_else(|| scene.name.clone(), |stem| stem.to_string_lossy().into_owned())
+    let given = scene.film.file_name.as_deref().and_then(|file| file_stem(Path::new(file)));
+    given.unwrap_or_else(|| scene.name.clone())
 }
 
 /// The outcome of the program, after all files are written. `checkpoint` is the written checkpoint file, or the error

@@ -1,5 +1,6 @@
 //! Files: reading of small texts, the identity of a file under several names, and a hash of contents.
 
+use std::borrow::Cow;
 use std::fs;
 use std::io::{Error, ErrorKind, Read};
 use std::path::{Path, PathBuf};
@@ -8,8 +9,8 @@ use std::path::{Path, PathBuf};
 ///
 /// # Errors
 ///
-/// The operating system's error; [`ErrorKind::FileTooLarge`] for a longer file, [`ErrorKind::InvalidData`] for a file that
-/// is not UTF-8.
+/// The operating system's error; [`ErrorKind::FileTooLarge`] for a longer file, [`ErrorKind::InvalidData`] for one in
+/// UTF-16.
 pub fn read_text(path: &Path, longest: u64) -> std::io::Result<String> {
     let mut bytes = Vec::new();
     fs::File::open(path)?.take(longest + 1).read_to_end(&mut bytes)?;
@@ -17,7 +18,74 @@ pub fn read_text(path: &Path, longest: u64) -> std::io::Result<String> {
         let what = format!("it is longer than {}", crate::memory::size(longest));
         return Err(Error::new(ErrorKind::FileTooLarge, what));
     }
-    String::from_utf8(bytes).map_err(|_| Error::new(ErrorKind::InvalidData, "it is not a text in UTF-8"))
+    let text = dapple_scene::text::decode(&bytes);
+    text.map(Cow::into_owned).map_err(|what| Error::new(ErrorKind::InvalidData, what))
+}
+
+/// The serialisation of a path: a text, or the list of its bytes if it is not UTF-8.
+pub(crate) mod path {
+    use serde::de::{Deserializer, Error, SeqAccess, Visitor};
+    use serde::ser::Serializer;
+    use std::fmt;
+    use std::path::{Path, PathBuf};
+
+    pub(crate) fn serialize<S: Serializer>(path: &Path, to: S) -> Result<S::Ok, S::Error> {
+        match path.to_str() {
+            Some(text) => to.serialize_str(text),
+            None => to.collect_seq(path.as_os_str().as_encoded_bytes()),
+        }
+    }
+
+    pub(crate) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<PathBuf, D::Error> {
+        from.deserialize_any(PathVisitor)
+    }
+
+    /// A path as JSON.
+    #[derive(serde::Serialize, serde::Deserialize)]
+    #[serde(transparent)]
+    struct Json(#[serde(with = "self")] PathBuf);
+
+    /// Returns a path as text: itself, or the list of its bytes if it is not UTF-8.
+    pub(crate) fn to_text(path: &Path) -> String {
+        let json = || serde_json::to_string(&Json(path.to_owned())).unwrap_or_default();
+        path.to_str().map_or_else(json, str::to_owned)
+    }
+
+    /// Returns the path of a text by [`to_text`].
+    pub(crate) fn of_text(text: &str) -> PathBuf {
+        let list = Some(text).filter(|text| text.starts_with('[')).and_then(|text| serde_json::from_str(text).ok());
+        list.map_or_else(|| text.into(), |Json(path)| path)
+    }
+
+    struct PathVisitor;
+
+    impl<'de> Visitor<'de> for PathVisitor {
+        type Value = PathBuf;
+
+        fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+            f.write_str("a string")
+        }
+
+        fn visit_str<E: Error>(self, text: &str) -> Result<PathBuf, E> {
+            Ok(text.into())
+        }
+
+        fn visit_seq<A: SeqAccess<'de>>(self, mut bytes: A) -> Result<PathBuf, A::Error> {
+            let bytes: Vec<u8> = std::iter::from_fn(|| bytes.next_element().transpose()).collect::<Result<_, _>>()?;
+            of_bytes(bytes).ok_or_else(|| A::Error::custom("a path of another system; give it as a string"))
+        }
+    }
+
+    #[cfg(unix)]
+    fn of_bytes(bytes: Vec<u8>) -> Option<PathBuf> {
+        use std::os::unix::ffi::OsStringExt;
+        Some(std::ffi::OsString::from_vec(bytes).into())
+    }
+
+    #[cfg(not(unix))]
+    fn of_bytes(bytes: Vec<u8>) -> Option<PathBuf> {
+        String::from_utf8(bytes).ok().map(PathBuf::from)
+    }
 }
 
 /// The identity of a file, which need not exist yet.

@@ -186,14 +186,14 @@ fn is_dark_lamp(shape: &Shape) -> bool {
 }
 
 /// The bundled scene called `name`; `None` if there is none, or if a file has this name.
-fn bundle(name: &str) -> Option<Bundle> {
-    if Path::new(name).is_file() { None } else { bundled::files(name) }
+fn bundle(name: &Path) -> Option<Bundle> {
+    if name.is_file() { None } else { name.to_str().and_then(bundled::files) }
 }
 
 /// Reads the scene of a description, a file or a bundled scene, with a digest if the options request one, and lists the files
 /// that were read.
 fn read(spec: &RenderSpec, options: &LoadOptions) -> Result<(Scene, Option<ContentHash>, Vec<PathBuf>), JobError> {
-    let path = Path::new(&spec.scene);
+    let path = &*Disk::locate(&spec.scene);
     let mut digest = ContentHash::new();
     if let Some(bundle) = bundle(&spec.scene) {
         for (name, bytes) in bundle.files.iter().filter(|_| options.digest) {
@@ -203,7 +203,7 @@ fn read(spec: &RenderSpec, options: &LoadOptions) -> Result<(Scene, Option<Conte
         return Ok((bundle.read()?, options.digest.then_some(digest), Vec::new()));
     }
     if !path.exists() {
-        return Err(JobError::NoScene { name: spec.scene.clone() });
+        return Err(JobError::NoScene { name: spec.scene.display().to_string() });
     }
     let memory = options.limit.bytes().map(|limit| limit.saturating_sub(resident().map_or(0, |[now, _]| now)));
     let read_options = ReadOptions { allow_unsupported: spec.allow_unsupported, memory };
@@ -230,6 +230,7 @@ struct Recorder {
 
 impl Files for Recorder {
     fn read(&self, path: &Path) -> std::io::Result<Vec<u8>> {
+        let path = &*Disk::locate(path);
         if let Some(most) = self.options.limit.bytes() {
             let length = std::fs::metadata(path)?.len();
             if length > most {
@@ -349,12 +350,11 @@ fn finds_caustics(integrator: &str) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::chosen_integrator;
+    use super::{bundle, chosen_integrator};
     use crate::RenderSpec;
-    use dapple_scene::bundled;
 
     fn chosen(spec: &RenderSpec) -> String {
-        let scene = bundled::files(&spec.scene).expect("a bundled scene").read().expect("a scene");
+        let scene = bundle(&spec.scene).expect("a bundled scene").read().expect("a scene");
         let (name, because) = chosen_integrator(spec, &scene);
         assert_eq!(because.is_some(), name == "photons" && spec.integrator == "auto");
         name

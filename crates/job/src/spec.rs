@@ -5,6 +5,7 @@ use dapple_registry::{DEFAULT_FILTER, DEFAULT_POINTS, DEFAULT_SAMPLER};
 use dapple_renderer::light::LightSelection;
 use dapple_scene::Effect;
 use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
 use std::str::FromStr;
 
 /// The version of the JSON format that [`RenderSpec::to_json`] writes.
@@ -20,7 +21,7 @@ pub const DEFAULT_INTEGRATOR: &str = "auto";
 
 /// A description of a render: all settings that decide the pixels of an image.
 ///
-/// Shards and checkpoints store the description as JSON, and `dapple render --spec FILE` reads it. Paths are text.
+/// Shards and checkpoints store the description as JSON, and `dapple render --spec FILE` reads it. Paths are text, or a list of bytes where they are not UTF-8.
 /// Fields that are missing from the JSON have the values of [`RenderSpec::new`]; unknown fields are refused. The fields that most
 /// renders set have functions of their names.
 ///
@@ -37,7 +38,8 @@ pub struct RenderSpec {
     /// The version of the JSON format: [`SPEC_VERSION`].
     pub version: u32,
     /// The scene: the path of a scene or model file, or the name of a bundled scene.
-    pub scene: String,
+    #[serde(with = "crate::files::path")]
+    pub scene: PathBuf,
     /// The sampler (how many samples each pixel gets), `NAME` or `NAME:key=value,…`.
     pub sampler: String,
     /// The point set (where samples lie), `NAME` or `NAME:key=value,…`.
@@ -205,7 +207,7 @@ pub enum SpecError {
 impl RenderSpec {
     /// Describes a render of `scene` with the default sampler, point set, filter and integrator, 64 samples per pixel
     /// and seed 1.
-    pub fn new(scene: impl Into<String>) -> Self {
+    pub fn new(scene: impl Into<PathBuf>) -> Self {
         Self {
             version: SPEC_VERSION,
             scene: scene.into(),
@@ -317,8 +319,8 @@ impl RenderSpec {
         }
         #[derive(Deserialize)]
         struct Named {
-            #[serde(rename = "scene")]
-            _scene: String,
+            #[serde(rename = "scene", with = "crate::files::path")]
+            _scene: PathBuf,
         }
         let Version { version } = serde_json::from_str(json)?;
         if version != u64::from(SPEC_VERSION) {

@@ -22,20 +22,23 @@ impl<F: Files + ?Sized> Files for &F {
     }
 }
 
-/// The files on disk. Devices and pipes are refused, since reading them may never end. Where no file has a name in UTF-8,
-/// one of the same name in Latin-1 is read: texts and file systems may differ in their encoding.
+/// The files on disk, as [`Disk::locate`] finds them. Devices and pipes are refused, since reading them may never end.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Disk;
 
+impl Disk {
+    /// Returns the path of a file that a text names. Texts and file systems may differ in their encoding: where no file
+    /// has the name in UTF-8, one with the same name in Latin-1 is meant. Returns `path` if there is neither.
+    pub fn locate(path: &Path) -> Cow<'_, Path> {
+        let latin = || in_latin1(path).into_iter().find(|path| path.exists());
+        if path.exists() { path.into() } else { latin().map_or(path.into(), Cow::Owned) }
+    }
+}
+
 impl Files for Disk {
     fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
-        let found = std::fs::metadata(path).map(|about| (about, Cow::Borrowed(path)));
-        let latin = |e| {
-            let mut paths = in_latin1(path).into_iter();
-            paths.find_map(|path| Some((std::fs::metadata(&path).ok()?, Cow::Owned(path)))).ok_or(e)
-        };
-        let (about, path) = found.or_else(latin)?;
-        if !about.is_file() {
+        let path = Self::locate(path);
+        if !std::fs::metadata(&path)?.is_file() {
             return Err(io::Error::new(io::ErrorKind::InvalidInput, "not a regular file"));
         }
         std::fs::read(path)

@@ -25,6 +25,7 @@
 
 mod exr_write;
 mod file;
+mod hdr;
 mod openexr;
 mod pfm;
 mod png;

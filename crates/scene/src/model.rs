@@ -30,7 +30,7 @@ pub use crate::scene_reader::{ModelOptions, UpAxis};
 
 use crate::files::Files;
 use crate::scene_reader::{ReadError, unreadable};
-use crate::{Color, Geometry, Material, MaterialId, MaterialKind, MeshData, MeshFault, Scene, Shape, Source};
+use crate::{Color, Geometry, Material, MaterialId, MaterialKind, MeshData, MeshFault, Scene, Shape, Source, text};
 use glam::DAffine3;
 use std::path::Path;
 use std::sync::Arc;
@@ -83,7 +83,7 @@ pub(crate) fn scene_of(
 ) -> Result<Scene, ReadError> {
     let source = Source { file: Arc::new(path.to_owned()), line: 0 };
     let bytes = files.read(path).map_err(|e| unreadable(source.clone(), &e))?;
-    let name = path.file_stem().map_or_else(|| "model".to_owned(), |stem| stem.to_string_lossy().into_owned());
+    let name = text::file_stem(path).unwrap_or_else(|| "model".to_owned());
     let mut scene = Scene { name, ..Scene::default() };
     add(&mut scene, bytes, &source)
         .map_err(|e| ReadError::invalid(Source { line: e.line.unwrap_or(0), ..source }, e.what))?;

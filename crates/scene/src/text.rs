@@ -1,6 +1,7 @@
 //! Text of files: encodings, line ends, words and numbers, for every format that is text.
 
 use std::borrow::Cow;
+use std::path::Path;
 use std::str::FromStr;
 
 /// The byte order mark of UTF-8.
@@ -28,8 +29,8 @@ pub fn decode(bytes: &[u8]) -> Result<Cow<'_, str>, &'static str> {
     Ok(lines.into())
 }
 
-/// Returns text whose bytes are UTF-8, or Latin-1 where they are not.
-pub(crate) fn lossless(bytes: &[u8]) -> Cow<'_, str> {
+/// Returns the text of bytes that are UTF-8, or Latin-1 where they are not, such as those of a path.
+pub fn lossless(bytes: &[u8]) -> Cow<'_, str> {
     if let Ok(text) = std::str::from_utf8(bytes) {
         return text.into();
     }
@@ -38,6 +39,11 @@ pub(crate) fn lossless(bytes: &[u8]) -> Cow<'_, str> {
         chunk.valid().to_owned() + &other
     };
     bytes.utf8_chunks().map(latin).collect::<String>().into()
+}
+
+/// The file name of a path without its extension, in the text of [`lossless`]; `None` for a path without a file name.
+pub fn file_stem(path: &Path) -> Option<String> {
+    path.file_stem().map(|stem| lossless(stem.as_encoded_bytes()).into_owned())
 }
 
 /// Returns the bytes of a text after its byte order mark.

@@ -524,6 +524,26 @@ mod tests {
     }
 
     #[test]
+    fn plans_may_have_a_byte_order_mark_any_line_ends_and_latin_1() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("plan.toml");
+        for end in ["\n", "\r\n", "\r"] {
+            let text = |seeds: &str| ["# caf\u{e9}", "spp = [", "8]", seeds, ""].join(end);
+            let latin = text("seeds = 3").chars().map(|c| c as u8).collect::<Vec<u8>>();
+            for bytes in [format!("\u{feff}{}", text("seeds = 3")).into_bytes(), latin] {
+                std::fs::write(&path, bytes).expect("a plan");
+                assert_eq!(Plan::read(Some(&path), &[]).expect("a plan").seeds.len(), 3, "{end:?}");
+            }
+            std::fs::write(&path, text("seeds = [1, 1]")).expect("a plan");
+            let found = Plan::read(Some(&path), &[]).expect_err("twice").to_string();
+            assert!(found.contains("plan.toml:4: seeds: a seed is given twice"), "{end:?}: {found}");
+        }
+        std::fs::write(&path, b"\xff\xfes\0").expect("a plan");
+        let found = Plan::read(Some(&path), &[]).expect_err("UTF-16").to_string();
+        assert!(found.contains("plan.toml") && found.contains("this text is in UTF-16; save it as UTF-8"), "{found}");
+    }
+
+    #[test]
     fn errors_name_file_line_and_key() {
         let cases = [
             ("spp = [8, \"a\"]", "some/plan.toml:1: invalid type: string \"a\", expected u64"),

@@ -32,7 +32,7 @@ pub(crate) struct RenderArgs {
     ///
     /// Without this option, NAME.exr and NAME.png are written to the current folder, and the sample map
     /// NAME-samples.png unless the sampler is uniform. NAME is that of the file's Film, else the scene's. Existing files are replaced.
-    #[arg(short, long = "output", visible_alias = "outfile", value_name = "OUT", value_parser = output)]
+    #[arg(short, long = "output", visible_alias = "outfile", value_name = "OUT", value_parser = output())]
     pub(crate) outputs: Vec<PathBuf>,
 
     /// Sampler (how many samples each pixel gets); `dapple samplers` lists all
@@ -147,7 +147,7 @@ pub(crate) struct RenderArgs {
     ///
     /// Samples are shown unfiltered until the end. The file is always complete: each image is written under a temporary
     /// name, then renamed.
-    #[arg(long, value_name = "FILE.png", value_parser = preview, help_heading = "While it renders")]
+    #[arg(long, value_name = "FILE.png", value_parser = preview(), help_heading = "While it renders")]
     pub(crate) preview: Option<PathBuf>,
 
     /// Show the image so far in a viewer, with layers of samples per pixel (count) and predicted squared error (error)
@@ -307,7 +307,7 @@ impl RenderArgs {
             without: self.without.clone(),
             allow_unsupported: self.allow_unsupported,
             shard: self.shard,
-            ..RenderSpec::new(self.scene.to_string_lossy())
+            ..RenderSpec::new(&self.scene)
         }
     }
 

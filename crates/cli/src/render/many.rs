@@ -13,6 +13,7 @@ use dapple_job::memory::{MemoryLimit, size};
 use dapple_job::output::FileIdentity;
 use dapple_job::{BudgetSpec, Job, JobError, OutputFiles, PlanFile, RenderSpec, RowsFiles, Shard, Traced, Warning};
 use dapple_scene::image::{check_writable, write_file};
+use dapple_scene::text::file_stem;
 use std::path::{Path, PathBuf};
 
 /// The options of work on a plan.
@@ -75,7 +76,7 @@ fn next_plan(parts: &[PathBuf], from: Option<&Path>, output: &Path, options: &Pl
     let rows = RowsFiles::read(parts)?;
     let named =
         || rows.plan().ok_or_else(|| Failure::new("these are shards of an image; dapple merge makes the image"));
-    let from = from.map_or_else(named, Ok)?;
+    let from = &*from.map_or_else(named, |from| Ok(from.to_owned()))?;
     keep(output, parts.iter().map(|part| ("a part", part.as_path())).chain([("--from", from)]))?;
     let plan = PlanFile::read(from)?;
     let progress = options.progress()?;
@@ -125,7 +126,7 @@ pub(super) fn part(args: &RenderArgs, shard: Shard) -> Result<Outcome> {
 
 /// The name of a part's file if none is given.
 fn part_name(spec: &RenderSpec, shard: Shard) -> PathBuf {
-    let scene = Path::new(&spec.scene).file_stem().map_or("scene".into(), |stem| stem.to_string_lossy());
+    let scene = file_stem(&spec.scene).unwrap_or_else(|| "scene".into());
     format!("{scene}-{}-of-{}.part", shard.index() + 1, shard.of()).into()
 }
 
@@ -290,7 +291,7 @@ pub(crate) struct MergeArgs {
     shards: Vec<PathBuf>,
 
     /// Image file to write: .exr, .pfm or .png; may be repeated [default: as for dapple render]
-    #[arg(short, long = "output", visible_alias = "outfile", value_name = "OUT", value_parser = values::output)]
+    #[arg(short, long = "output", visible_alias = "outfile", value_name = "OUT", value_parser = values::output())]
     outputs: Vec<PathBuf>,
 
     /// Path of the scene, if it has moved
@@ -338,7 +339,7 @@ pub(crate) fn merge(args: &MergeArgs) -> Result<Outcome> {
         }
     };
     if let Some(scene) = &args.scene {
-        spec.scene = scene.to_string_lossy().into_owned();
+        spec.scene.clone_from(scene);
     }
     let MergeArgs { exposure, json, quiet, .. } = *args;
     let show = Show { outputs: &args.outputs, exposure, json, quiet, ..Show::default() };

@@ -1,7 +1,7 @@
 //! Parsers of the values of options.
 
 use crate::failure;
-use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use clap::builder::{PathBufValueParser, PossibleValue, PossibleValuesParser, TypedValueParser};
 use dapple_job::output::layer_names;
 use dapple_job::{ErrorOf, MOST_SECONDS, PixelFilterSpec, registry};
 use dapple_renderer::light::LightSelection;
@@ -94,18 +94,23 @@ pub(crate) fn crop(text: &str) -> Parsed<[u32; 4]> {
     }
 }
 
-pub(crate) fn output(text: &str) -> Parsed<PathBuf> {
-    let path = PathBuf::from(text);
-    // Parts of images, and plans of them.
-    if !["shard", "plan", "part"].iter().any(|kind| has_extension(&path, kind)) {
-        Format::from_path(&path).map_err(|e| e.to_string())?;
-    }
-    Ok(path)
+pub(crate) fn output() -> impl TypedValueParser<Value = PathBuf> {
+    let check = |path: PathBuf| {
+        // Parts of images, and plans of them.
+        if !["shard", "plan", "part"].iter().any(|kind| has_extension(&path, kind)) {
+            Format::from_path(&path).map_err(|e| e.to_string())?;
+        }
+        Parsed::Ok(path)
+    };
+    PathBufValueParser::new().try_map(check)
 }
 
-pub(crate) fn preview(text: &str) -> Parsed<PathBuf> {
-    let is_png = matches!(Format::from_path(Path::new(text)), Ok(Format::Png));
-    if is_png { Ok(text.into()) } else { Err("a file name that ends in .png is required".into()) }
+pub(crate) fn preview() -> impl TypedValueParser<Value = PathBuf> {
+    let check = |path: PathBuf| match Format::from_path(&path) {
+        Ok(Format::Png) => Ok(path),
+        _ => Err("a file name that ends in .png is required"),
+    };
+    PathBufValueParser::new().try_map(check)
 }
 
 /// Returns `true` for a file name with this extension, in lower or upper case.

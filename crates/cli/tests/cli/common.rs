@@ -21,7 +21,7 @@ AttributeBegin
 AttributeEnd
 "#;
 
-pub(crate) struct Folder(TempDir);
+pub(crate) struct Folder(pub(crate) TempDir);
 
 pub(crate) struct Said {
     pub(crate) status: Option<i32>,

@@ -1,6 +1,6 @@
 //! Models by themselves, wherever a scene is taken.
 
-use crate::common::Folder;
+use crate::common::{Folder, Said};
 
 const BOX: &str = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nv 1 1 1\nv 0 1 1\n\
     f 1 4 3 2\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n";
@@ -42,4 +42,44 @@ fn a_lamp_without_area_is_named() {
     folder.write("dark.pbrt", scene);
     let warning = "warning: dark.pbrt:6: this lamp has no area and gives off no light; make it larger";
     folder.says("render dark.pbrt --spp 1 --resolution 8x8 -o a.png", 0, &[warning]);
+}
+
+/// Every input and output of the program under a name that is not UTF-8.
+#[cfg(target_os = "linux")] // Other systems refuse such names.
+#[test]
+fn paths_that_are_not_utf_8_are_read_and_written() {
+    use std::ffi::OsString;
+    use std::os::unix::ffi::OsStringExt;
+    // "café" in Latin-1, and a name of both encodings.
+    for stem in [&b"caf\xe9"[..], b"\xc3\xa9\xe9"] {
+        let folder = Folder::new();
+        let name = |end: &str| OsString::from_vec([stem, end.as_bytes()].concat());
+        let run = |words: &str| {
+            let mut command = folder.command("");
+            command.args(words.split(' ').map(|word| word.strip_prefix('@').map_or_else(|| word.into(), &name)));
+            let said = Said::of(command.output().expect("the program starts"));
+            assert_eq!(said.status, Some(0), "{words}: {}", said.err);
+            said.out
+        };
+        std::fs::write(folder.0.path().join(name(".obj")), BOX).expect("the model");
+        assert!(run("info @.obj").contains("triangles   12"));
+        let small = "--spp 4 --resolution 8x6";
+        run(&format!("render @.obj -o @.exr -o @.png --maps @ --preview @-now.png --checkpoint @.ckpt {small}"));
+        let spec = run(&format!("render @.obj --print-spec {small}"));
+        std::fs::write(folder.0.path().join(name(".json")), spec).expect("the description");
+        run("render --spec @.json -o @-2.exr");
+        run(&format!("render @.obj --shard 1/2 -o @-1.part {small} --sampler uniform"));
+        run(&format!("render @.obj --shard 2/2 -o @-2.part {small} --sampler uniform"));
+        run("merge @-1.part @-2.part -o @-3.exr");
+        run(&format!("render @.obj -o @.plan {small}"));
+        run("render --from @.plan --shard 1/1 -o @.part");
+        run("plan @.part -o @-2.plan");
+        run("compare @.exr @-2.exr");
+        run("denoise @.exr -o @-4.exr");
+        let read = |end: &str| std::fs::read(folder.0.path().join(name(end))).expect("the file");
+        assert!(["-2.exr", "-3.exr", "-4.exr", ".png", "-now.png"].into_iter().all(|end| !read(end).is_empty()));
+        run(&format!("render @.obj {small}"));
+        let default = if stem[0] == b'c' { "caf\u{e9}.exr" } else { "\u{e9}\u{e9}.exr" };
+        assert!(folder.path(default).exists(), "{:?}", folder.names());
+    }
 }

@@ -4,6 +4,7 @@ use super::checkpoints::Watched;
 use super::identity::{PART, PLAN, SPEC, common, compared, joined, same_render};
 use super::{Checkpoints, Job, JobMonitor, Traced};
 use crate::checkpoint::{Identity, Kind, ROWS, StateFile};
+use crate::files::path::{of_text, to_text};
 use crate::memory::MemoryEstimate;
 use crate::{JobError, RenderSpec, Shard};
 use dapple_core::render::{Control, Monitor, Readiness, Stage, Status, TracedRows};
@@ -76,8 +77,9 @@ impl RowsFiles {
     }
 
     /// The plan file of which they are rows, as it was named then; `None` for shards.
-    pub fn plan(&self) -> Option<&Path> {
-        self.files.first().and_then(|(_, file)| file.identity.value(PLAN)).map(Path::new)
+    pub fn plan(&self) -> Option<PathBuf> {
+        let plan = self.files.first().and_then(|(_, file)| file.identity.value(PLAN));
+        plan.map(of_text)
     }
 }
 
@@ -122,7 +124,7 @@ impl Job {
         monitor: &mut dyn JobMonitor,
     ) -> Result<Option<Vec<u8>>, JobError> {
         let mut pairs = self.identity()?.pairs().to_vec();
-        pairs.extend(plan.map(|plan| (PLAN.into(), plan.path.to_string_lossy().into_owned())));
+        pairs.extend(plan.map(|plan| (PLAN.into(), to_text(&plan.path))));
         pairs.push((PART.into(), shard.to_string()));
         let identity = Identity::new(pairs);
         // This one learns its training passes from the rows, the other from the plan.

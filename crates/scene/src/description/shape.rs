@@ -147,6 +147,13 @@ impl MeshData {
         }
     }
 
+    /// Sets colours that are NaN or infinite to white. Returns their number, `None` if there are none.
+    pub(crate) fn mend_colors(&mut self) -> Option<usize> {
+        let bad = self.colors.iter_mut().filter(|rgb| rgb.iter().any(|c| !c.is_finite()));
+        let count = bad.map(|rgb| *rgb = [1.0; 3]).count();
+        (count > 0).then_some(count)
+    }
+
     /// Gives each triangle its own colour. Vertices between triangles of different colours are doubled.
     pub(crate) fn color_triangles(&mut self, colors: &[[f32; 3]]) {
         let bits = |color: [f32; 3]| color.map(f32::to_bits);

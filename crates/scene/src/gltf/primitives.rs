@@ -114,6 +114,9 @@ impl Reader<'_> {
             if let Some(count) = data.mend_normals() {
                 self.warn(format!("{name}: {count} normals are not finite; the faces' own stand for them"));
             }
+            if let Some(count) = data.mend_colors() {
+                self.warn(format!("{name}: {count} vertex colours are not finite; white stands for them"));
+            }
             data.check().map_err(|e| format!("{name}: {e}"))?;
             parts.push(Part { geometry: Arc::new(data), surface });
         }
@@ -168,7 +171,7 @@ impl Reader<'_> {
             DataType::U16 if !accessor.normalized() => 65_535.0,
             _ => 1.0,
         };
-        Ok(colors.iter().map(|&[r, g, b, _]| [r, g, b].map(|c| c.max(0.0) / scale)).collect())
+        Ok(colors.iter().map(|&[r, g, b, _]| [r, g, b].map(|c| if c < 0.0 { 0.0 } else { c / scale })).collect())
     }
 
     /// Applies a skin: each vertex moves with the weighted mean of its joints' transforms.

@@ -1,8 +1,8 @@
 //! Reading of image files.
 
-use super::{Image, ImageError, openexr, pfm, srgb_decode};
+use super::{Image, ImageError, hdr, openexr, pfm, srgb_decode};
 use ::image::ColorType;
-use ::image::codecs::{hdr::HdrDecoder, jpeg::JpegDecoder, png::PngDecoder, tga::TgaDecoder};
+use ::image::codecs::{jpeg::JpegDecoder, png::PngDecoder, tga::TgaDecoder};
 use ::image::{ImageDecoder, ImageError as Decoder, Limits};
 use std::io::{Cursor, ErrorKind};
 
@@ -23,7 +23,8 @@ pub enum Encoding {
 /// The content decides on the format; only TGA, which has no signature, needs its extension. Integers of 8 or 16 bits
 /// are scaled to 0..=1, then decoded by the sRGB curve unless `encoding` is linear; alpha is never decoded. Gray
 /// becomes RGB. Color profiles, EXIF orientation and OpenEXR's display window are ignored. An animated PNG gives its
-/// first frame. HDR values are used as stored (EXPOSURE is ignored); PFM values are multiplied by the magnitude of the
+/// first frame. HDR values are used as stored (EXPOSURE is ignored), in any
+/// of the eight orders of pixels; PFM values are multiplied by the magnitude of the
 /// header's scale. Pixels of an OpenEXR file are those of its data window. NaN and infinities are kept: see
 /// [`Image::non_finite`].
 ///
@@ -57,10 +58,7 @@ pub fn read_image(bytes: &[u8], file_name: &str, encoding: Encoding) -> Result<I
             let working = check_jpeg(&file)?;
             decode(&file, encoding, working, JpegDecoder::new(&mut cursor))
         }
-        HDR => {
-            check_hdr(&file)?;
-            decode(&file, encoding, 0, HdrDecoder::new_nonstrict(&mut cursor))
-        }
+        HDR => hdr::read(&file, &mut cursor),
         _ => decode(&file, encoding, tga_copy(&file), TgaDecoder::new(&mut cursor)),
     };
     image.map_err(|fault| match fault {
@@ -181,7 +179,7 @@ fn format_of(bytes: &[u8], name: &str) -> Option<&'static str> {
 const COLUMN_BYTES: u64 = 32;
 
 /// Decodes an image in its final memory. `working` is the memory in bytes that the decoder needs in addition.
-fn decode<D: ImageDecoder>(
+pub(super) fn decode<D: ImageDecoder>(
     file: &File<'_>,
     encoding: Encoding,
     working: u64,
@@ -278,22 +276,6 @@ fn check_jpeg(file: &File<'_>) -> Result<u64, ImageError> {
 fn tga_copy(file: &File<'_>) -> u64 {
     let Some(&[.., w0, w1, h0, h1]) = file.bytes.first_chunk::<16>() else { return 0 };
     2 * u64::from(u16::from_le_bytes([w0, w1])) * u64::from(u16::from_le_bytes([h0, h1]))
-}
-
-/// Largest accepted header of a Radiance HDR file, in bytes. Small attributes take tens of times their bytes in memory
-/// (an estimate).
-const HDR_HEADER: usize = 1 << 20;
-
-fn check_hdr(file: &File<'_>) -> Result<(), ImageError> {
-    let head = &file.bytes[..file.bytes.len().min(HDR_HEADER)];
-    if head.len() == HDR_HEADER && !head.windows(2).any(|w| w == b"\n\n") {
-        return Err(file.malformed(HDR_HEADER, "its header does not end"));
-    }
-    let mut lines = head.split(|&b| b == b'\n').take_while(|line| !line.is_empty());
-    if lines.any(|line| line.starts_with(b"FORMAT=32-bit_rle_xyze")) {
-        return Err(file.unsupported("XYZ colour", "RGBE"));
-    }
-    Ok(())
 }
 
 /// Returns the end of the memory of `pixels` as bytes: `bytes_per_pixel` (at most 12) for each pixel. A decoder writes

@@ -152,17 +152,16 @@ impl Vertices {
             polygon::triangulate(&polygon, &data.positions, &mut data.triangles)
                 .map_err(|what| ModelError::at(line, what))?;
         }
-        let is_white = |color: &[f32; 3]| color[0].is_nan();
-        if data.colors.iter().all(is_white) {
+        if data.colors.iter().all(|color| color[0].is_nan()) {
             data.colors = Vec::new();
         }
-        data.colors.iter_mut().filter(|color| is_white(color)).for_each(|color| *color = [1.0; 3]);
+        data.mend_colors();
         data.check()?;
         Ok(data)
     }
 }
 
-/// The mark of a vertex without a colour.
+/// The mark of a vertex without a colour, which is white.
 const NO_COLOR: [f32; 3] = [f32::NAN; 3];
 
 /// The key of a group of faces: material and vertex attributes. Keys sort by the material's first use.
@@ -275,9 +274,13 @@ impl Parser {
             if text::number::<f64>(weight) != Some(1.0) {
                 self.leave_out("v", "has a weight, which counts in curves alone", line);
             }
-        } else if more.count() >= 3 {
+        } else if more.clone().count() >= 3 {
             colors.resize(positions.len() - 1, NO_COLOR);
-            colors.push(single(numbers("v", words.skip(3))?)?);
+            let color = numbers("v", more).and_then(single);
+            colors.push(*color.as_ref().unwrap_or(&NO_COLOR));
+            if color.is_err() {
+                self.leave_out("v", "has a colour that is not three finite numbers", line);
+            }
         }
         Ok(())
     }

@@ -11,7 +11,7 @@ use super::tokens::{did_you_mean, shown};
 use crate::files::Files;
 use crate::image::Image;
 use crate::scene_reader::ReadOptions;
-use crate::{Material, MaterialId, Medium, MediumId, MeshData, ObjectId, PixelFilter, Scene, Source, TextureId};
+use crate::{Material, MaterialId, Medium, MediumId, MeshData, ObjectId, PixelFilter, Scene, Source, TextureId, text};
 use glam::DAffine3;
 use std::collections::BTreeMap;
 use std::io::ErrorKind;
@@ -61,7 +61,7 @@ pub(super) struct Reader<'a> {
 impl<'a> Reader<'a> {
     pub(super) fn new(files: &'a dyn Files, path: &Path, options: &ReadOptions) -> Self {
         let mut scene = Scene { max_depth: Some(5), motion_times: [0.0, 1.0], ..Scene::default() };
-        scene.name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        scene.name = text::file_stem(path).unwrap_or_default();
         // pbrt-v4's default filter.
         scene.film.pixel_filter = PixelFilter::Gaussian { radius: [1.5, 1.5], sigma: 0.5 };
         let mut reader = Self { files, path: path.to_owned(), scene, memory: options.memory, ..Self::default() };

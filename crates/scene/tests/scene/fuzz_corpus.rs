@@ -1,6 +1,6 @@
 //! The fuzz targets' functions on their seeds, so that a build without `cargo fuzz` sees failures at once.
 //!
-//! The seeds are in `fuzz/seeds`, inputs that once broke something in `fuzz/found`.
+//! The seeds are in `fuzz/seeds` and `tests/corpus`, inputs that once broke something in `fuzz/found`.
 
 #![allow(clippy::print_stderr)] // How long the slowest input took is told.
 
@@ -8,6 +8,7 @@
 #[path = "../../../../fuzz/src/lib.rs"]
 mod targets;
 
+use crate::corpus::files::cases;
 use rand::{RngExt, SeedableRng};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -57,7 +58,9 @@ fn slowest_of(target: &str, run: fn(&[u8])) -> Duration {
         run(bytes);
         slowest = slowest.max(start.elapsed());
     };
-    let seeds = inputs("seeds", target);
+    let mut seeds = inputs("seeds", target);
+    let corpus = cases().into_iter().filter(|case| case.target == target);
+    seeds.extend(corpus.flat_map(|case| case.files).map(|(_, bytes)| bytes));
     assert!(!seeds.is_empty(), "{target} has no seeds");
     for input in seeds.iter().chain(&inputs("found", target)) {
         timed(input);

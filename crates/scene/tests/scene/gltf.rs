@@ -13,15 +13,15 @@ use std::collections::BTreeMap;
 use std::io::Cursor;
 use std::path::PathBuf;
 
-pub fn uri(bytes: &[u8]) -> String {
+pub(crate) fn uri(bytes: &[u8]) -> String {
     format!("data:application/octet-stream;base64,{}", base64::engine::general_purpose::STANDARD.encode(bytes))
 }
 
-pub fn floats(values: &[f32]) -> Vec<u8> {
+pub(crate) fn floats(values: &[f32]) -> Vec<u8> {
     values.iter().flat_map(|v| v.to_le_bytes()).collect()
 }
 
-pub fn png() -> Vec<u8> {
+pub(crate) fn png() -> Vec<u8> {
     let mut bytes = Vec::new();
     let pixels = image::RgbaImage::from_raw(2, 1, vec![255, 128, 0, 255, 0, 64, 255, 64]).expect("four channels");
     pixels.write_to(&mut Cursor::new(&mut bytes), image::ImageFormat::Png).expect("encoded");
@@ -29,7 +29,7 @@ pub fn png() -> Vec<u8> {
 }
 
 /// The bytes of a square's buffer: 4 positions, 4 normals, 4 texture coordinates, 6 indices.
-pub fn square() -> Vec<u8> {
+pub(crate) fn square() -> Vec<u8> {
     let mut bytes = floats(&[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 0.0]);
     bytes.extend(floats(&[0.0, 0.0, 1.0].repeat(4)));
     bytes.extend(floats(&[0.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0]));
@@ -38,7 +38,7 @@ pub fn square() -> Vec<u8> {
 }
 
 /// A square that stands on the y axis, in one node, without materials.
-pub fn bare() -> Value {
+pub(crate) fn bare() -> Value {
     let view = |offset: usize, length: usize| json!({"buffer": 0, "byteOffset": offset, "byteLength": length});
     json!({
         "asset": {"version": "2.0"},
@@ -59,7 +59,7 @@ pub fn bare() -> Value {
 }
 
 /// A square of a material.
-pub fn with_material(material: Value) -> Value {
+pub(crate) fn with_material(material: Value) -> Value {
     let mut document = bare();
     document["materials"] = json!([material]);
     document["meshes"][0]["primitives"][0]["material"] = json!(0);
@@ -74,19 +74,19 @@ fn files(document: &Value) -> BTreeMap<PathBuf, Vec<u8>> {
         .into()
 }
 
-pub fn read(document: &Value) -> Result<Scene, ReadError> {
+pub(crate) fn read(document: &Value) -> Result<Scene, ReadError> {
     read_any_from(&files(document), "m.gltf", &AnyOptions::default())
 }
 
 /// A scene of a square of a material, in which nothing is left out.
-pub fn quiet(material: Value) -> Scene {
+pub(crate) fn quiet(material: Value) -> Scene {
     let scene = read(&with_material(material)).unwrap();
     assert!(scene.notices.is_empty(), "{:?}", notices(&scene));
     scene
 }
 
 /// The first values of an image's pixels that a parameter reads, and the factor.
-pub fn texels(scene: &Scene, scalar: Scalar) -> ([f32; 2], f32) {
+pub(crate) fn texels(scene: &Scene, scalar: Scalar) -> ([f32; 2], f32) {
     let Scalar::Texture(id) = scalar else { panic!("{scalar:?}") };
     let TextureKind::Image { image, factor, .. } = &scene.textures[id.0 as usize].kind else { panic!("an image") };
     ([image.pixels[0][0], image.pixels[1][0]], *factor)
@@ -110,11 +110,11 @@ fn binary(mut document: Value) -> Vec<u8> {
     file
 }
 
-pub fn material(scene: &Scene) -> &Material {
+pub(crate) fn material(scene: &Scene) -> &Material {
     &scene.materials[scene.shapes[0].material.0 as usize]
 }
 
-pub fn notices(scene: &Scene) -> Vec<String> {
+pub(crate) fn notices(scene: &Scene) -> Vec<String> {
     scene.notices.iter().map(|notice| notice.message.clone()).collect()
 }
 

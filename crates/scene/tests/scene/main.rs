@@ -1,6 +1,7 @@
 //! Reading and describing scenes, as one test program: linking takes longer than compiling.
 
 mod bundled;
+mod corpus;
 mod effects_found;
 mod effects_removed;
 mod fuzz_corpus;

@@ -168,3 +168,16 @@ fn colours_of_stl_facets_follow_viscam_or_magics() {
     let scene = scene(&[("c.stl", &stl(b"viscam", [SET | 31, SET | 31]))]);
     assert_eq!((factors(&scene, 0), mesh(&scene, 0).positions.len()), (vec![None], 4), "one colour doubles no vertex");
 }
+
+/// A colour that is no number loses itself alone: its vertex is white, with a warning.
+#[test]
+fn colours_that_are_not_finite_are_white() {
+    let model = scene(&[("c.obj", b"v -1 0 0 1 0 0\nv 1 0 0 nan 0 0\nv 0 1 0 a b c\nf 1 2 3\n")]);
+    assert_colors(&mesh(&model, 0).colors, &[[1.0, 0.0, 0.0], [1.0; 3], [1.0; 3]], "OBJ");
+    let said: Vec<&str> = model.notices.iter().map(|notice| notice.message.as_str()).collect();
+    assert_eq!(said, ["\"v\" has a colour that is not three finite numbers; left out"]);
+    let colors = "property float red\nproperty float green\nproperty float blue\n";
+    let found = read_ply(&ply(colors, &["1 0 0", "inf 0 0", "0 nan 0"])).unwrap();
+    assert_colors(&found.data.colors, &[[1.0, 0.0, 0.0], [1.0; 3], [1.0; 3]], "PLY");
+    assert_eq!(found.doubt.unwrap(), "2 colours are not finite; white stands for them");
+}

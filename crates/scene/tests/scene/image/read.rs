@@ -434,3 +434,41 @@ fn reference_images_have_the_means_that_their_readme_lists() {
         }
     }
 }
+
+#[test]
+fn radiance_files_are_the_right_way_up_in_all_orders_of_pixels() {
+    // 2 rows of 3: the value of a pixel is its column and its row.
+    let image = |x: u8, y: u8| [16 * x + 16, 16 * y + 16, 16, 129];
+    for (order, [across, down]) in [
+        ("-Y +X", [1, 1]),
+        ("-Y -X", [-1, 1]),
+        ("+Y +X", [1, -1]),
+        ("+Y -X", [-1, -1]),
+        ("+X -Y", [1, 1]),
+        ("-X -Y", [-1, 1]),
+        ("+X +Y", [1, -1]),
+        ("-X +Y", [-1, -1]),
+    ] {
+        let columns: Vec<u8> = if across == 1 { vec![0, 1, 2] } else { vec![2, 1, 0] };
+        let rows: Vec<u8> = if down == 1 { vec![0, 1] } else { vec![1, 0] };
+        let (first, second) = order.split_once(' ').unwrap();
+        let by_rows = first.ends_with('Y');
+        let (counts, pixels): (_, Vec<[u8; 4]>) = if by_rows {
+            ([2, 3], rows.iter().flat_map(|&y| columns.iter().map(move |&x| image(x, y))).collect())
+        } else {
+            ([3, 2], columns.iter().flat_map(|&x| rows.iter().map(move |&y| image(x, y))).collect())
+        };
+        let head = format!("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n{first} {} {second} {}\n", counts[0], counts[1]);
+        let bytes = [head.as_bytes(), pixels.as_flattened()].concat();
+        let read = read_image(&bytes, "a.hdr", Encoding::Auto).unwrap();
+        assert_eq!(read.size, [3, 2], "{order}");
+        for (x, y) in [(0, 0), (1, 0), (2, 0), (0, 1), (1, 1), (2, 1)] {
+            let found = read.pixel(x, y).map(|c| (c * 128.0).round() as u8);
+            assert_eq!(found[..2], image(x as u8, y as u8)[..2], "{order}: {x}, {y}");
+        }
+        let cut = read_image(&bytes[..bytes.len() - 1], "a.hdr", Encoding::Auto).unwrap_err().to_string();
+        assert!(cut.contains("ends at byte") || cut.contains("is damaged"), "{cut}");
+    }
+    let huge = b"#?RADIANCE\n\n+X 40000 -Y 40000\n\x02\x02\xff\xff";
+    assert!(matches!(read_image(huge, "a.hdr", Encoding::Auto), Err(ImageError::TooLarge(_))));
+}
