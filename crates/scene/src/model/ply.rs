@@ -67,10 +67,10 @@ pub fn read_ply(bytes: &[u8]) -> Result<ModelMesh, ModelError> {
     } else if !of_faces.is_empty() {
         left_out.push("colours of faces, since vertices have their own".into());
     }
+    let colors = data.mend_colors().map(|count| format!("{count} colours are not finite; white stands for them"));
     let mended = data.mend_normals();
     let mended = mended.map(|count| format!("{count} normals are not finite; the faces' own stand for them"));
     data.check()?;
-    let colors = data.mend_colors().map(|count| format!("{count} colours are not finite; white stands for them"));
     let doubts = mended.into_iter().chain(colors).chain(rows.doubt(&text)).collect::<Vec<String>>().join("; ");
     Ok(ModelMesh { data, doubt: (!doubts.is_empty()).then_some(doubts), left_out })
 }
