@@ -24,11 +24,16 @@ const ENVIRONMENT: u64 = 16;
 
 /// Returns the bytes of a scene's meshes and images; shared ones count once.
 pub fn of_scene(scene: &Scene) -> u64 {
-    let meshes = once(meshes(scene)).into_iter().map(|mesh| {
-        of_slice(&mesh.positions) + of_slice(&mesh.normals) + of_slice(&mesh.uvs) + of_slice(&mesh.triangles)
-    });
+    let meshes = once(meshes(scene))
+        .into_iter()
+        .map(|mesh| of_slice(&mesh.positions) + of_slice(&mesh.triangles) + attributes(mesh));
     let images = once(images(scene)).into_iter().map(|p| of_slice(&p.pixels) + of_slice(&p.alpha));
     meshes.chain(images).sum()
+}
+
+/// Returns the bytes of what a mesh has per vertex beside positions.
+fn attributes(mesh: &MeshData) -> u64 {
+    of_slice(&mesh.normals) + of_slice(&mesh.uvs) + of_slice(&mesh.colors)
 }
 
 /// Estimates the memory in bytes of the world that [`World::new`](dapple_renderer::World::new) builds for a scene, to within
@@ -37,7 +42,7 @@ pub fn of_world(scene: &Scene) -> [u64; 2] {
     // Positions are stored in single precision; normals, texture coordinates and triangles are copied; each triangle
     // gets a normal.
     let copied = |mesh: &Arc<MeshData>| {
-        let vertices = mesh.positions.len() as u64 * 12 + of_slice(&mesh.normals) + of_slice(&mesh.uvs);
+        let vertices = mesh.positions.len() as u64 * 12 + attributes(mesh);
         vertices + 2 * of_slice(&mesh.triangles)
     };
     let copies: u64 = meshes(scene).map(copied).sum();

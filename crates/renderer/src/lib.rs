@@ -35,5 +35,5 @@ pub use integrator::{
 };
 pub use material::{MaterialError, Surface, without};
 pub use space::Space;
-pub use texture::Textures;
+pub use texture::{TexturePoint, Textures};
 pub use world::{Emitter, Interaction, Lanes, SampleDimensions, SceneError, World, WorldError};

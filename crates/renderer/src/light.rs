@@ -12,6 +12,7 @@ mod punctual;
 mod quadrics;
 mod selection;
 mod source;
+mod textured;
 
 pub use environment::Environment;
 use environment::{Tile, Tiles};
@@ -19,8 +20,9 @@ pub(crate) use mesh::MeshLight;
 pub(crate) use punctual::{DistantLight, PointLight, SpotLight};
 pub(crate) use quadrics::{DiskLight, SphereLight};
 pub use selection::{LightSelection, UnknownLightSelection};
-pub use source::{EmissionPdf, EmittedLight, Lamp, LightSample, Target};
-pub(crate) use source::{Expectation, LightSource, SceneSphere};
+pub use source::{EmissionPdf, EmittedLight, LightSample, Target};
+pub(crate) use source::{Expectation, Lamp, LightSource, SceneSphere};
+pub(crate) use textured::{TexturedEmission, TexturedLight};
 
 use crate::SceneError;
 use crate::shading::discrete::Discrete;
@@ -56,6 +58,11 @@ macro_rules! lights {
                 match self { $(Self::$name(light) => light.lamp(),)* }
             }
 
+            #[inline(always)]
+            fn emitted(&self, point: &SurfacePoint, cosine: f32) -> Vec3 {
+                match self { $(Self::$name(light) => light.emitted(point, cosine),)* }
+            }
+
             fn is_delta(&self) -> bool {
                 match self { $(Self::$name(light) => light.is_delta(),)* }
             }
@@ -64,8 +71,8 @@ macro_rules! lights {
                 match self { $(Self::$name(light) => light.emit(scene, place, towards),)* }
             }
 
-            fn emission_pdf(&self, scene: &SceneSphere, normal: Vec3, direction: Vec3) -> EmissionPdf {
-                match self { $(Self::$name(light) => light.emission_pdf(scene, normal, direction),)* }
+            fn emission_pdf(&self, scene: &SceneSphere, point: &SurfacePoint, direction: Vec3) -> EmissionPdf {
+                match self { $(Self::$name(light) => light.emission_pdf(scene, point, direction),)* }
             }
 
             fn power(&self, scene_radius: f64) -> f64 {
@@ -82,6 +89,8 @@ macro_rules! lights {
 lights! {
     /// A mesh of triangles that emit light.
     Mesh(MeshLight),
+    /// A mesh whose emission is a texture.
+    Textured(Box<TexturedLight>),
     /// A sphere that emits light.
     Sphere(SphereLight),
     /// A disk or ring that emits light.
@@ -330,10 +339,11 @@ impl Lights {
         self.lights[light as usize].pdf(from, point)
     }
 
-    /// Returns the emission of an area light by its index; `None` for other lights and unused indices.
-    #[inline]
-    pub fn lamp(&self, light: u32) -> Option<&Lamp> {
-        self.lights.get(light as usize)?.lamp()
+    /// Returns the radiance that a point of an area light emits in a direction. `cosine` is taken between the direction
+    /// and the normal of the emitting side. Black for other lights and unused indices.
+    #[inline(always)]
+    pub fn emitted(&self, light: u32, point: &SurfacePoint, cosine: f32) -> Vec3 {
+        self.lights.get(light as usize).map_or(Vec3::ZERO, |light| light.emitted(point, cosine))
     }
 
     /// Returns the probability with which [`Lights::select`] returns `light`.
@@ -369,10 +379,10 @@ impl Lights {
     /// Returns the densities with which [`Lights::sample_emission`] samples a ray in the unit `direction` from a point
     /// of the light, once the light is selected.
     ///
-    /// `normal` is the normal of an area light on its emitting side; other lights ignore it. A direction into which
+    /// `point` is on an area light, with its normal on the emitting side; other lights ignore it. A direction into which
     /// nothing is emitted has density 0. A distant light has density 1 for every direction, since it has only one.
-    pub fn emission_pdf(&self, light: u32, normal: Vec3, direction: Vec3) -> EmissionPdf {
-        self.lights[light as usize].emission_pdf(&self.scene, normal, direction)
+    pub fn emission_pdf(&self, light: u32, point: &SurfacePoint, direction: Vec3) -> EmissionPdf {
+        self.lights[light as usize].emission_pdf(&self.scene, point, direction)
     }
 
     /// Returns the solid-angle density with which [`Lights::sample_emission`] samples light that arrives from the unit

@@ -4,14 +4,14 @@ mod mix;
 #[cfg(test)]
 mod tests;
 
-pub(crate) use mix::{check_mixes, interface_share, resolve};
+pub(crate) use mix::{check_mixes, passed_share, resolve};
 
 use crate::shading::coat::{Coat, CoatOptions};
 use crate::shading::{
     Bsdf, ComplexIor, DiffuseTransmission, Layered, Layers, MetalCoat, Plastic, RoughDielectric, SmoothDielectric,
     Substrate, Tint, TrowbridgeReitz,
 };
-use crate::texture::Textures;
+use crate::texture::{TexturePoint, Textures};
 use dapple_scene::{
     ClearCoat, Coating, Color, ConductorFresnel, Effect, Material, MaterialKind, Roughness, Scalar, Scene, Source,
     TextureId, WithoutError, effectively_smooth, roughness_to_alpha,
@@ -26,7 +26,7 @@ pub struct Surface {
     pub(crate) normal_variation: NormalVariation,
     /// True if there is a bump map or a normal map.
     pub(crate) bumped: bool,
-    /// True if scattering depends on the texture coordinates.
+    /// True if scattering depends on the texture coordinates or the vertex colours.
     pub(crate) textured: bool,
     /// True if scattering depends on the tangent in the direction of increasing u.
     pub(crate) anisotropic: bool,
@@ -38,6 +38,8 @@ pub struct Surface {
     pub(crate) transmits: bool,
     /// True for an interface: a boundary between media that light passes without scattering.
     pub(crate) interface: bool,
+    /// True for a surface that only the camera sees, and shows it its albedo.
+    pub(crate) unlit: bool,
     /// True for a mix of two other materials, of which [`resolve`] selects one at each hit.
     pub(crate) mixes: bool,
 }
@@ -206,6 +208,10 @@ impl Surface {
                 Self { mixes: true, textured, ..Self::of(kind) }
             }
             MaterialKind::Interface => Self { interface: true, ..Self::default() },
+            MaterialKind::Unlit { color } => {
+                let color = share(color)?;
+                Self { unlit: true, black: true, ..Self::of(Kind::Diffuse(color)).colors(&[color]) }
+            }
         })
     }
 
@@ -242,7 +248,7 @@ impl Surface {
 
     /// Returns true for Lambertian reflection of constant color, without a bump map or normal map.
     pub(crate) fn is_plain(&self) -> bool {
-        matches!(self.kind, Kind::Diffuse(Color::Constant(_))) && !self.bumped
+        matches!(self.kind, Kind::Diffuse(Color::Constant(_))) && !self.bumped && !self.unlit
     }
 
     /// Returns the BSDF of a [plain](Self::is_plain) material; a black one for any other material.
@@ -255,21 +261,21 @@ impl Surface {
         Bsdf::Diffuse { reflectance }
     }
 
-    /// Returns the BSDF at a point with these texture coordinates. Interfaces, and mixes that are not resolved to one
+    /// Returns the BSDF at a point. Interfaces, and mixes that are not resolved to one
     /// of their materials, scatter nothing.
     #[inline(always)]
-    pub fn bsdf(&self, textures: &Textures, uv: [f32; 2]) -> Bsdf<'_> {
+    pub fn bsdf(&self, textures: &Textures, point: impl Into<TexturePoint>) -> Bsdf<'_> {
         // A constant color was clamped when the material was prepared.
         if let Kind::Diffuse(Color::Constant(rgb)) = &self.kind {
             return Bsdf::Diffuse { reflectance: Vec3::from_array(*rgb) };
         }
-        self.bsdf_of_others(textures, uv)
+        self.bsdf_of_others(textures, point.into())
     }
 
-    fn bsdf_of_others(&self, textures: &Textures, uv: [f32; 2]) -> Bsdf<'_> {
+    fn bsdf_of_others(&self, textures: &Textures, point: TexturePoint) -> Bsdf<'_> {
         let color = |c: &Color| match c {
             Color::Constant(rgb) => Vec3::from_array(*rgb),
-            Color::Texture(id) => textures.look_up(*id, uv).clamp(Vec3::ZERO, Vec3::ONE),
+            Color::Texture(id) => textures.look_up(*id, point).clamp(Vec3::ZERO, Vec3::ONE),
         };
         let ior = |metal: &Metal| match metal {
             Metal::Known(ior) => *ior,
@@ -277,7 +283,7 @@ impl Surface {
         };
         match &self.kind {
             Kind::Diffuse(reflectance) => Bsdf::Diffuse { reflectance: color(reflectance) },
-            Kind::Conductor { metal, widths } => match widths.at(textures, uv) {
+            Kind::Conductor { metal, widths } => match widths.at(textures, point) {
                 Some(microfacets) => Bsdf::Conductor { ior: ior(metal), microfacets },
                 None => Bsdf::SmoothConductor { ior: ior(metal) },
             },
@@ -286,7 +292,7 @@ impl Surface {
             Kind::CoatedConductor { coat, metal } => Bsdf::coated_conductor(coat, ior(metal)),
             Kind::Dielectric { eta, widths, reflectance, transmittance } => {
                 let (eta, tint) = (*eta, Tint { reflectance: color(reflectance), transmittance: color(transmittance) });
-                match widths.at(textures, uv) {
+                match widths.at(textures, point) {
                     Some(microfacets) if eta != 1.0 => Bsdf::Dielectric(RoughDielectric { eta, microfacets, tint }),
                     _ => Bsdf::SmoothDielectric(SmoothDielectric { eta, tint }),
                 }
@@ -298,16 +304,16 @@ impl Surface {
             }
             Kind::Mirror(reflectance) => Bsdf::Mirror { reflectance: color(reflectance) },
             Kind::Plastic { diffuse, specular, widths } => {
-                let microfacets = widths.rough(textures, uv);
+                let microfacets = widths.rough(textures, point);
                 Bsdf::Plastic(Plastic { diffuse: color(diffuse), specular: color(specular), microfacets })
             }
             Kind::Substrate { diffuse, specular, widths } => {
-                let microfacets = widths.rough(textures, uv);
+                let microfacets = widths.rough(textures, point);
                 Bsdf::Substrate(Substrate { diffuse: color(diffuse), specular: color(specular), microfacets })
             }
             Kind::Layered { base, metallic, widths, layers } => {
-                let (base, microfacets) = (color(base), widths.rough(textures, uv));
-                let metallic = textures.look_up_scalar(*metallic, uv).clamp(0.0, 1.0);
+                let (base, microfacets) = (color(base), widths.rough(textures, point));
+                let metallic = textures.look_up_scalar(*metallic, point).clamp(0.0, 1.0);
                 Bsdf::Layered(Layered { base, metallic, microfacets, layers })
             }
             Kind::Mix { .. } | Kind::Interface => Bsdf::Diffuse { reflectance: Vec3::ZERO },
@@ -336,12 +342,12 @@ impl Widths {
 
     /// Returns the microfacet distribution at a point; `None` if the surface is smooth there.
     #[inline]
-    fn at(&self, textures: &Textures, uv: [f32; 2]) -> Option<TrowbridgeReitz> {
+    fn at(&self, textures: &Textures, point: TexturePoint) -> Option<TrowbridgeReitz> {
         match self {
             Self::Smooth(_) => None,
             Self::Rough(microfacets) => Some(*microfacets),
             Self::Textured(_) => {
-                let microfacets = self.rough(textures, uv);
+                let microfacets = self.rough(textures, point);
                 (!effectively_smooth(microfacets.alpha())).then_some(microfacets)
             }
         }
@@ -349,11 +355,11 @@ impl Widths {
 
     /// Returns the microfacet distribution at a point, also where the surface counts as smooth.
     #[inline]
-    fn rough(&self, textures: &Textures, uv: [f32; 2]) -> TrowbridgeReitz {
+    fn rough(&self, textures: &Textures, point: TexturePoint) -> TrowbridgeReitz {
         match self {
             Self::Smooth(microfacets) | Self::Rough(microfacets) => *microfacets,
             Self::Textured(roughness) => TrowbridgeReitz::nearest([roughness.u, roughness.v].map(|r| {
-                let r = textures.look_up_scalar(r, uv);
+                let r = textures.look_up_scalar(r, point);
                 if roughness.remap { roughness_to_alpha(r) } else { r }
             })),
         }

@@ -13,6 +13,21 @@ pub struct Textures {
     coded: Vec<Option<Arc<Coded>>>,
 }
 
+/// A point of a surface, as textures see it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TexturePoint {
+    /// The texture coordinates.
+    pub uv: [f32; 2],
+    /// The interpolated vertex colour, linear RGB; white without vertex colours.
+    pub color: Vec3,
+}
+
+impl From<[f32; 2]> for TexturePoint {
+    fn from(uv: [f32; 2]) -> Self {
+        Self { uv, color: Vec3::ONE }
+    }
+}
+
 /// The largest depth of nested textures. A texture nested deeper is black.
 const DEEPEST: u32 = 8;
 
@@ -35,28 +50,29 @@ impl Textures {
         Self { textures, coded }
     }
 
-    /// Returns a texture's linear RGB color at the texture coordinates `uv`. Nothing is filtered beyond bilinear
-    /// interpolation; averaging a pixel's samples does the rest. An unknown texture is black.
+    /// Returns a texture's linear RGB color at a point. Nothing is filtered beyond bilinear interpolation; averaging a
+    /// pixel's samples does the rest. An unknown texture is black.
     #[inline]
-    pub fn look_up(&self, id: TextureId, uv: [f32; 2]) -> Vec3 {
-        self.look_up_within(id, uv, DEEPEST)
+    pub fn look_up(&self, id: TextureId, point: impl Into<TexturePoint>) -> Vec3 {
+        self.look_up_within(id, point.into(), DEEPEST)
     }
 
-    /// Returns a scalar parameter at `uv`: the constant, or the first channel of its texture.
+    /// Returns a scalar parameter at a point: the constant, or the first channel of its texture.
     #[inline]
-    pub(crate) fn look_up_scalar(&self, scalar: Scalar, uv: [f32; 2]) -> f32 {
+    pub(crate) fn look_up_scalar(&self, scalar: Scalar, point: TexturePoint) -> f32 {
         match scalar {
             Scalar::Constant(value) => value,
-            Scalar::Texture(id) => self.look_up(id, uv).x,
+            Scalar::Texture(id) => self.look_up(id, point).x,
         }
     }
 
-    fn look_up_within(&self, id: TextureId, uv: [f32; 2], depth: u32) -> Vec3 {
+    fn look_up_within(&self, id: TextureId, point: TexturePoint, depth: u32) -> Vec3 {
         let Some(texture) = self.textures.get(id.0 as usize).filter(|_| depth > 0) else { return Vec3::ZERO };
+        let uv = point.uv;
         let place = |scale: &[f32; 2], shift: &[f32; 2]| [uv[0] * scale[0] + shift[0], uv[1] * scale[1] + shift[1]];
         let color = |color: &Color| match color {
             Color::Constant(rgb) => Vec3::from_array(*rgb),
-            Color::Texture(id) => self.look_up_within(*id, uv, depth - 1),
+            Color::Texture(id) => self.look_up_within(*id, point, depth - 1),
         };
         match texture {
             TextureKind::Checkerboard { scale, shift, colors } => {
@@ -74,10 +90,11 @@ impl Textures {
                 if *invert { (Vec3::ONE - value).max(Vec3::ZERO) } else { value }
             }
             TextureKind::Product { factors: [a, b] } => color(a) * color(b),
+            TextureKind::VertexColor => point.color,
             TextureKind::Mix { colors: [a, b], amount } => {
                 let amount = match amount {
                     Scalar::Constant(amount) => *amount,
-                    Scalar::Texture(id) => self.look_up_within(*id, uv, depth - 1).x,
+                    Scalar::Texture(id) => self.look_up_within(*id, point, depth - 1).x,
                 };
                 // At 0 or 1, only one color is looked up, since the other may not be finite.
                 match amount {
@@ -305,7 +322,7 @@ mod tests {
         assert!((at(1, 0.75, 0.25) - Vec3::new(0.2, 0.0, 1.0)).length() < 1e-6, "{}", at(1, 0.75, 0.25));
         assert!([f32::NAN, f32::INFINITY, 1e38].into_iter().all(|bad| at(0, bad, 0.5).is_finite()));
         let scalars = [Scalar::Constant(3.0), Scalar::Texture(TextureId(2))];
-        let found = scalars.map(|scalar| textures.look_up_scalar(scalar, [0.25, 0.75]));
+        let found = scalars.map(|scalar| textures.look_up_scalar(scalar, [0.25, 0.75].into()));
         assert_eq!(found, [3.0, at(2, 0.25, 0.75).x]);
     }
 

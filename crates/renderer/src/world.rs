@@ -20,7 +20,7 @@ use crate::medium::Media;
 use crate::pixel_filter::FilterSampler;
 use crate::shading::{Bsdf, ShadingFrame};
 use crate::space::Space;
-use crate::texture::Textures;
+use crate::texture::{TexturePoint, Textures};
 use dapple_core::Draws;
 use dapple_geometry::{Geometry, Hit, Ray, Shape, SurfacePoint};
 use dapple_scene::Effects;
@@ -137,13 +137,15 @@ pub(crate) struct Part {
     pub(crate) normals: Vec<Vec3>,
     /// The texture coordinates, one pair per vertex; empty if there are none.
     pub(crate) uvs: Vec<[f32; 2]>,
+    /// The vertex colours; empty if there are none.
+    pub(crate) colors: Vec<[f32; 3]>,
     /// The opacity; `None` if it is 1 everywhere.
     pub(crate) alpha: Option<Scalar>,
     /// The media on the two sides; `None` if the shape separates none. `outside` is the side of an [`Interaction`]'s
     /// normal.
     pub(crate) media: Option<MediumInterface>,
-    /// True if rays may pass the shape without scattering: it has an opacity, an interface material, or a mix (which
-    /// may contain an interface).
+    /// True if rays may pass the shape without scattering: it has an opacity, an interface or unlit material, or a mix
+    /// (which may contain an interface).
     pub(crate) passable: bool,
 }
 
@@ -357,8 +359,7 @@ impl World {
     /// Returns the radiance that a surface emits towards the unit direction `wo`; black on a side that does not emit.
     #[inline]
     pub fn emitted(&self, at: &Interaction<'_>, wo: Vec3) -> Vec3 {
-        let lamp = self.lights.lamp(at.part.light);
-        lamp.map_or(Vec3::ZERO, |lamp| lamp.radiance(at.point.normal.dot(wo)))
+        self.lights.emitted(at.part.light, &at.point, at.point.normal.dot(wo))
     }
 
     /// Returns the area light at the closest hit of a ray at time 0. Returns `None` if the ray hits nothing or a
@@ -382,7 +383,7 @@ impl World {
         if !surface.mixes {
             return surface;
         }
-        material::resolve(&self.surfaces, at.part.material, &self.textures, self.uv(at), u).0
+        material::resolve(&self.surfaces, at.part.material, &self.textures, self.texture_point(at), u).0
     }
 
     /// Returns true if the scene has vertex normals, instances, or a material other than diffuse reflection of
@@ -398,11 +399,16 @@ impl World {
         self.surfaces.iter().any(|surface| surface.interface)
     }
 
+    /// Returns true if a material is unlit, so that only the camera sees it.
+    pub fn has_unlit_surfaces(&self) -> bool {
+        self.surfaces.iter().any(|surface| surface.unlit)
+    }
+
     /// Returns the opacity at a hit, in `[0, 1]`. NaN counts as 0.
     #[inline]
     #[expect(clippy::manual_clamp, reason = "NaN counts as 0, which `clamp` would let through")]
     pub(crate) fn alpha(&self, at: &Interaction<'_>) -> f32 {
-        at.part.alpha.map_or(1.0, |alpha| self.textures.look_up_scalar(alpha, self.uv(at)).max(0.0).min(1.0))
+        at.part.alpha.map_or(1.0, |alpha| self.textures.look_up_scalar(alpha, self.texture_point(at)).max(0.0).min(1.0))
     }
 
     /// Returns the texture coordinates `(u, v)` of a hit.
@@ -421,11 +427,27 @@ impl World {
         [u * a[0] + v * b[0] + w * c[0], u * a[1] + v * b[1] + w * c[1]]
     }
 
+    /// Returns a hit as textures see it: its texture coordinates and its vertex colour.
+    #[inline]
+    pub(crate) fn texture_point(&self, at: &Interaction<'_>) -> TexturePoint {
+        let point = TexturePoint::from(self.uv(at));
+        if at.part.colors.is_empty() { point } else { self.colored(point, at) }
+    }
+
+    #[inline(never)]
+    fn colored(&self, point: TexturePoint, at: &Interaction<'_>) -> TexturePoint {
+        let Shape::Mesh(mesh) = self.geometry.shape(at.hit.shape) else { return point };
+        let [a, b, c] =
+            mesh.triangles()[at.hit.primitive as usize].map(|v| Vec3::from_array(at.part.colors[v as usize]));
+        let [v, w] = at.hit.barycentrics;
+        TexturePoint { color: a * (1.0 - v - w) + b * v + c * w, ..point }
+    }
+
     /// Returns the BSDF of the material `surface` at a hit.
     #[inline(always)]
     pub(crate) fn bsdf_of<'s>(&self, at: &Interaction<'_>, surface: &'s Surface) -> Bsdf<'s> {
-        let uv = if surface.textured { self.uv(at) } else { [0.0; 2] };
-        surface.bsdf(&self.textures, uv)
+        let point = if surface.textured { self.texture_point(at) } else { [0.0; 2].into() };
+        surface.bsdf(&self.textures, point)
     }
 
     /// Returns the shading frame of a hit. For anisotropic materials, its x axis follows the direction of increasing

@@ -118,6 +118,16 @@ impl Scene {
         TextureId(self.textures.len() as u32 - 1)
     }
 
+    /// Adds the product of a colour and the vertex colours of a mesh; returns it.
+    pub(crate) fn vertex_color(&mut self, color: Color, source: &Source) -> Color {
+        let vertex = self.add_texture("vertex colours", TextureKind::VertexColor, source);
+        if color == Color::Constant([1.0; 3]) {
+            return Color::Texture(vertex);
+        }
+        let kind = TextureKind::Product { factors: [color, Color::Texture(vertex)] };
+        Color::Texture(self.add_texture("product", kind, source))
+    }
+
     /// Returns every shape in the world, directly or by an instance, with its transform to world space in its first pose.
     pub(crate) fn placed(&self) -> impl Iterator<Item = (&Shape, DAffine3)> {
         let of_instance = |instance: &'_ Instance| {

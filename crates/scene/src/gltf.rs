@@ -15,7 +15,7 @@ use crate::files::Files;
 use crate::image::Image;
 use crate::model::{ModelError as Fault, UpAxis, scene_of, studio};
 use crate::scene_reader::SceneReader;
-use crate::{ObjectId, Scene, Source, text};
+use crate::{Notice, ObjectId, Scene, Source, text};
 use ::gltf::json::validation::Checked;
 use ::gltf::{Document, json};
 use buffers::Buffers;
@@ -65,16 +65,36 @@ struct Reader<'a> {
     source: &'a Source,
     /// Images by their index, each decoded once for every part that is read; `None` for one that cannot be read.
     images: BTreeMap<(usize, textures::Part), Option<Arc<Image>>>,
-    /// Materials by their index.
-    surfaces: BTreeMap<Option<usize>, materials::Surface>,
+    /// Materials by their index, and with vertex colours or without.
+    surfaces: BTreeMap<(Option<usize>, bool), materials::Surface>,
     /// Parts of meshes by the mesh's index.
     meshes: BTreeMap<usize, Vec<primitives::Part>>,
     objects: BTreeMap<usize, ObjectId>,
 }
 
 impl Reader<'_> {
+    /// Warns once of each message.
     fn warn(&mut self, message: String) {
-        self.scene.warn(self.source, message);
+        let notice = Notice::warning(self.source.clone(), message);
+        if !self.scene.notices.contains(&notice) {
+            self.scene.notices.push(notice);
+        }
+    }
+
+    /// Names what of the whole file is left out.
+    fn name_left_out(&mut self) {
+        let (document, animations) = (self.document, self.document.animations().len());
+        if animations > 0 {
+            self.warn(format!("animations are left out ({animations}); the pose is that of rest"));
+        }
+        if let Some(scene) = nodes::shown_scene(document) {
+            let others = document.scenes().filter(|other| other.index() != scene.index() && other.nodes().len() > 0);
+            let others: Vec<String> = others.map(|other| named("scene", other.index(), other.name())).collect();
+            if !others.is_empty() {
+                let name = named("scene", scene.index(), scene.name());
+                self.warn(format!("{name} is used; left out: {}", others.join(", ")));
+            }
+        }
     }
 }
 
@@ -90,6 +110,7 @@ fn add_file(scene: &mut Scene, bytes: &[u8], files: &dyn Files, source: &Source)
     }
     let (images, surfaces, meshes, objects) = Default::default();
     let mut reader = Reader { scene, document, buffers, files, source, images, surfaces, meshes, objects };
+    reader.name_left_out();
     reader.add_shapes(&placed)?;
     reader.add_lights(&placed);
     let has_camera = reader.set_camera(&placed)?;

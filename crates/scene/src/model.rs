@@ -1,8 +1,8 @@
 //! Readers of models: OBJ, PLY and STL files as scenes, with a default camera and a default light.
 //!
 //! [`read_any`](crate::read_any) returns a [`Scene`] that can be rendered without edits. It holds:
-//! * the meshes of the file in grey (or in an OBJ file's materials: `Kd` and `map_Kd`), smooth only if the file has
-//!   normals;
+//! * the meshes of the file in grey (or in an OBJ file's materials: `Kd` and `map_Kd`), times the colours of its vertices
+//!   or facets, which are in sRGB; smooth only if the file has normals;
 //! * a camera that sees the whole model from the front, the right and above, or from its open side;
 //! * a ground on which the model stands;
 //! * an environment, brighter above than below, with a round lamp over the viewer's left shoulder.
@@ -12,6 +12,7 @@
 //! The y axis points up in OBJ and PLY files and the z axis in STL files, as most programs write them; no format
 //! records it. [`ModelOptions::up`] overrides this.
 
+mod colors;
 mod mtl;
 mod obj;
 mod ply;
@@ -41,6 +42,8 @@ pub struct ModelMesh {
     pub data: MeshData,
     /// A reason to suspect that the file is damaged or incomplete; `None` if there is none.
     pub doubt: Option<String>,
+    /// Parts of the file that are not read, such as `property confidence of vertex`.
+    pub left_out: Vec<String>,
 }
 
 /// The error of a model file. Indices of elements, facets and faces in its message count from 0.
@@ -105,11 +108,23 @@ fn model_scene(
 /// Reflectance of surfaces without a material: 0.5.
 const GREY: Color = Color::Constant([0.5; 3]);
 
-fn add_material(scene: &mut Scene, name: &str, reflectance: Color, source: &Source) -> MaterialId {
+/// Adds a diffuse material. On a mesh with vertex colours they multiply the reflectance; in place of grey they stand alone.
+fn add_material(
+    scene: &mut Scene,
+    name: &str,
+    reflectance: Option<Color>,
+    is_colored: bool,
+    source: &Source,
+) -> MaterialId {
+    let reflectance = match is_colored {
+        true => scene.vertex_color(reflectance.unwrap_or(Color::Constant([1.0; 3])), source),
+        false => reflectance.unwrap_or(GREY),
+    };
     scene.add_material(Material::new(name, MaterialKind::Diffuse { reflectance }, source.clone()))
 }
 
-/// Reads a file of one mesh as a scene, in the default grey. A reason to suspect the file becomes a warning.
+/// Reads a file of one mesh as a scene, in its own colours or the default grey. A reason to suspect the file, and what is
+/// left out, become warnings.
 fn mesh_scene(
     files: &dyn Files,
     path: &Path,
@@ -118,10 +133,11 @@ fn mesh_scene(
 ) -> Result<Scene, ReadError> {
     model_scene(files, path, stage, |scene, bytes, source| {
         let mesh = read(&bytes)?;
-        let material = add_material(scene, "grey", GREY, source);
+        let material = add_material(scene, "grey", None, !mesh.data.colors.is_empty(), source);
         let geometry = Geometry::Mesh(Arc::new(mesh.data));
         scene.shapes.push(Shape::new(geometry, DAffine3::IDENTITY, material, source.clone()));
-        mesh.doubt.into_iter().for_each(|message| scene.warn(source, message));
+        let left_out = (!mesh.left_out.is_empty()).then(|| format!("left out: {}", mesh.left_out.join(", ")));
+        mesh.doubt.into_iter().chain(left_out).for_each(|message| scene.warn(source, message));
         Ok(())
     })
 }

@@ -142,6 +142,9 @@ fn refuse(world: &World) -> Result<(), String> {
         None if world.has_interfaces() => {
             Err("the scene has interfaces between media, which paths from the lights do not support; use path".into())
         }
+        None if world.has_unlit_surfaces() => {
+            Err("the scene has unlit surfaces, which paths from the lights do not support; use path".into())
+        }
         None => Ok(()),
     }
 }

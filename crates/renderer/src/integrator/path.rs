@@ -210,8 +210,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w,
     #[inline(always)]
     fn emitted(&self, path: &Path<S::Place, G::State>, at: &Interaction<'_>) -> Vec3 {
         let (lights, light) = (&self.world.lights, at.part.light);
-        let Some(lamp) = lights.lamp(light) else { return Vec3::ZERO };
-        let radiance = lamp.radiance(-at.point.normal.dot(path.ray.direction));
+        let radiance = lights.emitted(light, &at.point, -at.point.normal.dot(path.ray.direction));
         if G::ACTIVE && self.vertex_light.replaces(&path.gathered, light, path.last.is_none()) {
             return Vec3::ZERO;
         }
@@ -223,6 +222,12 @@ impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w,
             }
             _ => radiance,
         }
+    }
+
+    /// Returns the radiance that an unlit surface shows along the path's ray.
+    #[inline(never)]
+    fn shown(&self, path: &Path<S::Place, G::State>, at: &Interaction<'_>, surface: &Surface) -> Vec3 {
+        path.throughput * self.world.bsdf_of(at, surface).albedo()
     }
 
     /// Carries out one scattering event: adds direct light and samples the next ray. Returns false if the path ends
@@ -425,6 +430,13 @@ impl<L: Lens, S: LightSelector, const E: u32, G: VertexLight> Integrator for Pat
                 path.radiance += light;
                 if path.is_direct {
                     estimate.emission = (Vec3::from(estimate.emission) + light).to_array();
+                }
+            }
+            if Self::HAS_RARE_EFFECTS && surface.unlit {
+                let light = self.shown(&path, &at, surface);
+                path.radiance += light;
+                if path.is_direct {
+                    estimate.emission = light.to_array();
                 }
             }
             if path.depth == 0 && draws.wants_first_hit() {

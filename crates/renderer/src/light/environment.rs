@@ -6,6 +6,7 @@ use crate::shading::discrete::{PiecewiseConstant2d, Window};
 use crate::shading::trigonometry::{sin_cos_turn, turn_of};
 use crate::shading::warp;
 use crate::space::even_scale;
+use dapple_geometry::SurfacePoint;
 use dapple_scene::image::Image;
 use dapple_scene::{EnvironmentRadiance, Source};
 use glam::{DMat3, Mat3, Vec3};
@@ -145,7 +146,7 @@ impl LightSource for Environment {
         shines.then_some(LightSample { wi, radiance, pdf, target: Target::Far, delta: false })
     }
 
-    fn emission_pdf(&self, scene: &SceneSphere, _: Vec3, direction: Vec3) -> EmissionPdf {
+    fn emission_pdf(&self, scene: &SceneSphere, _: &SurfacePoint, direction: Vec3) -> EmissionPdf {
         scene.parallel_pdf(self.direction_pdf(-direction))
     }
 
@@ -355,7 +356,7 @@ impl LightSource for Tile {
         shines.then_some(LightSample { wi, radiance, pdf, target: Target::Far, delta: false })
     }
 
-    fn emission_pdf(&self, scene: &SceneSphere, _: Vec3, direction: Vec3) -> EmissionPdf {
+    fn emission_pdf(&self, scene: &SceneSphere, _: &SurfacePoint, direction: Vec3) -> EmissionPdf {
         let (_, pdf, tile) = self.tiles.find(-direction);
         scene.parallel_pdf(if tile == self.number { pdf } else { 0.0 })
     }

@@ -9,18 +9,18 @@ use dapple_geometry::{Geometry, PrimitiveId, Shape, SurfacePoint};
 use glam::{DVec3, Vec3};
 use std::f64::consts::PI;
 
-/// A mesh whose triangles all emit the same radiance.
+/// A mesh whose triangles all emit the same radiance; see [`TexturedLight`](super::TexturedLight) for others.
 #[derive(Clone, Debug)]
 pub(crate) struct MeshLight {
-    lamp: Lamp,
-    facets: Vec<Facet>,
+    pub(super) lamp: Lamp,
+    pub(super) facets: Vec<Facet>,
     choice: Discrete,
     /// For lights of at most [`FEW`] triangles: where each triangle's part of the unit interval starts, and 1 divided
     /// by its length. Empty for larger lights.
     ///
     /// For a light of two triangles, this linear search takes half the time of the table.
     few: Vec<[f32; 2]>,
-    area: f64,
+    pub(super) area: f64,
     /// The squared distance from a sampled point beyond which no triangle is near enough for [`Facet::near`].
     near_squared: f32,
     /// The index in `facets` of each triangle of the mesh; empty if all triangles have an area.
@@ -32,7 +32,7 @@ const FEW: usize = 8;
 
 /// One triangle of a mesh light, prepared for sampling.
 #[derive(Clone, Copy, Debug)]
-struct Facet {
+pub(super) struct Facet {
     corner: Vec3,
     edges: [Vec3; 2],
     /// The unit normal on the side from which the corners run counter-clockwise.
@@ -41,9 +41,9 @@ struct Facet {
     side: f32,
     /// A bound on the rounding error of a sampled point, per axis.
     error: Vec3,
-    primitive: PrimitiveId,
-    /// The fraction of the light's area, 0 to 1.
-    share: f32,
+    pub(super) primitive: PrimitiveId,
+    /// The probability of its selection: its fraction of the light's area, unless triangles have weights.
+    pub(super) share: f32,
     /// The squared distance from the centroid to the farthest corner.
     ///
     /// From points nearer than this distance, the triangle is sampled by solid angle; from others, by area.
@@ -79,6 +79,14 @@ impl Facet {
         SphericalTriangle::new([corner, corner + edges[0], corner + edges[1]].map(|c| c - from))
     }
 
+    /// Returns a point's coordinates along the two edges, held within the triangle.
+    pub(super) fn coordinates(&self, position: Vec3) -> [f32; 2] {
+        let [e0, e1] = self.edges.map(Vec3::as_dvec3);
+        let (to, across) = ((position - self.corner).as_dvec3(), e0.cross(e1));
+        let scale = across.length_squared().recip();
+        within([to.cross(e1).dot(across) * scale, e0.cross(to).dot(across) * scale])
+    }
+
     /// Returns where a direction from a point meets the triangle, as coordinates along its two edges.
     fn intersection(&self, from: Vec3, direction: DVec3) -> [f32; 2] {
         let [e0, e1] = self.edges.map(Vec3::as_dvec3);
@@ -86,13 +94,15 @@ impl Facet {
         // The intersection of Moeller and Trumbore [1997].
         let across = direction.cross(e1);
         let scale = 1.0 / e0.dot(across);
-        let bound = |x: f64| if x.is_finite() { x.clamp(0.0, 1.0) } else { 0.0 };
-        let b1 = bound(to.dot(across) * scale);
-        let b2 = bound(direction.dot(to.cross(e0)) * scale);
-        // Rounding can lead slightly past the third edge.
-        let over = (b1 + b2).max(1.0);
-        [(b1 / over) as f32, (b2 / over) as f32]
+        within([to.dot(across) * scale, direction.dot(to.cross(e0)) * scale])
     }
+}
+
+/// Returns coordinates along two edges of a triangle, moved into it. Rounding can lead slightly out of it.
+fn within(coordinates: [f64; 2]) -> [f32; 2] {
+    let [b1, b2] = coordinates.map(|x| if x.is_finite() { x.clamp(0.0, 1.0) } else { 0.0 });
+    let over = (b1 + b2).max(1.0);
+    [(b1 / over) as f32, (b2 / over) as f32]
 }
 
 impl MeshLight {
@@ -101,13 +111,27 @@ impl MeshLight {
     ///
     /// `sides` holds one sign per triangle, or one sign for all: 1 if the winding's side emits, -1 for the other.
     pub(crate) fn new(geometry: &Geometry, shape: u32, lamp: Lamp, sides: &[f32]) -> Option<Self> {
+        Self::weighted(geometry, shape, lamp, sides, |_| 1.0)
+    }
+
+    /// Makes the light as [`Self::new`] does, of triangles that are selected by area times `weight`, which receives a
+    /// triangle's number.
+    pub(super) fn weighted(
+        geometry: &Geometry,
+        shape: u32,
+        lamp: Lamp,
+        sides: &[f32],
+        weight: impl Fn(u32) -> f32,
+    ) -> Option<Self> {
         let Shape::Mesh(mesh) = &geometry.shapes()[shape as usize] else { return None };
         let mut facets = Vec::with_capacity(mesh.triangles().len());
-        let mut areas = Vec::with_capacity(mesh.triangles().len());
+        let (mut area, mut weights) = (0.0, Vec::with_capacity(mesh.triangles().len()));
         for triangle in (0..mesh.triangles().len() as u32).filter(|t| !mesh.is_degenerate(*t)) {
             let [a, b, c] = mesh.corners(triangle);
             let across = (b - a).as_dvec3().cross((c - a).as_dvec3());
-            areas.push((across.length() * 0.5) as f32);
+            let of_it = (across.length() * 0.5) as f32;
+            area += f64::from(of_it);
+            weights.push(of_it * weight(triangle));
             facets.push(Facet {
                 corner: a,
                 edges: [b - a, c - a],
@@ -120,19 +144,19 @@ impl MeshLight {
                 reach_squared: 0.0,
             });
         }
-        let choice = Discrete::new(&areas).ok().filter(|d| !d.is_empty())?;
-        let area = choice.total();
+        let choice = Discrete::new(&weights).ok().filter(|d| !d.is_empty())?;
+        let total = choice.total();
         let mut few = Vec::new();
-        if facets.len() <= FEW && areas.iter().all(|a| *a > 0.0) {
+        if facets.len() <= FEW && weights.iter().all(|w| *w > 0.0) {
             let mut end = 0.0;
-            few.extend(areas.iter().map(|&a| {
+            few.extend(weights.iter().map(|&w| {
                 let start = end;
-                end += f64::from(a) / area;
-                [start as f32, (area / f64::from(a)) as f32]
+                end += f64::from(w) / total;
+                [start as f32, (total / f64::from(w)) as f32]
             }));
         }
-        for (facet, area_of_it) in facets.iter_mut().zip(&areas) {
-            facet.share = (f64::from(*area_of_it) / area) as f32;
+        for (facet, weight) in facets.iter_mut().zip(&weights) {
+            facet.share = (f64::from(*weight) / total) as f32;
             let centroid = facet.centroid();
             facet.reach_squared =
                 facet.corners().map(|c| (c - centroid).length_squared()).into_iter().fold(0.0, f32::max);
@@ -177,18 +201,22 @@ impl MeshLight {
 
     #[inline(never)]
     fn pdf_near(&self, from: Vec3, point: &SurfacePoint) -> Option<f32> {
-        let number = point.primitive.number() as usize;
-        let number = if self.facet_of.is_empty() { number } else { *self.facet_of.get(number)? as usize };
-        let facet = self.facets.get(number).filter(|f| f.primitive == point.primitive)?;
+        let facet = &self.facets[self.facet_at(point)?];
         facet.near(from).map(|seen| facet.share / seen.solid_angle as f32)
     }
-}
 
-impl LightSource for MeshLight {
-    /// Selects a triangle by area with `u[0]` and uses the rescaled remainder of `u[0]` within it, so that points are
-    /// stratified over the whole light. Nearby triangles are sampled by solid angle, others by area.
+    /// Returns the index of the triangle on which a point lies.
+    #[inline]
+    pub(super) fn facet_at(&self, point: &SurfacePoint) -> Option<usize> {
+        let number = point.primitive.number() as usize;
+        let number = if self.facet_of.is_empty() { number } else { *self.facet_of.get(number)? as usize };
+        self.facets.get(number).filter(|f| f.primitive == point.primitive).map(|_| number)
+    }
+
+    /// Samples the light as [`LightSource::sample`] does. `area_of` returns a triangle's area divided by the probability
+    /// of its selection.
     #[inline(always)]
-    fn sample(&self, from: Vec3, u: [f32; 2]) -> Option<LightSample> {
+    pub(super) fn sample_by(&self, from: Vec3, u: [f32; 2], area_of: impl Fn(usize) -> f32) -> Option<LightSample> {
         let (index, within) = self.choose(u[0])?;
         let facet = &self.facets[index];
         let [_, b1, b2] = warp::uniform_triangle([within, u[1]]);
@@ -199,17 +227,47 @@ impl LightSource for MeshLight {
         {
             return self.sample_near(facet, &seen, from, [within, u[1]]);
         }
-        sample_on(&self.lamp, from, point, facet.side, self.area as f32)
+        sample_on(&self.lamp, from, point, facet.side, area_of(index))
     }
 
-    #[inline]
-    fn pdf(&self, from: Vec3, point: &SurfacePoint) -> f32 {
+    /// Returns the density of [`Self::sample_by`] for a point of the light.
+    #[inline(always)]
+    pub(super) fn pdf_by(&self, from: Vec3, point: &SurfacePoint, area: impl FnOnce() -> f32) -> f32 {
         if (point.position - from).length_squared() < self.near_squared
             && let Some(pdf) = self.pdf_near(from, point)
         {
             return pdf;
         }
-        area_to_solid_angle(from, point, self.area as f32)
+        area_to_solid_angle(from, point, area())
+    }
+
+    /// Samples a ray that leaves the light, with areas as in [`Self::sample_by`].
+    #[inline(always)]
+    pub(super) fn emit_by(
+        &self,
+        place: [f32; 2],
+        towards: [f32; 2],
+        area_of: impl Fn(usize) -> f32,
+    ) -> Option<EmittedLight> {
+        let (index, within) = self.choose(place[0])?;
+        let facet = &self.facets[index];
+        let [_, b1, b2] = warp::uniform_triangle([within, place[1]]);
+        let point = SurfacePoint { normal: facet.normal * facet.side, ..facet.point(b1, b2) };
+        EmittedLight::from_surface(&self.lamp, point, towards, area_of(index))
+    }
+}
+
+impl LightSource for MeshLight {
+    /// Selects a triangle by area with `u[0]` and uses the rescaled remainder of `u[0]` within it, so that points are
+    /// stratified over the whole light. Nearby triangles are sampled by solid angle, others by area.
+    #[inline(always)]
+    fn sample(&self, from: Vec3, u: [f32; 2]) -> Option<LightSample> {
+        self.sample_by(from, u, |_| self.area as f32)
+    }
+
+    #[inline]
+    fn pdf(&self, from: Vec3, point: &SurfacePoint) -> f32 {
+        self.pdf_by(from, point, || self.area as f32)
     }
 
     #[inline]
@@ -218,11 +276,7 @@ impl LightSource for MeshLight {
     }
 
     fn emit(&self, _: &SceneSphere, place: [f32; 2], towards: [f32; 2]) -> Option<EmittedLight> {
-        let (index, within) = self.choose(place[0])?;
-        let facet = &self.facets[index];
-        let [_, b1, b2] = warp::uniform_triangle([within, place[1]]);
-        let point = SurfacePoint { normal: facet.normal * facet.side, ..facet.point(b1, b2) };
-        EmittedLight::from_surface(&self.lamp, point, towards, self.area as f32)
+        self.emit_by(place, towards, |_| self.area as f32)
     }
 
     fn area(&self) -> f64 {

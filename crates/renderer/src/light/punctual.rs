@@ -4,6 +4,7 @@ use super::source::{EmissionPdf, EmittedLight, Expectation, LightSample, LightSo
 use crate::SceneError;
 use crate::shading::{ShadingFrame, warp};
 use crate::space::{Space, even_scale};
+use dapple_geometry::SurfacePoint;
 use dapple_scene::{Source, SpotFalloff};
 use glam::{DAffine3, DVec3, Vec3};
 
@@ -86,7 +87,7 @@ impl LightSource for PointLight {
         Some(EmittedLight::from_point(self.position, direction, self.intensity, warp::uniform_sphere_pdf()))
     }
 
-    fn emission_pdf(&self, _: &SceneSphere, _: Vec3, _: Vec3) -> EmissionPdf {
+    fn emission_pdf(&self, _: &SceneSphere, _: &SurfacePoint, _: Vec3) -> EmissionPdf {
         EmissionPdf { position: 1.0, direction: warp::uniform_sphere_pdf() }
     }
 
@@ -185,7 +186,7 @@ impl LightSource for SpotLight {
         Some(EmittedLight::from_point(self.point.position, direction, intensity, warp::uniform_cone_pdf(self.edge)))
     }
 
-    fn emission_pdf(&self, _: &SceneSphere, _: Vec3, direction: Vec3) -> EmissionPdf {
+    fn emission_pdf(&self, _: &SceneSphere, _: &SurfacePoint, direction: Vec3) -> EmissionPdf {
         let inside = 0.5 * (direction - self.axis).length_squared() <= self.edge;
         EmissionPdf { position: 1.0, direction: if inside { warp::uniform_cone_pdf(self.edge) } else { 0.0 } }
     }
@@ -232,7 +233,7 @@ impl LightSource for DistantLight {
         true
     }
 
-    fn emission_pdf(&self, scene: &SceneSphere, _: Vec3, _: Vec3) -> EmissionPdf {
+    fn emission_pdf(&self, scene: &SceneSphere, _: &SurfacePoint, _: Vec3) -> EmissionPdf {
         scene.parallel_pdf(1.0)
     }
 

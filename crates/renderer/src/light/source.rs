@@ -21,10 +21,17 @@ pub(crate) trait LightSource {
         0.0
     }
 
-    /// Returns the emission of an area light; `None` for lights without a shape.
+    /// Returns the emission of an area light, its mean if it varies; `None` for lights without a shape.
     #[inline]
     fn lamp(&self) -> Option<&Lamp> {
         None
+    }
+
+    /// Returns the radiance that a point of an area light emits in a direction. `cosine` is taken between the direction
+    /// and the normal of the emitting side. Black for lights without a shape.
+    #[inline]
+    fn emitted(&self, _point: &SurfacePoint, cosine: f32) -> Vec3 {
+        self.lamp().map_or(Vec3::ZERO, |lamp| lamp.radiance(cosine))
     }
 
     /// Returns true for a light that no ray can hit: a point, a spot or a distant light.
@@ -46,8 +53,8 @@ pub(crate) trait LightSource {
     }
 
     /// Returns the densities of [`Self::emit`]; see [`Lights::emission_pdf`]. The default is that of area lights.
-    fn emission_pdf(&self, scene: &SceneSphere, normal: Vec3, direction: Vec3) -> EmissionPdf {
-        let cosine = normal.dot(direction);
+    fn emission_pdf(&self, scene: &SceneSphere, point: &SurfacePoint, direction: Vec3) -> EmissionPdf {
+        let cosine = point.normal.dot(direction);
         self.lamp().map_or(scene.parallel_pdf(0.0), |lamp| lamp.emission_pdf(cosine, self.area() as f32))
     }
 
@@ -115,7 +122,7 @@ impl LightSample {
 
 /// The emission of an area light: its radiance, from one side or from both.
 #[derive(Clone, Copy, Debug)]
-pub struct Lamp {
+pub(crate) struct Lamp {
     pub(crate) radiance: Vec3,
     pub(crate) two_sided: bool,
 }
@@ -124,7 +131,7 @@ impl Lamp {
     /// Returns the emitted radiance in a direction. `cosine` is taken between the direction and the normal of the
     /// emitting side.
     #[inline]
-    pub fn radiance(&self, cosine: f32) -> Vec3 {
+    pub(super) fn radiance(&self, cosine: f32) -> Vec3 {
         if cosine > 0.0 || (self.two_sided && cosine < 0.0) { self.radiance } else { Vec3::ZERO }
     }
 

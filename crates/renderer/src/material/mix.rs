@@ -1,7 +1,7 @@
 //! Selection of one material of a mix.
 
 use super::{Kind, MaterialError, Surface};
-use crate::texture::Textures;
+use crate::texture::{TexturePoint, Textures};
 use dapple_scene::{Material, MaterialKind, Scalar};
 
 /// The largest depth of nested mixes.
@@ -19,14 +19,14 @@ pub(crate) fn resolve<'w>(
     surfaces: &'w [Surface],
     index: u32,
     textures: &Textures,
-    uv: [f32; 2],
+    point: TexturePoint,
     choice: f32,
 ) -> (&'w Surface, u32) {
     let (mut index, mut choice) = (index, choice);
     let mut surface = &surfaces[index as usize];
     for _ in 0..DEEPEST {
         let Kind::Mix { materials, amount } = &surface.kind else { break };
-        let amount = share_of_second(textures, *amount, uv);
+        let amount = share_of_second(textures, *amount, point);
         let second = choice < amount;
         let (rest, share) = if second { (choice, amount) } else { (choice - amount, 1.0 - amount) };
         choice = (rest / share).min(1.0 - 0.5 * f32::EPSILON);
@@ -36,32 +36,36 @@ pub(crate) fn resolve<'w>(
     (surface, index)
 }
 
-/// Returns the probability with which [`resolve`] returns an interface. Calls `uv` for mixes only.
-pub(crate) fn interface_share(
+/// Returns the probability with which [`resolve`] returns a surface that shadow rays pass. Calls `point` for mixes only.
+pub(crate) fn passed_share(
     surfaces: &[Surface],
     index: u32,
     textures: &Textures,
-    uv: impl FnOnce() -> [f32; 2],
+    point: impl FnOnce() -> TexturePoint,
 ) -> f32 {
     let surface = &surfaces[index as usize];
-    if surface.mixes { share_within(surfaces, index, textures, uv(), DEEPEST) } else { f32::from(surface.interface) }
+    if surface.mixes {
+        share_within(surfaces, index, textures, point(), DEEPEST)
+    } else {
+        f32::from(surface.interface || surface.unlit)
+    }
 }
 
-fn share_within(surfaces: &[Surface], index: u32, textures: &Textures, uv: [f32; 2], depth: u32) -> f32 {
+fn share_within(surfaces: &[Surface], index: u32, textures: &Textures, point: TexturePoint, depth: u32) -> f32 {
     let surface = &surfaces[index as usize];
-    let Kind::Mix { materials, amount } = &surface.kind else { return f32::from(surface.interface) };
+    let Kind::Mix { materials, amount } = &surface.kind else { return f32::from(surface.interface || surface.unlit) };
     if depth == 0 {
         return 0.0;
     }
-    let amount = share_of_second(textures, *amount, uv);
-    let [first, second] = materials.map(|part| share_within(surfaces, part, textures, uv, depth - 1));
+    let amount = share_of_second(textures, *amount, point);
+    let [first, second] = materials.map(|part| share_within(surfaces, part, textures, point, depth - 1));
     first + amount * (second - first)
 }
 
 #[inline]
 #[expect(clippy::manual_clamp, reason = "NaN counts as 0, which `clamp` would let through")]
-fn share_of_second(textures: &Textures, amount: Scalar, uv: [f32; 2]) -> f32 {
-    textures.look_up_scalar(amount, uv).max(0.0).min(1.0)
+fn share_of_second(textures: &Textures, amount: Scalar, point: TexturePoint) -> f32 {
+    textures.look_up_scalar(amount, point).max(0.0).min(1.0)
 }
 
 /// Returns the errors of all mixes: missing materials, mixes that contain themselves, and nesting that is too deep.

@@ -63,16 +63,16 @@ fn one_coordinate_resolves_nested_mixes() {
     let mut counts = [0u32; 5];
     let n = 100_000;
     for i in 0..n {
-        let (found, index) = resolve(&surfaces, 0, &textures, [0.0; 2], (i as f32 + 0.5) / n as f32);
+        let (found, index) = resolve(&surfaces, 0, &textures, [0.0; 2].into(), (i as f32 + 0.5) / n as f32);
         assert!(!found.mixes);
         counts[index as usize] += 1;
     }
     for (count, share) in counts.into_iter().zip([0.0, 0.25, 0.0, 0.45, 0.3]) {
         assert!((f64::from(count) / f64::from(n) - share).abs() < 1e-4, "{counts:?}");
     }
-    assert!((interface_share(&surfaces, 0, &textures, || [0.0; 2]) - 0.3).abs() < 1e-6);
+    assert!((passed_share(&surfaces, 0, &textures, || [0.0; 2].into()) - 0.3).abs() < 1e-6);
     let asked = || panic!("no mix, no coordinates");
-    assert_eq!(interface_share(&surfaces, 4, &textures, asked), 1.0);
+    assert_eq!(passed_share(&surfaces, 4, &textures, asked), 1.0);
     // What has no scattering of its own has none.
     for surface in [&surfaces[0], &surfaces[4]] {
         assert_eq!(surface.bsdf(&textures, [0.0; 2]).albedo(), Vec3::ZERO);

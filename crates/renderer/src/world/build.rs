@@ -3,7 +3,9 @@
 use super::instances::{Placements, Shutter, empty_mesh};
 use super::{NO_LIGHT, NO_MEDIUM, Part, World};
 use crate::camera::CameraView;
-use crate::light::{DiskLight, Lamp, Light, Lights, MeshLight, SceneSphere, SphereLight};
+use crate::light::{
+    DiskLight, Lamp, Light, Lights, MeshLight, SceneSphere, SphereLight, TexturedEmission, TexturedLight,
+};
 use crate::material::{Surface, check_mixes};
 use crate::medium::Media;
 use crate::pixel_filter::FilterSampler;
@@ -13,6 +15,8 @@ use dapple_geometry::{Disk, Geometry, Mesh, Shape, Sphere};
 use dapple_scene::Effects;
 use dapple_scene::{Emission, Geometry as Described, MeshData, Scene, Shape as DescribedShape, Source};
 use glam::{DAffine3, DVec3, Vec3};
+use std::cell::LazyCell;
+use std::sync::Arc;
 
 /// The reason why a camera, a light or a medium of a scene was refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -113,7 +117,8 @@ impl World {
         let (Some(camera), Some(geometry)) = (camera, geometry) else {
             return Err(WorldError { problems: problems.0 });
         };
-        let lights = lights(scene, &space, &geometry, &mut parts, without_shape, &mut problems);
+        let textures = Textures::new(&scene.textures);
+        let lights = lights(scene, (&space, &geometry, &textures), &mut parts, without_shape, &mut problems);
         if !problems.0.is_empty() {
             return Err(WorldError { problems: problems.0 });
         }
@@ -125,7 +130,7 @@ impl World {
             parts,
             object_parts,
             surfaces,
-            textures: Textures::new(&scene.textures),
+            textures,
             lights,
             camera,
             filter: FilterSampler::new(&scene.film.pixel_filter),
@@ -148,7 +153,7 @@ fn mark_passable(parts: &mut [Part], object_parts: &mut [Part], surfaces: &[Surf
     let (mut has_transmission, mut has_passable_surfaces) = (false, false);
     for part in parts.iter_mut().chain(object_parts) {
         let surface = &surfaces[part.material as usize];
-        part.passable = part.alpha.is_some() || surface.mixes || surface.interface;
+        part.passable = part.alpha.is_some() || surface.mixes || surface.interface || surface.unlit;
         has_transmission |= surface.transmits;
         has_passable_surfaces |= part.passable;
     }
@@ -165,6 +170,7 @@ fn part(shape: &DescribedShape) -> Part {
         flip: if shape.reversed { -1.0 } else { 1.0 },
         normals: Vec::new(),
         uvs: Vec::new(),
+        colors: Vec::new(),
         alpha: shape.alpha,
         media: shape.media,
         passable: false,
@@ -184,6 +190,7 @@ pub(super) fn convert(shape: &DescribedShape, space: &Space) -> Result<(Shape, P
             part.flip = if mirrors { -reversed } else { reversed };
             part.normals = world_normals(mesh, shape.to_world, reversed);
             part.uvs.clone_from(&mesh.uvs);
+            part.colors.clone_from(&mesh.colors);
             let moved = |p: &DVec3| space.point(shape.to_world.transform_point3(*p)).as_vec3().to_array();
             let positions = mesh.positions.iter().map(moved).collect();
             Mesh::new(positions, mesh.triangles.clone()).map(Shape::from)
@@ -205,18 +212,24 @@ fn world_normals(mesh: &MeshData, to_world: DAffine3, sign: f32) -> Vec<Vec3> {
 
 fn lights(
     scene: &Scene,
-    space: &Space,
-    geometry: &Geometry,
+    (space, geometry, textures): (&Space, &Geometry, &Textures),
     parts: &mut [Part],
     without_shape: Vec<Light>,
     problems: &mut Problems,
 ) -> Lights {
     let mut lights = Vec::new();
+    let shared = LazyCell::new(|| Arc::new(textures.clone()));
     for (number, shape) in scene.shapes.iter().enumerate() {
         let Some(emission) = shape.emission else { continue };
         let lamp = lamp(emission);
         let Some(Some(lamp)) = problems.note_at(&shape.source, lamp) else { continue };
-        let light = light(shape, number as u32, lamp, space, geometry, &parts[number]);
+        let light = match emission.texture {
+            None => light(shape, number as u32, lamp, space, geometry, &parts[number]),
+            Some(texture) => {
+                let emission = TexturedEmission { lamp, texture, textures: LazyCell::force(&shared).clone() };
+                textured_light(&shape.geometry, (geometry, number as u32), emission, &parts[number])
+            }
+        };
         if let Some(Some(light)) = problems.note_at(&shape.source, light) {
             parts[number].light = lights.len() as u32;
             lights.push(light);
@@ -230,7 +243,7 @@ fn lights(
 
 /// Returns the emission of an area light; `None` if it is black. Fails with a message if a number is invalid.
 fn lamp(emission: Emission) -> Result<Option<Lamp>, String> {
-    let Emission { radiance, two_sided } = emission;
+    let Emission { radiance, two_sided, .. } = emission;
     if radiance.iter().any(|x| !(x.is_finite() && *x >= 0.0)) {
         return Err(format!("an emission of {radiance:?} is invalid; give finite numbers of at least 0"));
     }
@@ -265,6 +278,21 @@ fn light(
             (outer > inner).then(|| Light::Disk(DiskLight::new(lamp, centre, normal, outer, inner)))
         }
     })
+}
+
+/// Returns the area light of a mesh whose emission is a texture; `None` if the mesh has no area.
+fn textured_light(
+    described: &Described,
+    (geometry, number): (&Geometry, u32),
+    emission: TexturedEmission,
+    part: &Part,
+) -> Result<Option<Light>, String> {
+    let Described::Mesh(_) = described else {
+        let name = described.name();
+        return Err(format!("a {name} cannot shine by a texture; make it a mesh, or give it one radiance"));
+    };
+    let light = TexturedLight::new((geometry, number), emission, &sides(geometry, number, part), &part.uvs);
+    Ok(light.map(|light| Light::Textured(Box::new(light))))
 }
 
 /// Returns one sign per triangle, or one for all: -1 if the emitting side is opposite to the winding normal, else 1.

@@ -12,15 +12,17 @@ use glam::Vec3;
 pub(crate) const MOST_PASSED: u32 = 10_000;
 
 /// The part of a surface through which a ray passes it without scattering.
-pub(crate) enum PassedThrough {
+pub(crate) enum PassedThrough<'w> {
     Hole,
     /// A boundary between media.
     Interface,
+    /// A surface that only the camera sees.
+    Unlit(&'w Surface),
 }
 
 impl World {
     /// Returns the scattering at a hit and its shading frame. Returns `None` if the ray passes the surface: through a
-    /// hole, or because the surface only separates media. `u` returns random numbers in `[0, 1)` for the opacity and for
+    /// hole, or because the surface only separates media or is unlit. `u` returns random numbers in `[0, 1)` for the opacity and for
     /// the selection of a mixed material; it is called where one is needed.
     pub fn scattering(&self, at: &Interaction<'_>, u: impl FnOnce() -> [f32; 2]) -> Option<(Bsdf<'_>, ShadingFrame)> {
         let surface = self.surface_met(at, u).ok()?;
@@ -33,7 +35,7 @@ impl World {
         &self,
         at: &Interaction<'_>,
         u: impl FnOnce() -> [f32; 2],
-    ) -> Result<&Surface, PassedThrough> {
+    ) -> Result<&Surface, PassedThrough<'_>> {
         let surface = &self.surfaces[at.part.material as usize];
         if !at.part.passable {
             return Ok(surface);
@@ -45,7 +47,11 @@ impl World {
             return Err(PassedThrough::Hole);
         }
         let surface = self.surface(at, u[1]);
-        if surface.interface { Err(PassedThrough::Interface) } else { Ok(surface) }
+        match surface {
+            Surface { interface: true, .. } => Err(PassedThrough::Interface),
+            Surface { unlit: true, .. } => Err(PassedThrough::Unlit(surface)),
+            _ => Ok(surface),
+        }
     }
 
     /// Returns the index of the medium around the camera.
@@ -95,8 +101,9 @@ impl World {
             }
             let surface = &self.surfaces[part.material as usize];
             let alpha = self.alpha(&at);
-            // A mixed material lets through the fraction of its interfaces.
-            let empty = material::interface_share(&self.surfaces, part.material, &self.textures, || self.uv(&at));
+            // A mixed material lets through the fraction of its interfaces, and an unlit one all.
+            let empty =
+                material::passed_share(&self.surfaces, part.material, &self.textures, || self.texture_point(&at));
             let through = 1.0 - alpha + alpha * empty;
             share *= through;
             if share == Vec3::ZERO {

@@ -25,7 +25,13 @@ fn tent(is_smooth: bool) -> Geometry {
         normals = vec![[-0.5, -0.4, 1.0], [0.5, -0.4, 1.0], [0.0, 0.9, 0.5], [0.0, 0.1, 2.0]];
         uvs = vec![[0.0, 0.0], [2.0, 0.0], [1.0, 3.0], [1.0, 0.5]];
     }
-    Geometry::Mesh(Arc::new(MeshData { positions, normals, uvs, triangles: vec![[0, 1, 3], [1, 2, 3]] }))
+    Geometry::Mesh(Arc::new(MeshData {
+        positions,
+        normals,
+        uvs,
+        triangles: vec![[0, 1, 3], [1, 2, 3]],
+        ..MeshData::default()
+    }))
 }
 
 fn sphere(radius: f64, line_number: u32, material: u32) -> Shape {
@@ -197,7 +203,7 @@ fn the_shutter_sees_its_part_of_the_motion() {
 #[test]
 fn what_cannot_be_placed_is_told_with_its_line() {
     let ball = || sphere(1.0, 10, 0);
-    let shines = Some(Emission { radiance: [1.0; 3], two_sided: false });
+    let shines = Some(Emission::even([1.0; 3], false));
     let (identity, moves_to) = (DAffine3::IDENTITY, Some(at(1.0, 0.0, 0.0)));
     let mirror = DAffine3::from_scale(DVec3::new(-1.0, 1.0, 1.0));
     let object = |shape: Shape| scene(vec![], vec![vec![shape]], &[(0, identity, None)]);

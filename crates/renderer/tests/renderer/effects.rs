@@ -4,7 +4,7 @@
 
 use crate::support::*;
 use dapple_conformance::toys::Points;
-use dapple_geometry::{Ray, spawn_ray, spawn_ray_to};
+use dapple_geometry::{Ray, SurfacePoint, spawn_ray, spawn_ray_to};
 use dapple_renderer::camera::{Lens, Pinhole};
 use dapple_renderer::light::Target;
 use dapple_renderer::shading::{ShadingFrame, power_heuristic, warp};
@@ -71,7 +71,7 @@ fn with(effect: Effect) -> Scene {
     let mut medium = None;
     match effect {
         Effect::SoftShadows => {}
-        Effect::SeveralLights => body.emission = Some(Emission { radiance: [1.0; 3], two_sided: false }),
+        Effect::SeveralLights => body.emission = Some(Emission::even([1.0; 3], false)),
         Effect::Glossy => *kind = metal(0.2),
         Effect::Mirror => (*kind, scene.max_depth) = (metal(0.0), Some(2)),
         Effect::Refraction => {
@@ -197,7 +197,7 @@ fn lights_without_light_change_nothing_l06() {
     let mut worthless = direct();
     let grey = worthless.shapes[0].material;
     add(&mut worthless, polygon(&[DVec3::Z; 3]), DAffine3::IDENTITY, grey, Some(1000.0));
-    worthless.shapes[0].emission = Some(Emission { radiance: [0.0; 3], two_sided: true });
+    worthless.shapes[0].emission = Some(Emission::even([0.0; 3], true));
     assert_eq!(counted(&worthless), counted(&direct()));
     assert_eq!((world(&worthless).lights().len(), world(&worthless).dropped_triangles()), (1, 1));
     // A lamp with one degenerate triangle emits the same light, none of it from that triangle.
@@ -210,7 +210,7 @@ fn lights_without_light_change_nothing_l06() {
     // Invalid emission is refused with its line, not rendered.
     for radiance in [[f32::NAN; 3], [1.0, -1.0, 1.0], [f32::INFINITY; 3]] {
         let mut bad = direct();
-        bad.shapes[1].emission = Some(Emission { radiance, two_sided: false });
+        bad.shapes[1].emission = Some(Emission::even(radiance, false));
         assert!(refusal(&bad).starts_with("made.pbrt:11: an emission of"), "{}", refusal(&bad));
     }
     // Several lights: the probabilities of those that emit sum to 1.
@@ -260,11 +260,11 @@ fn by_hand(world: &World, draws: &Draws<'_>) -> [f32; 3] {
     let (geometry, lights, view) = (world.geometry(), world.lights(), world.camera());
     let u = draws.block(blocks::CAMERA);
     let ray = Pinhole::ray(view, view.place(draws.pixel(), Vec2::new(u[0] - 0.5, u[1] - 0.5)), [u[2], u[3]]);
-    let shone = |ray: &Ray, normal: Vec3| lights.lamp(0).map_or(Vec3::ZERO, |l| l.radiance(-normal.dot(ray.direction)));
+    let shone = |ray: &Ray, at: &SurfacePoint| lights.emitted(0, at, -at.normal.dot(ray.direction));
     let Some(hit) = geometry.closest(&ray) else { return [0.0; 3] };
     let at = geometry.surface(&ray, &hit);
     if hit.shape == LAMP {
-        return shone(&ray, at.normal).to_array();
+        return shone(&ray, &at).to_array();
     }
     let frame = ShadingFrame::from_normal(at.normal);
     let outside = -at.normal.dot(ray.direction);
@@ -290,7 +290,7 @@ fn by_hand(world: &World, draws: &Draws<'_>) -> [f32; 3] {
         && hit.shape == LAMP
     {
         let point = geometry.surface(&next, &hit);
-        let found = shone(&next, point.normal);
+        let found = shone(&next, &point);
         if found != Vec3::ZERO {
             let pdf = lights.pdf(0, at.position, &point);
             radiance += ALBEDO * found * power_heuristic(local.z * FRAC_1_PI, pdf);

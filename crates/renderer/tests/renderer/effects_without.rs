@@ -60,7 +60,7 @@ fn the_strongest_light_stays() {
     for brighter in [None, Some(4), Some(5)] {
         let mut scene = full();
         if let Some(number) = brighter {
-            scene.shapes[number].emission = Some(Emission { radiance: [1e3; 3], two_sided: false });
+            scene.shapes[number].emission = Some(Emission::even([1e3; 3], false));
         }
         let world = world(&scene);
         let strongest = (0..3).max_by(|&a, &b| world.lights().pmf(a).total_cmp(&world.lights().pmf(b)));
@@ -77,7 +77,7 @@ fn lamps_become_points_of_the_same_power() {
     let far = |geometry: &Geometry, to_world: DAffine3, two_sided: bool| {
         let mut scene = ground([8, 8]);
         let lamp = add(&mut scene, geometry.clone(), to_world, MaterialId(0), None);
-        scene.shapes[lamp].emission = Some(Emission { radiance: [100.0, 50.0, 25.0], two_sided });
+        scene.shapes[lamp].emission = Some(Emission::even([100.0, 50.0, 25.0], two_sided));
         scene.max_depth = Some(1);
         let points = without(&scene, Effect::SoftShadows);
         assert_eq!(points.shapes.len(), 1, "the lamp's body goes");

@@ -4,6 +4,7 @@
 
 use crate::densities::Cone;
 use crate::support::*;
+use dapple_geometry::{PrimitiveId, SurfacePoint};
 use dapple_renderer::light::{EmittedLight, Environment, LightSelection, Target};
 
 const TESTS: usize = 128;
@@ -371,7 +372,7 @@ fn emitted(world: &World, seed: u64) -> impl Iterator<Item = Option<EmittedLight
 fn with_lamp(geometry: Geometry, two_sided: bool) -> Scene {
     let mut scene = ground([4, 4]);
     let number = add(&mut scene, geometry, DAffine3::from_scale(DVec3::splat(1.5)), MaterialId(0), None);
-    scene.shapes[number].emission = Some(Emission { radiance: [2.0; 3], two_sided });
+    scene.shapes[number].emission = Some(Emission::even([2.0; 3], two_sided));
     scene
 }
 
@@ -439,11 +440,16 @@ fn several_lights_report_the_densities_of_what_they_emit() {
         let mut world = world(&scene);
         world.set_light_selection(selection);
         for ray in emitted(&world, 9).flatten().take(2000) {
-            let normal = match &ray.source {
-                Target::Surface(point) => point.normal,
-                _ => Vec3::ZERO,
+            let point = match &ray.source {
+                Target::Surface(point) => *point,
+                _ => SurfacePoint {
+                    position: ray.position,
+                    error: Vec3::ZERO,
+                    normal: Vec3::ZERO,
+                    primitive: PrimitiveId::NONE,
+                },
             };
-            let found = world.lights().emission_pdf(ray.light, normal, ray.direction);
+            let found = world.lights().emission_pdf(ray.light, &point, ray.direction);
             let close = |a: f32, b: f32| (a / b - 1.0).abs() < 1e-3;
             assert!(close(found.position, ray.pdf.position), "{found:?} {ray:?}");
             assert!(close(found.direction, ray.pdf.direction), "{found:?} {ray:?}");

@@ -17,4 +17,5 @@ mod lights;
 mod medium;
 mod normals;
 mod support;
+mod textured_lights;
 mod warps;

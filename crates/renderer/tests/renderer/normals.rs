@@ -40,7 +40,7 @@ fn grid(side: [u32; 2], point: impl Fn(u32, u32) -> DVec3, normals: Vec<[f32; 3]
     let uv = |(x, y): (u32, u32)| [x as f32 / side[0] as f32, y as f32 / side[1] as f32];
     let triangles = squares.flat_map(|a| [[a, a + 1, a + columns + 1], [a, a + columns + 1, a + columns]]).collect();
     let positions = points.clone().map(|(x, y)| point(x, y)).collect();
-    MeshData { positions, triangles, normals, uvs: points.map(uv).collect() }
+    MeshData { positions, triangles, normals, uvs: points.map(uv).collect(), ..MeshData::default() }
 }
 
 /// The maps that tilt the normals of the sheet, besides its vertices.

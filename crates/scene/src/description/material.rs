@@ -92,6 +92,12 @@ pub enum MaterialKind {
     /// A border between two media, without a surface: light passes straight through, and no scattering event is
     /// counted.
     Interface,
+    /// A surface that shows its colour to the camera as radiance, without light from anywhere. All rays that have been
+    /// scattered, and shadow rays, pass it: it lights nothing, shades nothing and is in no mirror.
+    Unlit {
+        /// The radiance seen, linear RGB within 0 to 1.
+        color: Color,
+    },
     /// A perfect mirror without a Fresnel term [pbrt-v3, `mirror`].
     Mirror {
         /// The fraction of light reflected.
@@ -145,6 +151,7 @@ impl MaterialKind {
             Self::CoatedConductor { .. } => "coated conductor",
             Self::Mix { .. } => "mix",
             Self::Interface => "interface",
+            Self::Unlit { .. } => "unlit",
             Self::Mirror { .. } => "mirror",
             Self::Plastic { .. } => "plastic",
             Self::Substrate { .. } => "substrate",
@@ -178,7 +185,11 @@ impl MaterialKind {
                 let metal = *metallic == Scalar::Constant(1.0);
                 vec![reflecting(if metal { "a metal" } else { "plastic" }, roughness)]
             }
-            Self::Diffuse { .. } | Self::DiffuseTransmission { .. } | Self::Mix { .. } | Self::Interface => Vec::new(),
+            Self::Diffuse { .. }
+            | Self::DiffuseTransmission { .. }
+            | Self::Mix { .. }
+            | Self::Interface
+            | Self::Unlit { .. } => Vec::new(),
         }
     }
 
@@ -187,8 +198,8 @@ impl MaterialKind {
     pub(crate) fn each_parameter(&mut self, mut visit: impl FnMut(&'static str, Parameter<'_>)) {
         let visit = &mut visit;
         match self {
-            Self::Diffuse { reflectance } | Self::Mirror { reflectance } => {
-                visit("color", Parameter::Color(reflectance))
+            Self::Diffuse { reflectance: color } | Self::Mirror { reflectance: color } | Self::Unlit { color } => {
+                visit("color", Parameter::Color(color))
             }
             Self::DiffuseTransmission { reflectance, transmittance } => {
                 visit("color", Parameter::Color(reflectance));

@@ -1,7 +1,8 @@
 //! Shapes, objects made of them, instances of objects, and the media that shapes border.
 
-use super::{MaterialId, Scalar, Source};
+use super::{MaterialId, Scalar, Source, Texture, TextureId, texture_mean};
 use glam::{DAffine3, DVec3};
+use std::collections::HashMap;
 use std::sync::Arc;
 
 /// A shape: geometry, material, emission and media.
@@ -105,15 +106,18 @@ pub struct Instance {
 }
 
 impl MeshData {
-    /// Checks that positions, normals and texture coordinates are finite, and that all vertex indices exist. There must
-    /// be as many normals as positions, or none, and likewise for texture coordinates. Triangles of area 0 are allowed.
+    /// Checks that positions, normals, texture coordinates and colours are finite, and that all vertex indices exist.
+    /// There must be as many normals as positions, or none, and likewise for texture coordinates and colours. Triangles of
+    /// area 0 are allowed.
     ///
     /// # Errors
     /// Returns the first fault found.
     pub fn check(&self) -> Result<(), MeshFault> {
         let vertices = self.positions.len();
         self.check_positions()?;
-        for (of, count) in [("normals", self.normals.len()), ("texture coordinates", self.uvs.len())] {
+        let counts =
+            [("normals", self.normals.len()), ("texture coordinates", self.uvs.len()), ("colours", self.colors.len())];
+        for (of, count) in counts {
             if count != 0 && count != vertices {
                 let what = format!("there are {count} {of} for {vertices} vertices; give one for each, or none");
                 return Err(MeshFault(what));
@@ -121,7 +125,9 @@ impl MeshData {
         }
         let normal = self.normals.iter().position(|n| n.iter().any(|c| !c.is_finite())).map(|v| ("normal", v));
         let uv = || self.uvs.iter().position(|uv| uv.iter().any(|c| !c.is_finite()));
-        if let Some((of, vertex)) = normal.or_else(|| Some(("texture coordinate", uv()?))) {
+        let color = || self.colors.iter().position(|rgb| rgb.iter().any(|c| !c.is_finite()));
+        let found = normal.or_else(|| Some(("texture coordinate", uv()?))).or_else(|| Some(("colour", color()?)));
+        if let Some((of, vertex)) = found {
             return Err(MeshFault(format!("the {of} of vertex {vertex} is not finite; mend the mesh")));
         }
         let beyond = |corner: &u32| *corner as usize >= vertices;
@@ -141,30 +147,43 @@ impl MeshData {
         }
     }
 
+    /// Sets colours that are NaN or infinite to white. Returns their number, `None` if there are none.
+    pub(crate) fn mend_colors(&mut self) -> Option<usize> {
+        let bad = self.colors.iter_mut().filter(|rgb| rgb.iter().any(|c| !c.is_finite()));
+        let count = bad.map(|rgb| *rgb = [1.0; 3]).count();
+        (count > 0).then_some(count)
+    }
+
+    /// Gives each triangle its own colour. Vertices between triangles of different colours are doubled.
+    pub(crate) fn color_triangles(&mut self, colors: &[[f32; 3]]) {
+        let bits = |color: [f32; 3]| color.map(f32::to_bits);
+        let mut taken: Vec<Option<[u32; 3]>> = vec![None; self.positions.len()];
+        let mut doubled: HashMap<(u32, [u32; 3]), u32> = HashMap::new();
+        self.colors = vec![[1.0; 3]; self.positions.len()];
+        for (triangle, &color) in self.triangles.iter_mut().zip(colors) {
+            for corner in triangle {
+                let old = *corner as usize;
+                if *taken[old].get_or_insert(bits(color)) == bits(color) {
+                    self.colors[old] = color;
+                    continue;
+                }
+                *corner = *doubled.entry((*corner, bits(color))).or_insert_with(|| {
+                    self.positions.push(self.positions[old]);
+                    self.normals.extend(self.normals.get(old).copied());
+                    self.uvs.extend(self.uvs.get(old).copied());
+                    self.colors.push(color);
+                    self.positions.len() as u32 - 1
+                });
+            }
+        }
+    }
+
     /// Sets normals that are NaN or infinite to 0, so that the geometric normal stands for them. Returns their number,
     /// `None` if there are none.
     pub(crate) fn mend_normals(&mut self) -> Option<usize> {
         let bad = self.normals.iter_mut().filter(|n| n.iter().any(|c| !c.is_finite()));
         let count = bad.map(|n| *n = [0.0; 3]).count();
         (count > 0).then_some(count)
-    }
-
-    /// The mesh of some of its triangles, with the vertices that these use.
-    pub(crate) fn part(&self, mut triangles: Vec<[u32; 3]>) -> Self {
-        let mut place = vec![u32::MAX; self.positions.len()];
-        let mut part = Self::default();
-        for corner in triangles.iter_mut().flatten() {
-            let old = *corner as usize;
-            if place[old] == u32::MAX {
-                place[old] = part.positions.len() as u32;
-                part.positions.push(self.positions[old]);
-                part.normals.extend(self.normals.get(old));
-                part.uvs.extend(self.uvs.get(old));
-            }
-            *corner = place[old];
-        }
-        part.triangles = triangles;
-        part
     }
 }
 
@@ -173,7 +192,7 @@ impl MeshData {
 #[error("{0}")]
 pub struct MeshFault(String);
 
-/// Indexed triangles. `normals` and `uvs` are each empty or as long as `positions`.
+/// Indexed triangles. `normals`, `uvs` and `colors` are each empty or as long as `positions`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MeshData {
     /// Vertex positions in the shape's own space.
@@ -182,6 +201,9 @@ pub struct MeshData {
     pub normals: Vec<[f32; 3]>,
     /// Texture coordinates, one pair per vertex; empty if the mesh has none.
     pub uvs: Vec<[f32; 2]>,
+    /// Colours, linear RGB, one per vertex; empty if the mesh has none. They show where a material has the texture
+    /// [`VertexColor`](super::TextureKind::VertexColor).
+    pub colors: Vec<[f32; 3]>,
     /// Three vertex indices per triangle.
     pub triangles: Vec<[u32; 3]>,
 }
@@ -193,6 +215,21 @@ pub struct Emission {
     pub radiance: [f32; 3],
     /// True for emission from both sides, false for the side that the normal points to.
     pub two_sided: bool,
+    /// A texture that multiplies the radiance at each point; `None` is 1 everywhere.
+    pub texture: Option<TextureId>,
+}
+
+impl Emission {
+    /// Makes an emission that is the same all over the shape.
+    pub fn even(radiance: [f32; 3], two_sided: bool) -> Self {
+        Self { radiance, two_sided, texture: None }
+    }
+
+    /// Returns the emission with the mean of its texture in the texture's place.
+    pub(crate) fn mean(self, textures: &[Texture]) -> Self {
+        let mean = self.texture.map_or([1.0; 3], |id| texture_mean(textures, id));
+        Self::even(std::array::from_fn(|c| self.radiance[c] * mean[c]), self.two_sided)
+    }
 }
 
 /// Index of a medium in [`Scene::media`](super::Scene::media).

@@ -70,6 +70,8 @@ pub enum TextureKind {
         /// The two factors.
         factors: [Color; 2],
     },
+    /// The vertex colours of the mesh, interpolated; white on shapes without any.
+    VertexColor,
     /// A linear interpolation between two colours or textures.
     Mix {
         /// The colour at `amount` 0 and the colour at `amount` 1.
@@ -104,8 +106,8 @@ const DEEPEST: u32 = 8;
 /// Returns the mean colour of a texture over the unit square of texture coordinates, linear RGB.
 ///
 /// The mean of a checkerboard is the mean of its two colours. The mean of a product is the product of its factors'
-/// means, and the mean of a mix is the mix of its colours' means. An image is averaged over all its pixels. A missing
-/// texture is black.
+/// means, and the mean of a mix is the mix of its colours' means. An image is averaged over all its pixels. Vertex colours
+/// count as white. A missing texture is black.
 pub(crate) fn texture_mean(textures: &[Texture], id: TextureId) -> [f32; 3] {
     mean_within(textures, id, DEEPEST).to_array()
 }
@@ -127,6 +129,7 @@ fn mean_within(textures: &[Texture], id: TextureId, depth: u32) -> Vec3 {
             (sum / image.pixels.len().max(1) as f64).as_vec3()
         }
         TextureKind::Product { factors: [a, b] } => color(a) * color(b),
+        TextureKind::VertexColor => Vec3::ONE,
         TextureKind::Mix { colors: [a, b], amount } => {
             let amount = match amount {
                 Scalar::Constant(amount) => *amount,

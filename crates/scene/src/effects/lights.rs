@@ -3,7 +3,7 @@
 
 use super::visible::{Visible, worn};
 use super::{Called, Effect, Found, found};
-use crate::{Emission, Geometry, Light, LightKind, Material, Scene, Shape, Source, SpotFalloff};
+use crate::{Emission, Geometry, Light, LightKind, Material, Scene, Shape, Source, SpotFalloff, Texture};
 use dapple_core::film::luminance;
 use glam::{DAffine3, DMat3, DVec3};
 use std::f64::consts::PI;
@@ -25,7 +25,10 @@ pub(super) fn find_lamps(visible: &Visible<'_>) -> Found {
 
 /// Replaces each lamp by lights without extent.
 pub(super) fn shrink_lamps(scene: &mut Scene) {
-    let lamp = |shape: &Shape| LampShape::of(shape).map(|lamp| (lamp, shape.source.clone()));
+    let lamp = |shape: &Shape| {
+        let lamp = LampShape::of(shape)?;
+        Some((LampShape { emission: lamp.emission.mean(&scene.textures), ..lamp }, shape.source.clone()))
+    };
     let lamps: Vec<_> = scene.shapes.iter().filter_map(lamp).collect();
     scene.shapes.retain(|shape| LampShape::of(shape).is_none());
     for (lamp, source) in lamps {
@@ -37,7 +40,7 @@ pub(super) fn shrink_lamps(scene: &mut Scene) {
 /// Returns the lights without extent that replace a lamp, each with its light-to-world transform.
 fn point_lights(lamp: &LampShape) -> Vec<(LightKind, DAffine3)> {
     if lamp.facing.length() < FLAT {
-        let intensity = lamp.power().map(|p| (p / (4.0 * std::f64::consts::PI)) as f32);
+        let intensity = lamp.power(&[]).map(|p| (p / (4.0 * std::f64::consts::PI)) as f32);
         return vec![(LightKind::Point { intensity }, DAffine3::from_translation(lamp.centre))];
     }
     let intensity = lamp.emission.radiance.map(|l| (f64::from(l) * lamp.area) as f32);
@@ -123,10 +126,10 @@ impl LampShape {
         (area != 0.0).then_some(Self { emission, area, centre, facing })
     }
 
-    /// Returns the radiant power, RGB: `pi * area * radiance` for each emitting side.
-    fn power(&self) -> [f64; 3] {
+    /// Returns the radiant power, RGB: `pi * area * radiance` for each emitting side, with the mean of a texture.
+    fn power(&self, textures: &[Texture]) -> [f64; 3] {
         let sides = if self.emission.two_sided { 2.0 } else { 1.0 };
-        self.emission.radiance.map(|l| PI * self.area * f64::from(l) * sides)
+        self.emission.mean(textures).radiance.map(|l| PI * self.area * f64::from(l) * sides)
     }
 }
 
@@ -171,7 +174,8 @@ pub(super) enum LightNumber {
 /// is what enters the scene's bounding sphere. The renderer's light selection by power uses the same weights within
 /// rounding.
 pub(super) fn powers(scene: &Scene) -> Vec<(LightNumber, f64)> {
-    let lamp = |(i, shape)| LampShape::of(shape).map(|lamp| (LightNumber::Shape(i), luminance(lamp.power())));
+    let lamp =
+        |(i, shape)| LampShape::of(shape).map(|lamp| (LightNumber::Shape(i), luminance(lamp.power(&scene.textures))));
     let mut found: Vec<_> = scene.shapes.iter().enumerate().filter_map(lamp).collect();
     let [low, high] = bounds(scene.placed());
     let diagonal = Some((high - low).length()).filter(|length| length.is_finite());

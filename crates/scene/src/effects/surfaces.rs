@@ -75,7 +75,7 @@ fn diffuse_color(material: &Material, textures: &mut Vec<Texture>, albedo: &Albe
     Some(Color::Texture(TextureId(textures.len() as u32 - 1)))
 }
 
-/// Finds visible materials that look up textures, and visible shapes whose opacity is a texture.
+/// Finds visible materials that look up textures, and visible shapes whose opacity or emission is a texture.
 pub(super) fn find_textures(visible: &Visible<'_>) -> Found {
     let materials = visible.materials().filter_map(|material| {
         let (id, what) = first_texture(material)?;
@@ -83,7 +83,7 @@ pub(super) fn find_textures(visible: &Visible<'_>) -> Found {
     });
     let shapes = visible.shapes.iter().filter_map(|shape| match shape.alpha {
         Some(Scalar::Texture(id)) => Some((None, id, "opacity", &shape.source)),
-        _ => None,
+        _ => shape.emission.and_then(|emission| Some((None, emission.texture?, "emission", &shape.source))),
     });
     found(materials.chain(shapes), |(material, id, what, source)| {
         let who = material.map_or("a shape".into(), |name| format!("material \"{name}\""));
@@ -115,8 +115,9 @@ pub(super) fn flatten_textures(scene: &mut Scene) {
     let Scene { materials, textures, .. } = scene;
     materials.iter_mut().for_each(|material| flatten(material, textures));
     let textures = std::mem::take(&mut scene.textures);
-    for alpha in scene.shapes_mut().filter_map(|shape| shape.alpha.as_mut()) {
-        *alpha = mean_scalar(*alpha, &textures);
+    for shape in scene.shapes_mut() {
+        shape.alpha = shape.alpha.map(|alpha| mean_scalar(alpha, &textures));
+        shape.emission = shape.emission.map(|emission| emission.mean(&textures));
     }
     scene.textures = textures;
 }

@@ -123,11 +123,11 @@ pub(super) fn find_interreflection(visible: &Visible<'_>) -> Found {
     Some((because, Source { line: 0, ..scene.camera.source.clone() }, 1))
 }
 
-/// Returns true if a shape scatters no light: a black diffuse surface, or an interface between media.
+/// Returns true if a shape scatters no light: a black diffuse surface, an interface between media, or an unlit surface.
 fn is_black(scene: &Scene, shape: &Shape) -> bool {
     match scene.materials.get(shape.material.0 as usize).map(|m| &m.kind) {
         Some(MaterialKind::Diffuse { reflectance }) => *reflectance == Color::Constant([0.0; 3]),
-        Some(MaterialKind::Interface) => true,
+        Some(MaterialKind::Interface | MaterialKind::Unlit { .. }) => true,
         _ => false,
     }
 }

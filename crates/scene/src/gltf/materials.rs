@@ -2,21 +2,16 @@
 
 use super::textures::{Part, Use};
 use super::{Reader, named};
-use crate::image::Image;
 use crate::{
     ClearCoat, Color, ConductorFresnel, Emission, Material, MaterialId, MaterialKind, Medium, MediumId,
-    MediumInterface, MeshData, Roughness, Scalar,
+    MediumInterface, Roughness, Scalar,
 };
 use ::gltf::material::{AlphaMode, Material as GltfMaterial};
-use std::collections::BTreeMap;
-use std::sync::Arc;
 
 /// Reflectance of parts without a material, that of Blender's default surface.
 const BARE: [f32; 3] = [0.8; 3];
 /// Index of refraction of materials that state none.
 const IOR: f32 = 1.5;
-/// Points per side at which the emission of a triangle is averaged.
-const POINTS: usize = 8;
 
 /// A material of the scene, with what shapes hold beside it.
 #[derive(Clone)]
@@ -27,43 +22,54 @@ pub(super) struct Surface {
     pub(super) media: Option<MediumInterface>,
     /// The set of texture coordinates that the material's textures use.
     pub(super) uv_set: u32,
-    /// The image that multiplies the emission, with the scale and the shift of its coordinates.
-    glow: Option<(Arc<Image>, [[f32; 2]; 2])>,
 }
-
-/// Triangles of nearly equal emission, and the sum of their means.
-type Alike = (Vec<[u32; 3]>, [f64; 3]);
 
 /// The parameters that all kinds of scattering share.
 struct Look {
     name: String,
     base: Color,
+    /// True if vertex colours multiply the base colour.
+    colored: bool,
     roughness: Roughness,
     ior: f32,
     normal_map: Option<crate::TextureId>,
 }
 
 impl Reader<'_> {
-    /// The scene's material for one of the file, added at its first use.
-    pub(super) fn surface_of(&mut self, material: &GltfMaterial<'_>) -> Result<Surface, String> {
-        if let Some(known) = self.surfaces.get(&material.index()) {
+    /// The scene's material for one of the file, added at its first use. `colored` is true for a mesh with vertex colours.
+    pub(super) fn surface_of(&mut self, material: &GltfMaterial<'_>, colored: bool) -> Result<Surface, String> {
+        let key = (material.index(), colored);
+        if let Some(known) = self.surfaces.get(&key) {
             return Ok(known.clone());
         }
         let surface = match material.index() {
             None => {
-                let kind = MaterialKind::Diffuse { reflectance: Color::Constant(BARE) };
+                let base = if colored {
+                    self.scene.vertex_color(Color::Constant([1.0; 3]), self.source)
+                } else {
+                    Color::Constant(BARE)
+                };
+                let kind = MaterialKind::Diffuse { reflectance: base };
                 let id = self.scene.add_material(Material::new("bare", kind, self.source.clone()));
-                Surface { material: id, emission: None, alpha: None, media: None, uv_set: 0, glow: None }
+                Surface { material: id, emission: None, alpha: None, media: None, uv_set: 0 }
             }
-            Some(index) => self.surface(material, named("material", index, material.name()))?,
+            Some(index) => self.surface(material, named("material", index, material.name()), colored)?,
         };
-        self.surfaces.insert(material.index(), surface.clone());
+        self.surfaces.insert(key, surface.clone());
         Ok(surface)
     }
 
-    fn surface(&mut self, material: &GltfMaterial<'_>, name: String) -> Result<Surface, String> {
+    fn surface(&mut self, material: &GltfMaterial<'_>, name: String, colored: bool) -> Result<Surface, String> {
         let uv_set = self.uv_set(material, &name);
-        let look = self.look(material, name);
+        if material.occlusion_texture().is_some() {
+            self.warn(format!("{name}: its texture of occlusion is left out; light is traced"));
+        }
+        let look = self.look(material, name, colored);
+        if material.unlit() {
+            let id = self.add_material(&look, MaterialKind::Unlit { color: look.base });
+            let alpha = self.alpha(material);
+            return Ok(Surface { material: id, emission: None, alpha, media: None, uv_set });
+        }
         let id = self.kind(material, &look);
         let strength = material.emissive_strength().unwrap_or(1.0);
         let radiance = material.emissive_factor().map(|c| c * strength);
@@ -71,14 +77,9 @@ impl Reader<'_> {
             return Err(format!("{}: its emission is invalid; export the file again", look.name));
         }
         let shines = radiance.iter().any(|c| *c > 0.0);
-        let glow = material.emissive_texture().filter(|_| shines);
-        let glow = glow.and_then(|info| {
-            let used = Use::of(&info);
-            let image = self.image(info.texture().source().index(), Part::Color)?;
-            self.check_rotation(&used);
-            Some((image, used.transform()))
-        });
-        let emission = shines.then_some(Emission { radiance, two_sided: material.double_sided() });
+        let texture = material.emissive_texture().filter(|_| shines);
+        let texture = texture.and_then(|info| self.texture(&Use::of(&info), Part::Color, 1.0));
+        let emission = shines.then_some(Emission { texture, ..Emission::even(radiance, material.double_sided()) });
         let alpha = match emission {
             None => self.alpha(material),
             Some(_) if material.alpha_mode() == AlphaMode::Opaque => None,
@@ -88,7 +89,7 @@ impl Reader<'_> {
             }
         };
         let media = self.medium(material, &look.name);
-        Ok(Surface { material: id, emission, alpha, media, uv_set, glow })
+        Ok(Surface { material: id, emission, alpha, media, uv_set })
     }
 
     /// The set of texture coordinates of a material; a notice if its textures use several.
@@ -104,10 +105,11 @@ impl Reader<'_> {
         first
     }
 
-    fn look(&mut self, material: &GltfMaterial<'_>, name: String) -> Look {
+    fn look(&mut self, material: &GltfMaterial<'_>, name: String, colored: bool) -> Look {
         let pbr = material.pbr_metallic_roughness();
         let [r, g, b, _] = pbr.base_color_factor();
         let base = self.color(pbr.base_color_texture(), [r, g, b].map(share));
+        let base = if colored { self.scene.vertex_color(base, self.source) } else { base };
         let rough = share(pbr.roughness_factor());
         let alpha = self.number(pbr.metallic_roughness_texture(), Part::Squared(1), rough * rough);
         let roughness = Roughness { u: alpha, v: alpha, remap: false };
@@ -115,14 +117,20 @@ impl Reader<'_> {
             let info = Use::of_normals(&normal);
             self.texture(&info, Part::Normal(normal.scale().to_bits()), 1.0)
         });
-        let ior = material.ior().filter(|ior| ior.is_finite() && *ior >= 1.0).unwrap_or(IOR);
-        Look { name, base, roughness, ior, normal_map }
+        let ior = material.ior().unwrap_or(IOR);
+        let ior = if ior.is_finite() && ior >= 1.0 {
+            ior
+        } else {
+            self.warn(format!("{name}: its index of refraction of {ior} is left out; {IOR} stands for it"));
+            IOR
+        };
+        Look { name, base, colored, roughness, ior, normal_map }
     }
 
     /// Adds the scattering of a material, with all mixed materials.
     fn kind(&mut self, material: &GltfMaterial<'_>, look: &Look) -> MaterialId {
         if let Some(old) = material.pbr_specular_glossiness() {
-            let kind = self.specular_glossiness(&old);
+            let kind = self.specular_glossiness(&old, look.colored);
             return self.add_material(look, kind);
         }
         let opaque = self.opaque(material, look);
@@ -148,7 +156,7 @@ impl Reader<'_> {
             Scalar::Constant(1.0) if smooth && coat.is_none() => {
                 MaterialKind::Conductor { fresnel: ConductorFresnel::Reflectance(look.base), roughness }
             }
-            Scalar::Constant(0.0) if (grazing == 0.0 && coat.is_none()) || material.unlit() => {
+            Scalar::Constant(0.0) if grazing == 0.0 && coat.is_none() => {
                 MaterialKind::Diffuse { reflectance: look.base }
             }
             _ => MaterialKind::Layered { base: look.base, metallic, normal, grazing, roughness, coat },
@@ -181,9 +189,14 @@ impl Reader<'_> {
         (specular.specular_color_factor().map(|c| share(ratio * ratio * c) * strength), strength)
     }
 
-    fn specular_glossiness(&mut self, old: &::gltf::material::PbrSpecularGlossiness<'_>) -> MaterialKind {
+    fn specular_glossiness(
+        &mut self,
+        old: &::gltf::material::PbrSpecularGlossiness<'_>,
+        colored: bool,
+    ) -> MaterialKind {
         let [r, g, b, _] = old.diffuse_factor();
         let diffuse = self.color(old.diffuse_texture(), [r, g, b].map(share));
+        let diffuse = if colored { self.scene.vertex_color(diffuse, self.source) } else { diffuse };
         let gloss = share(old.glossiness_factor());
         let specular = self.color(old.specular_glossiness_texture(), old.specular_factor().map(share));
         let used = old.specular_glossiness_texture().map(|info| Use::of(&info));
@@ -240,31 +253,6 @@ impl Reader<'_> {
             MediumInterface { inside: Some(id), outside: None }
         })
     }
-
-    /// Splits a mesh whose emission is a texture into parts of nearly equal emission; any other mesh stays whole.
-    ///
-    /// A part's triangles emit the mean of the texture over each, rounded to quarters of a stop.
-    pub(super) fn lit_parts(&self, data: MeshData, surface: Surface) -> Vec<(MeshData, Surface)> {
-        let glow = surface.glow.as_ref().zip(surface.emission).filter(|_| !data.uvs.is_empty());
-        let Some(((image, [scale, shift]), emission)) = glow else { return vec![(data, surface)] };
-        let mut groups: BTreeMap<[i32; 3], Alike> = BTreeMap::new();
-        for triangle in &data.triangles {
-            let moved = |uv: [f32; 2]| [0, 1].map(|i| uv[i] * scale[i] + shift[i]);
-            let mean = mean_over(image, triangle.map(|corner| moved(data.uvs[corner as usize])));
-            let key = mean.map(|c| if c > 1e-4 { (4.0 * libm::log2f(c)).round() as i32 } else { i32::MIN });
-            let (triangles, sum) = groups.entry(key).or_default();
-            triangles.push(*triangle);
-            (0..3).for_each(|c| sum[c] += f64::from(mean[c]));
-        }
-        let part = |(triangles, sum): Alike| {
-            let mean = sum.map(|c| (c / triangles.len() as f64) as f32);
-            let radiance = std::array::from_fn(|c| emission.radiance[c] * mean[c]);
-            let shines = mean.iter().any(|c| *c > 1e-4);
-            let emission = shines.then_some(Emission { radiance, ..emission });
-            (data.part(triangles), Surface { emission, ..surface.clone() })
-        };
-        groups.into_values().map(part).collect()
-    }
 }
 
 /// Glass: a solid body, or a pane if the file states no volume and the glass is clear and smooth.
@@ -281,20 +269,4 @@ fn glass(look: &Look, solid: bool) -> MaterialKind {
 /// The value in 0 to 1 that is nearest; NaN becomes 0.
 fn share(value: f32) -> f32 {
     if value > 0.0 { value.min(1.0) } else { 0.0 }
-}
-
-/// The mean of an image over a triangle with corners at these texture coordinates.
-fn mean_over(image: &Image, corners: [[f32; 2]; 3]) -> [f32; 3] {
-    let (mut sum, mut count) = ([0.0; 3], 0.0);
-    for i in 0..POINTS {
-        for j in 0..POINTS - i {
-            let [a, b] = [i, j].map(|k| (k as f32 + 1.0 / 3.0) / POINTS as f32);
-            let at = |c: usize| a * corners[0][c] + b * corners[1][c] + (1.0 - a - b) * corners[2][c];
-            let place = |share: f32, size: usize| ((share.rem_euclid(1.0) * size as f32) as usize).min(size - 1);
-            let pixel = image.pixel(place(at(0), image.width()), place(1.0 - at(1), image.height()));
-            (0..3).for_each(|c| sum[c] += pixel[c]);
-            count += 1.0;
-        }
-    }
-    sum.map(|c| c / count)
 }

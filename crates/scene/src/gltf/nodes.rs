@@ -28,12 +28,16 @@ pub(super) fn first_scene(document: &Document) -> Option<Scene<'_>> {
     document.default_scene().or_else(|| document.scenes().next())
 }
 
+/// The scene that is shown: the default one, else the first that has nodes.
+pub(super) fn shown_scene(document: &Document) -> Option<Scene<'_>> {
+    first_scene(document).into_iter().chain(document.scenes()).find(|scene| scene.nodes().len() > 0)
+}
+
 /// Returns the nodes of the default scene (else of the first that has nodes, else all), parents before children.
 pub(super) fn place(document: &Document) -> Result<Vec<Placed<'_>>, Fault> {
     let mut placed = Vec::new();
     let mut seen = vec![false; document.nodes().len()];
-    let scene = first_scene(document).into_iter().chain(document.scenes()).find(|scene| scene.nodes().len() > 0);
-    let roots: Vec<Node<'_>> = match scene {
+    let roots: Vec<Node<'_>> = match shown_scene(document) {
         Some(scene) => scene.nodes().collect(),
         None => {
             let mut child = vec![false; seen.len()];
@@ -95,6 +99,9 @@ impl Reader<'_> {
             let name = named("light", light.index(), light.name());
             let power = light.color().map(|c| c * light.intensity() / LUMENS_PER_WATT);
             let lit = power.iter().all(|c| c.is_finite() && *c >= 0.0) && power.iter().any(|c| *c > 0.0);
+            if light.range().is_some() {
+                self.warn(format!("{name}: its range is left out; light fades with the square of the distance"));
+            }
             let (Some(pose), true) = (rigid(*to_world), lit) else {
                 self.warn(format!("{name} has no light or no direction; left out"));
                 continue;

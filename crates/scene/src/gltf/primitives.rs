@@ -4,6 +4,8 @@ use super::materials::Surface;
 use super::nodes::Placed;
 use super::{Fault, Reader, named};
 use crate::{Geometry, Instance, MeshData, Object, ObjectId, Shape, Source};
+use ::gltf::accessor::{DataType, Dimensions};
+use ::gltf::material::AlphaMode;
 use ::gltf::mesh::{Mode, Primitive, Semantic};
 use ::gltf::{Accessor, Mesh, Node};
 use glam::{DAffine3, DMat4, DVec3};
@@ -96,22 +98,27 @@ impl Reader<'_> {
                 self.warn(format!("{name} consists of points or lines; left out"));
                 continue;
             }
-            let surface = self.surface_of(&primitive.material())?;
+            if primitive.get(&Semantic::Tangents).is_some() && primitive.material().normal_texture().is_some() {
+                self.warn(format!(
+                    "{name}: its tangents are left out; those of the texture coordinates stand for them"
+                ));
+            }
+            let colors = self.vertex_colors(&primitive, &name).map_err(|what| format!("{name}: {what}"))?;
+            let surface = self.surface_of(&primitive.material(), !colors.is_empty())?;
             let data = self.mesh(&primitive, pose, surface.uv_set);
             let mut data = data.map_err(|what| format!("{name}: {what}"))?;
+            data.colors = colors;
             if data.triangles.is_empty() {
                 continue;
             }
             if let Some(count) = data.mend_normals() {
                 self.warn(format!("{name}: {count} normals are not finite; the faces' own stand for them"));
             }
+            if let Some(count) = data.mend_colors() {
+                self.warn(format!("{name}: {count} vertex colours are not finite; white stands for them"));
+            }
             data.check().map_err(|e| format!("{name}: {e}"))?;
-            if primitive.get(&Semantic::Colors(0)).is_some() {
-                self.warn(format!("{name}: vertex colours are left out"));
-            }
-            for (data, surface) in self.lit_parts(data, surface) {
-                parts.push(Part { geometry: Arc::new(data), surface });
-            }
+            parts.push(Part { geometry: Arc::new(data), surface });
         }
         Ok(parts)
     }
@@ -142,20 +149,52 @@ impl Reader<'_> {
         let indices = indices.map_or_else(|| (0..positions.len() as u32).collect(), |i| i.into_flattened());
         let triangles = triangles(primitive.mode(), &indices);
         let normals = normals.into_iter().map(|n| n.as_vec3().to_array()).collect();
-        Ok(MeshData { positions, normals, uvs, triangles })
+        Ok(MeshData { positions, normals, uvs, colors: Vec::new(), triangles })
+    }
+
+    /// The vertex colours of a part, linear RGB; none if it has none.
+    fn vertex_colors(&mut self, primitive: &Primitive<'_>, name: &str) -> Result<Vec<[f32; 3]>, String> {
+        if primitive.get(&Semantic::Colors(1)).is_some() {
+            self.warn(format!("{name}: only the first set of vertex colours is used"));
+        }
+        let Some(accessor) = primitive.get(&Semantic::Colors(0)) else { return Ok(Vec::new()) };
+        let colors: Vec<[f32; 4]> = match accessor.dimensions() {
+            Dimensions::Vec3 => self.buffers.floats::<3>(&accessor)?.iter().map(|&[r, g, b]| [r, g, b, 1.0]).collect(),
+            _ => self.buffers.floats::<4>(&accessor)?,
+        };
+        if primitive.material().alpha_mode() != AlphaMode::Opaque && colors.iter().any(|rgba| rgba[3] < 1.0) {
+            self.warn(format!("{name}: the opacity of its vertex colours is left out"));
+        }
+        // Integers that the file does not mark as normalized can mean nothing else.
+        let scale = match accessor.data_type() {
+            DataType::U8 if !accessor.normalized() => 255.0,
+            DataType::U16 if !accessor.normalized() => 65_535.0,
+            _ => 1.0,
+        };
+        Ok(colors.iter().map(|&[r, g, b, _]| [r, g, b].map(|c| if c < 0.0 { 0.0 } else { c / scale })).collect())
     }
 
     /// Applies a skin: each vertex moves with the weighted mean of its joints' transforms.
     fn bend(&self, primitive: &Primitive<'_>, joints: &[DAffine3], mesh: [&mut [DVec3]; 2]) -> Result<(), String> {
         let [positions, normals] = mesh;
-        let (indices, weights) = (primitive.get(&Semantic::Joints(0)), primitive.get(&Semantic::Weights(0)));
-        let (Some(indices), Some(weights)) = (indices, weights) else { return Ok(()) };
-        let (indices, weights) = (self.buffers.integers::<4>(&indices)?, self.buffers.floats::<4>(&weights)?);
+        // Each set gives four joints to every vertex.
+        let mut sets = Vec::new();
+        while let Some(indices) = primitive.get(&Semantic::Joints(sets.len() as u32))
+            && let Some(weights) = primitive.get(&Semantic::Weights(sets.len() as u32))
+        {
+            sets.push((self.buffers.integers::<4>(&indices)?, self.buffers.floats::<4>(&weights)?));
+        }
+        if sets.is_empty() {
+            return Ok(());
+        }
         let bent = |k: usize| {
-            let (indices, weights) = (indices.get(k)?, weights.get(k)?);
-            let sum: f32 = weights.iter().sum();
+            let of_vertex = |(indices, weights): &(Vec<[u32; 4]>, Vec<[f32; 4]>)| {
+                Some(indices.get(k)?.iter().copied().zip(*weights.get(k)?).collect::<Vec<_>>())
+            };
+            let joined: Vec<(u32, f32)> = sets.iter().filter_map(of_vertex).flatten().collect();
+            let sum: f32 = joined.iter().map(|(_, weight)| weight).sum();
             let mut to_world = DAffine3::ZERO;
-            for (&joint, &weight) in indices.iter().zip(weights).filter(|(_, w)| **w > 0.0) {
+            for (joint, weight) in joined.into_iter().filter(|(_, w)| *w > 0.0) {
                 let (share, joint) = (f64::from(weight / sum), joints.get(joint as usize)?);
                 to_world.matrix3 += joint.matrix3 * share;
                 to_world.translation += joint.translation * share;

@@ -3,9 +3,9 @@
 use super::buffers::{beside, read_uri};
 use super::{Reader, named};
 use crate::image::{Encoding, Image, read_texture};
-use crate::{Color, Notice, Scalar, TextureId, TextureKind, Wrap};
+use crate::{Color, Scalar, TextureId, TextureKind, Wrap};
 use ::gltf::json;
-use ::gltf::json::texture::WrappingMode;
+use ::gltf::json::texture::{MagFilter, WrappingMode};
 use ::gltf::material::NormalTexture;
 use ::gltf::texture::Info;
 use serde_json::Value;
@@ -71,7 +71,7 @@ impl<'a> Use<'a> {
     }
 
     /// The scale and the shift of our texture coordinates, whose v is 1 minus that of glTF.
-    pub(super) fn transform(&self) -> [[f32; 2]; 2] {
+    fn transform(&self) -> [[f32; 2]; 2] {
         [self.scale, [self.offset[0], 1.0 - self.offset[1] - self.scale[1]]]
     }
 }
@@ -106,10 +106,13 @@ impl Reader<'_> {
         let sampler = info.texture.sampler();
         let wrap = [sampler.wrap_s(), sampler.wrap_t()];
         if wrap.contains(&WrappingMode::MirroredRepeat) {
-            self.notice(format!("{name}: it repeats without being mirrored"));
+            self.warn(format!("{name}: it repeats without being mirrored"));
         }
         if wrap[0] != wrap[1] {
-            self.notice(format!("{name}: wraps in the same way in both directions"));
+            self.warn(format!("{name}: wraps in the same way in both directions"));
+        }
+        if sampler.mag_filter() == Some(MagFilter::Nearest) {
+            self.warn(format!("{name}: its texels are interpolated, where the file asks for the nearest"));
         }
         let wrap = if wrap[0] == WrappingMode::ClampToEdge { Wrap::Clamp } else { Wrap::Repeat };
         let [scale, shift] = info.transform();
@@ -118,34 +121,27 @@ impl Reader<'_> {
     }
 
     /// Adds a notice if the coordinates of a use are rotated.
-    pub(super) fn check_rotation(&mut self, info: &Use<'_>) {
+    fn check_rotation(&mut self, info: &Use<'_>) {
         if info.rotated {
             let name = named("texture", info.texture.index(), info.texture.name());
-            self.notice(format!("{name}: the rotation of its coordinates is left out"));
-        }
-    }
-
-    fn notice(&mut self, message: String) {
-        let notice = Notice::warning(self.source.clone(), message);
-        if !self.scene.notices.contains(&notice) {
-            self.scene.notices.push(notice);
+            self.warn(format!("{name}: the rotation of its coordinates is left out"));
         }
     }
 
     /// A part of an image. `None`, with a notice, if it cannot be read.
-    pub(super) fn image(&mut self, index: usize, part: Part) -> Option<Arc<Image>> {
+    fn image(&mut self, index: usize, part: Part) -> Option<Arc<Image>> {
         if let Some(known) = self.images.get(&(index, part)) {
             return known.clone();
         }
         let image = match self.decode(index, part) {
             Ok((image, notices)) => {
-                notices.into_iter().for_each(|notice| self.notice(notice));
+                notices.into_iter().for_each(|notice| self.warn(notice));
                 Some(Arc::new(image))
             }
             Err(what) => {
                 let name = self.document.images().nth(index).and_then(|image| image.name()).map(str::to_owned);
                 let name = named("image", index, name.as_deref());
-                self.notice(format!("{name} cannot be read, a constant stands for it: {what}"));
+                self.warn(format!("{name} cannot be read, a constant stands for it: {what}"));
                 None
             }
         };

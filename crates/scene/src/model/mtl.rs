@@ -1,6 +1,6 @@
 //! Materials of an OBJ model: its MTL files, and the images that these name.
 
-use super::{GREY, add_material};
+use super::add_material;
 use crate::files::Files;
 use crate::image::{Encoding, Image, read_texture};
 use crate::{Color, MaterialId, Scene, Source, TextureKind, text};
@@ -14,7 +14,7 @@ use std::sync::Arc;
 pub(super) struct Materials {
     /// MTL materials by name, each with the path of its file.
     known: BTreeMap<String, (Statements, Arc<PathBuf>)>,
-    made: BTreeMap<Option<String>, MaterialId>,
+    made: BTreeMap<(Option<String>, bool), MaterialId>,
     images: BTreeMap<PathBuf, Option<Arc<Image>>>,
 }
 
@@ -47,35 +47,35 @@ impl Materials {
         Ok(())
     }
 
-    /// Returns the scene's material for the name and line of a `usemtl`, or the default grey for `None`. Adds the
-    /// material on its first use.
+    /// Returns the scene's material for the name and line of a `usemtl`, or the default grey for `None`. `is_colored` is true
+    /// for a mesh with vertex colours. Adds the material on its first use.
     pub(super) fn of(
         &mut self,
         scene: &mut Scene,
-        asked: Option<&(String, u32)>,
+        (asked, is_colored): (Option<&(String, u32)>, bool),
         files: &dyn Files,
         source: &Source,
     ) -> MaterialId {
-        let name = asked.map(|(name, _)| name.clone());
-        if let Some(id) = self.made.get(&name) {
+        let key = (asked.map(|(name, _)| name.clone()), is_colored);
+        if let Some(id) = self.made.get(&key) {
             return *id;
         }
         let id = match asked {
-            None => add_material(scene, "grey", GREY, source),
+            None => add_material(scene, "grey", None, is_colored, source),
             Some((name, line)) => match self.find(name).cloned() {
                 Some((material, file)) => {
                     let source = Source { line: material.line, file };
                     let color = self.color(scene, &material, files, &source);
-                    add_material(scene, name, color, &source)
+                    add_material(scene, name, color, is_colored, &source)
                 }
                 None => {
                     let source = Source { line: *line, ..source.clone() };
                     scene.warn(&source, format!("unknown material \"{name}\"; grey instead"));
-                    add_material(scene, name, GREY, &source)
+                    add_material(scene, name, None, is_colored, &source)
                 }
             },
         };
-        self.made.insert(name, id);
+        self.made.insert(key, id);
         id
     }
 
@@ -85,8 +85,9 @@ impl Materials {
         text::names(name).find_map(|name| self.known.get(name)).or_else(|| commented().map(|(_, found)| found))
     }
 
-    fn color(&mut self, scene: &mut Scene, material: &Statements, files: &dyn Files, source: &Source) -> Color {
-        let flat = material.diffuse.map_or(GREY, Color::Constant);
+    /// Returns the colour by `Kd` and `map_Kd`; `None` without either.
+    fn color(&mut self, scene: &mut Scene, material: &Statements, files: &dyn Files, source: &Source) -> Option<Color> {
+        let flat = material.diffuse.map(Color::Constant);
         let Some(argument) = &material.texture else { return flat };
         let Some(image) = self.image(scene, argument, files, source) else { return flat };
         // Kd multiplies the image. A missing Kd, or a black one as some programs write, leaves the image unchanged.
@@ -95,10 +96,10 @@ impl Materials {
         let image = TextureKind::image(image, if even { tint[0] } else { 1.0 });
         let image = Color::Texture(scene.add_texture(argument, image, source));
         if even {
-            return image;
+            return Some(image);
         }
         let product = TextureKind::Product { factors: [Color::Constant(tint), image] };
-        Color::Texture(scene.add_texture(argument, product, source))
+        Some(Color::Texture(scene.add_texture(argument, product, source)))
     }
 
     /// Returns the image of the file that an argument names; `None`, with a notice, if it cannot be read. Each file is
@@ -253,7 +254,7 @@ fn file_of<'t>(mut rest: &'t str) -> Option<&'t str> {
     (!rest.is_empty()).then_some(rest)
 }
 
-/// Returns true if an unsupported MTL statement would change the image. The statement is given by its keyword and its
+/// Returns true if an unsupported MTL statement would change the image, or is unknown. The statement is given by its keyword and its
 /// numbers.
 fn calls_for_more(keyword: &str, numbers: &[f64]) -> bool {
     let first = numbers.first().copied().unwrap_or(0.0);
@@ -261,8 +262,12 @@ fn calls_for_more(keyword: &str, numbers: &[f64]) -> bool {
         "Ks" | "Ke" | "Tf" => numbers.iter().any(|&c| c != if keyword == "Tf" { 1.0 } else { 0.0 }),
         "d" => first < 1.0,
         "Tr" => first > 0.0,
-        "map_Ka" | "map_Ns" => false,
-        "bump" | "norm" | "disp" | "decal" | "refl" => true,
-        _ => keyword.starts_with("map_"),
+        // Models of light that mirror or transmit.
+        "illum" => first >= 3.0,
+        "Pm" | "Ps" | "Pc" | "aniso" => first != 0.0,
+        "Pr" => first != 1.0,
+        // Ambient light is traced. Shininess and refraction count with Ks and d, which are reported themselves.
+        "" | "newmtl" | "Ka" | "map_Ka" | "Ns" | "map_Ns" | "Ni" | "Km" | "sharpness" | "Pcr" | "anisor" => false,
+        _ => !keyword.starts_with('#'),
     }
 }

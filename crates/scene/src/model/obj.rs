@@ -4,7 +4,7 @@
 //! mistakes. It supports neither continued lines nor faces that mix corners with and without texture coordinates.
 
 use super::mtl::Materials;
-use super::{ModelError, UpAxis, model_scene};
+use super::{ModelError, UpAxis, colors, model_scene};
 use crate::files::Files;
 use crate::polygon;
 use crate::scene_reader::SceneReader;
@@ -37,13 +37,13 @@ fn add_model(scene: &mut Scene, model: ObjModel, files: &dyn Files, source: &Sou
     let mut materials = Materials::default();
     for (word, line) in model.left_out {
         let source = Source { line, ..source.clone() };
-        scene.warn(&source, format!("\"{word}\" is not a surface; left out"));
+        scene.warn(&source, format!("{word}; left out"));
     }
     for (argument, line) in model.libraries {
         materials.open(scene, &argument, files, &Source { line, ..source.clone() });
     }
     for mesh in model.meshes {
-        let material = materials.of(scene, mesh.material.as_ref(), files, source);
+        let material = materials.of(scene, (mesh.material.as_ref(), !mesh.data.colors.is_empty()), files, source);
         let geometry = Geometry::Mesh(Arc::new(mesh.data));
         scene.shapes.push(Shape::new(geometry, DAffine3::IDENTITY, material, source.clone()));
     }
@@ -56,7 +56,7 @@ pub struct ObjModel {
     pub meshes: Vec<ObjMesh>,
     /// Arguments of `mtllib`, which name one or several material files (MTL), each with its line.
     pub libraries: Vec<(String, u32)>,
-    /// Keywords of unsupported statements (lines, points, curves), each with the line of its first use.
+    /// Statements that are not read, each with the reason and the line of its first use.
     pub left_out: Vec<(String, u32)>,
 }
 
@@ -71,8 +71,9 @@ pub struct ObjMesh {
 
 /// Reads the meshes of an OBJ file.
 ///
-/// Negative indices count back from the last vertex read so far. Polygons become triangles. Colours and `w` of vertices
-/// are skipped. Names may be in UTF-8 or Latin-1.
+/// Negative indices count back from the last vertex read so far. Polygons become triangles. Colours of vertices
+/// (`v x y z r g b`) are in sRGB; a mesh has them if one of its vertices does, and its others are white. Names may be in
+/// UTF-8 or Latin-1.
 ///
 /// # Errors
 /// Returns the first fault in the file.
@@ -94,6 +95,7 @@ pub fn read_obj(bytes: &[u8]) -> Result<ObjModel, ModelError> {
         }
     }
     parser.check_ranges()?;
+    colors::decode(&mut parser.vertices.colors);
     let Parser { vertices, groups, libraries, left_out, .. } = parser;
     let mut meshes = Vec::with_capacity(groups.len());
     for (key, group) in groups {
@@ -112,6 +114,8 @@ struct Vertices {
     positions: Vec<DVec3>,
     uvs: Vec<[f32; 2]>,
     normals: Vec<[f32; 3]>,
+    /// The colours of the first positions, up to the last that has one; NaN for those without.
+    colors: Vec<[f32; 3]>,
 }
 
 impl Vertices {
@@ -140,6 +144,7 @@ impl Vertices {
                     if has_normal {
                         data.normals.push(self.normals[normal]);
                     }
+                    data.colors.extend(self.colors.get(position).or((!self.colors.is_empty()).then_some(&NO_COLOR)));
                     next
                 }));
             }
@@ -147,10 +152,17 @@ impl Vertices {
             polygon::triangulate(&polygon, &data.positions, &mut data.triangles)
                 .map_err(|what| ModelError::at(line, what))?;
         }
+        if data.colors.iter().all(|color| color[0].is_nan()) {
+            data.colors = Vec::new();
+        }
+        data.mend_colors();
         data.check()?;
         Ok(data)
     }
 }
+
+/// The mark of a vertex without a colour, which is white.
+const NO_COLOR: [f32; 3] = [f32::NAN; 3];
 
 /// The key of a group of faces: material and vertex attributes. Keys sort by the material's first use.
 #[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
@@ -184,7 +196,24 @@ struct Parser {
     materials: BTreeMap<String, u32>,
     libraries: Vec<(String, u32)>,
     left_out: Vec<(String, u32)>,
+    /// True within a smoothing group.
+    smooths: bool,
 }
+
+/// Statements that are left out, and why.
+const LEFT_OUT: [(&str, &str); 6] = [
+    ("l p", "is not a surface"),
+    (
+        "vp cstype deg bmat step curv curv2 surf parm trim hole scrv sp end con mg ctech stech bsp bzp cdc cdp res",
+        "belongs to curves and curved surfaces; export triangles",
+    ),
+    ("call csh", "runs other files"),
+    ("maplib usemap", "is a texture outside of an MTL file"),
+    ("bevel c_interp d_interp lod shadow_obj trace_obj", "controls how other renderers show the model"),
+    ("#MRGB", "is a colour of ZBrush's own; export colours as numbers behind vertices"),
+];
+/// The largest number of kinds of statements that are reported as left out.
+const MOST_LEFT_OUT: usize = 12;
 
 impl Parser {
     fn line(&mut self, number: u32, line: &str) -> Result<(), String> {
@@ -193,7 +222,7 @@ impl Parser {
         let Some(keyword) = line.split_whitespace().next() else { return Ok(()) };
         let argument = line.trim_start()[keyword.len()..].trim();
         match keyword {
-            "v" => numbers("v", words()).map(|p| self.vertices.positions.push(DVec3::from_array(p))),
+            "v" => self.vertex(number, words()),
             // A texture of one dimension has one coordinate.
             "vt" => numbers("vt", words().chain(["0"])).and_then(single).map(|uv| self.vertices.uvs.push(uv)),
             "vn" => numbers("vn", words()).and_then(single).map(|n| self.vertices.normals.push(n)),
@@ -206,18 +235,54 @@ impl Parser {
                 });
                 Ok(())
             }
-            "mtllib" | "l" | "p" | "curv" | "curv2" | "surf" | "call" => {
-                let is_library = keyword == "mtllib";
-                let (list, name) =
-                    if is_library { (&mut self.libraries, argument) } else { (&mut self.left_out, keyword) };
-                if !name.is_empty() && !list.iter().any(|(known, _)| known == name) {
-                    list.push((name.to_owned(), number));
+            "mtllib" => {
+                let libraries = &mut self.libraries;
+                if !argument.is_empty() && !libraries.iter().any(|(known, _)| known == argument) {
+                    libraries.push((argument.to_owned(), number));
                 }
                 Ok(())
             }
-            // Names, groups, smoothing and comments change nothing.
-            _ => Ok(()),
+            "s" => {
+                self.smooths = !matches!(words().next(), None | Some("off" | "0"));
+                Ok(())
+            }
+            // Names of objects and groups change nothing.
+            "o" | "g" => Ok(()),
+            comment if comment.starts_with('#') && comment != "#MRGB" => Ok(()),
+            other => {
+                let known = LEFT_OUT.iter().find(|(words, _)| words.split(' ').any(|word| word == other));
+                self.leave_out(other, known.map_or("is unknown", |(_, why)| *why), number);
+                Ok(())
+            }
         }
+    }
+
+    /// Notes a statement that is left out, once for each reason.
+    fn leave_out(&mut self, keyword: &str, why: &str, line: u32) {
+        let list = &mut self.left_out;
+        if list.len() < MOST_LEFT_OUT && !list.iter().any(|(known, _)| known.ends_with(why)) {
+            list.push((format!("\"{}\" {why}", shown(keyword)), line));
+        }
+    }
+
+    /// Reads a position, and a colour if three or four numbers follow. A single one is a weight.
+    fn vertex<'w>(&mut self, line: u32, words: impl Iterator<Item = &'w str> + Clone) -> Result<(), String> {
+        let Vertices { positions, colors, .. } = &mut self.vertices;
+        positions.push(DVec3::from_array(numbers("v", words.clone())?));
+        let more = words.clone().skip(3);
+        if let (Some(weight), None) = (more.clone().next(), more.clone().nth(1)) {
+            if text::number::<f64>(weight) != Some(1.0) {
+                self.leave_out("v", "has a weight, which counts in curves alone", line);
+            }
+        } else if more.clone().count() >= 3 {
+            colors.resize(positions.len() - 1, NO_COLOR);
+            let color = numbers("v", more).and_then(single);
+            colors.push(*color.as_ref().unwrap_or(&NO_COLOR));
+            if color.is_err() {
+                self.leave_out("v", "has a colour that is not three finite numbers", line);
+            }
+        }
+        Ok(())
     }
 
     fn face<'w>(&mut self, line: u32, words: impl Iterator<Item = &'w str>) -> Result<(), String> {
@@ -226,6 +291,9 @@ impl Parser {
             return Err(format!("a face needs 3 corners or more, not {}; remove it", corners.len()));
         }
         self.key.has = [1, 2].map(|kind| corners.iter().all(|corner| corner[kind].is_some()));
+        if self.smooths && !self.key.has[1] {
+            self.leave_out("s", "smooths faces without normals, which are flat; export normals", line);
+        }
         let group = match self.groups.get_mut(&self.key) {
             Some(group) => group,
             None => self.groups.entry(self.key.clone()).or_default(),

@@ -3,7 +3,7 @@
 //! A file is a header and rows of numbers. This parser uses no library: those there are wrap every number in a
 //! property, and name neither the line of a fault nor its remedy.
 
-use super::{ModelError, ModelMesh, UpAxis, mesh_scene};
+use super::{ModelError, ModelMesh, UpAxis, colors, mesh_scene};
 use crate::MeshData;
 use crate::polygon;
 use crate::scene_reader::SceneReader;
@@ -20,7 +20,8 @@ pub(crate) const PLY: SceneReader = SceneReader {
 };
 
 /// Reads a mesh from the bytes of a PLY file. Texture coordinates may be called `u v`, `s t`, `texture_u texture_v` or
-/// `texture_s texture_t`; other properties and elements are skipped.
+/// `texture_s texture_t`. Colours of vertices, or else of faces, are in sRGB: `red green blue`, from 0 to the largest
+/// number of their type, or from 0 to 1. Other properties and elements are left out.
 ///
 /// Memory is at most a small multiple of `bytes.len()`, whatever the header declares.
 ///
@@ -34,16 +35,23 @@ pub fn read_ply(bytes: &[u8]) -> Result<ModelMesh, ModelError> {
         format => Rows::Binary { left: header.rest, big: format == BIG },
     };
     let mut data = MeshData::default();
-    let (mut has_positions, mut faces) = (false, None);
+    let (mut has_positions, mut faces, mut left_out) = (false, None, header.files);
     for element in &header.elements {
         rows.check_length(element)?;
         match &*element.name {
             "vertex" => {
                 has_positions = element.has(&["x", "y", "z"]);
-                read_vertices(&mut rows, element, &mut data)?;
+                left_out.extend(read_vertices(&mut rows, element, &mut data)?);
             }
-            "face" => faces = Some(read_faces(&mut rows, element)?),
-            _ => (0..element.count).try_for_each(|i| rows.read(element, i, |_, _| {}))?,
+            "face" => {
+                let (found, unread) = read_faces(&mut rows, element)?;
+                left_out.extend(unread);
+                faces = Some(found);
+            }
+            name => {
+                (0..element.count).try_for_each(|i| rows.read(element, i, |_, _| {}))?;
+                left_out.push(format!("element {name}"));
+            }
         }
     }
     if !has_positions {
@@ -51,12 +59,20 @@ pub fn read_ply(bytes: &[u8]) -> Result<ModelMesh, ModelError> {
     }
     let faces = faces.ok_or(NO_FACES)?;
     data.check_positions()?;
-    cut(&faces, &mut data)?;
+    let mut of_faces = cut(&faces, &mut data)?;
+    colors::decode(&mut data.colors);
+    if !of_faces.is_empty() && data.colors.is_empty() {
+        colors::decode(&mut of_faces);
+        data.color_triangles(&of_faces);
+    } else if !of_faces.is_empty() {
+        left_out.push("colours of faces, since vertices have their own".into());
+    }
+    let colors = data.mend_colors().map(|count| format!("{count} colours are not finite; white stands for them"));
     let mended = data.mend_normals();
     let mended = mended.map(|count| format!("{count} normals are not finite; the faces' own stand for them"));
     data.check()?;
-    let doubts = mended.into_iter().chain(rows.doubt(&text)).collect::<Vec<String>>().join("; ");
-    Ok(ModelMesh { data, doubt: (!doubts.is_empty()).then_some(doubts) })
+    let doubts = mended.into_iter().chain(colors).chain(rows.doubt(&text)).collect::<Vec<String>>().join("; ");
+    Ok(ModelMesh { data, doubt: (!doubts.is_empty()).then_some(doubts), left_out })
 }
 
 const ASCII: &str = "ascii";
@@ -103,6 +119,15 @@ impl Number {
         }
     }
 
+    /// The number of this type that stands for all of a colour.
+    fn full(self) -> f64 {
+        match self {
+            Self(_, Bits::Float) => 1.0,
+            Self(2, _) => 65_535.0,
+            _ => 255.0,
+        }
+    }
+
     /// The value of bits, of which those beyond the length are 0.
     fn of_bits(self, bits: u64) -> f64 {
         let unused = 64 - 8 * self.0;
@@ -146,10 +171,12 @@ struct Header<'b> {
     format: &'static str,
     lines: u32,
     rest: &'b [u8],
+    /// The images that comments name, for messages.
+    files: Vec<String>,
 }
 
 fn header(bytes: &[u8]) -> Result<Header<'_>, ModelError> {
-    let mut header = Header { elements: Vec::new(), format: "", lines: 0, rest: bytes };
+    let mut header = Header { elements: Vec::new(), format: "", lines: 0, rest: bytes, files: Vec::new() };
     // Binary rows may begin with a LF after a header whose lines end with CR.
     let first = bytes.iter().position(|b| matches!(b, b'\r' | b'\n')).unwrap_or(0);
     let lone = bytes[first..].starts_with(b"\r") && !bytes[first..].starts_with(b"\r\n");
@@ -161,6 +188,7 @@ fn header(bytes: &[u8]) -> Result<Header<'_>, ModelError> {
         let unknown = || bad("this line is unknown");
         let elements = &mut header.elements;
         match text.split_whitespace().collect::<Vec<&str>>()[..] {
+            ["comment", "TextureFile", ref name @ ..] => header.files.push(format!("texture file {}", name.join(" "))),
             [] | ["ply" | "comment" | "obj_info", ..] => {}
             ["format", ASCII, _] => header.format = ASCII,
             ["format", LITTLE, _] => header.format = LITTLE,
@@ -262,8 +290,15 @@ impl Rows<'_> {
     }
 }
 
-/// The names of a vertex's numbers: x, y, z, nx, ny, nz, and the two texture coordinates.
-const SLOTS: [[&str; 4]; 8] = [
+/// The names of red, green, blue and opacity.
+const COLORS: [[&str; 4]; 4] = [
+    ["red", "r", "diffuse_red", "Red"],
+    ["green", "g", "diffuse_green", "Green"],
+    ["blue", "b", "diffuse_blue", "Blue"],
+    ["alpha", "a", "diffuse_alpha", "Alpha"],
+];
+/// The names of a vertex's numbers: x, y, z, nx, ny, nz, the two texture coordinates, and its colour.
+const SLOTS: [[&str; 4]; 12] = [
     ["x"; 4],
     ["y"; 4],
     ["z"; 4],
@@ -272,20 +307,54 @@ const SLOTS: [[&str; 4]; 8] = [
     ["nz"; 4],
     ["u", "s", "texture_u", "texture_s"],
     ["v", "t", "texture_v", "texture_t"],
+    COLORS[0],
+    COLORS[1],
+    COLORS[2],
+    COLORS[3],
 ];
 
-fn read_vertices(rows: &mut Rows<'_>, element: &Element, data: &mut MeshData) -> Result<(), ModelError> {
-    let slot = |p: &Property| SLOTS.iter().position(|names| p.count.is_none() && names.contains(&&*p.name));
-    let slots: Vec<Option<usize>> = element.properties.iter().map(slot).collect();
+/// The slot of each property of an element; `None` for one that is not read.
+fn slots(element: &Element, names: &[[&str; 4]]) -> Vec<Option<usize>> {
+    let slot = |p: &Property| names.iter().position(|names| p.count.is_none() && names.contains(&&*p.name));
+    element.properties.iter().map(slot).collect()
+}
+
+fn has_colors(element: &Element) -> bool {
+    (0..4).any(|k| element.has(&[COLORS[0][k], COLORS[1][k], COLORS[2][k]]))
+}
+
+/// Returns what of an element's vertices or faces is not read, for messages. `is_opaque` is true if no colour has an
+/// opacity below 1.
+fn unread(element: &Element, names: &[[&str; 4]], list: &str, is_opaque: bool) -> impl Iterator<Item = String> {
+    let is_read = |p: &Property| match p.count {
+        None => names.iter().any(|names| names.contains(&&*p.name)),
+        Some(_) => p.name == list,
+    };
+    let unread = element.properties.iter().filter(|p| !is_read(p)).map(|p| p.name.escape_debug().to_string());
+    let opacity = (!is_opaque).then(|| "alpha".to_owned());
+    let names: Vec<String> = unread.chain(opacity).collect();
+    names.into_iter().map(|name| format!("property {name} of {}", element.name))
+}
+
+/// Reads the vertices; returns what is left out of them.
+fn read_vertices(rows: &mut Rows<'_>, element: &Element, data: &mut MeshData) -> Result<Vec<String>, ModelError> {
+    let slots = slots(element, &SLOTS);
     let normals = element.has(&["nx", "ny", "nz"]);
     let uvs = (0..4).any(|k| element.has(&[SLOTS[6][k], SLOTS[7][k]]));
+    let (has_colors, mut is_opaque) = (has_colors(element), true);
     data.positions.reserve_exact(element.count);
     data.normals.reserve_exact(if normals { element.count } else { 0 });
     data.uvs.reserve_exact(if uvs { element.count } else { 0 });
+    data.colors.reserve_exact(if has_colors { element.count } else { 0 });
+    let full: Vec<f64> = element.properties.iter().map(|p| p.number.full()).collect();
     for i in 0..element.count {
-        let mut vertex = [0.0; 8];
-        rows.read(element, i, |property, value| slots[property].into_iter().for_each(|slot| vertex[slot] = value))?;
-        let [x, y, z, nx, ny, nz, u, v] = vertex;
+        let mut vertex = [0.0; SLOTS.len()];
+        vertex[SLOTS.len() - 1] = 1.0;
+        rows.read(element, i, |property, value| {
+            let Some(slot) = slots[property] else { return };
+            vertex[slot] = if slot < 8 { value } else { value / full[property] };
+        })?;
+        let [x, y, z, nx, ny, nz, u, v, r, g, b, alpha] = vertex;
         data.positions.push(dvec3(x, y, z));
         if normals {
             data.normals.push([nx as f32, ny as f32, nz as f32]);
@@ -293,8 +362,12 @@ fn read_vertices(rows: &mut Rows<'_>, element: &Element, data: &mut MeshData) ->
         if uvs {
             data.uvs.push([u as f32, v as f32]);
         }
+        if has_colors {
+            data.colors.push([r as f32, g as f32, b as f32]);
+            is_opaque &= alpha >= 1.0;
+        }
     }
-    Ok(())
+    Ok(unread(element, &SLOTS[..if has_colors { 12 } else { 8 }], "", is_opaque).collect())
 }
 
 /// The vertex indices of all polygons in one list, and the end of each polygon in that list.
@@ -302,16 +375,22 @@ fn read_vertices(rows: &mut Rows<'_>, element: &Element, data: &mut MeshData) ->
 struct Faces {
     corners: Vec<u32>,
     ends: Vec<usize>,
+    /// The colour of each polygon, as it is in the file; empty if there are none.
+    colors: Vec<[f32; 3]>,
 }
 
-fn read_faces(rows: &mut Rows<'_>, element: &Element) -> Result<Faces, ModelError> {
+/// Reads the faces; returns what is left out of them too.
+fn read_faces(rows: &mut Rows<'_>, element: &Element) -> Result<(Faces, Vec<String>), ModelError> {
     let is_corners = |p: &Property| p.count.is_some() && matches!(&*p.name, "vertex_indices" | "vertex_index");
     let list = element.properties.iter().position(is_corners).ok_or(NO_FACES)?;
+    let (slots, has_colors, mut is_opaque) = (slots(element, &COLORS), has_colors(element), true);
     let mut faces = Faces::default();
     for face in 0..element.count {
-        let mut bad = None;
+        let (mut bad, mut color) = (None, [0.0, 0.0, 0.0, 1.0]);
         rows.read(element, face, |property, value| match value {
-            _ if property != list => {}
+            _ if property != list => {
+                slots[property].into_iter().for_each(|c| color[c] = value / element.properties[property].number.full());
+            }
             _ if value >= 0.0 && value.fract() == 0.0 => faces.corners.push(value as u32),
             _ => bad = bad.or(Some(value)),
         })?;
@@ -319,15 +398,21 @@ fn read_faces(rows: &mut Rows<'_>, element: &Element) -> Result<Faces, ModelErro
             return Err(format!("face {face}: corner {corner} is negative; corners count vertices from 0").into());
         }
         faces.ends.push(faces.corners.len());
+        if has_colors {
+            let [r, g, b, alpha] = color;
+            faces.colors.push([r, g, b].map(|c| c as f32));
+            is_opaque &= alpha >= 1.0;
+        }
     }
-    Ok(faces)
+    let names = &COLORS[..if has_colors { 4 } else { 0 }];
+    Ok((faces, unread(element, names, &element.properties[list].name, is_opaque).collect()))
 }
 
-/// Cuts all polygons into triangles and appends the triangles to `data`.
-fn cut(faces: &Faces, data: &mut MeshData) -> Result<(), ModelError> {
+/// Cuts all polygons into triangles and appends the triangles to `data`. Returns their colours, if faces have any.
+fn cut(faces: &Faces, data: &mut MeshData) -> Result<Vec<[f32; 3]>, ModelError> {
     let vertices = data.positions.len();
     data.triangles.reserve(faces.corners.len().saturating_sub(2 * faces.ends.len()));
-    let mut start = 0;
+    let (mut start, mut colors) = (0, Vec::new());
     for (face, &end) in faces.ends.iter().enumerate() {
         let corners = &faces.corners[start..end];
         start = end;
@@ -339,6 +424,9 @@ fn cut(faces: &Faces, data: &mut MeshData) -> Result<(), ModelError> {
             return Err(bad(&format!("a face needs 3 corners or more, not {}; remove it", corners.len())));
         }
         polygon::triangulate(corners, &data.positions, &mut data.triangles).map_err(bad)?;
+        if let Some(color) = faces.colors.get(face) {
+            colors.resize(data.triangles.len(), *color);
+        }
     }
-    Ok(())
+    Ok(colors)
 }

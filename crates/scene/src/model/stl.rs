@@ -1,7 +1,8 @@
 //! Meshes from STL files, binary and text.
 
-use super::{ModelError, ModelMesh, UpAxis, mesh_scene};
+use super::{ModelError, ModelMesh, UpAxis, colors, mesh_scene};
 use crate::MeshData;
+use crate::image::srgb_encode;
 use crate::scene_reader::SceneReader;
 use crate::text::{self, Words, first_word};
 use glam::DVec3;
@@ -24,7 +25,8 @@ const HEADER: usize = 84;
 const FACET_LENGTH: usize = 50;
 
 /// Reads a mesh from the bytes of an STL file, without normals, since facets are flat. Bitwise equal corners are merged
-/// into one vertex.
+/// into one vertex, unless their facets have different colours. Binary files have colours in the form of VisCAM and
+/// SolidView, or in that of Materialise Magics.
 ///
 /// A file that begins with `solid` is text, with two exceptions: a NUL among its first 512 bytes, or the exact length of
 /// a binary file with its number of facets.
@@ -50,19 +52,76 @@ pub fn read_stl(bytes: &[u8]) -> Result<ModelMesh, ModelError> {
         return Err(what.into());
     }
     let mut welder = Welder::default();
+    let mut attributes = Attributes::of(&bytes[..80]);
     for (number, facet) in bytes[HEADER..promised as usize].chunks_exact(FACET_LENGTH).enumerate() {
-        // The normal comes first, and two bytes without meaning last.
+        // The normal comes first.
         let float = |i: usize| f32::from_le_bytes([facet[i], facet[i + 1], facet[i + 2], facet[i + 3]]);
         let corners = [12, 24, 36].map(|corner| [corner, corner + 4, corner + 8].map(float));
         let not_finite = || ModelError::from(format!("facet {number}: a corner is not finite; mend the mesh"));
         welder.add(corners).ok_or_else(not_finite)?;
+        attributes.facets.push(u16::from_le_bytes([facet[48], facet[49]]));
     }
     let mut data = welder.mesh;
     data.check()?;
     data.positions.shrink_to_fit();
+    let (colors, left_out) = attributes.colors();
+    if !colors.is_empty() {
+        data.color_triangles(&colors);
+    }
     let extra = bytes.len() as u64 - promised;
     let doubt = (extra > 0).then(|| format!("{extra} bytes follow the last of {count} facets and are not read"));
-    Ok(ModelMesh { data, doubt })
+    Ok(ModelMesh { data, doubt, left_out })
+}
+
+/// The two extra bytes of each facet of a binary file, and what its header states of colours.
+///
+/// VisCAM and SolidView set the highest bit of a facet that has a colour: red above green above blue. Magics writes
+/// `COLOR=` and the colour of the body into the header, clears the highest bit of a facet with a colour of its own, and
+/// has red lowest. Each channel has five bits, in sRGB.
+struct Attributes {
+    facets: Vec<u16>,
+    /// The colour of the body in the header, as bytes.
+    body: Option<[u8; 3]>,
+    has_material: bool,
+}
+
+impl Attributes {
+    fn of(header: &[u8]) -> Self {
+        let after =
+            |word: &[u8]| header.windows(word.len()).position(|w| w == word).map(|at| &header[at + word.len()..]);
+        let body = after(b"COLOR=").and_then(|rest| rest.first_chunk().copied());
+        Self { facets: Vec::new(), body, has_material: after(b"MATERIAL=").is_some() }
+    }
+
+    /// Returns the colour of each facet, linear RGB, or none; and what is left out.
+    fn colors(self) -> (Vec<[f32; 3]>, Vec<String>) {
+        const COLORED: u16 = 1 << 15;
+        let channels = |bits: u16| [10, 5, 0].map(|shift| f32::from(bits >> shift & 31) / 31.0);
+        let reversed = |[b, g, r]: [f32; 3]| [r, g, b];
+        let has_any = self.facets.iter().any(|bits| *bits != 0);
+        let mut left_out: Vec<String> =
+            self.has_material.then(|| "MATERIAL of the header".into()).into_iter().collect();
+        let mut colors: Vec<[f32; 3]> = match self.body.map(|body| body.map(|c| f32::from(c) / 255.0)) {
+            // Writers that know no colours of facets leave all zero.
+            Some(body) => {
+                let own = |bits: &u16| if has_any && bits & COLORED == 0 { reversed(channels(*bits)) } else { body };
+                self.facets.iter().map(own).collect()
+            }
+            None if self.facets.iter().any(|bits| bits & COLORED != 0) => {
+                let grey = srgb_encode(0.5) as f32;
+                let own = |bits: &u16| if bits & COLORED == 0 { [grey; 3] } else { channels(*bits) };
+                self.facets.iter().map(own).collect()
+            }
+            None => {
+                let first = self.facets.iter().position(|bits| *bits != 0);
+                left_out
+                    .extend(first.map(|facet| format!("attributes of facets, which are no colours (facet {facet})")));
+                Vec::new()
+            }
+        };
+        colors::decode(&mut colors);
+        (colors, left_out)
+    }
 }
 
 /// The number of facets of a binary file, and the length in bytes that follows from it.
@@ -105,7 +164,7 @@ fn read_text(text: &str) -> Result<ModelMesh, ModelError> {
         return Err(bad_facet(words.line(), "endsolid"));
     }
     welder.mesh.check()?;
-    Ok(ModelMesh { data: welder.mesh, doubt: None })
+    Ok(ModelMesh { data: welder.mesh, doubt: None, left_out: Vec::new() })
 }
 
 /// Reads the corners of a facet, and skips its normal, which may be missing or anything. The error is what lacks.

@@ -128,7 +128,7 @@ fn add_ground(scene: &mut Scene, radius: f64, up: DVec3, source: &Source) {
             }
         }
     });
-    let id = super::add_material(scene, "ground", Color::Constant(GROUND), source);
+    let id = super::add_material(scene, "ground", Some(Color::Constant(GROUND)), false, source);
     let (x, y) = up.any_orthonormal_pair();
     let to_world = DAffine3 { matrix3: DMat3::from_cols(x, y, up), translation: middle - up * (GAP * radius) };
     let geometry = Geometry::Disk { height: 0.0, radius: GROUND_RADIUS * radius, inner_radius: 0.0 };

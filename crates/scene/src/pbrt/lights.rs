@@ -9,7 +9,7 @@ use super::spectra::Gamut;
 use super::tokens::shown;
 use super::version::Version;
 use crate::image::Image;
-use crate::{EnvironmentRadiance, Light, LightKind, SpotFalloff};
+use crate::{Color, EnvironmentRadiance, Light, LightKind, SpotFalloff, TextureId, TextureKind, Wrap};
 use glam::{DAffine3, DMat3, DVec3};
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
@@ -26,15 +26,40 @@ impl Reader<'_> {
             params.finish(&mut self.log);
             return;
         }
+        let has_color = params.has("L");
         let radiance = color(&mut params, "L");
         let two_sided = params.flag("twosided", false);
-        match old {
-            true => params.ignore(&["nsamples", "samples"]),
-            false => params.refuse(&["filename"]),
+        let file = if old { None } else { params.text("filename") };
+        if old {
+            params.ignore(&["nsamples", "samples"]);
         }
         let power = positive(&mut params, "power");
+        let mut texture = None;
+        if let Some((file, line)) = file {
+            if has_color {
+                params.problem(line, format!("{} has both L and filename; remove one", params.of));
+            }
+            if power.is_some() {
+                params.unsupported(line, "the power of an image that shines (give its scale)");
+            }
+            texture = self.shining_image(&file, line, &mut params);
+        }
         if params.finish(&mut self.log) {
-            self.state.emission = Some(AreaLight { radiance, two_sided, power });
+            self.state.emission = Some(AreaLight { radiance, two_sided, power, texture });
+        }
+    }
+
+    /// Adds the image of an area light as a texture. `None`, with a reported problem, if it cannot be read.
+    fn shining_image(&mut self, file: &str, line: u32, params: &mut Params) -> Option<TextureId> {
+        let Some(image) = self.image(file, (Decoding::Srgb, Channel::Rgb), &params.at(line)) else {
+            params.broken = true;
+            return None;
+        };
+        let (scale, shift) = ([1.0; 2], [0.0; 2]);
+        let kind = TextureKind::Image { image, scale, shift, factor: 1.0, invert: false, wrap: Wrap::Clamp };
+        match self.add_texture(file, kind, params) {
+            Color::Texture(id) => Some(id),
+            Color::Constant(_) => None,
         }
     }
 

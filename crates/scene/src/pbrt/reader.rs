@@ -11,7 +11,7 @@ use super::tokens::{did_you_mean, shown};
 use crate::files::Files;
 use crate::image::Image;
 use crate::scene_reader::ReadOptions;
-use crate::{Material, MaterialId, Medium, MediumId, MeshData, ObjectId, PixelFilter, Scene, Source, text};
+use crate::{Material, MaterialId, Medium, MediumId, MeshData, ObjectId, PixelFilter, Scene, Source, TextureId, text};
 use glam::DAffine3;
 use std::collections::BTreeMap;
 use std::io::ErrorKind;
@@ -224,6 +224,8 @@ pub(super) struct AreaLight {
     /// Total power of each shape, if given. A shape's radiance is then `radiance * power / (pi * area)`, with the area
     /// of both sides if two-sided.
     pub(super) power: Option<f64>,
+    /// The image that multiplies the radiance.
+    pub(super) texture: Option<TextureId>,
 }
 
 /// The names of media in a `MediumInterface`. As in pbrt, names are looked up at the end of the file.

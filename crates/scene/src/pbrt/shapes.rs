@@ -75,8 +75,12 @@ impl Reader<'_> {
             params.unsupported(line, "an area light that moves");
             return None;
         }
+        if light.texture.is_some() && !matches!(geometry, Geometry::Mesh(_)) {
+            params.unsupported(line, format!("an image that a {} emits (make it a mesh)", geometry.name()));
+            return None;
+        }
         let Some(power) = light.power else {
-            return Some(Emission { radiance: light.radiance, two_sided: light.two_sided });
+            return Some(Emission { texture: light.texture, ..Emission::even(light.radiance, light.two_sided) });
         };
         let Some(area) = world_area(geometry, self.state.ctm.start) else {
             let what = "the power of a stretched sphere or disk is not known; give its radiance L and scale";
@@ -93,7 +97,7 @@ impl Reader<'_> {
         if radiance.iter().any(|c| !c.is_finite()) {
             return params.fail(line, "the power of the light is too much for the shape's area");
         }
-        Some(Emission { radiance, two_sided: light.two_sided })
+        Some(Emission::even(radiance, light.two_sided))
     }
 
     fn ply_mesh(&mut self, params: &mut Params) -> Option<Geometry> {
@@ -113,7 +117,8 @@ impl Reader<'_> {
                 if let Some(what) = mesh.doubt {
                     params.notice(line, format!("{}: {what}", path.display()));
                 }
-                let mesh = Arc::new(mesh.data);
+                // pbrt's materials see no vertex colours.
+                let mesh = Arc::new(MeshData { colors: Vec::new(), ..mesh.data });
                 self.meshes.insert(path, mesh.clone());
                 Some(Geometry::Mesh(mesh))
             }
@@ -170,7 +175,7 @@ impl Reader<'_> {
         params.ignore(&["faceIndices"]);
         let corners = indices(params, "patch", positions.len())?;
         // Checks the vertices' values, with the error messages of meshes.
-        let whole = MeshData { positions, normals, uvs, triangles: vec![[0; 3]] };
+        let whole = MeshData { positions, normals, uvs, triangles: vec![[0; 3]], ..MeshData::default() };
         check(&whole, params)?;
         let MeshData { positions, normals, uvs, .. } = whole;
         let most = corners.len().saturating_mul(8).saturating_add(1 << 19);
@@ -244,7 +249,7 @@ fn triangle_mesh(params: &mut Params) -> Option<Geometry> {
     let (positions, normals, uvs) = vertices(params)?;
     params.ignore(&["S", "faceIndices"]);
     let triangles = indices(params, "triangle", positions.len())?;
-    let mesh = MeshData { positions, normals, uvs, triangles };
+    let mesh = MeshData { positions, normals, uvs, triangles, ..MeshData::default() };
     check(&mesh, params)?;
     Some(Geometry::Mesh(Arc::new(mesh)))
 }

@@ -195,7 +195,7 @@ impl Control {
                 *normal = self.normal(vertex, &ring).normalize_or_zero().as_vec3().to_array();
             }
         }
-        Ok(MeshData { positions: self.positions, normals, uvs: Vec::new(), triangles: self.faces })
+        Ok(MeshData { positions: self.positions, normals, triangles: self.faces, ..MeshData::default() })
     }
 
     /// Returns the cross product of the two limit tangents at a vertex, in pbrt's order. It points to the side opposite

@@ -109,7 +109,7 @@ impl Reader<'_> {
             TextureKind::Checkerboard { colors, .. } => colors.iter().map(depth_of).max(),
             TextureKind::Product { factors } => factors.iter().map(depth_of).max(),
             TextureKind::Mix { colors, amount } => colors.iter().chain([&color_of(*amount)]).map(depth_of).max(),
-            TextureKind::Image { .. } => None,
+            TextureKind::Image { .. } | TextureKind::VertexColor => None,
         };
         let depth = below.unwrap_or(0) + 1;
         if depth > DEEPEST_TEXTURE {

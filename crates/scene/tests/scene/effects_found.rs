@@ -119,17 +119,14 @@ fn lights_that_give_light() {
             ] {
                 add_light(s, LightKind::Infinite { radiance });
             }
-            s.shapes[0].emission = Some(Emission { radiance: [0.0; 3], two_sided: true });
+            s.shapes[0].emission = Some(Emission::even([0.0; 3], true));
             let point = add(s, polygon(&[DVec3::Z; 3]), DAffine3::IDENTITY, MaterialId(0), Some(9.0));
             assert_eq!(point, 2);
         }),
         NONE
     );
     // What is no number is called for: the world refuses it.
-    assert!(
-        with(|s| s.shapes[0].emission = Some(Emission { radiance: [f32::NAN; 3], two_sided: false }))
-            .has(Effect::SeveralLights)
-    );
+    assert!(with(|s| s.shapes[0].emission = Some(Emission::even([f32::NAN; 3], false))).has(Effect::SeveralLights));
 }
 
 #[test]

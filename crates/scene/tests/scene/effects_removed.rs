@@ -18,7 +18,7 @@ fn light_of(geometry: Geometry, to_world: DAffine3) -> (f64, DVec3, Option<DVec3
     let grey = add_material(&mut scene, diffuse(0.5));
     let lamp = add(&mut scene, geometry, to_world, grey, None);
     assert!(without(&scene, Effect::SoftShadows).lights.is_empty(), "dark");
-    scene.shapes[lamp].emission = Some(dapple_scene::Emission { radiance: [1.0, 2.0, 3.0], two_sided: false });
+    scene.shapes[lamp].emission = Some(dapple_scene::Emission::even([1.0, 2.0, 3.0], false));
     let scene = without(&scene, Effect::SoftShadows);
     let [Light { kind, to_world, .. }] = &scene.lights[..] else { panic!("{:?}", scene.lights) };
     let (intensity, axis) = match kind {

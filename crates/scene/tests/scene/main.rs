@@ -6,9 +6,13 @@ mod effects_found;
 mod effects_removed;
 mod fuzz_corpus;
 mod gltf;
+mod gltf_surfaces;
 mod image;
 #[cfg(target_os = "linux")] // Reads /proc.
 mod image_memory;
+
+mod left_out;
+mod model_colors;
 mod model_views;
 mod models;
 mod reader_directives;

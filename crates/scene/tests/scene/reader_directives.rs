@@ -88,6 +88,23 @@ fn area_lights_by_their_power() {
 }
 
 #[test]
+fn area_lights_shine_an_image() {
+    let light = "AreaLightSource \"diffuse\" \"string filename\" \"wide.pfm\" \"float scale\" 3";
+    let quad = "Shape \"bilinearmesh\" \"point3 P\" [0 0 0 1 0 0 0 1 0 1 1 0]";
+    let scene = world(&format!("AttributeBegin\n{light}\n{quad}\nAttributeEnd"));
+    let emission = scene.shapes[0].emission.unwrap();
+    assert_eq!(emission.radiance, [3.0; 3]);
+    let kind = &scene.textures[emission.texture.unwrap().0 as usize].kind;
+    assert!(matches!(kind, TextureKind::Image { image, wrap: Wrap::Clamp, .. } if image.size == [4, 2]), "{kind:?}");
+    let say = |text: &str| complaint(text);
+    assert!(say(light).contains("an image that a sphere emits (make it a mesh) is not supported"), "{}", say(light));
+    let both = format!("{light} \"rgb L\" [1 1 1]\n{quad}\nAttributeBegin");
+    assert!(say(&both).contains("has both L and filename; remove one"), "{}", say(&both));
+    assert!(say(&format!("{light} \"float power\" 9")).contains("the power of an image that shines"));
+    assert!(say(&light.replace("wide", "no")).contains("no.pfm"));
+}
+
+#[test]
 fn spectra_become_colours() {
     let l = |spectrum: &str| match light(&format!("LightSource \"infinite\" {spectrum}")).0 {
         LightKind::Infinite { radiance: EnvironmentRadiance::Constant(rgb) } => rgb,

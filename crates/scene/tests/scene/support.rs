@@ -73,7 +73,7 @@ pub fn add(
     shines: Option<f32>,
 ) -> usize {
     let number = scene.shapes.len() as u32;
-    let emission = shines.map(|l| Emission { radiance: [l; 3], two_sided: false });
+    let emission = shines.map(|l| Emission::even([l; 3], false));
     scene.shapes.push(Shape { emission, ..Shape::new(geometry, to_world, material, line(10 + number)) });
     number as usize
 }

@@ -121,10 +121,10 @@ impl<'w> Vertex<'w> {
         if density.is_finite() { density } else { 0.0 }
     }
 
-    /// Returns the geometric normal, turned to the side of a direction.
-    pub(crate) fn facing(&self, direction: Vec3) -> Vec3 {
+    /// Returns the point with its geometric normal turned to the side of a direction.
+    pub(crate) fn facing(&self, direction: Vec3) -> SurfacePoint {
         let normal = self.point.normal;
-        if normal.dot(direction) < 0.0 { -normal } else { normal }
+        SurfacePoint { normal: if normal.dot(direction) < 0.0 { -normal } else { normal }, ..self.point }
     }
 
     /// Samples the direction to the next vertex of a path from the camera or from a light. `u` in `[0, 1)^2` selects the

@@ -134,8 +134,8 @@ impl Bdpt<'_> {
             (lights.environment(last.wo), [start, disk * before.cosine(last.wo)])
         } else {
             let light = last.lamp()?;
-            let emitted = lights.lamp(light)?.radiance(last.point.normal.dot(last.wo));
-            let pdf = lights.emission_pdf(light, last.facing(last.wo), last.wo);
+            let emitted = lights.emitted(light, &last.point, last.point.normal.dot(last.wo));
+            let pdf = lights.emission_pdf(light, &last.facing(last.wo), last.wo);
             let direction = before.density_from(last.point.position, pdf.direction);
             (emitted, [pdf.position * lights.pmf(light), direction])
         };
@@ -177,7 +177,7 @@ impl Bdpt<'_> {
             return None;
         }
         let mut vertex = Vertex::new(kind, point, sample.wi, Vec3::ONE, 0.0);
-        let pdf = lights.emission_pdf(light, vertex.facing(-sample.wi), -sample.wi);
+        let pdf = lights.emission_pdf(light, &vertex.facing(-sample.wi), -sample.wi);
         let towards = if vertex.is_far() {
             pdf.position * last.cosine(sample.wi)
         } else {

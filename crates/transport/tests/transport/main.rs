@@ -8,3 +8,4 @@ mod photons;
 mod radiosity;
 mod references;
 mod support;
+mod textured_lamps;

@@ -67,6 +67,9 @@ impl<'w> AnyPath<'w> {
                 let light = path.throughput * self.emitted(&path, &at);
                 estimate.emission = (Vec3::from(estimate.emission) + light).to_array();
             }
+            if surface.unlit && path.is_direct {
+                estimate.emission = self.shown(&path, &at, surface).to_array();
+            }
             if path.depth == 0 {
                 estimate.first_hit = Some(self.world.first_hit_of(ray, at, surface));
             } else {

@@ -52,7 +52,8 @@ impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w,
         };
         match self.world.surface_met(at, u) {
             Ok(surface) => return Some(surface),
-            Err(PassedThrough::Hole) => {}
+            Err(PassedThrough::Unlit(surface)) if path.depth == 0 => return Some(surface),
+            Err(PassedThrough::Hole | PassedThrough::Unlit(_)) => {}
             Err(PassedThrough::Interface) => path.medium = at.medium_beyond(path.ray.direction, path.medium),
         }
         self.pass(path, at);
