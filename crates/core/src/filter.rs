@@ -38,10 +38,12 @@ pub struct Fireflies {
 impl fmt::Display for Fireflies {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { pixels, share, dropped } = *self;
-        let place = if dropped { "is left out" } else { "stays in place" };
-        let pixels =
-            if pixels == 1 { "1 pixel has a firefly".to_owned() } else { format!("{pixels} pixels have fireflies") };
-        write!(f, "{pixels}; their light, {:.3} % of that of all other samples, {place}", 100.0 * share)
+        let place = if dropped { "is left out" } else { "stays there" };
+        write!(
+            f,
+            "fireflies in {pixels} of the pixels: {:.3} % of the light of all other samples {place}",
+            100.0 * share
+        )
     }
 }
 

@@ -91,11 +91,12 @@ fn is_alone(film: &Film, half: usize, i: usize) -> bool {
 
 /// Puts the light of fireflies back into an image that was made without them, or leaves it out. `total` is the light of all samples.
 pub(crate) fn restore(image: &mut Filtered, fireflies: &[Firefly], total: f64, place: FireflyLight) {
-    let mut energy = 0.0;
+    let (mut energy, mut pixels) = (0.0, 0);
     for Firefly { pixel, share, mean, .. } in fireflies {
         let colour = &mut image.radiance[*pixel];
         let apart: [f64; 3] = std::array::from_fn(|c| share * (mean[c] - f64::from(colour[c])));
         energy += luminance(apart);
+        pixels += u64::from(luminance(apart) > 0.0);
         if place == FireflyLight::Keep {
             *colour = std::array::from_fn(|c| (f64::from(colour[c]) + apart[c]).clamp(0.0, f64::from(f32::MAX)) as f32);
         }
@@ -104,5 +105,5 @@ pub(crate) fn restore(image: &mut Filtered, fireflies: &[Firefly], total: f64, p
         image.error.iter_mut().for_each(|error| error[*pixel] = error[*pixel].max(square));
     }
     let share = energy / (total - energy).max(f64::MIN_POSITIVE);
-    image.fireflies = Fireflies { pixels: fireflies.len() as u64, share, dropped: place == FireflyLight::Drop };
+    image.fireflies = Fireflies { pixels, share, dropped: place == FireflyLight::Drop };
 }
