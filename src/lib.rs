@@ -60,7 +60,9 @@ pub use dapple_core::{
 };
 #[cfg(feature = "denoise")]
 #[doc(inline)]
-pub use dapple_denoise::{Denoise, SampleBuffers, Variance, Warning, denoise, denoise_whole, warnings_of};
+pub use dapple_denoise::{
+    Denoise, FireflyLight, SampleBuffers, Variance, Warning, denoise, denoise_whole, warnings_of,
+};
 #[cfg(feature = "registry")]
 #[doc(inline)]
 pub use dapple_registry::{default_pair, default_pair_with};

@@ -78,7 +78,7 @@ fn with_threads(scene: &PreparedScene, spec: &RenderSpec, threads: usize) -> u64
 /// The hash of a render, the same with one thread and with two.
 fn rendered(scene: &PreparedScene, spec: &RenderSpec) -> u64 {
     let [one, two] = [1, 2].map(|threads| with_threads(scene, spec, threads));
-    assert_eq!(one, two, "one thread and two: {} {} {}", spec.scene, spec.sampler, spec.filter);
+    assert_eq!(one, two, "one thread and two: {} {} {}", spec.scene.display(), spec.sampler, spec.filter);
     one
 }
 

@@ -3,7 +3,7 @@
 pub(crate) mod film;
 mod warnings;
 
-use crate::{ClusterRegression, ClusterRegressionOptions};
+use crate::{ClusterRegression, ClusterRegressionOptions, FireflyLight};
 use dapple_core::{Error, Film, Filter, Filtered, filter::filled};
 use std::sync::Arc;
 pub use warnings::{Warning, warnings_of};
@@ -201,7 +201,7 @@ pub struct Denoise<'a> {
     emission: Option<&'a [[f32; 3]]>,
     ids: Option<&'a [u32]>,
     filter: Option<&'a dyn Filter>,
-    options: ClusterRegressionOptions,
+    fireflies: FireflyLight,
     is_strict: bool,
 }
 
@@ -209,8 +209,8 @@ impl<'a> Denoise<'a> {
     fn new(size: [u32; 2], first: SampleBuffers<'a>, second: Option<SampleBuffers<'a>>) -> Self {
         let features = [None; 4];
         let (coverage, emission, ids, filter) = (None, None, None, None);
-        let options = ClusterRegressionOptions::default();
-        Self { size, first, second, features, coverage, emission, ids, filter, options, is_strict: false }
+        let fireflies = FireflyLight::default();
+        Self { size, first, second, features, coverage, emission, ids, filter, fireflies, is_strict: false }
     }
 
     fn feature(mut self, place: usize, mean: &'a [f32], variance: Option<Variance<'a, f32>>) -> Self {
@@ -283,19 +283,19 @@ impl<'a> Denoise<'a> {
         Self { filter: Some(filter), ..self }
     }
 
-    /// Sets the parameters of the default filter.
-    pub fn options(self, options: ClusterRegressionOptions) -> Self {
-        Self { options, ..self }
+    /// Sets the place of the light of fireflies, for the default filter.
+    pub fn fireflies(self, light: FireflyLight) -> Self {
+        Self { fireflies: light, ..self }
     }
 
-    /// The filter of an image without another one: [`ClusterRegression`] with the [options](Self::options), and with the ids as
-    /// clusters.
+    /// The filter of an image without another one: [`ClusterRegression`] with the ids as clusters.
     ///
     /// # Errors
     ///
     /// Those of [`ClusterRegression::with_options`].
     pub fn default_filter(&self) -> Result<ClusterRegression, Error> {
-        let plain = ClusterRegression::with_options(self.options)?;
+        let options = ClusterRegressionOptions::default().fireflies(self.fireflies);
+        let plain = ClusterRegression::with_options(options)?;
         Ok(if self.ids.is_some() { plain.with_clusters(Arc::new(|hit| Some(hit.material)), "ids") } else { plain })
     }
 

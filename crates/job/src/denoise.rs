@@ -14,7 +14,6 @@ use crate::output::FileIdentity;
 use crate::registry::{self, MethodInputs, RegistryError};
 use assemble::Assembled;
 use dapple_core::{Filter as _, Filtered};
-use dapple_denoise::ClusterRegressionOptions;
 pub use dapple_denoise::FireflyLight;
 use dapple_scene::image::{Chromaticities, ExrFile, Format, ImageError, Window, check_writable};
 use input::{Images, Input};
@@ -92,7 +91,7 @@ pub fn denoise_files(spec: &DenoiseSpec) -> Result<DenoisedImage, DenoiseError> 
     let start = Instant::now();
     let (mut views, mut notices, mut described) = (Vec::new(), images.notices, String::new());
     for (view, read, target) in read {
-        let image = read.image().options(ClusterRegressionOptions::default().fireflies(spec.fireflies));
+        let image = read.image().fireflies(spec.fireflies);
         let filtered: Filtered;
         (filtered, described) = match &filter {
             Some(filter) => (image.clone().filter(&**filter).run()?, filter.describe()),

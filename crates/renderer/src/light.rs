@@ -58,11 +58,6 @@ macro_rules! lights {
                 match self { $(Self::$name(light) => light.lamp(),)* }
             }
 
-            #[inline(always)]
-            fn emitted(&self, point: &SurfacePoint, cosine: f32) -> Vec3 {
-                match self { $(Self::$name(light) => light.emitted(point, cosine),)* }
-            }
-
             fn is_delta(&self) -> bool {
                 match self { $(Self::$name(light) => light.is_delta(),)* }
             }
@@ -89,8 +84,6 @@ macro_rules! lights {
 lights! {
     /// A mesh of triangles that emit light.
     Mesh(MeshLight),
-    /// A mesh whose emission is a texture.
-    Textured(Box<TexturedLight>),
     /// A sphere that emits light.
     Sphere(SphereLight),
     /// A disk or ring that emits light.
@@ -105,6 +98,8 @@ lights! {
     Spot(SpotLight),
     /// Parallel light from infinity.
     Distant(DistantLight),
+    /// A mesh whose emission is a texture.
+    Textured(Box<TexturedLight>),
 }
 
 impl Light {
@@ -343,7 +338,13 @@ impl Lights {
     /// and the normal of the emitting side. Black for other lights and unused indices.
     #[inline(always)]
     pub fn emitted(&self, light: u32, point: &SurfacePoint, cosine: f32) -> Vec3 {
-        self.lights.get(light as usize).map_or(Vec3::ZERO, |light| light.emitted(point, cosine))
+        let Some(light) = self.lights.get(light as usize) else { return Vec3::ZERO };
+        let Some(lamp) = light.lamp() else { return Vec3::ZERO };
+        let mean = lamp.radiance(cosine);
+        match light {
+            Light::Textured(light) if mean != Vec3::ZERO => light.radiance(point),
+            _ => mean,
+        }
     }
 
     /// Returns the probability with which [`Lights::select`] returns `light`.

@@ -314,6 +314,12 @@ fn one_channel_stands_for_three_where_the_meaning_is_plain() {
     let grey = denoised("");
     assert!(grey.iter().zip(&three).all(|(grey, three)| (grey[0] - three[0]).abs() < 1e-5), "a grey image");
     assert_eq!(floats(&open(&folder, "out.exr"), 0, "Y").len(), 200);
+    // No message names as missing what is there.
+    write(&[layer("", &["R", "G", "B", "Z"], &color), layer("variance", &["X", "Y"], &variance)]);
+    let message = "layer \"variance\" has the channels X, Y, but layers of the kind variance have R, G, B";
+    folder.says("denoise in.exr -o none.exr --spp 16", 1, &[message]);
+    let message = "layer \"z\" has the channels Z, but layers of the kind normal have X, Y, Z or R, G, B";
+    folder.says("denoise in.exr in.exr -o none.exr --layer normal=z", 1, &[message]);
     write(&[layer("color", &["c", "m", "k"], &color)]);
     let message = "layer \"color\" has the channels C, K, M, but layers of the kind color have R, G, B";
     folder.says("denoise in.exr -o none.exr --layer color=color", 1, &[message]);

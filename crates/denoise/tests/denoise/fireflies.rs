@@ -1,7 +1,7 @@
 //! The light of fireflies: single samples that would brighten all that lies around them.
 
 use dapple_core::{Estimate, Film, Filter as _, Filtered, Frame, point_set::mix};
-use dapple_denoise::{ClusterRegression, ClusterRegressionOptions, FireflyLight, SampleBuffers, denoise};
+use dapple_denoise::{ClusterRegression, FireflyLight, SampleBuffers, denoise};
 
 const SIZE: [u32; 2] = [96, 80];
 const PIXELS: usize = 96 * 80;
@@ -19,7 +19,7 @@ fn halves() -> [Vec<[f32; 3]>; 2] {
 
 fn image(halves: &[Vec<[f32; 3]>; 2], light: FireflyLight) -> Filtered {
     let [a, b] = halves.each_ref().map(|half| SampleBuffers::new(half, 8));
-    denoise(SIZE, &a, &b).options(ClusterRegressionOptions::default().fireflies(light)).run().unwrap()
+    denoise(SIZE, &a, &b).fireflies(light).run().unwrap()
 }
 
 /// The mean of an image, and its largest difference from 0.5 outside a pixel.

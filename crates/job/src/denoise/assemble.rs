@@ -190,7 +190,10 @@ impl Reader<'_> {
         let count = self.counts(k, mean.len())?;
         let variance = self.variance(k, &mean, count.is_some())?;
         if variance.is_none() && self.inputs.len() == 1 {
-            return Err(DenoiseError::NoVariance { path, layers: names });
+            return Err(match input.layers.unusable(LayerKind::Variance) {
+                Some(name) => input.wrong_channels(LayerKind::Variance, name),
+                None => DenoiseError::NoVariance { path, layers: names },
+            });
         }
         let mut count = count.unwrap_or_else(|| {
             self.note(format!("the number of samples per pixel is not in the files; {ASSUMED_SPP} is assumed (--spp)"));

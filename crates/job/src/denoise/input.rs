@@ -51,16 +51,21 @@ impl Input {
         Ok(self.file.parts[part].data_window.cut(&values, window))
     }
 
+    /// The error of a layer without the channels of its kind.
+    pub(super) fn wrong_channels(&self, kind: LayerKind, name: &str) -> DenoiseError {
+        let letters = self.layers.letters(name);
+        DenoiseError::LayerChannels { path: self.path.clone(), kind, name: name.to_owned(), letters }
+    }
+
     /// Finds the layer that the caller names.
     pub(super) fn given(&self, kind: LayerKind, name: &str) -> Result<FoundLayer, DenoiseError> {
         if let Some(found) = self.layers.given(kind, name) {
             return Ok(found);
         }
-        let (path, name) = (self.path.clone(), name.to_owned());
-        let letters = self.layers.letters(&name);
-        if !letters.is_empty() {
-            return Err(DenoiseError::LayerChannels { path, kind, name, letters });
+        if !self.layers.letters(name).is_empty() {
+            return Err(self.wrong_channels(kind, name));
         }
+        let (path, name) = (self.path.clone(), name.to_owned());
         let layers = self.layers.names();
         let near = nearest_name(&name, layers.iter().map(String::as_str)).map(str::to_owned);
         Err(DenoiseError::NoLayer { path, kind, name, near, layers })

@@ -27,13 +27,6 @@ pub(crate) trait LightSource {
         None
     }
 
-    /// Returns the radiance that a point of an area light emits in a direction. `cosine` is taken between the direction
-    /// and the normal of the emitting side. Black for lights without a shape.
-    #[inline]
-    fn emitted(&self, _point: &SurfacePoint, cosine: f32) -> Vec3 {
-        self.lamp().map_or(Vec3::ZERO, |lamp| lamp.radiance(cosine))
-    }
-
     /// Returns true for a light that no ray can hit: a point, a spot or a distant light.
     fn is_delta(&self) -> bool {
         false

@@ -88,7 +88,9 @@ impl TexturedLight {
     }
 
     /// Returns the radiance of a point of the light, on either side that emits.
-    fn radiance(&self, point: &SurfacePoint) -> Vec3 {
+    #[cold]
+    #[inline(never)]
+    pub(super) fn radiance(&self, point: &SurfacePoint) -> Vec3 {
         let Some(facet) = self.mesh.facet_at(point) else { return Vec3::ZERO };
         let along_edges = self.mesh.facets[facet].coordinates(point.position);
         let [corner, first, second] = self.uvs[facet];
@@ -101,7 +103,9 @@ impl TexturedLight {
     }
 }
 
+// Cold functions, so that integrators hold the values of other lights in registers.
 impl LightSource for TexturedLight {
+    #[cold]
     #[inline(never)]
     fn sample(&self, from: Vec3, u: [f32; 2]) -> Option<LightSample> {
         let sample = self.mesh.sample_by(from, u, |facet| self.areas[facet])?;
@@ -110,6 +114,7 @@ impl LightSource for TexturedLight {
         (radiance != Vec3::ZERO).then_some(LightSample { radiance, ..sample })
     }
 
+    #[cold]
     #[inline(never)]
     fn pdf(&self, from: Vec3, point: &SurfacePoint) -> f32 {
         self.mesh.pdf_by(from, point, || self.area_at(point))
@@ -117,11 +122,6 @@ impl LightSource for TexturedLight {
 
     fn lamp(&self) -> Option<&Lamp> {
         self.mesh.lamp()
-    }
-
-    #[inline(never)]
-    fn emitted(&self, point: &SurfacePoint, cosine: f32) -> Vec3 {
-        if self.mesh.lamp.radiance(cosine) == Vec3::ZERO { Vec3::ZERO } else { self.radiance(point) }
     }
 
     fn emit(&self, _: &SceneSphere, place: [f32; 2], towards: [f32; 2]) -> Option<EmittedLight> {

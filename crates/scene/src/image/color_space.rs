@@ -30,8 +30,8 @@ impl Chromaticities {
         pairs.into_iter().all(|(a, b)| (a[0] - b[0]).abs() < 1e-3 && (a[1] - b[1]).abs() < 1e-3)
     }
 
-    /// Returns the matrix that converts colours of this space to linear Rec.709, its white adapted by Bradford's method
-    /// [Lam 1985]. Grey stays as it is. `None` if these are not the chromaticities of a colour space.
+    /// Returns the matrix that converts colours of this space to linear Rec.709, its white adapted by Bradford's matrix.
+    /// Grey stays as it is. `None` if these are not the chromaticities of a colour space.
     fn to_rec709(self) -> Option<DMat3> {
         let to_d65 = adaptation(xyz(self.white)?, xyz(Self::REC709.white)?);
         let to_xyz = self.to_xyz()?;

@@ -120,6 +120,10 @@ impl ExrFile<'_> {
             kept @ (Compression::Uncompressed | Compression::RLE | Compression::ZIP1 | Compression::PIZ) => kept,
             _ => Compression::ZIP16,
         };
+        if compression != self.compression(part) {
+            let old = &self.parts[part].compression;
+            notices.push(format!("its compression is ZIP in place of {old}, so that other channels keep their values"));
+        }
         let mut encoding = (header.blocks, header.line_order);
         if self.parts[part].levels {
             notices.push("the smaller versions of the image (mip maps) are left out".to_owned());

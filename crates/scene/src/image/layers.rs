@@ -264,10 +264,20 @@ impl Layers {
         self.groups.iter().flat_map(name).collect()
     }
 
-    /// The letters of a layer's channels, for messages.
+    /// The letters of a layer's channels, or the name itself of a channel without a layer, for messages. Empty if there
+    /// is neither.
     pub fn letters(&self, name: &str) -> Vec<String> {
-        let channels = self.named(name).map_or(&[][..], |group| &self.groups[group].channels);
-        channels.iter().map(|(letter, _)| shown_letter(letter)).collect()
+        match self.named(name) {
+            Some(group) => self.groups[group].channels.iter().map(|(letter, _)| shown_letter(letter)).collect(),
+            None => self.names().into_iter().filter(|known| known.eq_ignore_ascii_case(name)).collect(),
+        }
+    }
+
+    /// The name of a layer that has a known name of this kind, but not the channels.
+    pub fn unusable(&self, kind: LayerKind) -> Option<&str> {
+        let known = |group: &&Group| kind.names().contains(&group.pass.to_lowercase().as_str());
+        let group = self.groups.iter().filter(known).find(|group| group.channels_of(kind).is_none())?;
+        Some(&group.name)
     }
 
     /// The index of the alpha channel of an image's layer, in the layer's part.

@@ -66,7 +66,12 @@ pub fn read_image(bytes: &[u8], file_name: &str, encoding: Encoding) -> Result<I
 /// # Errors
 /// Those of [`read_image`], and [`ImageError::NotFinite`].
 pub fn read_texture(bytes: &[u8], file_name: &str, encoding: Encoding) -> Result<(Image, Vec<String>), ImageError> {
-    let ImageFile { image, mut notices, converted, .. } = read_image_file(bytes, file_name, encoding, None)?;
+    let ImageFile { image, mut notices, converted, window } = read_image_file(bytes, file_name, encoding, None)?;
+    if let Some([data, display]) = window
+        && data != display
+    {
+        notices.push(format!("its image is the data window {data}, not the display window {display}"));
+    }
     let mut image = image.checked_finite(file_name)?;
     let outside = |pixel: &&mut [f32; 3]| converted && pixel.iter().any(|channel| *channel < 0.0);
     let mut clamped = 0;

@@ -12,7 +12,7 @@ use std::sync::Arc;
 /// The materials of an OBJ file: those read from its MTL files, and those added to the scene so far.
 #[derive(Default)]
 pub(super) struct Materials {
-    /// MTL materials by name, each with the path of its file.
+    /// MTL materials by name, with a comment behind it and without, each with the path of its file.
     known: BTreeMap<String, (Statements, Arc<PathBuf>)>,
     made: BTreeMap<(Option<String>, bool), MaterialId>,
     images: BTreeMap<PathBuf, Option<Arc<Image>>>,
@@ -42,6 +42,9 @@ impl Materials {
             scene.warn(&Source { file: file.clone(), line }, message);
         }
         for (name, material) in library.materials {
+            if let Some(bare) = text::names(&name).nth(1) {
+                self.known.entry(bare.to_owned()).or_insert_with(|| (material.clone(), file.clone()));
+            }
             self.known.insert(name, (material, file.clone()));
         }
         Ok(())
@@ -62,7 +65,7 @@ impl Materials {
         }
         let id = match asked {
             None => add_material(scene, "grey", None, is_colored, source),
-            Some((name, line)) => match self.find(name).cloned() {
+            Some((name, line)) => match text::names(name).find_map(|name| self.known.get(name)).cloned() {
                 Some((material, file)) => {
                     let source = Source { line: material.line, file };
                     let color = self.color(scene, &material, files, &source);
@@ -79,12 +82,6 @@ impl Materials {
         id
     }
 
-    /// Returns the MTL material of a name, of which a comment is no part.
-    fn find(&self, name: &str) -> Option<&(Statements, Arc<PathBuf>)> {
-        let commented = || self.known.iter().find(|(known, _)| text::names(known).any(|known| known == name));
-        text::names(name).find_map(|name| self.known.get(name)).or_else(|| commented().map(|(_, found)| found))
-    }
-
     /// Returns the colour by `Kd` and `map_Kd`; `None` without either.
     fn color(&mut self, scene: &mut Scene, material: &Statements, files: &dyn Files, source: &Source) -> Option<Color> {
         let flat = material.diffuse.map(Color::Constant);
@@ -94,12 +91,12 @@ impl Materials {
         let tint = material.diffuse.filter(|c| *c != [0.0; 3]).unwrap_or([1.0; 3]);
         let even = tint[0] == tint[1] && tint[1] == tint[2];
         let image = TextureKind::image(image, if even { tint[0] } else { 1.0 });
-        let image = Color::Texture(scene.add_texture(argument, image, source));
+        let image = Color::Texture(scene.add_texture(text::name(argument), image, source));
         if even {
             return Some(image);
         }
         let product = TextureKind::Product { factors: [Color::Constant(tint), image] };
-        Some(Color::Texture(scene.add_texture(argument, product, source)))
+        Some(Color::Texture(scene.add_texture(text::name(argument), product, source)))
     }
 
     /// Returns the image of the file that an argument names; `None`, with a notice, if it cannot be read. Each file is

@@ -42,6 +42,16 @@ fn textures_outside_of_rec709_are_clamped_with_one_notice() {
 }
 
 #[test]
+fn textures_with_another_display_window_have_a_notice() {
+    let window = Window { origin: [3, 0], size: [1, 1] };
+    let display = Window { origin: [0, 0], size: [4, 2] };
+    let bytes = Made { display, ..Made::of(vec![Made::part("", window, &["Y"], |_, _, _| 0.5)]) }.bytes();
+    let (image, notices) = read_texture(&bytes, "a.exr", Encoding::Auto).unwrap();
+    assert_eq!(image.size, [1, 1]);
+    assert_eq!(notices, ["a.exr: its image is the data window (3,0)-(3,0), not the display window (0,0)-(3,1)"]);
+}
+
+#[test]
 fn chromaticities_of_no_colour_space_are_named() {
     let flat = Chromaticities { red: [0.0; 2], green: [0.0; 2], blue: [0.0; 2], white: [0.0; 2] };
     let file = pixel([1.0, 0.5, 0.25], Some(flat));
