@@ -99,11 +99,30 @@ pub(crate) fn parts<T, const N: usize>(
     init: impl Fn() -> T + Sync,
     of: impl Fn(&mut T, usize, [&mut [f32]; N]) + Sync,
 ) -> [Plane; N] {
-    let mut planes: [Plane; N] = std::array::from_fn(|_| vec![0.0; pixels]);
-    let mut rest = planes.each_mut().map(|plane| plane.chunks_mut(length));
-    let parts = (0..pixels.div_ceil(length)).map(|_| rest.each_mut().map(|chunks| chunks.next().unwrap_or_default()));
-    parallel::parts(parts, |number, part| of(&mut init(), number, part.each_mut().map(|plane| &mut **plane)));
+    let mut planes = black(pixels);
+    parallel::parts(chunked(&mut planes, length).into_iter(), |number, part| of(&mut init(), number, reborrowed(part)));
     planes
+}
+
+// Functions of the number of planes alone, which callers share: closures in `parts` would be compiled for each of them.
+
+fn black<const N: usize>(pixels: usize) -> [Plane; N] {
+    std::array::from_fn(|_| vec![0.0; pixels])
+}
+
+fn chunked<const N: usize>(planes: &mut [Plane; N], length: usize) -> Vec<[&mut [f32]; N]> {
+    let number = planes[0].len().div_ceil(length);
+    let mut rest = planes.each_mut().map(|plane| plane.chunks_mut(length));
+    (0..number).map(|_| rest.each_mut().map(|chunks| chunks.next().unwrap_or_default())).collect()
+}
+
+fn reborrowed<'a, const N: usize>(part: &'a mut [&mut [f32]; N]) -> [&'a mut [f32]; N] {
+    part.each_mut().map(|plane| &mut **plane)
+}
+
+/// The `length` values of each plane from the value `first` on.
+fn cut<const N: usize>(planes: [&[f32]; N], first: usize, length: usize) -> [&[f32]; N] {
+    planes.map(|plane| &plane[first..][..length])
 }
 
 /// Computes `M` values of every pixel from its values in `N` planes.
@@ -112,7 +131,7 @@ pub(crate) fn map<const N: usize, const M: usize>(
     of: impl Fn([f32; N]) -> [f32; M] + Sync + Send,
 ) -> [Plane; M] {
     let part = |(): &mut (), number: usize, mut to: [&mut [f32]; M]| {
-        let from = planes.map(|plane| &plane[number * CHUNK..][..to[0].len()]);
+        let from = cut(planes, number * CHUNK, to[0].len());
         replace(from, &mut to, |_, values| of(values));
     };
     parts(planes[0].len(), CHUNK, || (), part)
@@ -127,7 +146,7 @@ pub(crate) fn map_to_one<const N: usize>(planes: [&[f32]; N], of: impl Fn([f32; 
 /// Replaces each value of `plane` by a function of itself and the pixel's values in `N` other planes.
 pub(crate) fn update<const N: usize>(plane: &mut [f32], planes: [&[f32]; N], of: impl Fn(f32, [f32; N]) -> f32 + Sync) {
     parallel::chunks(plane, CHUNK, |number, to| {
-        let from = planes.map(|plane| &plane[number * CHUNK..][..to.len()]);
+        let from = cut(planes, number * CHUNK, to.len());
         replace(from, &mut [to], |[own]: [f32; 1], values| [of(own, values)]);
     });
 }
@@ -140,7 +159,10 @@ fn replace<const N: usize, const M: usize>(
 ) {
     let end = to[0].len();
     // Equal lengths that the compiler sees, so that no index is checked.
-    let (from, to) = (from.map(|from| &from[..end]), to.each_mut().map(|to| &mut to[..end]));
+    let (from, mut to) = (cut(from, 0, end), reborrowed(to));
+    for plane in &mut to {
+        *plane = &mut std::mem::take(plane)[..end];
+    }
     for k in 0..end {
         let (mut own, mut values) = ([0.0; M], [0.0; N]);
         for m in 0..M {
