@@ -46,8 +46,8 @@ pub(crate) struct DenoiseArgs {
     #[arg(long, visible_alias = "denoiser", value_name = "NAME[:…]", value_parser = filter)]
     filter: Option<String>,
 
-    /// Light of fireflies, which alone would brighten their surroundings, with the default filter: keep (in their pixels), drop (what
-    /// one half of the samples alone has seen), or spread
+    /// Light of fireflies, with the default filter: keep (in their pixels), drop, or spread. A firefly has the light of 880 pixels
+    /// around it, and one half of the samples alone has seen it
     #[arg(long, value_name = "PLACE", value_parser = fireflies, default_value = FireflyLight::default().name(), conflicts_with = "filter")]
     fireflies: FireflyLight,
 

@@ -20,7 +20,7 @@ pub struct Filtered {
     pub radiance: Vec<[f32; 3]>,
     /// The estimated squared error of each pixel (mean over the channels), if the filter estimates one.
     pub error: Option<Vec<f32>>,
-    /// The pixels with so much light of a few samples that it would brighten their surroundings, if the filter treats them apart.
+    /// The pixels with so much light of a few samples that the filter treats them apart.
     pub fireflies: Fireflies,
 }
 

@@ -29,7 +29,7 @@ dapple_core::options! {
         pub layers: Layers = Layers::Auto => "auto";
         /// If false, the image stays that of the regressions, which the network learns from (tools/train).
         pub network: bool = true => "true";
-        /// Light of fireflies, which alone would brighten their surroundings: keep (in their pixels), drop or spread (as all light).
+        /// Light of fireflies (as much as 880 pixels around have): keep (in their pixels), drop or spread (as all light).
         pub fireflies: FireflyLight = FireflyLight::Keep => "keep";
     }
 }

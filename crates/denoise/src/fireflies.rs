@@ -1,4 +1,4 @@
-//! Fireflies: light that one half of a pixel's samples alone has seen, and so much that it would brighten the surroundings.
+//! Fireflies: light that one half of a pixel's samples alone has seen, as much as many pixels around it have.
 //!
 //! Filters keep the light of an image. They give the surroundings the light that they take out of a pixel. That is right where many
 //! pixels together show a rare light. A single sample of 10^5 times the light around it would make a disc of a hundred pixels.
@@ -9,7 +9,7 @@ use crate::planes::{found, per_pixel};
 use dapple_core::film::luminance;
 use dapple_core::{Film, Filtered, filter::Fireflies};
 
-/// The place of the light of fireflies: of pixels that alone would brighten their surroundings by 2 % or more.
+/// The place of the light of fireflies: of pixels with the light of 880 pixels around them, which one half alone has seen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum FireflyLight {
@@ -24,8 +24,9 @@ pub enum FireflyLight {
 
 dapple_core::choices!(FireflyLight { Keep = "keep", Drop = "drop", Spread = "spread" });
 
-/// The least share of the light of the surroundings that one pixel must have. Brighter by 2 % is hardly seen.
-const SEEN: f64 = 0.02;
+/// The number of pixels around it whose light a firefly has: 2 % of those that filtering spreads its light over. Brighter by less is
+/// hardly seen.
+const LIGHT: f64 = 0.02 * PIXELS;
 /// The share of a firefly's light that the other half must not have seen.
 const ALONE: f64 = 0.1;
 /// The pixels to each side in which the other half has not seen it. Pixel filters of renderers are as wide.
@@ -54,25 +55,27 @@ pub(crate) fn find(film: &Film) -> (Vec<Firefly>, f64) {
     let share = |half: usize, i: usize| counts(i)[half] / counts(i).iter().sum::<f64>().max(1.0);
     let all = |i: usize| (0..2).map(|half| share(half, i) * light(film, half, i)).sum::<f64>();
     let cells = [width, height].map(|n| n.div_ceil(CELL));
-    let sums = per_pixel(cells[0] * cells[1], |cell| {
+    let means = per_pixel(cells[0] * cells[1], |cell| {
         let rows = cell / cells[0] * CELL..height.min((cell / cells[0] + 1) * CELL);
         let columns = cell % cells[0] * CELL..width.min((cell % cells[0] + 1) * CELL);
-        rows.flat_map(|y| columns.clone().map(move |x| y * width + x)).map(all).sum()
+        let count = (rows.len() * columns.len()) as f64;
+        rows.flat_map(|y| columns.clone().map(move |x| y * width + x)).map(all).sum::<f64>() / count
     });
-    let total = sums.iter().sum();
-    let around = blurred(sums, cells);
-    let reached = PIXELS.min((width * height) as f64) / (CELL * CELL) as f64;
+    let around = blurred(means, cells);
+    let reached = PIXELS.min((width * height) as f64);
     let firefly = |i: usize| {
         let half = usize::from(light(film, 1, i) > light(film, 0, i));
         let own = share(half, i) * light(film, half, i);
         let cell = i / width / CELL * cells[0] + i % width / CELL;
-        let is_bright = own > SEEN * (reached * around[cell] - own);
+        let is_bright = own > LIGHT * (around[cell] - own / reached);
         (is_bright && is_alone(film, half, i)).then(|| {
             let mean = film.half(half, i).map_or([0.0; 3], |moments| moments.mean);
             Firefly { pixel: i, half, share: share(half, i), mean }
         })
     };
-    (found(width * height, firefly), total)
+    let found = found(width * height, firefly);
+    let total = if found.is_empty() { 0.0 } else { (0..width * height).map(all).sum() };
+    (found, total)
 }
 
 /// Returns `true` if the other half has not seen the light of a half of pixel `i` around it. Without samples in that half, the pixels

@@ -102,7 +102,7 @@ pub enum Warning {
         /// The name of the filter that was not applied.
         filter: String,
     },
-    /// Pixels whose light would brighten their surroundings, and that the filter treats apart.
+    /// Pixels with fireflies, which the filter treats apart.
     #[error("{0}; more samples, or --filter cluster-regression:fireflies=drop, make them vanish")]
     Fireflies(dapple_core::filter::Fireflies),
     /// Pixel values that were too large for the file format, and were clamped to its maximum.

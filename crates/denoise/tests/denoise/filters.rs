@@ -84,9 +84,12 @@ fn descriptions_give_every_parameter() {
     let hits = hits.with_options(ClusterGaussianOptions::default().hits(4).outside(0.25)).unwrap();
     assert_eq!(hits.describe(), "cluster-gaussian:alpha=2,radius=1.5,outside=0.25,hits=4");
     assert_eq!(NlMeans::default().describe(), "nlm:window=7,patch=3,k=0.45,features=none");
-    assert_eq!(ClusterRegression::new().describe(), "cluster-regression:outside=1,layers=auto,network=true");
+    assert_eq!(
+        ClusterRegression::new().describe(),
+        "cluster-regression:outside=1,layers=auto,network=true,fireflies=keep"
+    );
     let clusters = ClusterRegression::new().with_clusters(label(), "k=9");
-    assert_eq!(clusters.describe(), "cluster-regression:outside=0.2,layers=auto,network=true,k=9");
+    assert_eq!(clusters.describe(), "cluster-regression:outside=0.2,layers=auto,network=true,fireflies=keep,k=9");
     // First hits are recorded only where clusters matter.
     assert_eq!((clusters.needs().first_hits, ClusterRegression::new().needs().first_hits), (1, 0));
 }

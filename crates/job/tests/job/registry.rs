@@ -272,8 +272,8 @@ fn descriptions_stay_as_files_hold_them() {
             "bilateral:outside=0.5,falloff=1e-3,colour=10.0",
             "bilateral:window=7,falloff=0.001,colour=10,features=1,outside=0.5",
         ),
-        ("cluster-regression", "cluster-regression:outside=0.2,layers=auto,network=true"),
-        ("cluster-regression:outside=1,layers=2", "cluster-regression:outside=1,layers=2,network=true"),
+        ("cluster-regression", "cluster-regression:outside=0.2,layers=auto,network=true,fireflies=keep"),
+        ("cluster-regression:outside=1,layers=2", "cluster-regression:outside=1,layers=2,network=true,fireflies=keep"),
         (
             "cluster-thesis",
             "cluster-thesis:probes=centre,size=box,pixel=one,map=root,angle=0.25,distance=0.25,min=0,max=0,\

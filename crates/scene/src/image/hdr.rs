@@ -26,6 +26,16 @@ pub(super) fn read(file: &File<'_>, cursor: &mut Cursor<&[u8]>) -> Result<Image,
     Ok(order.turned(image)?)
 }
 
+/// The width and height by the header; `None` if its last line has another form.
+pub(super) fn size(file: &File<'_>) -> Result<Option<[u32; 2]>, ImageError> {
+    let order = check(file)?.and_then(|start| Order::at(&file.bytes[start..]));
+    let size = |Order([(axis, scanlines), (_, pixels)])| {
+        let size = if axis.0 == 'Y' { [pixels, scanlines] } else { [scanlines, pixels] };
+        Some([u32::try_from(size[0]).ok()?, u32::try_from(size[1]).ok()?])
+    };
+    Ok(order.and_then(size))
+}
+
 /// Checks the header. Returns the offset of the line behind it, which has the resolution; `None` if it does not end.
 fn check(file: &File<'_>) -> Result<Option<usize>, ImageError> {
     let head = &file.bytes[..file.bytes.len().min(HEADER)];

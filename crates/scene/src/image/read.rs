@@ -120,8 +120,9 @@ pub(super) fn flat_info(bytes: &[u8], name: &str) -> Result<ImageInfo, ImageErro
         PNG => PngDecoder::with_limits(&mut cursor, check_png(&file)?).map(|decoder| about(&decoder)),
         JPEG => JpegDecoder::new(&mut cursor).map(|decoder| about(&decoder)),
         HDR => {
-            let ([width, height], color) = (read_flat(&file, Encoding::Linear)?.size, ColorType::Rgb32F);
-            Ok(((width, height), color))
+            let size =
+                hdr::size(&file)?.map_or_else(|| read_flat(&file, Encoding::Linear).map(|image| image.size), Ok)?;
+            Ok((size.into(), ColorType::Rgb32F))
         }
         _ => TgaDecoder::new(&mut cursor).map(|decoder| about(&decoder)),
     };

@@ -24,7 +24,7 @@ fn assert_named(what: &str, with: &Scene, line: u32, without: &Scene) {
     assert!(!found.source.file.as_os_str().is_empty());
 }
 
-/// Statements of OBJ [Wavefront 1995] and of programs that extend it, and what their warning contains.
+/// Statements of OBJ, and of programs that extend it, and what their warning contains.
 const OBJ: [(&str, &str); 50] = [
     ("l 1 2", "\"l\" is not a surface"),
     ("p 1", "\"p\" is not a surface"),
