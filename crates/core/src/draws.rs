@@ -146,7 +146,7 @@ impl<'a> Draws<'a> {
     #[inline]
     pub fn block(&self, block: Block) -> [f32; 4] {
         self.requested.set(self.requested.get() + 1);
-        self.points.get().block(self.id, block.number())
+        self.points.get().block(self.copied_id(), block.number())
     }
 
     /// The coordinates of two blocks, as two calls of [`Draws::block`] return them. Some point sets compute two together
@@ -154,7 +154,14 @@ impl<'a> Draws<'a> {
     #[inline]
     pub fn two_blocks(&self, blocks: [Block; 2]) -> [[f32; 4]; 2] {
         self.requested.set(self.requested.get() + 2);
-        self.points.get().two_blocks(self.id, blocks.map(Block::number))
+        self.points.get().two_blocks(self.copied_id(), blocks.map(Block::number))
+    }
+
+    /// The identity, copied field by field. A copy of the whole, just after it was written, waits for its unused bytes: 5 ns.
+    #[inline]
+    fn copied_id(&self) -> SampleId {
+        let SampleId { pixel: [column, row], stream, index } = self.id;
+        SampleId::new([column, row], stream, index)
     }
 
     /// A cursor that hands out the sample's numbers one after the other, from the first block on. A second cursor continues

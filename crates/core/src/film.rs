@@ -20,7 +20,7 @@ pub use crate::moments::{Moments, RgbMoments};
 pub use crate::recorder::{RecordedSample, Recorder};
 
 use crate::plan::{Combine, Retention};
-use crate::{Error, FirstHit, Frame, Needs, SampleId, SurfaceFeatures, point_set::streams, recorder::Recorders};
+use crate::{Error, FirstHit, Frame, Needs, SampleId, point_set::streams, recorder::Recorders};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
@@ -35,15 +35,16 @@ pub(crate) struct FeatureMoments {
 }
 
 impl FeatureMoments {
-    pub(crate) fn push(&mut self, features: Option<SurfaceFeatures>) {
-        if self.samples > 0 && features.is_some_and(|f| f.rare) {
+    /// Adds normal, albedo, position and depth of a sample, or a miss. Values of a rare path count only if there are none.
+    #[inline]
+    pub(crate) fn push(&mut self, values: Option<[f32; 10]>, is_rare: bool) {
+        if self.samples > 0 && is_rare {
             return;
         }
         self.samples = self.samples.saturating_add(1);
-        let Some(SurfaceFeatures { normal: n, albedo: a, position: p, depth, .. }) = features else { return };
+        let Some(values) = values else { return };
         self.hits = self.hits.saturating_add(1);
         let share = 1.0 / self.hits as f32;
-        let values = [n[0], n[1], n[2], a[0], a[1], a[2], p[0], p[1], p[2], depth];
         for ((mean, m2), x) in self.mean.iter_mut().zip(&mut self.m2).zip(values) {
             let delta = x - *mean;
             *mean += delta * share;

@@ -3,7 +3,7 @@
 use super::planes::{BesideRows, Half, HalfRows, NONE_VALID, is_none_valid};
 use super::{FeatureMoments, Film, Rejected, RejectedReason};
 use crate::recorder::{RecordedSample, Recorder};
-use crate::{Estimate, FirstHit, Needs, SampleId, SurfaceFeatures, plan::Retention, point_set::streams};
+use crate::{Estimate, FirstHit, Needs, SampleId, plan::Retention, point_set::streams};
 use std::sync::Arc;
 
 /// Relative luminance of a linear colour with Rec. 709 primaries [ITU-R BT.709].
@@ -149,13 +149,17 @@ impl HalfRows<'_> {
         if !recorders.is_empty() {
             self.record(local, (radiance, estimate), recorders);
         }
-        // A part of the radiance is at least 0, and at most the radiance.
-        let part = |of: [f32; 3]| [0, 1, 2].map(|c: usize| of[c].max(0.0).min(radiance[c]));
-        if let Some(mean) = self.emission.get_mut(local) {
-            add_part(mean, None, self.counts[local], part(estimate.emission));
+        // Most pixels see no lamp, and hosts may leave indirect light out.
+        let is_some = |part: [f32; 3], mean: &[f32; 3]| part != [0.0; 3] || *mean != [0.0; 3];
+        if let Some(mean) = self.emission.get_mut(local)
+            && is_some(estimate.emission, mean)
+        {
+            add_part((mean, None), self.counts[local], estimate.emission, radiance);
         }
-        if let Some(mean) = self.indirect.get_mut(local) {
-            add_part(mean, self.indirect_m2.get_mut(local), self.counts[local], part(estimate.indirect));
+        if let Some(mean) = self.indirect.get_mut(local)
+            && is_some(estimate.indirect, mean)
+        {
+            add_part((mean, self.indirect_m2.get_mut(local)), self.counts[local], estimate.indirect, radiance);
         }
         reason
     }
@@ -189,19 +193,23 @@ impl HalfRows<'_> {
 
 /// Adds a part of a sample's radiance to its mean over `count` samples, and to squared deviations, if there are some.
 #[inline]
-fn add_part(mean: &mut [f32; 3], mut m2: Option<&mut [f32; 3]>, count: u64, part: [f32; 3]) {
-    // Most pixels see no lamp, and hosts may leave indirect light out.
-    if part == [0.0; 3] && *mean == [0.0; 3] {
-        return;
-    }
+fn add_part((mean, mut m2): (&mut [f32; 3], Option<&mut [f32; 3]>), count: u64, part: [f32; 3], radiance: [f32; 3]) {
     let share = 1.0 / count as f32;
     for c in 0..3 {
-        let apart = part[c] - mean[c];
+        // A part of the radiance is at least 0, and at most the radiance.
+        let part = part[c].max(0.0).min(radiance[c]);
+        let apart = part - mean[c];
         mean[c] += apart * share;
         if let Some(m2) = &mut m2 {
-            m2[c] = (m2[c] + apart * (part[c] - mean[c])).min(f32::MAX);
+            m2[c] = (m2[c] + apart * (part - mean[c])).min(f32::MAX);
         }
     }
+}
+
+/// The values of features in the order of [`FeatureMoments`].
+#[inline]
+fn values(n: &[f32; 3], a: &[f32; 3], p: &[f32; 3], depth: f32) -> [f32; 10] {
+    [n[0], n[1], n[2], a[0], a[1], a[2], p[0], p[1], p[2], depth]
 }
 
 /// Records the features of a sample, and its first hit in place `seen` if there is such a place.
@@ -214,14 +222,12 @@ pub(crate) fn record_first_hit(
 ) {
     // A NaN would spread through every mean, so such a hit counts as a miss.
     let hit = estimate.first_hit.as_ref().filter(|h| h.is_finite());
-    let behind = estimate.features.filter(SurfaceFeatures::is_finite);
-    let seen_features = behind.or_else(|| hit.map(SurfaceFeatures::from));
-    let [all, half] = features;
-    if let Some(moments) = all {
-        moments.push(seen_features);
-    }
-    if let Some(moments) = half {
-        moments.push(seen_features);
+    let behind = estimate.features.as_ref().filter(|f| f.is_finite());
+    let of_hit = || hit.map(|hit| values(&hit.shading_normal, &hit.albedo, &hit.position, hit.depth));
+    let seen_values = behind.map(|f| values(&f.normal, &f.albedo, &f.position, f.depth)).or_else(of_hit);
+    let is_rare = behind.is_some_and(|f| f.rare);
+    for moments in features.into_iter().flatten() {
+        moments.push(seen_values, is_rare);
     }
     if let Some(place) = usize::try_from(seen).ok().and_then(|seen| places.get_mut(seen)) {
         *place = hit.copied();

@@ -4,7 +4,10 @@ use super::feature_samples::{self, Turn};
 use super::repeats::{self, Firsts};
 use super::state::OpenRound;
 use super::turns::{Order, Tally, Turns, streams_of};
-use crate::{Draws, Estimate, Film, Needs, PointSet, SampleId, film::Rejected, film::Window, plan::Retention};
+use crate::{
+    Draws, Estimate, Film, Needs, PointSet, SampleId, film::Rejected, film::RejectedReason, film::Window,
+    plan::Retention,
+};
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::Arc;
@@ -160,16 +163,27 @@ impl<'r> Tile<'r> {
 
     /// Traces all samples in order, without the look-ups of [`Tile::add`].
     pub(super) fn trace<E: Into<Estimate>>(&mut self, mut trace: impl FnMut(&Draws<'_>) -> E) {
-        let planned = self.planned.clone();
+        let (planned, retention) = (self.planned.clone(), self.retention);
+        let (film, mut books) = self.books();
+        let mut strip = film.strip(retention);
         for (local, turns) in planned.pixels.iter().enumerate() {
             let pixel = planned.pixel(local);
             for turn in 0..turns.total() {
-                let named = planned.sample(pixel, local, turn);
-                let draws = Draws::for_film(planned.points, named.1, planned.needs);
+                let (half, id) = planned.sample(pixel, local, turn);
+                let draws = Draws::for_film(planned.points, id, planned.needs);
                 let estimate = trace(&draws).into();
-                self.record(local, named, &estimate, draws.blocks_requested());
+                let rejected = strip.add(half, local, &estimate);
+                books.enter(local, (half, id), &estimate, draws.blocks_requested(), rejected);
             }
         }
+    }
+
+    /// The film, and what is counted beside it.
+    #[inline]
+    fn books(&mut self) -> (&mut Film, Books<'_>) {
+        let Self { film, tally, firsts, taken, left, planned, .. } = self;
+        let books = Books { frame: film.frame, tally, firsts, taken, left, wants_hit: planned.needs.wants_first_hit() };
+        (film, books)
     }
 
     /// Samples features without light where it is their turn, as [`Render`](crate::Render) does with
@@ -271,17 +285,10 @@ impl<'r> Tile<'r> {
     /// Records the next result of a pixel in the film.
     #[inline]
     fn record(&mut self, local: usize, (half, sample): (usize, SampleId), estimate: &Estimate, blocks: u32) {
-        let rejected = self.film.add(self.retention, (half, local), estimate);
-        self.film.unreported += u64::from(self.planned.needs.wants_first_hit() && !estimate.reports_hit());
-        self.tally.count(half, estimate.cost, blocks);
-        if self.taken[local] < repeats::KEPT {
-            repeats::watch(&mut self.firsts, &self.film.frame, sample.pixel, estimate.radiance);
-        }
-        self.taken[local] += 1;
-        self.left -= 1;
-        if let Some(reason) = rejected {
-            self.tally.reject(Rejected { sample, reason }, estimate.radiance);
-        }
+        let retention = self.retention;
+        let (film, mut books) = self.books();
+        let rejected = film.add(retention, (half, local), estimate);
+        books.enter(local, (half, sample), estimate, blocks, rejected);
     }
 
     #[cold]
@@ -289,6 +296,41 @@ impl<'r> Tile<'r> {
         let SampleId { pixel: [column, row], stream, index } = id;
         let what = format!("sample {index} of stream {stream} in pixel ({column}, {row}) {what}");
         self.fault.get_or_insert(what);
+    }
+}
+
+/// The counts of a tile, which go on with each sample.
+struct Books<'a> {
+    frame: crate::Frame,
+    tally: &'a mut Tally,
+    firsts: &'a mut Firsts,
+    taken: &'a mut [u32],
+    left: &'a mut u64,
+    wants_hit: bool,
+}
+
+impl Books<'_> {
+    /// Enters a sample that the film has got.
+    #[inline]
+    fn enter(
+        &mut self,
+        local: usize,
+        (half, sample): (usize, SampleId),
+        estimate: &Estimate,
+        blocks: u32,
+        rejected: Option<RejectedReason>,
+    ) {
+        self.tally.count(half, estimate.cost, blocks);
+        self.tally.unreported += u64::from(self.wants_hit && !estimate.reports_hit());
+        let taken = &mut self.taken[local];
+        if *taken < repeats::KEPT {
+            repeats::watch(self.firsts, &self.frame, sample.pixel, estimate.radiance);
+        }
+        *taken += 1;
+        *self.left -= 1;
+        if let Some(reason) = rejected {
+            self.tally.reject(Rejected { sample, reason }, estimate.radiance);
+        }
     }
 }
 

@@ -107,6 +107,8 @@ pub(super) struct Tally {
     samples: [u64; 2],
     rays: u64,
     blocks: u64,
+    /// The number of samples that report neither a hit nor a miss, though the film records hits.
+    pub(super) unreported: u64,
     /// The number of rejected samples.
     rejections: u64,
     /// The first rejected samples in order of pixel, stream and index; fewer than twice as many as the film lists.
@@ -162,6 +164,7 @@ impl Tally {
         film.record.samples += self.total();
         film.record.rays += self.rays;
         film.record.blocks += self.blocks;
+        film.unreported += self.unreported;
         self.splats.into_iter().for_each(|(half, pixel, radiance)| film.splats.add(half, pixel, radiance));
         if retention == Retention::Keep {
             film.splats.count(self.samples);
