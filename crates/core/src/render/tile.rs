@@ -226,11 +226,15 @@ impl<'r> Tile<'r> {
     ///
     /// Another number of results than samples is a mistake that [`Round::submit`](crate::Round::submit) reports.
     pub fn add_all<E: Into<Estimate>>(&mut self, samples: &[Draws<'_>], estimates: impl IntoIterator<Item = E>) {
-        let estimates: Vec<E> = estimates.into_iter().collect();
+        // One more than fits, so that an endless iterator is a mistake like any other.
+        let estimates: Vec<E> = estimates.into_iter().take(samples.len() + 1).collect();
         let (wanted, given) = (samples.len(), estimates.len());
         samples.iter().zip(estimates).for_each(|(sample, estimate)| self.add(sample, estimate));
         if wanted != given {
-            let what = format!("a batch has {wanted} samples and {given} results; give one result for each");
+            let what = format!(
+                "a batch has {wanted} samples and {given} results{}; give one result for each",
+                if given > wanted { " or more" } else { "" }
+            );
             self.fault.get_or_insert(what);
         }
     }
