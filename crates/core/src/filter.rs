@@ -29,21 +29,17 @@ pub struct Filtered {
 pub struct Fireflies {
     /// The number of pixels.
     pub pixels: u64,
-    /// Their light beyond that of their surroundings, as a share of the light of all other samples.
-    pub share: f64,
+    /// The sum over these pixels of the luminance beyond that of their surroundings.
+    pub light: f64,
     /// `true` if that light is left out of the image.
     pub dropped: bool,
 }
 
 impl fmt::Display for Fireflies {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { pixels, share, dropped } = *self;
+        let Self { pixels, light, dropped } = *self;
         let place = if dropped { "is left out" } else { "stays there" };
-        write!(
-            f,
-            "fireflies in {pixels} of the pixels: {:.3} % of the light of all other samples {place}",
-            100.0 * share
-        )
+        write!(f, "fireflies in {pixels} of the pixels: their light, {light:.3e} in all, {place}")
     }
 }
 

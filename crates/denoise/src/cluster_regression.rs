@@ -260,12 +260,11 @@ impl Filter for ClusterRegression {
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
         film.require(self.name(), &self.needs())?;
         if self.options.fireflies != FireflyLight::Spread {
-            let (found, total) = fireflies::find(film);
-            let is_one = |half: usize, i: usize| found.iter().any(|f| (f.half, f.pixel) == (half, i));
-            if let Some(calm) = film.without_samples(is_one) {
+            let found = fireflies::find(film);
+            if let Some(calm) = fireflies::without(film, &found) {
                 let spread = Self { options: self.options.fireflies(FireflyLight::Spread), ..self.clone() };
                 let mut image = filled(&spread, &calm)?;
-                fireflies::restore(&mut image, &found, total, self.options.fireflies);
+                fireflies::restore(&mut image, &found, self.options.fireflies);
                 return Ok(image);
             }
         }

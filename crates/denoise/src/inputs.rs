@@ -150,7 +150,7 @@ impl Inputs {
 /// The brightness of a film's light.
 #[derive(Clone, Copy)]
 pub(crate) struct Levels {
-    /// The image's level: the mean brightness of its pixels, each capped at eight times the median of pixels that are not
+    /// The image's level: the mean brightness of its pixels, each within 0 and eight times the median of pixels that are not
     /// black. It is 1 for a black image.
     pub(crate) level: f32,
     /// The largest light that filters get from a pixel.
@@ -171,7 +171,7 @@ impl Levels {
 pub(crate) fn level(grey: &[f32], size: [usize; 2]) -> f32 {
     let lit: Vec<f32> = grey.iter().copied().filter(|g| *g > 0.0).collect();
     quantile(lit, 2).map_or(1.0, |median| {
-        let [sum] = sum_pixels(size, |i| [f64::from(grey[i].min(8.0 * median))]);
+        let [sum] = sum_pixels(size, |i| [f64::from(grey[i].clamp(0.0, 8.0 * median))]);
         // Not so small that a division by it overflows.
         ((sum / grey.len() as f64) as f32).clamp(1e-18, 1e18)
     })
