@@ -187,6 +187,15 @@ pub enum DenoiseError {
         /// The pixels that they have.
         windows: Box<[Window; 2]>,
     },
+    /// Two files that show different views.
+    #[error("{}: its image is view \"{}\", and {} has view \"{}\"; give two renders of the same view",
+        paths[1].display(), views[1], paths[0].display(), views[0])]
+    Views {
+        /// The two files.
+        paths: Box<[PathBuf; 2]>,
+        /// The names of the views.
+        views: Box<[String; 2]>,
+    },
     /// Two files of different colour spaces.
     #[error("{}: its colours are those of {}, and {} has {}; convert one of them, with its variance",
         paths[1].display(), spaces[1], paths[0].display(), spaces[0])]

@@ -369,6 +369,51 @@ fn comparisons_find_the_image_pair_its_pixels_and_convert_its_colours() {
 }
 
 #[test]
+fn images_of_one_eye_are_never_paired_with_those_of_the_other() {
+    let folder = Folder::new();
+    let stereo = |eyes: [&str; 2], seed: u64| {
+        let salt = |eye: &str| i32::from(eye == "right");
+        let first = part("", WINDOW, "R G B", salt(eyes[0]), seed);
+        let second =
+            part("", WINDOW, &["R", "G", "B"].map(|c| format!("{}.{c}", eyes[1])).join(" "), salt(eyes[1]), seed);
+        let channels = first.channels.into_iter().chain(second.channels).collect();
+        Made { views: eyes.map(str::to_owned).into(), ..file(vec![MadePart { channels, ..second }]) }
+    };
+    folder.write("a.exr", stereo(["left", "right"], 1).bytes());
+    folder.write("b.exr", stereo(["right", "left"], 2).bytes());
+    let said = denoise(&folder, "");
+    assert!(
+        said.out.starts_with("read color (R, G, B), color (left)\nread color (right), color (R, G, B)\n"),
+        "{}",
+        said.out
+    );
+    let [a, out] = ["a.exr", "out.exr"].map(|name| open(&folder, name));
+    for (name, salt) in [("R", 0), ("right.R", 1)] {
+        assert!(error(&out, 0, name, salt) < 0.3 * error(&a, 0, name, salt), "{name}");
+    }
+    folder.write("c.exr", stereo(["right", "left"], 1).bytes());
+    let said = folder.says("compare a.exr c.exr --json", 0, &["c.exr: view \"left\" is read, view \"right\" is not"]);
+    assert_eq!(serde_json::from_str::<serde_json::Value>(&said.out).expect("JSON")["mse"].as_f64(), Some(0.0));
+    for (name, eye) in [("a.exr", "left"), ("b.exr", "right")] {
+        let parts = vec![MadePart { view: Some(eye.into()), ..part("main", WINDOW, "R G B", 0, 1) }];
+        folder.write(name, file(parts).bytes());
+    }
+    let message = "b.exr: its image is view \"right\", and a.exr has view \"left\"";
+    folder.says("denoise a.exr b.exr -o none.exr", 1, &[message]);
+    folder.says("compare a.exr b.exr", 1, &["a.exr: it shows view \"left\", and b.exr \"right\""]);
+}
+
+#[test]
+fn comparisons_refuse_windows_of_displays_of_other_sizes() {
+    let folder = Folder::new();
+    let own = Made::of(vec![part("", Window { origin: [0, 0], ..WINDOW }, "R G B", 0, 1)]);
+    folder.write("own.exr", own.bytes());
+    folder.write("part.exr", file(vec![part("", WINDOW, "R G B", 0, 1)]).bytes());
+    let message = "own.exr: it has pixels (0,0)-(39,27) of the display (0,0)-(39,27), and part.exr pixels (30,7)-(69,34) of the display (0,0)-(99,49)";
+    folder.says("compare own.exr part.exr", 1, &[message]);
+}
+
+#[test]
 fn info_shows_what_an_image_holds() {
     let folder = Folder::new();
     let parts = vec![

@@ -97,7 +97,7 @@ impl Images {
         for layer in views {
             let mut in_files = vec![layer.clone()];
             for input in &inputs[1..] {
-                let same = input.layers.given(LayerKind::Color, &layer.name);
+                let same = input.layers.same(&layer, &inputs[0].layers);
                 match same {
                     Some(same) => in_files.push(same),
                     None if found.is_empty() && given.is_none() => in_files.push(chosen(input, &mut notices)?),
@@ -140,10 +140,13 @@ fn chosen(input: &Input, notices: &mut Vec<String>) -> Result<FoundLayer, Denois
     Ok(chosen.layer)
 }
 
-/// Checks that two files show one image in one colour space.
+/// Checks that two files show one image of one view in one colour space.
 fn check(inputs: &[Input], layers: &[FoundLayer]) -> Result<(), DenoiseError> {
     let ([a, b], [in_a, in_b]) = (inputs, layers) else { return Ok(()) };
     let paths = || Box::new([a.path.clone(), b.path.clone()]);
+    if in_a.view != in_b.view && !in_a.view.is_empty() && !in_b.view.is_empty() {
+        return Err(DenoiseError::Views { paths: paths(), views: Box::new([in_a.view.clone(), in_b.view.clone()]) });
+    }
     let parts = [&a.file.parts[in_a.part], &b.file.parts[in_b.part]];
     let sizes = parts.map(|part| part.display_window.size);
     if sizes[0] != sizes[1] && parts[0].data_window != parts[1].data_window {

@@ -202,6 +202,20 @@ impl Layers {
         self.found(self.groups.iter().position(is)?, layer.kind)
     }
 
+    /// The layer at the place of an image of another file: of the same name, or pass and view layer, in the same view.
+    /// Where only one of the files names its views, their default views are the same. `None` if there is none.
+    pub fn same(&self, image: &FoundLayer, of: &Self) -> Option<FoundLayer> {
+        let is_default = image.view == of.views[0] && (image.view.is_empty() || self.views[0].is_empty());
+        let view = if is_default { &self.views[0] } else { &image.view };
+        let place = &of.groups[image.group];
+        let is = |group: &Group| {
+            let is_same = group.pass.eq_ignore_ascii_case(&place.pass) && group.view_layer == place.view_layer;
+            is_same && group.view == *view
+        };
+        let named = self.given(Color, &image.name).filter(|found| found.view == *view);
+        named.or_else(|| self.found(self.groups.iter().position(is)?, Color))
+    }
+
     /// The name of a channel in another layer at the place of `image`, which is in this part: `Front.error.Y` beside
     /// `Front.Combined.R`.
     pub fn channel_beside(&self, image: &FoundLayer, part: &ExrPart, layer: &str, letter: &str) -> String {
