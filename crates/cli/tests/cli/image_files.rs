@@ -383,7 +383,7 @@ fn images_of_one_eye_are_never_paired_with_those_of_the_other() {
     folder.write("b.exr", stereo(["right", "left"], 2).bytes());
     let said = denoise(&folder, "");
     assert!(
-        said.out.starts_with("read color (R, G, B), color (left)\nread color (right), color (R, G, B)\n"),
+        said.out.starts_with("read color (R, G, B), color (left)\nread color (R, G, B), color (right)\n"),
         "{}",
         said.out
     );
@@ -411,6 +411,23 @@ fn comparisons_refuse_windows_of_displays_of_other_sizes() {
     folder.write("part.exr", file(vec![part("", WINDOW, "R G B", 0, 1)]).bytes());
     let message = "own.exr: it has pixels (0,0)-(39,27) of the display (0,0)-(39,27), and part.exr pixels (30,7)-(69,34) of the display (0,0)-(99,49)";
     folder.says("compare own.exr part.exr", 1, &[message]);
+}
+
+#[test]
+fn other_images_of_a_view_layer_are_named_and_stand_in_for_an_empty_one() {
+    let folder = Folder::new();
+    two(&folder, |seed| file(vec![part("", WINDOW, "rgba.R rgba.G rgba.B beauty.R beauty.G beauty.B", 0, seed)]));
+    let said = denoise(&folder, "");
+    assert!(said.err.contains("a.exr: \"rgba\" is denoised; \"beauty\" stays noisy, as it is"), "{}", said.err);
+    two(&folder, |seed| {
+        let mut made = part("", WINDOW, "beauty.R beauty.G beauty.B", 0, seed);
+        made.channels.extend(["R", "G", "B"].map(|name| (name.to_owned(), vec![0.0; WINDOW.pixels()])));
+        file(vec![made])
+    });
+    let said = denoise(&folder, "");
+    assert!(said.err.contains("a.exr: layer \"R, G, B\" is 0 everywhere; \"beauty\" is denoised"), "{}", said.err);
+    assert!(said.out.starts_with("read color (beauty)\n"), "{}", said.out);
+    folder.says("compare a.exr b.exr", 0, &["b.exr: layer \"R, G, B\" is 0 everywhere; layer \"beauty\" is read"]);
 }
 
 #[test]

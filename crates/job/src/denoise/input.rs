@@ -135,7 +135,8 @@ fn chosen(input: &Input, notices: &mut Vec<String>) -> Result<FoundLayer, Denois
     notices.extend(chosen.empty.iter().map(empty));
     if !chosen.others.is_empty() {
         let others = chosen.others.join("\", \"");
-        notices.push(format!("{name}: \"{shown}\" is denoised; \"{others}\" stays as it is (--layer color=NAME)"));
+        notices
+            .push(format!("{name}: \"{shown}\" is denoised; \"{others}\" stays noisy, as it is (--layer color=NAME)"));
     }
     Ok(chosen.layer)
 }

@@ -4,6 +4,7 @@ use super::layers::{FoundLayer, Layers, NoImage, Purpose};
 use super::openexr::{Fault, Plane, check_size, floats, read_lines, read_planes, with_reader};
 use super::read::{ALPHA_BYTES, File, ImageFile, OPENEXR, PIXEL_BYTES, Wanted};
 use super::{Chromaticities, Encoding, Image, ImageError, Window};
+use ::exr::error::Error as ExrError;
 use ::exr::meta::BlockDescription;
 use ::exr::meta::attribute::{AttributeValue, Compression, LevelMode, SampleType, Text};
 use ::exr::meta::header::Header;
@@ -156,14 +157,19 @@ impl<'a> ExrFile<'a> {
         let file = self.file();
         let header = &self.headers[image.part];
         with_reader(&file, |open| {
-            let mut zero = true;
-            read_lines(&file, open()?, image.part, |line, _| {
+            // The first value ends the search.
+            let found = read_lines(&file, open()?, image.part, |line, _| {
+                let mut zero = true;
                 if image.channels.contains(&line.location.channel) {
                     floats(header, line, |_, value| zero &= value == 0.0)?;
                 }
-                Ok(())
-            })?;
-            Ok(zero)
+                if zero { Ok(()) } else { Err(ExrError::Aborted) }
+            });
+            match found {
+                Ok(()) => Ok(true),
+                Err(Fault::Decoder(ExrError::Aborted)) => Ok(false),
+                Err(fault) => Err(fault),
+            }
         })
     }
 
