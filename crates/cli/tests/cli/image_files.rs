@@ -6,11 +6,11 @@ use dapple_scene::image::{
     Chromaticities, Encoding, ExrFile, ExrPart, Layer, Window, encode_exr, encode_pfm, read_image,
 };
 
-const WINDOW: Window = Window { origin: [30, 7], size: [40, 28] };
-const DISPLAY: Window = Window { origin: [0, 0], size: [100, 50] };
+pub(crate) const WINDOW: Window = Window { origin: [30, 7], size: [40, 28] };
+pub(crate) const DISPLAY: Window = Window { origin: [0, 0], size: [100, 50] };
 
 /// A number in 0 .. 1 for each pixel, channel and seed.
-fn noise(x: i32, y: i32, salt: u64) -> f32 {
+pub(crate) fn noise(x: i32, y: i32, salt: u64) -> f32 {
     let mut bits = (x as u64) << 40 ^ (y as u64) << 20 ^ salt.wrapping_mul(0x9e37_79b9_7f4a_7c15);
     for factor in [0xbf58_476d_1ce4_e5b9, 0x94d0_49bb_1331_11eb] {
         bits = (bits ^ (bits >> 30)).wrapping_mul(factor);
@@ -39,19 +39,19 @@ fn value(salt: i32, seed: u64) -> impl Fn(&str, i32, i32) -> f32 {
     }
 }
 
-fn part(name: &str, window: Window, channels: &str, salt: i32, seed: u64) -> MadePart {
+pub(crate) fn part(name: &str, window: Window, channels: &str, salt: i32, seed: u64) -> MadePart {
     Made::part(name, window, &channels.split(' ').collect::<Vec<_>>(), value(salt, seed))
 }
 
-fn file(parts: Vec<MadePart>) -> Made {
+pub(crate) fn file(parts: Vec<MadePart>) -> Made {
     Made { display: DISPLAY, ..Made::of(parts) }
 }
 
-fn open(folder: &Folder, name: &str) -> ExrFile<'static> {
+pub(crate) fn open(folder: &Folder, name: &str) -> ExrFile<'static> {
     ExrFile::open(folder.read(name), name).unwrap_or_else(|e| panic!("{e}"))
 }
 
-fn floats(file: &ExrFile<'_>, part: usize, name: &str) -> Vec<f32> {
+pub(crate) fn floats(file: &ExrFile<'_>, part: usize, name: &str) -> Vec<f32> {
     let at = file.parts[part].channels.iter().position(|channel| channel.name == name);
     let at = at.unwrap_or_else(|| panic!("no {name} in {:?}", file.parts[part].channels));
     file.planes(part).expect("planes")[at].floats().into_owned()
@@ -66,13 +66,13 @@ fn error(file: &ExrFile<'_>, part: usize, name: &str, salt: i32) -> f32 {
 }
 
 /// Saves two renders of these parts, made for each seed.
-fn two(folder: &Folder, make: impl Fn(u64) -> Made) {
+pub(crate) fn two(folder: &Folder, make: impl Fn(u64) -> Made) {
     for (name, seed) in [("a.exr", 1), ("b.exr", 2)] {
         folder.write(name, make(seed).bytes());
     }
 }
 
-fn denoise(folder: &Folder, words: &str) -> Said {
+pub(crate) fn denoise(folder: &Folder, words: &str) -> Said {
     folder.says(&format!("denoise a.exr b.exr -o out.exr --spp 16 {words}"), 0, &[])
 }
 

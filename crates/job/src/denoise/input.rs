@@ -115,6 +115,7 @@ impl Images {
             notices.push(format!("{}: {} stays noisy, as it is", inputs[0].path.display(), kept.join(", ")));
         }
         found.iter().try_for_each(|layers| check(inputs, layers))?;
+        notices.extend(found.first().and_then(|layers| lost_alpha(inputs, layers)));
         Ok(Self { views: found, notices })
     }
 }
@@ -139,6 +140,15 @@ fn chosen(input: &Input, notices: &mut Vec<String>) -> Result<FoundLayer, Denois
             .push(format!("{name}: \"{shown}\" is denoised; \"{others}\" stays noisy, as it is (--layer color=NAME)"));
     }
     Ok(chosen.layer)
+}
+
+/// A notice about alpha that only the second file has.
+fn lost_alpha(inputs: &[Input], layers: &[FoundLayer]) -> Option<String> {
+    let ([a, b], [in_a, in_b]) = (inputs, layers) else { return None };
+    let has = |input: &Input, layer| input.layers.alpha(&input.layers.shown_beside(layer)).is_some();
+    let (a_path, b_path) = (a.path.display(), b.path.display());
+    let what = || format!("{b_path}: its alpha is left out, since {a_path} has none; name {b_path} first to keep it");
+    (has(b, in_b) && !has(a, in_a)).then(what)
 }
 
 /// Checks that two files show one image of one view in one colour space.
