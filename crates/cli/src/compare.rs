@@ -11,7 +11,8 @@ use std::path::{Path, PathBuf};
 /// Compare an image with its reference
 ///
 /// Reads EXR (its main layer), PFM, Radiance HDR, PNG, JPEG and TGA; integer values are decoded as sRGB, and colours of
-/// other chromaticities converted to Rec. 709. Pixels of EXR files are paired by their data windows. Errors
+/// other chromaticities converted to Rec. 709. Pixels of EXR files are paired by their data windows,
+/// in the same view. Errors
 /// are of linear values, unless they are labelled "display" or "sRGB". FLIP estimates the difference that
 /// a viewer sees on a display 0.7 m wide with 3840 pixels across, from 0.7 m.
 #[derive(clap::Args)]

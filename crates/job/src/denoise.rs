@@ -243,7 +243,7 @@ pub enum DenoiseError {
         views: Box<[String; 2]>,
     },
     /// Two files with the same pixels.
-    #[error("{}: its image equals that of {}, so they show no noise; give two renders with different seeds, or one file with its variance",
+    #[error("{}: its image equals that of {}, so the halves show no noise; give two renders with different seeds, or one file with its variance",
         paths[1].display(), paths[0].display())]
     Equal {
         /// The two files.

@@ -91,7 +91,8 @@ fn advice_names_options_of_the_command_line() {
     write("mse", of_mean * 16.0);
     folder.says("denoise a.exr -o out.exr --spp 16", 0, &["that of the mean; give --layer variance=mse"]);
     folder.write("b.exr", folder.read("a.exr"));
-    let message = "b.exr: its image equals that of a.exr, so they show no noise; give two renders with different seeds";
+    let message =
+        "b.exr: its image equals that of a.exr, so the halves show no noise; give two renders with different seeds";
     folder.says("denoise a.exr b.exr -o out.exr --spp 16", 1, &[message]);
     folder.says("denoise a.exr -o out.exr --layer variance=", 2, &["\"variance=\" is not KIND=NAME"]);
 }

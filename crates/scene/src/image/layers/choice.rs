@@ -34,8 +34,9 @@ pub enum NoImage {
 
 impl Layers {
     /// Chooses an image in the first view that has one. Channels without a layer come first, then the layers named as
-    /// images of each view layer. An image, even one without a layer, that `is_zero` finds to be 0 everywhere gives way to others. For
-    /// [`Purpose::Showing`], the only layer with the channels of an image is taken whatever its name.
+    /// images of each view layer. An image that `is_zero` finds to be 0 everywhere gives way to others, in its view
+    /// layer or beyond. For [`Purpose::Showing`], the only layer with the channels of an image is taken whatever its
+    /// name.
     ///
     /// # Errors
     /// Those of `is_zero`. The inner result is the reason why there is no choice.
