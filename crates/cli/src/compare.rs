@@ -4,14 +4,15 @@ use crate::output::{tell, warn};
 use crate::{Failure, Outcome, Result};
 use dapple_metrics::{Better, Comparison, METRICS, Measurement, Metric, Pixels, WorstBlock};
 use dapple_scene::files::{Disk, Files};
-use dapple_scene::image::{Encoding, Image, ImageError, ImageFile, Window, read_image_file};
+use dapple_scene::image::{Encoding, Image, ImageError, ImageFile, Wanted, Window, read_image_file};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
 /// Compare an image with its reference
 ///
 /// Reads EXR (its main layer), PFM, Radiance HDR, PNG, JPEG and TGA; integer values are decoded as sRGB, and colours of
-/// other chromaticities converted to Rec. 709. Pixels of EXR files are paired by their data windows. Errors
+/// other chromaticities converted to Rec. 709. Pixels of EXR files are paired by their data windows,
+/// in the same view. Errors
 /// are of linear values, unless they are labelled "display" or "sRGB". FLIP estimates the difference that
 /// a viewer sees on a display 0.7 m wide with 3840 pixels across, from 0.7 m.
 #[derive(clap::Args)]
@@ -32,8 +33,11 @@ pub(crate) struct CompareArgs {
 }
 
 pub(crate) fn run(options: &CompareArgs) -> Result<Outcome> {
-    let [image, reference] = [&options.image, &options.reference].map(|path| read(path, options.layer.as_deref()));
-    let (image, reference) = paired(options, image?, reference?)?;
+    let layer = options.layer.as_deref();
+    let image = read(&options.image, Wanted { layer, view: None })?;
+    let view = Some(image.view.as_str()).filter(|view| !view.is_empty());
+    let reference = read(&options.reference, Wanted { layer, view })?;
+    let (image, reference) = paired(options, image, reference)?;
     let [x, r] = [pixels(&image)?, pixels(&reference)?];
     let found = Measurement::new(x, r, None).map_err(Failure::new)?;
     let value = |metric: &'static Metric| Ok((metric, (metric.of)(&found).map_err(Failure::new)?));
@@ -51,12 +55,12 @@ fn pixels(image: &Image) -> Result<Pixels<'_>> {
     Pixels::new(image.size, &image.pixels).map_err(Failure::new)
 }
 
-fn read(path: &Path, layer: Option<&str>) -> Result<ImageFile> {
+fn read(path: &Path, wanted: Wanted<'_>) -> Result<ImageFile> {
     let name = path.display().to_string();
     let bytes = Disk
         .read(path)
         .map_err(|e| Failure::new(format!("{name}: cannot read it: {e}; check the name of the image")))?;
-    let file = read_image_file(&bytes, &name, Encoding::Auto, layer).map_err(|error| match error {
+    let file = read_image_file(&bytes, &name, Encoding::Auto, wanted).map_err(|error| match error {
         ImageError::Ambiguous { .. } => Failure::new(format!("{error}, or name it with --layer NAME")),
         error => Failure::new(error),
     })?;
@@ -64,15 +68,26 @@ fn read(path: &Path, layer: Option<&str>) -> Result<ImageFile> {
     Ok(file)
 }
 
-/// Cuts both images to the pixels that they have in common, with a warning.
+/// Checks that both images show one view of one display, and cuts them to the pixels that they have in common, with a
+/// warning.
 fn paired(options: &CompareArgs, image: ImageFile, reference: ImageFile) -> Result<(Image, Image)> {
+    let [name, other_name] = [&options.image, &options.reference].map(|path| path.display());
+    if image.view != reference.view && !image.view.is_empty() && !reference.view.is_empty() {
+        let what = format!("{name}: it shows view \"{}\", and {other_name} \"{}\"", image.view, reference.view);
+        return Err(Failure::new(format!("{what}; compare images of the same view")));
+    }
     let windows = [windows(&image, &reference), windows(&reference, &image)];
     let [(own, display), (other, other_display)] = windows;
-    if own == other || display.size != other_display.size {
-        // Images of different sizes are refused with the sizes.
+    let displays_differ = display.size != other_display.size;
+    // Images of different sizes are refused with the sizes.
+    if own == other || (displays_differ && own.size != other.size) {
         return Ok((image.image, reference.image));
     }
-    let [name, other_name] = [&options.image, &options.reference].map(|path| path.display());
+    if displays_differ {
+        let what = |own: Window, display: Window| format!("pixels {own} of the display {display}");
+        let both = format!("{name}: it has {}, and {other_name} {}", what(own, display), what(other, other_display));
+        return Err(Failure::new(format!("{both}; save both with one display window")));
+    }
     let Some(common) = own.common(other) else {
         let what = format!("{name}: it has pixels {own}, none of which {other_name} has, {other}");
         return Err(Failure::new(format!("{what}; render both with one data window")));

@@ -68,7 +68,12 @@ pub(crate) struct DenoiseArgs {
 fn layer(argument: &str) -> std::result::Result<(LayerKind, String), String> {
     let wrong = || format!("\"{argument}\" is not KIND=NAME, such as normal=nn");
     let (kind, name) = argument.split_once('=').ok_or_else(wrong)?;
-    Ok((kind.parse()?, name.to_owned()))
+    let kind: LayerKind = kind.parse()?;
+    match name {
+        // The empty name of a colour is that of R, G and B without a layer.
+        "" if kind != LayerKind::Color => Err(wrong()),
+        _ => Ok((kind, name.to_owned())),
+    }
 }
 
 fn fireflies(name: &str) -> std::result::Result<FireflyLight, String> {

@@ -77,13 +77,8 @@ pub fn denoise_files(spec: &DenoiseSpec) -> Result<DenoisedImage, DenoiseError> 
         return Err(DenoiseError::Files { count: spec.inputs.len() });
     }
     let mut inputs = spec.inputs.iter().map(|path| Input::read(path)).collect::<Result<Vec<_>, _>>()?;
-    let images = Images::choose(spec, &inputs)?;
-    let mut read = Vec::new();
-    for colors in &images.views {
-        let assembled = Assembled::read(spec, &inputs, colors)?;
-        let target = Target::of(&inputs, colors, assembled.window)?;
-        read.push((colors[0].view.clone(), assembled, target));
-    }
+    let mut images = Images::choose(spec, &inputs)?;
+    let read = read_views(spec, &inputs, &mut images)?;
     let mut original = inputs.swap_remove(0).file;
     drop(inputs);
     original.release();
@@ -94,10 +89,12 @@ pub fn denoise_files(spec: &DenoiseSpec) -> Result<DenoisedImage, DenoiseError> 
         let image = read.image().fireflies(spec.fireflies);
         let filtered: Filtered;
         (filtered, described) = match &filter {
-            Some(filter) => (image.clone().filter(&**filter).run()?, filter.describe()),
-            None => (image.run()?, image.default_filter()?.describe()),
+            Some(filter) => {
+                (image.clone().filter(&**filter).run().map_err(|error| of_filter(spec, error))?, filter.describe())
+            }
+            None => (image.run().map_err(|error| of_filter(spec, error))?, image.default_filter()?.describe()),
         };
-        let warnings = image.warnings()?.into_iter().map(|warning| warning.to_string());
+        let warnings = image.warnings()?.into_iter().map(|warning| for_files(&read.found, &warning.to_string()));
         let about = || format!("{}; --fireflies keep, drop or spread", filtered.fireflies);
         let fireflies = (filtered.fireflies.pixels > 0).then(about);
         let new: Vec<String> = read.notices.iter().cloned().chain(warnings).chain(fireflies).collect();
@@ -106,6 +103,55 @@ pub fn denoise_files(spec: &DenoiseSpec) -> Result<DenoisedImage, DenoiseError> 
     }
     let seconds = [reading, start.elapsed().as_secs_f64()];
     Ok(DenoisedImage { views, filter: described, notices, seconds, original })
+}
+
+/// Reads all views. One without a variance is kept as it is if another one has its own.
+fn read_views(
+    spec: &DenoiseSpec,
+    inputs: &[Input],
+    images: &mut Images,
+) -> Result<Vec<(String, Assembled, Target)>, DenoiseError> {
+    let (mut read, mut without) = (Vec::new(), None);
+    for colors in &images.views {
+        let assembled = match Assembled::read(spec, inputs, colors) {
+            Err(error @ DenoiseError::NoVariance { .. }) => {
+                if let DenoiseError::NoVariance { path, image, .. } = &error {
+                    let path = path.display();
+                    images.notices.push(format!("{path}: it has no variance for {image}, which stays noisy, as it is"));
+                }
+                without.get_or_insert(error);
+                continue;
+            }
+            assembled => assembled?,
+        };
+        let target = Target::of(inputs, colors, assembled.window)?;
+        read.push((colors[0].view.clone(), assembled, target));
+    }
+    match without {
+        Some(error) if read.is_empty() => Err(error),
+        _ => Ok(read),
+    }
+}
+
+/// The error of a filter, in terms of files.
+fn of_filter(spec: &DenoiseSpec, error: dapple_core::Error) -> DenoiseError {
+    match (&error, &spec.inputs[..]) {
+        (dapple_core::Error::BadBuffer { what, .. }, [a, b]) if what.starts_with("it equals that of half a") => {
+            DenoiseError::Equal { paths: Box::new([a.clone(), b.clone()]) }
+        }
+        _ => error.into(),
+    }
+}
+
+/// A warning about buffers, with advice for files with these layers.
+fn for_files(found: &[(LayerKind, String)], warning: &str) -> String {
+    let of_mean = found.iter().find(|(kind, _)| *kind == LayerKind::MeanVariance);
+    let samples = match of_mean {
+        Some((_, name)) => format!("give --layer variance={name}"),
+        None => "leave out --variance-of-mean".to_owned(),
+    };
+    let mean = warning.replace("take Variance::OfMean", "give --variance-of-mean");
+    mean.replace("take Variance::OfSamples", &samples)
 }
 
 /// Makes a filter by its name, without a scene.
@@ -187,6 +233,22 @@ pub enum DenoiseError {
         /// The pixels that they have.
         windows: Box<[Window; 2]>,
     },
+    /// Two files that show different views.
+    #[error("{}: its image is view \"{}\", and {} has view \"{}\"; give two renders of the same view",
+        paths[1].display(), views[1], paths[0].display(), views[0])]
+    Views {
+        /// The two files.
+        paths: Box<[PathBuf; 2]>,
+        /// The names of the views.
+        views: Box<[String; 2]>,
+    },
+    /// Two files with the same pixels.
+    #[error("{}: its image equals that of {}, so the halves show no noise; give two renders with different seeds, or one file with its variance",
+        paths[1].display(), paths[0].display())]
+    Equal {
+        /// The two files.
+        paths: Box<[PathBuf; 2]>,
+    },
     /// Two files of different colour spaces.
     #[error("{}: its colours are those of {}, and {} has {}; convert one of them, with its variance",
         paths[1].display(), spaces[1], paths[0].display(), spaces[0])]
@@ -242,11 +304,13 @@ pub enum DenoiseError {
         layers: Vec<String>,
     },
     /// One file without its variance.
-    #[error("{}: it has no variance, and one image alone does not show its noise; give a second render with another seed, or name the layer with --layer variance=NAME. Its layers are {}",
+    #[error("{}: it has no variance for {image}, and one image alone does not show its noise; give a second render with another seed, or name the layer with --layer variance=NAME. Its layers are {}",
         path.display(), layers.join(", "))]
     NoVariance {
         /// The file.
         path: PathBuf,
+        /// The name of the image's layer, and its view.
+        image: String,
         /// All layers of the file.
         layers: Vec<String>,
     },

@@ -47,7 +47,7 @@ pub use layers::{ChosenImage, FoundLayer, KNOWN_LAYERS, LayerKind, Layers, NoIma
 pub use openexr::Plane;
 pub use pfm::encode_pfm;
 pub use png::{encode_png, encode_png_gray, encode_png_rgb, srgb_decode, srgb_encode};
-pub use read::{Encoding, ImageFile, read_image, read_image_file, read_texture};
+pub use read::{Encoding, ImageFile, Wanted, read_image, read_image_file, read_texture};
 pub use window::Window;
 
 use std::path::PathBuf;

@@ -6,11 +6,11 @@ use dapple_scene::image::{
     Chromaticities, Encoding, ExrFile, ExrPart, Layer, Window, encode_exr, encode_pfm, read_image,
 };
 
-const WINDOW: Window = Window { origin: [30, 7], size: [40, 28] };
-const DISPLAY: Window = Window { origin: [0, 0], size: [100, 50] };
+pub(crate) const WINDOW: Window = Window { origin: [30, 7], size: [40, 28] };
+pub(crate) const DISPLAY: Window = Window { origin: [0, 0], size: [100, 50] };
 
 /// A number in 0 .. 1 for each pixel, channel and seed.
-fn noise(x: i32, y: i32, salt: u64) -> f32 {
+pub(crate) fn noise(x: i32, y: i32, salt: u64) -> f32 {
     let mut bits = (x as u64) << 40 ^ (y as u64) << 20 ^ salt.wrapping_mul(0x9e37_79b9_7f4a_7c15);
     for factor in [0xbf58_476d_1ce4_e5b9, 0x94d0_49bb_1331_11eb] {
         bits = (bits ^ (bits >> 30)).wrapping_mul(factor);
@@ -39,19 +39,19 @@ fn value(salt: i32, seed: u64) -> impl Fn(&str, i32, i32) -> f32 {
     }
 }
 
-fn part(name: &str, window: Window, channels: &str, salt: i32, seed: u64) -> MadePart {
+pub(crate) fn part(name: &str, window: Window, channels: &str, salt: i32, seed: u64) -> MadePart {
     Made::part(name, window, &channels.split(' ').collect::<Vec<_>>(), value(salt, seed))
 }
 
-fn file(parts: Vec<MadePart>) -> Made {
+pub(crate) fn file(parts: Vec<MadePart>) -> Made {
     Made { display: DISPLAY, ..Made::of(parts) }
 }
 
-fn open(folder: &Folder, name: &str) -> ExrFile<'static> {
+pub(crate) fn open(folder: &Folder, name: &str) -> ExrFile<'static> {
     ExrFile::open(folder.read(name), name).unwrap_or_else(|e| panic!("{e}"))
 }
 
-fn floats(file: &ExrFile<'_>, part: usize, name: &str) -> Vec<f32> {
+pub(crate) fn floats(file: &ExrFile<'_>, part: usize, name: &str) -> Vec<f32> {
     let at = file.parts[part].channels.iter().position(|channel| channel.name == name);
     let at = at.unwrap_or_else(|| panic!("no {name} in {:?}", file.parts[part].channels));
     file.planes(part).expect("planes")[at].floats().into_owned()
@@ -66,13 +66,13 @@ fn error(file: &ExrFile<'_>, part: usize, name: &str, salt: i32) -> f32 {
 }
 
 /// Saves two renders of these parts, made for each seed.
-fn two(folder: &Folder, make: impl Fn(u64) -> Made) {
+pub(crate) fn two(folder: &Folder, make: impl Fn(u64) -> Made) {
     for (name, seed) in [("a.exr", 1), ("b.exr", 2)] {
         folder.write(name, make(seed).bytes());
     }
 }
 
-fn denoise(folder: &Folder, words: &str) -> Said {
+pub(crate) fn denoise(folder: &Folder, words: &str) -> Said {
     folder.says(&format!("denoise a.exr b.exr -o out.exr --spp 16 {words}"), 0, &[])
 }
 
@@ -366,6 +366,68 @@ fn comparisons_find_the_image_pair_its_pixels_and_convert_its_colours() {
         1,
         &["two.exr: it has no image \"A0\"; its layers are AO, diffuse"],
     );
+}
+
+#[test]
+fn images_of_one_eye_are_never_paired_with_those_of_the_other() {
+    let folder = Folder::new();
+    let stereo = |eyes: [&str; 2], seed: u64| {
+        let salt = |eye: &str| i32::from(eye == "right");
+        let first = part("", WINDOW, "R G B", salt(eyes[0]), seed);
+        let second =
+            part("", WINDOW, &["R", "G", "B"].map(|c| format!("{}.{c}", eyes[1])).join(" "), salt(eyes[1]), seed);
+        let channels = first.channels.into_iter().chain(second.channels).collect();
+        Made { views: eyes.map(str::to_owned).into(), ..file(vec![MadePart { channels, ..second }]) }
+    };
+    folder.write("a.exr", stereo(["left", "right"], 1).bytes());
+    folder.write("b.exr", stereo(["right", "left"], 2).bytes());
+    let said = denoise(&folder, "");
+    assert!(
+        said.out.starts_with("read color (R, G, B), color (left)\nread color (R, G, B), color (right)\n"),
+        "{}",
+        said.out
+    );
+    let [a, out] = ["a.exr", "out.exr"].map(|name| open(&folder, name));
+    for (name, salt) in [("R", 0), ("right.R", 1)] {
+        assert!(error(&out, 0, name, salt) < 0.3 * error(&a, 0, name, salt), "{name}");
+    }
+    folder.write("c.exr", stereo(["right", "left"], 1).bytes());
+    let said = folder.says("compare a.exr c.exr --json", 0, &["c.exr: view \"left\" is read, view \"right\" is not"]);
+    assert_eq!(serde_json::from_str::<serde_json::Value>(&said.out).expect("JSON")["mse"].as_f64(), Some(0.0));
+    for (name, eye) in [("a.exr", "left"), ("b.exr", "right")] {
+        let parts = vec![MadePart { view: Some(eye.into()), ..part("main", WINDOW, "R G B", 0, 1) }];
+        folder.write(name, file(parts).bytes());
+    }
+    let message = "b.exr: its image is view \"right\", and a.exr has view \"left\"";
+    folder.says("denoise a.exr b.exr -o none.exr", 1, &[message]);
+    folder.says("compare a.exr b.exr", 1, &["a.exr: it shows view \"left\", and b.exr \"right\""]);
+}
+
+#[test]
+fn comparisons_refuse_windows_of_displays_of_other_sizes() {
+    let folder = Folder::new();
+    let own = Made::of(vec![part("", Window { origin: [0, 0], ..WINDOW }, "R G B", 0, 1)]);
+    folder.write("own.exr", own.bytes());
+    folder.write("part.exr", file(vec![part("", WINDOW, "R G B", 0, 1)]).bytes());
+    let message = "own.exr: it has pixels (0,0)-(39,27) of the display (0,0)-(39,27), and part.exr pixels (30,7)-(69,34) of the display (0,0)-(99,49)";
+    folder.says("compare own.exr part.exr", 1, &[message]);
+}
+
+#[test]
+fn other_images_of_a_view_layer_are_named_and_stand_in_for_an_empty_one() {
+    let folder = Folder::new();
+    two(&folder, |seed| file(vec![part("", WINDOW, "rgba.R rgba.G rgba.B beauty.R beauty.G beauty.B", 0, seed)]));
+    let said = denoise(&folder, "");
+    assert!(said.err.contains("a.exr: \"rgba\" is denoised; \"beauty\" stays noisy, as it is"), "{}", said.err);
+    two(&folder, |seed| {
+        let mut made = part("", WINDOW, "beauty.R beauty.G beauty.B", 0, seed);
+        made.channels.extend(["R", "G", "B"].map(|name| (name.to_owned(), vec![0.0; WINDOW.pixels()])));
+        file(vec![made])
+    });
+    let said = denoise(&folder, "");
+    assert!(said.err.contains("a.exr: layer \"R, G, B\" is 0 everywhere; \"beauty\" is denoised"), "{}", said.err);
+    assert!(said.out.starts_with("read color (beauty)\n"), "{}", said.out);
+    folder.says("compare a.exr b.exr", 0, &["b.exr: layer \"R, G, B\" is 0 everywhere; layer \"beauty\" is read"]);
 }
 
 #[test]

@@ -5,6 +5,7 @@ mod denoise;
 mod effects;
 mod farm;
 mod image_files;
+mod image_pairs;
 mod live;
 #[path = "../../../scene/tests/scene/image/made_exr.rs"]
 mod made_exr;

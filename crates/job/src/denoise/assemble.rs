@@ -101,6 +101,12 @@ impl Set {
     }
 }
 
+/// The name of an image for messages, with its view.
+fn in_view(image: &FoundLayer) -> String {
+    let view = if image.view.is_empty() { String::new() } else { format!(" of view \"{}\"", image.view) };
+    format!("\"{}\"{view}", image.shown())
+}
+
 /// The values of `N` planes, pixel by pixel.
 fn interleaved<const N: usize>(planes: &[Vec<f32>]) -> Vec<[f32; N]> {
     (0..planes[0].len()).map(|pixel| std::array::from_fn(|c| planes[c][pixel])).collect()
@@ -192,7 +198,7 @@ impl Reader<'_> {
         if variance.is_none() && self.inputs.len() == 1 {
             return Err(match input.layers.unusable(LayerKind::Variance) {
                 Some(name) => input.wrong_channels(LayerKind::Variance, name),
-                None => DenoiseError::NoVariance { path, layers: names },
+                None => DenoiseError::NoVariance { path, image: in_view(&color), layers: names },
             });
         }
         let mut count = count.unwrap_or_else(|| {

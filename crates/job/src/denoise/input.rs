@@ -97,7 +97,7 @@ impl Images {
         for layer in views {
             let mut in_files = vec![layer.clone()];
             for input in &inputs[1..] {
-                let same = input.layers.given(LayerKind::Color, &layer.name);
+                let same = input.layers.same(&layer, &inputs[0].layers);
                 match same {
                     Some(same) => in_files.push(same),
                     None if found.is_empty() && given.is_none() => in_files.push(chosen(input, &mut notices)?),
@@ -115,6 +115,7 @@ impl Images {
             notices.push(format!("{}: {} stays noisy, as it is", inputs[0].path.display(), kept.join(", ")));
         }
         found.iter().try_for_each(|layers| check(inputs, layers))?;
+        notices.extend(found.first().and_then(|layers| lost_alpha(inputs, layers)));
         Ok(Self { views: found, notices })
     }
 }
@@ -135,15 +136,28 @@ fn chosen(input: &Input, notices: &mut Vec<String>) -> Result<FoundLayer, Denois
     notices.extend(chosen.empty.iter().map(empty));
     if !chosen.others.is_empty() {
         let others = chosen.others.join("\", \"");
-        notices.push(format!("{name}: \"{shown}\" is denoised; \"{others}\" stays as it is (--layer color=NAME)"));
+        notices
+            .push(format!("{name}: \"{shown}\" is denoised; \"{others}\" stays noisy, as it is (--layer color=NAME)"));
     }
     Ok(chosen.layer)
 }
 
-/// Checks that two files show one image in one colour space.
+/// A notice about alpha that only the second file has.
+fn lost_alpha(inputs: &[Input], layers: &[FoundLayer]) -> Option<String> {
+    let ([a, b], [in_a, in_b]) = (inputs, layers) else { return None };
+    let has = |input: &Input, layer| input.layers.alpha(&input.layers.shown_beside(layer)).is_some();
+    let (a_path, b_path) = (a.path.display(), b.path.display());
+    let what = || format!("{b_path}: its alpha is left out, since {a_path} has none; name {b_path} first to keep it");
+    (has(b, in_b) && !has(a, in_a)).then(what)
+}
+
+/// Checks that two files show one image of one view in one colour space.
 fn check(inputs: &[Input], layers: &[FoundLayer]) -> Result<(), DenoiseError> {
     let ([a, b], [in_a, in_b]) = (inputs, layers) else { return Ok(()) };
     let paths = || Box::new([a.path.clone(), b.path.clone()]);
+    if in_a.view != in_b.view && !in_a.view.is_empty() && !in_b.view.is_empty() {
+        return Err(DenoiseError::Views { paths: paths(), views: Box::new([in_a.view.clone(), in_b.view.clone()]) });
+    }
     let parts = [&a.file.parts[in_a.part], &b.file.parts[in_b.part]];
     let sizes = parts.map(|part| part.display_window.size);
     if sizes[0] != sizes[1] && parts[0].data_window != parts[1].data_window {

@@ -22,6 +22,7 @@ pub struct WrittenImage {
 pub(super) struct Target {
     part: usize,
     window: Window,
+    display: Window,
     /// The names of three channels, or of one.
     channels: Vec<String>,
     /// The name and the values of the alpha channel: the mean of two files.
@@ -54,7 +55,8 @@ impl Target {
         }
         let error = first.layers.channel_beside(&image, about, "error", "Y");
         let channels = indices.into_iter().map(name).collect();
-        Ok(Self { part: image.part, window, channels, alpha, transparent, error, space: about.color_space() })
+        let (display, space) = (about.display_window, about.color_space());
+        Ok(Self { part: image.part, window, display, channels, alpha, transparent, error, space })
     }
 
     fn edit<'a>(&'a self, filtered: &'a Filtered) -> ExrEdit<'a> {
@@ -98,7 +100,15 @@ impl DenoisedImage {
     fn left_out(&self) -> Vec<String> {
         let views = (self.views.len() > 1).then(|| format!("it holds view \"{}\" alone", self.views[0].view));
         let alpha = self.views[0].target.transparent.then(|| "it has no alpha".to_owned());
-        views.into_iter().chain(alpha).map(|what| format!("{what}; write EXR, too")).collect()
+        let Target { window, display, space, .. } = &self.views[0].target;
+        let cut = (window != display).then(|| format!("it holds pixels {window}, not the display's {display}"));
+        let is_space = space.is_same(Chromaticities::REC709) || space.convert_to_rec709(&mut []);
+        let space = (!is_space).then(|| {
+            format!(
+                "its colours are not converted, as the input's chromaticities are those of no colour space ({space})"
+            )
+        });
+        views.into_iter().chain(alpha).chain(cut).chain(space).map(|what| format!("{what}; write EXR, too")).collect()
     }
 
     /// The image of the first view, in Rec. 709.

@@ -2,8 +2,9 @@
 
 use super::layers::{FoundLayer, Layers, NoImage, Purpose};
 use super::openexr::{Fault, Plane, check_size, floats, read_lines, read_planes, with_reader};
-use super::read::{ALPHA_BYTES, File, ImageFile, OPENEXR, PIXEL_BYTES};
+use super::read::{ALPHA_BYTES, File, ImageFile, OPENEXR, PIXEL_BYTES, Wanted};
 use super::{Chromaticities, Encoding, Image, ImageError, Window};
+use ::exr::error::Error as ExrError;
 use ::exr::meta::BlockDescription;
 use ::exr::meta::attribute::{AttributeValue, Compression, LevelMode, SampleType, Text};
 use ::exr::meta::header::Header;
@@ -156,14 +157,19 @@ impl<'a> ExrFile<'a> {
         let file = self.file();
         let header = &self.headers[image.part];
         with_reader(&file, |open| {
-            let mut zero = true;
-            read_lines(&file, open()?, image.part, |line, _| {
+            // The first value ends the search.
+            let found = read_lines(&file, open()?, image.part, |line, _| {
+                let mut zero = true;
                 if image.channels.contains(&line.location.channel) {
                     floats(header, line, |_, value| zero &= value == 0.0)?;
                 }
-                Ok(())
-            })?;
-            Ok(zero)
+                if zero { Ok(()) } else { Err(ExrError::Aborted) }
+            });
+            match found {
+                Ok(()) => Ok(true),
+                Err(Fault::Decoder(ExrError::Aborted)) => Ok(false),
+                Err(fault) => Err(fault),
+            }
         })
     }
 
@@ -247,13 +253,14 @@ pub fn read_attributes(bytes: &[u8], file_name: &str) -> Result<Vec<(String, Str
 /// The channels to read as the image, by index within their part of the file.
 struct MainChannels {
     part: usize,
+    view: String,
     /// Indices of red, green and blue (`None` is 0 everywhere); three equal indices for a gray image.
     colors: [Option<usize>; 3],
     alpha: Option<usize>,
 }
 
-/// Reads the image of a file: that of the layer `wanted`, or the main one.
-pub(super) fn read(file: &File<'_>, wanted: Option<&str>, encoding: Encoding) -> Result<ImageFile, ImageError> {
+/// Reads the image of a file in the layer `wanted`.
+pub(super) fn read(file: &File<'_>, wanted: Wanted<'_>, encoding: Encoding) -> Result<ImageFile, ImageError> {
     let exr = ExrFile::open(file.bytes, file.name)?;
     let (main, mut notices) = main_channels(&exr, wanted)?;
     let part = &exr.parts[main.part];
@@ -286,19 +293,21 @@ pub(super) fn read(file: &File<'_>, wanted: Option<&str>, encoding: Encoding) ->
     }
     let image = Image::new(window.size, pixels)?;
     let image = if main.alpha.is_some() { image.with_alpha(alpha)? } else { image };
-    Ok(ImageFile { image, window: Some([window, part.display_window]), notices, converted })
+    Ok(ImageFile { image, view: main.view, window: Some([window, part.display_window]), notices, converted })
 }
 
-fn main_channels(exr: &ExrFile<'_>, wanted: Option<&str>) -> Result<(MainChannels, Vec<String>), ImageError> {
+fn main_channels(exr: &ExrFile<'_>, wanted: Wanted<'_>) -> Result<(MainChannels, Vec<String>), ImageError> {
     let layers = Layers::of(&exr.parts);
     let main = |layer: &FoundLayer| MainChannels {
         part: layer.part,
+        view: layer.view.clone(),
         colors: [0, 1, 2].map(|c| layer.channels.get(c).copied()),
         alpha: layers.alpha(layer),
     };
-    if let Some(name) = wanted {
+    let in_view = |layer: FoundLayer| wanted.view.and_then(|view| layers.in_view(&layer, view)).unwrap_or(layer);
+    if let Some(name) = wanted.layer {
         let layer = layers.given(super::LayerKind::Color, name);
-        return layer.map(|layer| (main(&layer), Vec::new())).ok_or_else(|| no_layer(exr, &layers, name));
+        return layer.map(|layer| (main(&in_view(layer)), Vec::new())).ok_or_else(|| no_layer(exr, &layers, name));
     }
     // The channels of an image without a layer decide, so that no other layer is taken instead.
     let has = |name: &str| exr.parts.iter().any(|part| part.channels.iter().any(|channel| channel.name == name));
@@ -311,14 +320,15 @@ fn main_channels(exr: &ExrFile<'_>, wanted: Option<&str>) -> Result<(MainChannel
             let notice =
                 |empty: &String| format!("layer \"{empty}\" is 0 everywhere; layer \"{shown}\" is read instead");
             let mut notices: Vec<String> = chosen.empty.iter().map(notice).collect();
-            let views = layers.in_all_views(&chosen.layer).0;
+            let layer = in_view(chosen.layer);
+            let views = layers.in_all_views(&layer).0;
             if let [view, others @ ..] = &views[..]
                 && !others.is_empty()
             {
                 let others: Vec<&str> = others.iter().map(|other| other.view.as_str()).collect();
                 notices.push(format!("view \"{}\" is read, view \"{}\" is not", view.view, others.join("\", \"")));
             }
-            Ok((main(&chosen.layer), notices))
+            Ok((main(&layer), notices))
         }
         Err(NoImage::Ambiguous(names)) => Err(ImageError::Ambiguous { file: exr.name.clone(), layers: names }),
         Err(NoImage::Missing) => partial(exr).map(|main| (main, Vec::new())),
@@ -332,16 +342,17 @@ fn no_layer(exr: &ExrFile<'_>, layers: &Layers, name: &str) -> ImageError {
 
 /// The only channel of the file as a gray image, or some of R, G and B.
 fn partial(exr: &ExrFile<'_>) -> Result<MainChannels, ImageError> {
+    let view = |part: usize| exr.parts[part].view.clone().unwrap_or_default();
     if let [ExrPart { channels, .. }] = &exr.parts[..]
         && channels.len() == 1
     {
-        return Ok(MainChannels { part: 0, colors: [Some(0); 3], alpha: None });
+        return Ok(MainChannels { part: 0, view: view(0), colors: [Some(0); 3], alpha: None });
     }
     for (part, ExrPart { channels, .. }) in exr.parts.iter().enumerate() {
         let find = |letter: &str| channels.iter().position(|channel| channel.name.eq_ignore_ascii_case(letter));
         let colors = ["R", "G", "B"].map(find);
         if colors.iter().any(Option::is_some) {
-            return Ok(MainChannels { part, colors, alpha: find("A") });
+            return Ok(MainChannels { part, view: view(part), colors, alpha: find("A") });
         }
     }
     let names = exr.parts.iter().flat_map(|part| part.channels.iter().map(|channel| channel.name.as_str()));

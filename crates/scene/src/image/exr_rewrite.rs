@@ -56,6 +56,7 @@ impl ExrFile<'_> {
         }
         let other = &mut headers[0].own_attributes.other;
         other.extend(attributes.iter().map(|(name, value)| (text(name), AttributeValue::Text(text(value)))));
+        headers.iter_mut().for_each(keep_key_codes);
         let clamped: u64 = planes.iter().flatten().map(super::exr_write::count_clamped).sum();
         if clamped > 0 {
             notices.push(format!("{clamped} values above 65504, the limit of 16-bit floats, are clamped"));
@@ -159,6 +160,27 @@ impl ExrFile<'_> {
             }
             Ok(chunks)
         })
+    }
+}
+
+/// Holds key codes of film as bytes, since `exr` writes six of their seven numbers.
+fn keep_key_codes(header: &mut Header) {
+    let named = header.own_attributes.film_key_code.take().map(|code| (text("keyCode"), AttributeValue::KeyCode(code)));
+    header.own_attributes.other.extend(named);
+    for value in header.own_attributes.other.values_mut().chain(header.shared_attributes.other.values_mut()) {
+        if let AttributeValue::KeyCode(code) = value {
+            let numbers = [
+                code.film_manufacturer_code,
+                code.film_type,
+                code.film_roll_prefix,
+                code.count,
+                code.perforation_offset,
+                code.perforations_per_frame,
+                code.perforations_per_count,
+            ];
+            let bytes = numbers.into_iter().flat_map(i32::to_le_bytes).collect();
+            *value = AttributeValue::Custom { kind: text("keycode"), bytes };
+        }
     }
 }
 

@@ -122,7 +122,8 @@ fn check_names<'a>(kind: &str, names: impl Iterator<Item = &'a str>) -> Result<(
 
 /// Checks that every attribute can be read back as text. Refuses names to which OpenEXR gives another type.
 pub(super) fn check_attributes(bytes: &[u8], attributes: &[(String, String)]) -> Result<(), ImageError> {
-    let found = read_attributes(bytes, "the EXR file in memory").unwrap_or_default();
+    let found = read_attributes(bytes, "EXR: the file in memory")
+        .map_err(|error| ImageError::Encode(format!("{error}; write another format")))?;
     match attributes.iter().find(|given| !found.contains(given)) {
         Some((name, _)) => {
             Err(ImageError::Encode(format!("attribute name {name:?}: OpenEXR keeps it for itself; rename it")))

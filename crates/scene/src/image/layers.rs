@@ -108,7 +108,7 @@ impl LayerKind {
         match self {
             Count | Depth | Coverage | Id => "one channel",
             Normal | Position => "X, Y, Z or R, G, B",
-            Color => "R, G, B, or red, green, blue, or Y",
+            Color => "R, G, B, or red, green, blue, or one channel",
             _ => "R, G, B, or red, green, blue, or one channel",
         }
     }
@@ -210,23 +210,21 @@ impl Group {
             _ => None,
         };
         let named = !self.pass.is_empty();
+        let grey = || only().filter(|_| named).map(|index| vec![index; 3]);
         match kind {
-            Color => self.image().or_else(|| self.three(XYZ)),
+            Color => self.image().or_else(|| self.three(XYZ)).or_else(grey),
             Normal | Position => colors().or_else(|| self.three(XYZ)),
             Count | Depth | Coverage | Id => {
                 let known = || ["y", "z", "t", "v", "x", "r", "red", "depth"].iter().find_map(|l| self.channel(l));
                 known().or_else(only).filter(|_| named).map(|index| vec![index])
             }
-            _ => {
-                let grey = || only().filter(|_| named).map(|index| vec![index; 3]);
-                colors().or_else(|| self.three(XYZ)).or_else(grey)
-            }
+            _ => colors().or_else(|| self.three(XYZ)).or_else(grey),
         }
     }
 
     /// A channel without a layer whose name is that of a kind, such as `Z`.
     fn lone(&self, kind: LayerKind, name: &str) -> Option<(String, Vec<usize>)> {
-        if !self.pass.is_empty() || matches!(kind, Color | Normal | Position) {
+        if !self.pass.is_empty() || matches!(kind, Normal | Position) {
             return None;
         }
         let index = self.channel(name)?;

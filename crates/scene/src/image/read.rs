@@ -24,12 +24,23 @@ pub enum Encoding {
 pub struct ImageFile {
     /// The image, linear Rec. 709.
     pub image: Image,
+    /// The view of the image; empty in files without views.
+    pub view: String,
     /// The data window and the display window of an OpenEXR file; other formats have none.
     pub window: Option<[Window; 2]>,
     /// Notices about the choice of a layer; one sentence each, without the file's name.
     pub notices: Vec<String>,
     /// True if the file is of another colour space, from which its colours were converted.
     pub converted: bool,
+}
+
+/// The layer and the view to read from an OpenEXR file.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Wanted<'a> {
+    /// The name of the layer; `None` for the main one.
+    pub layer: Option<&'a str>,
+    /// The view, if the file has the layer in it; `None` for the first one.
+    pub view: Option<&'a str>,
 }
 
 /// Reads an image: PNG, JPEG, TGA, Radiance HDR, OpenEXR or PFM.
@@ -57,7 +68,7 @@ pub struct ImageFile {
 /// `bytes.len()` is refused before memory is allocated: see [`ImageError::TooLarge`]. Images of up to 5 million pixels
 /// always pass (4 million with alpha, 3.5 million for a progressive JPEG).
 pub fn read_image(bytes: &[u8], file_name: &str, encoding: Encoding) -> Result<Image, ImageError> {
-    read_image_file(bytes, file_name, encoding, None).map(|file| file.image)
+    read_image_file(bytes, file_name, encoding, Wanted::default()).map(|file| file.image)
 }
 
 /// Reads an image that scatters or gives light, and notices about it. Channels that are negative after the conversion
@@ -66,7 +77,8 @@ pub fn read_image(bytes: &[u8], file_name: &str, encoding: Encoding) -> Result<I
 /// # Errors
 /// Those of [`read_image`], and [`ImageError::NotFinite`].
 pub fn read_texture(bytes: &[u8], file_name: &str, encoding: Encoding) -> Result<(Image, Vec<String>), ImageError> {
-    let ImageFile { image, mut notices, converted, window } = read_image_file(bytes, file_name, encoding, None)?;
+    let ImageFile { image, mut notices, converted, window, .. } =
+        read_image_file(bytes, file_name, encoding, Wanted::default())?;
     if let Some([data, display]) = window
         && data != display
     {
@@ -86,8 +98,7 @@ pub fn read_texture(bytes: &[u8], file_name: &str, encoding: Encoding) -> Result
     Ok((image, notices))
 }
 
-/// Reads an image as [`read_image`] does, with what the file tells of it. `layer` is a layer of an OpenEXR file; `None`
-/// is its main one.
+/// Reads an image as [`read_image`] does, with what the file tells of it. `wanted` is the layer of an OpenEXR file.
 ///
 /// # Errors
 /// Those of [`read_image`], and [`ImageError::Unsupported`] for a layer that the file lacks.
@@ -95,14 +106,14 @@ pub fn read_image_file(
     bytes: &[u8],
     file_name: &str,
     encoding: Encoding,
-    layer: Option<&str>,
+    wanted: Wanted<'_>,
 ) -> Result<ImageFile, ImageError> {
     let file = open(bytes, file_name)?;
     if file.format == OPENEXR {
-        return exr_file::read(&file, layer, encoding);
+        return exr_file::read(&file, wanted, encoding);
     }
     let image = read_flat(&file, encoding)?;
-    Ok(ImageFile { image, window: None, notices: Vec::new(), converted: false })
+    Ok(ImageFile { image, view: String::new(), window: None, notices: Vec::new(), converted: false })
 }
 
 fn open<'a>(bytes: &'a [u8], name: &'a str) -> Result<File<'a>, ImageError> {

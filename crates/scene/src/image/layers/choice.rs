@@ -19,7 +19,7 @@ pub struct ChosenImage {
     pub layer: FoundLayer,
     /// Names of layers that come first but are 0 everywhere.
     pub empty: Vec<String>,
-    /// Names of other images of the same view.
+    /// Names of other images of the same view that are not 0 everywhere, as far as they were tested.
     pub others: Vec<String>,
 }
 
@@ -34,8 +34,9 @@ pub enum NoImage {
 
 impl Layers {
     /// Chooses an image in the first view that has one. Channels without a layer come first, then the layers named as
-    /// images of each view layer. An image that `is_zero` finds to be 0 everywhere gives way to others. For
-    /// [`Purpose::Showing`], the only layer with the channels of an image is taken whatever its name.
+    /// images of each view layer. An image that `is_zero` finds to be 0 everywhere gives way to others, in its view
+    /// layer or beyond. For [`Purpose::Showing`], the only layer with the channels of an image is taken whatever its
+    /// name.
     ///
     /// # Errors
     /// Those of `is_zero`. The inner result is the reason why there is no choice.
@@ -47,30 +48,43 @@ impl Layers {
         let named = self.views.iter().map(|view| self.images(purpose, view));
         let unnamed = self.views.iter().flat_map(|view| [false, true].map(|grey| self.unnamed(view, grey)));
         let unnamed = unnamed.filter(|_| purpose == Purpose::Showing);
-        let Some(mut candidates) = named.chain(unnamed).find(|found| !found.is_empty()) else {
+        let Some(mut places) = named.chain(unnamed).find(|found| !found.is_empty()) else {
             return Ok(Err(NoImage::Missing));
         };
-        let names = |layers: &[FoundLayer]| layers.iter().map(FoundLayer::shown).collect::<Vec<_>>();
-        candidates.sort_by_key(|layer| self.rank(layer, purpose));
+        let rank = |images: &[FoundLayer]| self.rank(&images[0], purpose);
+        places.sort_by_key(|images| rank(images));
         let mut empty = Vec::new();
-        let single = candidates.len() == 1;
-        for alike in candidates.chunk_by(|a, b| self.rank(a, purpose) == self.rank(b, purpose)) {
+        let single = places.iter().flatten().count() == 1;
+        for alike in places.chunk_by(|a, b| rank(a) == rank(b)) {
             let mut full = Vec::new();
-            for layer in alike {
-                if !single && is_zero(layer)? { empty.push(layer.shown()) } else { full.push(layer.clone()) }
+            for mut images in alike.iter().map(Vec::as_slice) {
+                while let [first, rest @ ..] = images
+                    && !single
+                    && is_zero(first)?
+                {
+                    empty.push(first.shown());
+                    images = rest;
+                }
+                full.extend(images.split_first());
             }
             match &full[..] {
                 [] => {}
-                [layer] => {
-                    let mut others = names(&candidates);
-                    others.retain(|name| *name != layer.shown() && !empty.contains(name));
-                    return Ok(Ok(ChosenImage { layer: layer.clone(), empty, others }));
+                [(layer, beside)] => {
+                    // The finished image beside a noisy one shows its result.
+                    let beside = beside.iter().filter(|other| self.is_noisy(other) == self.is_noisy(layer));
+                    let others = beside.chain(places.iter().map(|images| &images[0])).map(FoundLayer::shown);
+                    let others = others.filter(|name| *name != layer.shown() && !empty.contains(name)).collect();
+                    return Ok(Ok(ChosenImage { layer: (*layer).clone(), empty, others }));
                 }
-                _ => return Ok(Err(NoImage::Ambiguous(names(&full)))),
+                _ => return Ok(Err(NoImage::Ambiguous(full.iter().map(|(layer, _)| layer.shown()).collect()))),
             }
         }
         // All are 0 everywhere.
-        Ok(Ok(ChosenImage { layer: candidates.swap_remove(0), empty: Vec::new(), others: Vec::new() }))
+        Ok(Ok(ChosenImage { layer: places.swap_remove(0).swap_remove(0), empty: Vec::new(), others: Vec::new() }))
+    }
+
+    fn is_noisy(&self, image: &FoundLayer) -> bool {
+        NOISY.contains(&self.groups[image.group].pass.to_lowercase().as_str())
     }
 
     /// The order of images: those without a view layer; a composite to be shown; others; a composite to be denoised.
@@ -85,8 +99,8 @@ impl Layers {
         }
     }
 
-    /// The images of one view by their names: the best one of each view layer.
-    fn images(&self, purpose: Purpose, view: &str) -> Vec<FoundLayer> {
+    /// The images of one view by their names: those of each view layer, the best one first.
+    fn images(&self, purpose: Purpose, view: &str) -> Vec<Vec<FoundLayer>> {
         let names = Color.names();
         let noisy = names.iter().filter(|name| NOISY.contains(name));
         let finished = names.iter().filter(|name| !NOISY.contains(name));
@@ -98,23 +112,25 @@ impl Layers {
             let pass = group.pass.to_lowercase();
             Some((group.is_grey(), names.iter().position(|name| *name == pass)?))
         };
-        let mut images: Vec<usize> = (0..self.groups.len()).filter(|&i| self.is_image(i, view)).collect();
-        images.sort_by_key(|&i| order(&self.groups[i]));
-        let mut best: Vec<usize> = Vec::new();
-        for image in images {
-            let place = |i: &usize| self.groups[*i].view_layer == self.groups[image].view_layer;
-            if order(&self.groups[image]).is_some() && !best.iter().any(place) {
-                best.push(image);
+        let mut places: Vec<Vec<usize>> = Vec::new();
+        for image in (0..self.groups.len()).filter(|&i| self.is_image(i, view) && order(&self.groups[i]).is_some()) {
+            let is_here = |images: &&mut Vec<usize>| self.groups[images[0]].view_layer == self.groups[image].view_layer;
+            match places.iter_mut().find(is_here) {
+                Some(images) => images.push(image),
+                None => places.push(vec![image]),
             }
         }
-        best.sort_unstable();
-        best.into_iter().filter_map(|group| self.found(group, Color)).collect()
+        places.iter_mut().for_each(|images| images.sort_by_key(|&i| order(&self.groups[i])));
+        // In the order of the best ones in the file.
+        places.sort_by_key(|images| images[0]);
+        let found = |images: Vec<usize>| images.into_iter().filter_map(|group| self.found(group, Color)).collect();
+        places.into_iter().map(found).collect()
     }
 
-    /// All layers of one view with the channels of an image, in colour or in grey, whatever their names.
-    fn unnamed(&self, view: &str, grey: bool) -> Vec<FoundLayer> {
+    /// All layers of one view with the channels of an image, each by itself, in colour or in grey, whatever their names.
+    fn unnamed(&self, view: &str, grey: bool) -> Vec<Vec<FoundLayer>> {
         let images = (0..self.groups.len()).filter(|&i| self.is_image(i, view) && self.groups[i].is_grey() == grey);
-        images.filter_map(|group| self.found(group, Color)).collect()
+        images.filter_map(|group| Some(vec![self.found(group, Color)?])).collect()
     }
 
     fn is_image(&self, group: usize, view: &str) -> bool {
@@ -127,7 +143,7 @@ impl Layers {
     pub fn guide(&self, kind: LayerKind, image: &FoundLayer) -> Option<FoundLayer> {
         let images = self.images(Purpose::Denoising, &image.view);
         let place = &self.groups[image.group];
-        let owners: Vec<&[String]> = images.iter().map(|i| &self.groups[i.group].view_layer[..]).collect();
+        let owners: Vec<&[String]> = images.iter().map(|i| &self.groups[i[0].group].view_layer[..]).collect();
         let candidates = || (0..self.groups.len()).filter(|&i| self.groups[i].view == image.view);
         let own = candidates().filter(|&i| self.groups[i].view_layer == place.view_layer);
         if let Some(found) = self.first_of(kind, own) {
@@ -171,9 +187,9 @@ impl Layers {
     pub fn shown_beside(&self, image: &FoundLayer) -> FoundLayer {
         let place = &self.groups[image.group];
         let finished = self.images(Purpose::Showing, &image.view);
-        let beside = finished.into_iter().find(|other| self.groups[other.group].view_layer == place.view_layer);
-        let is_noisy = NOISY.contains(&place.pass.to_lowercase().as_str());
-        beside.filter(|_| is_noisy).unwrap_or_else(|| image.clone())
+        let beside = finished.into_iter().filter_map(|images| images.into_iter().next());
+        let mut beside = beside.filter(|other| self.groups[other.group].view_layer == place.view_layer);
+        beside.next().filter(|_| self.is_noisy(image)).unwrap_or_else(|| image.clone())
     }
 
     /// The same layer in every view, this one first, and the views that lack it.
@@ -200,6 +216,20 @@ impl Layers {
         let place = &self.groups[layer.group];
         let is = |group: &Group| group.pass == place.pass && group.view_layer == place.view_layer && group.view == view;
         self.found(self.groups.iter().position(is)?, layer.kind)
+    }
+
+    /// The layer at the place of an image of another file: of the same name, or pass and view layer, in the same view.
+    /// Where only one of the files names its views, their default views are the same. `None` if there is none.
+    pub fn same(&self, image: &FoundLayer, of: &Self) -> Option<FoundLayer> {
+        let is_default = image.view == of.views[0] && (image.view.is_empty() || self.views[0].is_empty());
+        let view = if is_default { &self.views[0] } else { &image.view };
+        let place = &of.groups[image.group];
+        let is = |group: &Group| {
+            let is_same = group.pass.eq_ignore_ascii_case(&place.pass) && group.view_layer == place.view_layer;
+            is_same && group.view == *view
+        };
+        let named = self.given(Color, &image.name).filter(|found| found.view == *view);
+        named.or_else(|| self.found(self.groups.iter().position(is)?, Color))
     }
 
     /// The name of a channel in another layer at the place of `image`, which is in this part: `Front.error.Y` beside

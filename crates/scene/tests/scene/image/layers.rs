@@ -88,6 +88,11 @@ fn several_view_layers_are_ambiguous_unless_the_others_are_zero() {
     let plain = [part("", &rgb("= Layer.Combined"))];
     assert_eq!(image(&plain, Denoising, &[]), "R, G, B");
     assert_eq!(image(&plain, Denoising, &[""]), "Layer.Combined");
+    let nested = [part("", &rgb("= beauty"))];
+    for purpose in [Denoising, Showing] {
+        assert_eq!(image(&nested, purpose, &[""]), "beauty", "an empty image gives way to others of its view layer");
+        assert_eq!(image(&nested, purpose, &["", "beauty"]), "R, G, B");
+    }
     // The only image is read even if it is black.
     assert_eq!(image(&[part("", "R G B")], Showing, &[""]), "R, G, B");
 }
@@ -213,6 +218,7 @@ fn names_of_the_caller_are_exact_or_but_for_case() {
     assert_eq!(channels(Depth, "z"), Some(vec![6]));
     assert_eq!(channels(Variance, "noise"), Some(vec![3; 3]));
     assert_eq!(channels(Depth, "noise.V"), Some(vec![3]));
+    assert_eq!((channels(Color, "noise"), channels(Color, "z")), (Some(vec![3; 3]), Some(vec![6; 3])), "grey images");
     assert_eq!(channels(Normal, "a.M"), None);
     assert_eq!((channels(Color, "other"), layers.letters("other").join(" ")), (None, "C M".to_owned()));
     assert_eq!(layers.names(), ["a.N", "noise", "other", "Z"]);

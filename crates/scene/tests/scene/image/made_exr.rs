@@ -7,6 +7,9 @@ use dapple_scene::image::{Chromaticities, Window};
 pub(crate) const ACES: Chromaticities =
     Chromaticities { red: [0.713, 0.293], green: [0.165, 0.83], blue: [0.128, 0.044], white: [0.321_68, 0.337_67] };
 
+/// A key code of film, seven numbers.
+pub(crate) const KEY_CODE: [i32; 7] = [1, 2, 345_678, 1234, 40, 4, 64];
+
 /// One part: its name (empty for none), view, window, and channels with their values.
 #[derive(Clone)]
 pub(crate) struct MadePart {
@@ -73,7 +76,17 @@ impl Made {
                 layer_position: exr::Vec2(part.window.origin[0], part.window.origin[1]),
                 multi_view_names: Some(views).filter(|views| !views.is_empty()),
                 owner: Some(exr::Text::from("somebody")),
-                other: [(exr::Text::from("shot"), exr::AttributeValue::I32(7))].into(),
+                other: [
+                    (exr::Text::from("shot"), exr::AttributeValue::I32(7)),
+                    (
+                        exr::Text::from("keyName"),
+                        exr::AttributeValue::Custom {
+                            kind: exr::Text::from("keycode"),
+                            bytes: KEY_CODE.into_iter().flat_map(i32::to_le_bytes).collect(),
+                        },
+                    ),
+                ]
+                .into(),
                 ..exr::LayerAttributes::default()
             };
             let channels = part.channels.iter().map(|(name, values)| {
@@ -89,6 +102,11 @@ impl Made {
         let mut bytes = std::io::Cursor::new(Vec::new());
         let image = exr::Image::from_layers(attributes, layers.collect::<exr::SmallVec<[_; 2]>>());
         exr::WritableImage::write(&image).non_parallel().to_buffered(&mut bytes).expect("encoded");
-        bytes.into_inner()
+        // `exr` writes six of the seven numbers under the standard name.
+        let mut bytes = bytes.into_inner();
+        while let Some(at) = bytes.windows(8).position(|name| name == b"keyName\0") {
+            bytes[at..at + 7].copy_from_slice(b"keyCode");
+        }
+        bytes
     }
 }

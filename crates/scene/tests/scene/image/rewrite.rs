@@ -1,6 +1,6 @@
 //! Copies of OpenEXR files with other values in some channels.
 
-use super::made_exr::{ACES, Made};
+use super::made_exr::{ACES, KEY_CODE, Made};
 use ::exr::prelude as exr;
 use dapple_scene::image::*;
 
@@ -52,6 +52,10 @@ fn a_rewritten_file_keeps_all_but_its_edits() {
         let notice = format!("its compression is ZIP in place of {name}, so that other channels keep their values");
         assert_eq!(rewritten.notices, if lossy { vec![notice] } else { Vec::new() });
         assert_eq!(rewritten, original.rewritten(&[edit(WINDOW)], &attributes).unwrap(), "the same bytes");
+        let mut key_code = b"keyCode\0keycode\0\x1c\0\0\0".to_vec();
+        key_code.extend(KEY_CODE.into_iter().flat_map(i32::to_le_bytes));
+        let copies = rewritten.bytes.windows(key_code.len()).filter(|bytes| *bytes == key_code).count();
+        assert_eq!(copies, 2, "the key code of each part");
         let copy = ExrFile::open(rewritten.bytes, "b.exr").unwrap();
         for (part, (new, old)) in copy.parts.iter().zip(&original.parts).enumerate() {
             let header = |part: &ExrPart| ExrPart { channels: Vec::new(), compression: String::new(), ..part.clone() };

@@ -55,7 +55,7 @@ fn textures_with_another_display_window_have_a_notice() {
 fn chromaticities_of_no_colour_space_are_named() {
     let flat = Chromaticities { red: [0.0; 2], green: [0.0; 2], blue: [0.0; 2], white: [0.0; 2] };
     let file = pixel([1.0, 0.5, 0.25], Some(flat));
-    let read = read_image_file(&file, "a.exr", Encoding::Auto, None).unwrap();
+    let read = read_image_file(&file, "a.exr", Encoding::Auto, Wanted::default()).unwrap();
     assert_eq!(read.image.pixels, [[1.0, 0.5, 0.25]]);
     assert!(read.notices[0].contains("are not those of a colour space; Rec. 709 is taken"), "{:?}", read.notices);
 }
@@ -116,7 +116,7 @@ fn views_that_are_not_read_are_named() {
     let of = |name: &str, _, _| if name.starts_with("right") { 2.0 } else { 1.0 };
     let views = vec!["left".to_owned(), "right".to_owned()];
     let bytes = Made { views, ..Made::of(vec![Made::part("", window, &names, of)]) }.bytes();
-    let file = read_image_file(&bytes, "a.exr", Encoding::Auto, None).unwrap();
+    let file = read_image_file(&bytes, "a.exr", Encoding::Auto, Wanted::default()).unwrap();
     assert_eq!(
         (file.image.pixels[0], &file.notices[..]),
         ([1.0; 3], &["view \"left\" is read, view \"right\" is not".to_owned()][..])
