@@ -2,7 +2,8 @@
 //!
 //! Metal and roughness become a metal, a coated diffuse surface or a mix of both; transmission becomes glass. Lights of
 //! `KHR_lights_punctual` are in candela and lux: 683 lumens are 1 watt, as Blender reads them. Emission is radiance as it
-//! stands. A file without a camera gets the framing of a bare model, and a file without any light gets the same sky.
+//! stands. A file without a camera gets the framing of a bare model, and a file without any light gets the same sky. Lights
+//! are those of the file, and surfaces that shine evenly and above 1; all else that shines only glows.
 //! Skins and morph targets are read in their pose of rest; animations are not read.
 
 mod buffers;
@@ -15,7 +16,7 @@ use crate::files::Files;
 use crate::image::Image;
 use crate::model::{ModelError as Fault, UpAxis, scene_of, studio};
 use crate::scene_reader::SceneReader;
-use crate::{Notice, ObjectId, Scene, Source, text};
+use crate::{Emission, Notice, ObjectId, Scene, Source, text};
 use ::gltf::json::validation::Checked;
 use ::gltf::{Document, json};
 use buffers::Buffers;
@@ -114,8 +115,13 @@ fn add_file(scene: &mut Scene, bytes: &[u8], files: &dyn Files, source: &Source)
     reader.add_shapes(&placed)?;
     reader.add_lights(&placed);
     let has_camera = reader.set_camera(&placed)?;
-    let emits = scene.shapes.iter().any(|shape| shape.emission.is_some());
-    let has_light = emits || !scene.lights.is_empty();
+    let is_lamp = |e: &Emission| e.texture.is_none() && e.radiance.iter().any(|c| *c > 1.0);
+    let emissions = || scene.shapes.iter().filter_map(|shape| shape.emission.as_ref());
+    let has_light = !scene.lights.is_empty() || emissions().any(is_lamp);
+    if !has_light && emissions().next().is_some() {
+        let glows = "nothing but emission by textures or up to 1 gives light; the sky of bare models is added";
+        scene.warn(source, glows);
+    }
     if scene.shapes.is_empty() && scene.instances.is_empty() {
         return Err("the file has no triangles; export meshes".into());
     }
@@ -183,9 +189,8 @@ fn document(text: &[u8], scene: &mut Scene, source: &Source) -> Result<Document,
     })
 }
 
-/// Parses the JSON part of a file, of which a binary file may be padded with zeros.
+/// Parses the JSON part of a file.
 fn root(text: &str) -> serde_json::Result<json::Root> {
-    let text = text.trim_end_matches('\0');
     json::Root::from_str(text).or_else(|e| {
         // The library wants the nodes of a scene, which the specification doesn't.
         let Ok(mut value) = serde_json::from_str::<serde_json::Value>(text) else { return Err(e) };

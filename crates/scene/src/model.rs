@@ -123,6 +123,11 @@ fn add_material(
     scene.add_material(Material::new(name, MaterialKind::Diffuse { reflectance }, source.clone()))
 }
 
+/// The notice of a mesh that has textures and no texture coordinates of a set.
+pub(crate) fn no_uvs(set: &str) -> String {
+    format!("it has textures and no texture coordinates{set}; each triangle shows the same part of them")
+}
+
 /// Reads a file of one mesh as a scene, in its own colours or the default grey. A reason to suspect the file, and what is
 /// left out, become warnings.
 fn mesh_scene(

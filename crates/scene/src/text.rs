@@ -9,13 +9,17 @@ const MARK: &[u8] = b"\xef\xbb\xbf";
 /// The bytes from the start of a file among which its first word is sought.
 const HEAD: usize = 1 << 16;
 
-/// Returns the text of a file. A byte order mark is skipped, bytes that are not UTF-8 are Latin-1, and every line end
-/// (CRLF, CR) becomes LF.
+/// Returns the text of a file. A byte order mark is skipped, and so is a zero or Ctrl-Z at the end with all behind it; bytes that are not UTF-8
+/// are Latin-1, and every line end (CRLF, CR) becomes LF.
 ///
 /// # Errors
 /// Returns a message for a text in UTF-16 or UTF-32, in which other readers would find no word.
 pub fn decode(bytes: &[u8]) -> Result<Cow<'_, str>, &'static str> {
-    let text = lossless(without_mark(bytes)?);
+    let content = without_mark(bytes)?;
+    let is_end = |byte: &u8| matches!(byte, 0 | 0x1a);
+    let last = content.iter().rposition(|byte| !is_end(byte) && !byte.is_ascii_whitespace()).map_or(0, |last| last + 1);
+    let end = content[last..].iter().position(is_end).map_or(content.len(), |at| last + at);
+    let text = lossless(&content[..end]);
     if !text.contains('\r') {
         return Ok(text);
     }

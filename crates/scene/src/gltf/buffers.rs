@@ -6,6 +6,7 @@ use crate::text;
 use ::gltf::accessor::{Accessor, DataType};
 use ::gltf::{Document, buffer};
 use base64::Engine;
+use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
@@ -138,7 +139,10 @@ fn integer(kind: DataType, bytes: &[u8]) -> i64 {
 pub(super) fn read_uri(uri: &str, files: &dyn Files, path: &Path) -> Result<Vec<u8>, String> {
     if let Some(data) = uri.strip_prefix("data:") {
         let text = data.split_once(";base64,").ok_or("a data URI must be in base64; export the file again")?.1;
-        return base64::engine::general_purpose::STANDARD
+        let text: String = text.split_ascii_whitespace().collect();
+        // The padding at the end says nothing.
+        let lenient = GeneralPurposeConfig::new().with_decode_padding_mode(DecodePaddingMode::Indifferent);
+        return GeneralPurpose::new(&base64::alphabet::STANDARD, lenient)
             .decode(text)
             .map_err(|e| format!("a data URI cannot be decoded ({e}); export the file again"));
     }

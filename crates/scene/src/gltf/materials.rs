@@ -20,8 +20,8 @@ pub(super) struct Surface {
     pub(super) emission: Option<Emission>,
     pub(super) alpha: Option<Scalar>,
     pub(super) media: Option<MediumInterface>,
-    /// The set of texture coordinates that the material's textures use.
-    pub(super) uv_set: u32,
+    /// The set of texture coordinates that the material's textures use; `None` without textures.
+    pub(super) uv_set: Option<u32>,
 }
 
 /// The parameters that all kinds of scattering share.
@@ -51,7 +51,7 @@ impl Reader<'_> {
                 };
                 let kind = MaterialKind::Diffuse { reflectance: base };
                 let id = self.scene.add_material(Material::new("bare", kind, self.source.clone()));
-                Surface { material: id, emission: None, alpha: None, media: None, uv_set: 0 }
+                Surface { material: id, emission: None, alpha: None, media: None, uv_set: None }
             }
             Some(index) => self.surface(material, named("material", index, material.name()), colored)?,
         };
@@ -92,17 +92,17 @@ impl Reader<'_> {
         Ok(Surface { material: id, emission, alpha, media, uv_set })
     }
 
-    /// The set of texture coordinates of a material; a notice if its textures use several.
-    fn uv_set(&mut self, material: &GltfMaterial<'_>, name: &str) -> u32 {
+    /// The set of texture coordinates of a material, if it has textures; a notice if its textures use several.
+    fn uv_set(&mut self, material: &GltfMaterial<'_>, name: &str) -> Option<u32> {
         let pbr = material.pbr_metallic_roughness();
         let infos = [pbr.base_color_texture(), pbr.metallic_roughness_texture(), material.emissive_texture()];
         let mut sets: Vec<u32> = infos.iter().flatten().map(|info| Use::of(info).set).collect();
         sets.extend(material.normal_texture().map(|normal| Use::of_normals(&normal).set));
-        let first = sets.first().copied().unwrap_or(0);
+        let first = *sets.first()?;
         if sets.iter().any(|set| *set != first) {
             self.warn(format!("{name}: all of its textures use set {first} of texture coordinates"));
         }
-        first
+        Some(first)
     }
 
     fn look(&mut self, material: &GltfMaterial<'_>, name: String, colored: bool) -> Look {

@@ -3,6 +3,7 @@
 use super::materials::Surface;
 use super::nodes::Placed;
 use super::{Fault, Reader, named};
+use crate::model::no_uvs;
 use crate::{Geometry, Instance, MeshData, Object, ObjectId, Shape, Source};
 use ::gltf::accessor::{DataType, Dimensions};
 use ::gltf::material::AlphaMode;
@@ -103,13 +104,21 @@ impl Reader<'_> {
                     "{name}: its tangents are left out; those of the texture coordinates stand for them"
                 ));
             }
+            for (semantic, _) in primitive.attributes() {
+                if let Semantic::Extras(name) = semantic {
+                    self.warn(format!("attribute \"_{name}\" of vertices is left out"));
+                }
+            }
             let colors = self.vertex_colors(&primitive, &name).map_err(|what| format!("{name}: {what}"))?;
             let surface = self.surface_of(&primitive.material(), !colors.is_empty())?;
-            let data = self.mesh(&primitive, pose, surface.uv_set);
+            let data = self.mesh(&primitive, pose, surface.uv_set.unwrap_or(0));
             let mut data = data.map_err(|what| format!("{name}: {what}"))?;
             data.colors = colors;
             if data.triangles.is_empty() {
                 continue;
+            }
+            if let Some(set) = surface.uv_set.filter(|_| data.uvs.is_empty()) {
+                self.warn(format!("{name}: {}", no_uvs(&format!(" of set {set}"))));
             }
             if let Some(count) = data.mend_normals() {
                 self.warn(format!("{name}: {count} normals are not finite; the faces' own stand for them"));

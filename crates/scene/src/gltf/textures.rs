@@ -99,9 +99,17 @@ impl Reader<'_> {
 
     /// A part of a texture times `factor`. `None`, with a notice, if the image cannot be read.
     pub(super) fn texture(&mut self, info: &Use<'_>, part: Part, factor: f32) -> Option<TextureId> {
-        let index = self.document.as_json().textures[info.texture.index()].source.value();
-        let image = self.image(index, part)?;
         let name = named("texture", info.texture.index(), info.texture.name());
+        let texture = &self.document.as_json().textures[info.texture.index()];
+        // The mark of a texture without a source.
+        if texture.source.value() == u32::MAX as usize {
+            let extensions: Vec<&str> =
+                texture.extensions.iter().flat_map(|found| found.others.keys()).map(String::as_str).collect();
+            let only = if extensions.is_empty() { "none".into() } else { format!("only by {}", extensions.join(", ")) };
+            self.warn(format!("{name} has no image that is read ({only}); a constant stands for it"));
+            return None;
+        }
+        let image = self.image(texture.source.value(), part)?;
         self.check_rotation(info);
         let sampler = info.texture.sampler();
         let wrap = [sampler.wrap_s(), sampler.wrap_t()];

@@ -49,6 +49,11 @@ impl Chromaticities {
         Some(primaries * DMat3::from_diagonal(primaries.inverse() * xyz(self.white)?))
     }
 
+    /// The notice of chromaticities that are not those of a colour space.
+    pub(super) fn unfit(self) -> String {
+        format!("its chromaticities ({self}) are not those of a colour space; Rec. 709 is taken")
+    }
+
     /// Converts colours of this space to linear Rec.709 in place, its white to that of Rec.709. Colours outside of
     /// Rec.709 become negative in a channel. Returns false, and changes nothing, if these are not the chromaticities of
     /// a colour space.

@@ -288,7 +288,7 @@ pub(super) fn read(file: &File<'_>, wanted: Wanted<'_>, encoding: Encoding) -> R
     if encoding != Encoding::Linear && !space.is_same(Chromaticities::REC709) {
         converted = space.convert_to_rec709(&mut pixels);
         if !converted {
-            notices.push(format!("its chromaticities ({space}) are not those of a colour space; Rec. 709 is taken"));
+            notices.push(space.unfit());
         }
     }
     let image = Image::new(window.size, pixels)?;

@@ -1,7 +1,7 @@
-//! Radiance HDR files: the check of their header, and the eight orders of their scanlines.
+//! Radiance HDR files: their header, and the eight orders of their scanlines.
 
-use super::read::{Fault, File, PIXEL_BYTES, decode};
-use super::{Encoding, Image, ImageError};
+use super::read::{Fault, File, ImageFile, PIXEL_BYTES, decode};
+use super::{Chromaticities, Encoding, Image, ImageError};
 use ::image::ImageError as Decoder;
 use ::image::codecs::hdr::HdrDecoder;
 use std::io::{Cursor, Read};
@@ -9,26 +9,43 @@ use std::io::{Cursor, Read};
 /// Largest accepted header in bytes. Small attributes take tens of times their bytes in memory (an estimate).
 const HEADER: usize = 1 << 20;
 
-/// Reads the file in `cursor`, which is at the start.
-pub(super) fn read(file: &File<'_>, cursor: &mut Cursor<&[u8]>) -> Result<Image, Fault<Decoder>> {
-    let start = check(file)?;
-    let order = start.and_then(|start| Order::at(&file.bytes[start..])).filter(|order| *order != order.usual());
+/// Reads a file.
+pub(super) fn read(file: &File<'_>, encoding: Encoding) -> Result<ImageFile, ImageError> {
+    let header = Header::of(file)?;
+    let mut cursor = Cursor::new(file.bytes);
+    let image = pixels(file, header.start, &mut cursor);
+    let mut image = image.map_err(|fault| file.fault(fault, cursor.position() as usize))?;
+    let (mut notices, mut converted) = (header.notices, false);
+    if let Some(space) = header.space.filter(|s| encoding != Encoding::Linear && !s.is_same(Chromaticities::REC709)) {
+        converted = space.convert_to_rec709(&mut image.pixels);
+        if !converted {
+            notices.push(space.unfit());
+        }
+    }
+    Ok(ImageFile { image, view: String::new(), window: None, notices, converted })
+}
+
+/// Reads the pixels. `start` is the offset of the line with the resolution.
+fn pixels(file: &File<'_>, start: Option<usize>, cursor: &mut Cursor<&[u8]>) -> Result<Image, Fault<Decoder>> {
+    let order = start.and_then(|start| Order::at(&file.bytes[start..]));
     let (Some(start), Some(order)) = (start, order) else {
         return decode(file, Encoding::Linear, 0, HdrDecoder::new_nonstrict(cursor));
     };
-    // The decoder knows the usual order only; the pixels are turned afterwards, with a copy.
     let [(_, height), (_, width)] = order.0;
-    file.check_claim([width, height], 2 * PIXEL_BYTES, 0)?;
-    let head = [&file.bytes[..start], format!("-Y {height} +X {width}").as_bytes()].concat();
+    // Pixels of another order than the usual are turned afterwards, with a copy.
+    let copies = if order == order.usual() { 1 } else { 2 };
+    file.check_claim([width, height], copies * PIXEL_BYTES, 0)?;
+    // The decoder knows the usual order and line ends only.
+    let head = format!("FORMAT=32-bit_rle_rgbe\n\n-Y {height} +X {width}");
     let line = file.bytes[start..].iter().position(|&byte| byte == b'\n').unwrap_or(0);
     cursor.set_position((start + line) as u64);
-    let image = decode(file, Encoding::Linear, 0, HdrDecoder::new_nonstrict(head.chain(cursor)))?;
-    Ok(order.turned(image)?)
+    let image = decode(file, Encoding::Linear, 0, HdrDecoder::new_nonstrict(head.as_bytes().chain(cursor)))?;
+    Ok(if copies == 1 { image } else { order.turned(image)? })
 }
 
 /// The width and height by the header; `None` if its last line has another form.
 pub(super) fn size(file: &File<'_>) -> Result<Option<[u32; 2]>, ImageError> {
-    let order = check(file)?.and_then(|start| Order::at(&file.bytes[start..]));
+    let order = Header::of(file)?.start.and_then(|start| Order::at(&file.bytes[start..]));
     let size = |Order([(axis, scanlines), (_, pixels)])| {
         let size = if axis.0 == 'Y' { [pixels, scanlines] } else { [scanlines, pixels] };
         Some([u32::try_from(size[0]).ok()?, u32::try_from(size[1]).ok()?])
@@ -36,18 +53,50 @@ pub(super) fn size(file: &File<'_>) -> Result<Option<[u32; 2]>, ImageError> {
     Ok(order.and_then(size))
 }
 
-/// Checks the header. Returns the offset of the line behind it, which has the resolution; `None` if it does not end.
-fn check(file: &File<'_>) -> Result<Option<usize>, ImageError> {
-    let head = &file.bytes[..file.bytes.len().min(HEADER)];
-    let end = head.windows(2).position(|w| w == b"\n\n");
-    if head.len() == HEADER && end.is_none() {
-        return Err(file.malformed(HEADER, "its header does not end"));
+/// What the header states.
+#[derive(Default)]
+struct Header {
+    /// The offset of the line behind it, which has the resolution; `None` if it does not end.
+    start: Option<usize>,
+    space: Option<Chromaticities>,
+    /// Notices of fields that are not followed.
+    notices: Vec<String>,
+}
+
+impl Header {
+    /// Reads and checks the header.
+    fn of(file: &File<'_>) -> Result<Self, ImageError> {
+        let mut header = Self::default();
+        let mut rest = &file.bytes[..file.bytes.len().min(HEADER)];
+        while let Some(end) = rest.iter().position(|&byte| byte == b'\n') {
+            let line = String::from_utf8_lossy(rest[..end].trim_ascii_end());
+            rest = &rest[end + 1..];
+            if line.is_empty() {
+                header.start = Some(file.bytes.len().min(HEADER) - rest.len());
+                return Ok(header);
+            }
+            let Some((field, value)) = line.split_once('=') else { continue };
+            let numbers: Vec<f32> = value.split_whitespace().map_while(|word| word.parse().ok()).collect();
+            match field.trim() {
+                "FORMAT" if value.trim() == "32-bit_rle_xyze" => return Err(file.unsupported("XYZ colour", "RGBE")),
+                "PRIMARIES" => match *numbers.as_chunks().0 {
+                    [red, green, blue, white] => header.space = Some(Chromaticities { red, green, blue, white }),
+                    _ => header.notices.push(format!("its {line} is not eight numbers; Rec. 709 is taken")),
+                },
+                "EXPOSURE" | "COLORCORR" | "GAMMA" | "PIXASPECT" if numbers.iter().any(|number| *number != 1.0) => {
+                    let notice = format!("its {line} is not followed; values are as stored");
+                    if !header.notices.contains(&notice) {
+                        header.notices.push(notice);
+                    }
+                }
+                _ => {}
+            }
+        }
+        match file.bytes.len() < HEADER {
+            true => Ok(header),
+            false => Err(file.malformed(HEADER, "its header does not end")),
+        }
     }
-    let mut lines = head.split(|&b| b == b'\n').take_while(|line| !line.is_empty());
-    if lines.any(|line| line.starts_with(b"FORMAT=32-bit_rle_xyze")) {
-        return Err(file.unsupported("XYZ colour", "RGBE"));
-    }
-    Ok(end.map(|end| end + 2))
 }
 
 /// The order of the pixels: the direction of scanlines and their number, then the direction within them and its number

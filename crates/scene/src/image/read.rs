@@ -1,6 +1,6 @@
 //! Reading of image files.
 
-use super::{Image, ImageError, ImageInfo, Window, exr_file, hdr, pfm, srgb_decode};
+use super::{Chromaticities, Image, ImageError, ImageInfo, Window, exr_file, hdr, pfm, srgb_decode};
 use ::image::ColorType;
 use ::image::codecs::{jpeg::JpegDecoder, png::PngDecoder, tga::TgaDecoder};
 use ::image::{ImageDecoder, ImageError as Decoder, Limits};
@@ -47,12 +47,14 @@ pub struct Wanted<'a> {
 ///
 /// The content decides on the format; only TGA, which has no signature, needs its extension. Integers of 8 or 16 bits
 /// are scaled to 0..=1, then decoded by the sRGB curve unless `encoding` is linear; alpha is never decoded. Gray
-/// becomes RGB. Color profiles and EXIF orientation are ignored. An animated PNG gives its
-/// first frame. HDR values are used as stored (EXPOSURE is ignored), in any of the eight orders of pixels; PFM values are multiplied by the magnitude of the
-/// header's scale. NaN and infinities are kept: see [`Image::non_finite`].
+/// becomes RGB. Color profiles and EXIF orientation are ignored, the curve and the space of a PNG (gAMA, cHRM, cICP) with a
+/// notice. An animated PNG gives its first frame. HDR values are used as stored (EXPOSURE and COLORCORR are ignored, with a
+/// notice), in any of the eight orders of pixels; PFM values are multiplied by the magnitude of the header's scale. NaN and infinities are kept: see [`Image::non_finite`].
 ///
-/// Pixels of an OpenEXR file are those of its data window. Colours of other chromaticities are converted to Rec. 709, unless
-/// `encoding` is linear; channels may become negative. Of its layers, the first of these is read, with its own alpha
+/// Colours of an OpenEXR or HDR file of other chromaticities are converted to Rec. 709, unless `encoding` is linear;
+/// channels may become negative.
+///
+/// Pixels of an OpenEXR file are those of its data window. Of its layers, the first of these is read, with its own alpha
 /// ([`Layers::image`](super::Layers::image)):
 /// * channels `R`, `G`, `B` (or `Y`) without a layer name,
 /// * the layer that is named as an image, such as `Combined`, `rgba` or `beauty`, unless it is 0 everywhere,
@@ -112,8 +114,7 @@ pub fn read_image_file(
     if file.format == OPENEXR {
         return exr_file::read(&file, wanted, encoding);
     }
-    let image = read_flat(&file, encoding)?;
-    Ok(ImageFile { image, view: String::new(), window: None, notices: Vec::new(), converted: false })
+    read_flat(&file, encoding)
 }
 
 fn open<'a>(bytes: &'a [u8], name: &'a str) -> Result<File<'a>, ImageError> {
@@ -128,11 +129,11 @@ pub(super) fn flat_info(bytes: &[u8], name: &str) -> Result<ImageInfo, ImageErro
     let about = |decoder: &dyn ImageDecoder| (decoder.dimensions(), decoder.color_type());
     let opened = match file.format {
         PFM => return pfm::info(&file),
-        PNG => PngDecoder::with_limits(&mut cursor, check_png(&file)?).map(|decoder| about(&decoder)),
+        PNG => PngDecoder::with_limits(&mut cursor, check_png(&file)?.0).map(|decoder| about(&decoder)),
         JPEG => JpegDecoder::new(&mut cursor).map(|decoder| about(&decoder)),
         HDR => {
             let size =
-                hdr::size(&file)?.map_or_else(|| read_flat(&file, Encoding::Linear).map(|image| image.size), Ok)?;
+                hdr::size(&file)?.map_or_else(|| read_flat(&file, Encoding::Linear).map(|read| read.image.size), Ok)?;
             Ok((size.into(), ColorType::Rgb32F))
         }
         _ => TgaDecoder::new(&mut cursor).map(|decoder| about(&decoder)),
@@ -153,22 +154,27 @@ pub(super) fn flat_info(bytes: &[u8], name: &str) -> Result<ImageInfo, ImageErro
 }
 
 /// Reads a file of a format other than OpenEXR.
-fn read_flat(file: &File<'_>, encoding: Encoding) -> Result<Image, ImageError> {
+fn read_flat(file: &File<'_>, encoding: Encoding) -> Result<ImageFile, ImageError> {
     let mut cursor = Cursor::new(file.bytes);
+    let mut notices = Vec::new();
     let image = match file.format {
-        PFM => return pfm::read(file),
+        HDR => return hdr::read(file, encoding),
+        PFM => pfm::read(file).map_err(Fault::Ours),
         PNG => {
-            let limits = check_png(file)?;
+            let (limits, unheeded) = check_png(file)?;
+            if encoding != Encoding::Linear && !unheeded.is_empty() {
+                notices.push(format!("its {} is not followed; its colours are taken for sRGB", unheeded.join(", ")));
+            }
             decode(file, encoding, 0, PngDecoder::with_limits(&mut cursor, limits))
         }
         JPEG => {
             let working = check_jpeg(file)?;
             decode(file, encoding, working, JpegDecoder::new(&mut cursor))
         }
-        HDR => hdr::read(file, &mut cursor),
         _ => decode(file, encoding, tga_copy(file), TgaDecoder::new(&mut cursor)),
     };
-    image.map_err(|fault| file.fault(fault, cursor.position() as usize))
+    let image = image.map_err(|fault| file.fault(fault, cursor.position() as usize))?;
+    Ok(ImageFile { image, view: String::new(), window: None, notices, converted: false })
 }
 
 const PNG: &str = "PNG";
@@ -230,7 +236,7 @@ impl File<'_> {
         ImageError::Unsupported(format!("{name}: {what} in {format} files is not supported; save it as {instead}"))
     }
 
-    fn fault(&self, fault: Fault<Decoder>, position: usize) -> ImageError {
+    pub(super) fn fault(&self, fault: Fault<Decoder>, position: usize) -> ImageError {
         match fault {
             Fault::Ours(error) => error,
             Fault::Decoder(Decoder::IoError(e)) if e.kind() == ErrorKind::UnexpectedEof => self.truncated(),
@@ -271,11 +277,12 @@ impl File<'_> {
 
 /// Returns the name of a file's format; `None` for an unknown one.
 pub(super) fn format_of(bytes: &[u8], name: &str) -> Option<&'static str> {
-    const STARTS: [(&[u8], &str); 7] = [
+    const STARTS: [(&[u8], &str); 8] = [
         (b"\x89PNG\r\n\x1a\n", PNG),
         (b"\xff\xd8\xff", JPEG),
         (b"\x76\x2f\x31\x01", OPENEXR),
         (b"#?", HDR),
+        (b"\xef\xbb\xbf#?", HDR),
         (b"PF", PFM),
         (b"Pf", PFM),
         (b"", "TGA"),
@@ -312,8 +319,9 @@ pub(super) fn decode<D: ImageDecoder>(
 }
 
 /// Checks a PNG's size, for which the decoder has no clear error, and its end, since the decoder accepts truncated
-/// files. Returns the decoder's memory limits, which bound compressed texts and colour profiles.
-fn check_png(file: &File<'_>) -> Result<Limits, ImageError> {
+/// files. Returns the decoder's memory limits, which bound compressed texts and colour profiles, and the names of chunks
+/// that state other colours than sRGB.
+fn check_png(file: &File<'_>) -> Result<(Limits, Vec<&'static str>), ImageError> {
     let mut limits = Limits::no_limits();
     if let Some(&[.., a, b, c, d, e, f, g, h]) = file.bytes.first_chunk::<24>() {
         let size = [u32::from_be_bytes([a, b, c, d]).into(), u32::from_be_bytes([e, f, g, h]).into()];
@@ -322,18 +330,42 @@ fn check_png(file: &File<'_>) -> Result<Limits, ImageError> {
         // Every image may have a small profile; the decoder counts its row buffers, too.
         limits.max_alloc = Some((rest / 4).max(OWN_BYTES as u64 / 2 + size[0] * COLUMN_BYTES));
     }
+    let (mut unheeded, mut is_srgb) = (Vec::new(), false);
     let mut rest = &file.bytes[8..];
     while let Some((length, after)) = rest.split_first_chunk::<4>() {
         let end = (u32::from_be_bytes(*length) as usize).saturating_add(8);
         if after.len() < end {
             break;
         }
-        if after.starts_with(b"IEND") {
-            return Ok(limits);
+        let content = after.get(4..end.saturating_sub(4)).unwrap_or_default();
+        match after.first_chunk() {
+            Some(b"IEND") => return Ok((limits, if is_srgb { Vec::new() } else { unheeded })),
+            Some(b"sRGB") => is_srgb = true,
+            Some(b"gAMA") if !png_numbers(content).any(|gamma| (gamma - 1.0 / 2.2).abs() < 0.01) => {
+                unheeded.push("gAMA")
+            }
+            Some(b"cHRM") if !png_space(content).is_some_and(|s| s.is_same(Chromaticities::REC709)) => {
+                unheeded.push("cHRM")
+            }
+            // The primaries of Rec. 709 with the curve of sRGB.
+            Some(b"cICP") if !content.starts_with(&[1, 13]) => unheeded.push("cICP"),
+            _ => {}
         }
         rest = &after[end..];
     }
     Err(file.truncated())
+}
+
+/// The numbers in a chunk of a PNG that states colours.
+fn png_numbers(content: &[u8]) -> impl Iterator<Item = f32> {
+    content.as_chunks().0.iter().map(|bytes| (f64::from(u32::from_be_bytes(*bytes)) / 1e5) as f32)
+}
+
+/// The colour space in the chunk cHRM of a PNG.
+fn png_space(content: &[u8]) -> Option<Chromaticities> {
+    let numbers: Vec<f32> = png_numbers(content).collect();
+    let [white, red, green, blue] = *numbers.as_chunks().0 else { return None };
+    Some(Chromaticities { red, green, blue, white })
 }
 
 /// Checks that a JPEG is complete by walking its segments. The decoder would fill the rest of a truncated file with

@@ -2,11 +2,21 @@
 
 use crate::image::srgb_decode;
 
-/// Decodes colours in sRGB to linear RGB. If a number is above 1, all are from 0 to 255, else from 0 to 1. NaN and infinity
-/// stay.
-pub(super) fn decode(colors: &mut [[f32; 3]]) {
-    let most = if colors.as_flattened().iter().any(|c| c.is_finite() && *c > 1.0) { 255.0 } else { 1.0 };
+/// The largest number of colours from 0 to 1, a few of which may be too bright.
+const BRIGHT: f32 = 4.0;
+
+/// Decodes colours in sRGB to linear RGB. If one number is above 4, and more are above 1 than between 0 and 1, all are
+/// from 0 to 255, else from 0 to 1. NaN and infinity stay. Returns a notice if numbers are outside of their range.
+pub(super) fn decode(colors: &mut [[f32; 3]]) -> Option<String> {
+    let channels = || colors.as_flattened().iter().copied().filter(|channel| channel.is_finite());
+    let count = |is: fn(f32) -> bool| channels().filter(|channel| is(*channel)).count();
+    let is_bytes = channels().any(|c| c > BRIGHT) && count(|c| c > 1.0) > count(|c| c > 0.0 && c < 1.0);
+    let most = if is_bytes { 255.0 } else { 1.0 };
+    let mut outside = 0;
     for channel in colors.as_flattened_mut().iter_mut().filter(|channel| channel.is_finite()) {
-        *channel = srgb_decode((f64::from(*channel) / most).clamp(0.0, 1.0)) as f32;
+        let share = f64::from(*channel) / most;
+        outside += usize::from(!(0.0..=1.0).contains(&share));
+        *channel = srgb_decode(share.clamp(0.0, 1.0)) as f32;
     }
+    (outside > 0).then(|| format!("{outside} numbers of colours are outside of 0 to {most} and are clamped"))
 }

@@ -1,6 +1,7 @@
 //! Materials of an OBJ model: its MTL files, and the images that these name.
 
 use super::add_material;
+use super::obj::{shown, statements};
 use crate::files::Files;
 use crate::image::{Encoding, Image, read_texture};
 use crate::{Color, MaterialId, Scene, Source, TextureKind, text};
@@ -65,7 +66,7 @@ impl Materials {
         }
         let id = match asked {
             None => add_material(scene, "grey", None, is_colored, source),
-            Some((name, line)) => match text::names(name).find_map(|name| self.known.get(name)).cloned() {
+            Some((name, line)) => match self.named(name).cloned() {
                 Some((material, file)) => {
                     let source = Source { line: material.line, file };
                     let color = self.color(scene, &material, files, &source);
@@ -80,6 +81,17 @@ impl Materials {
         };
         self.made.insert(key, id);
         id
+    }
+
+    fn named(&self, name: &str) -> Option<&(Statements, Arc<PathBuf>)> {
+        text::names(name).find_map(|name| self.known.get(name))
+    }
+
+    /// True if the material of a `usemtl` has an image that was read.
+    pub(super) fn is_textured(&self, asked: Option<&(String, u32)>) -> bool {
+        let Some((material, file)) = asked.and_then(|(name, _)| self.named(name)) else { return false };
+        let image = material.texture.as_ref().and_then(|name| self.images.get(&beside(file, text::name(name))));
+        image.is_some_and(Option::is_some)
     }
 
     /// Returns the colour by `Kd` and `map_Kd`; `None` without either.
@@ -186,24 +198,38 @@ fn read_mtl(text: &str) -> Library {
     let mut ownerless = Statements::default();
     let mut name = None;
     let mut unheeded = BTreeSet::new();
-    for (number, line) in (1..).zip(text.lines()) {
-        let line = line.trim();
+    for (number, statement) in statements(text) {
+        let line = statement.trim();
         let keyword = line.split_whitespace().next().unwrap_or("");
         let rest = line[keyword.len()..].trim();
         let numbers: Vec<f64> = rest.split_whitespace().map_while(text::number).collect();
         let material = name.as_ref().and_then(|name| library.materials.get_mut(name)).unwrap_or(&mut ownerless);
         match keyword {
-            "newmtl" if !rest.is_empty() => {
+            "newmtl" => {
                 let given = text::name(rest).to_owned();
-                library.materials.insert(given.clone(), Statements { line: number, ..Statements::default() });
-                name = Some(given);
-            }
-            "Kd" => match numbers[..] {
-                [r, g, b, ..] if [r, g, b].iter().all(|c| c.is_finite()) => {
-                    material.diffuse = Some([r, g, b].map(|c| c.clamp(0.0, 1.0) as f32));
+                name = (!given.is_empty()).then(|| given.clone());
+                if given.is_empty() {
+                    library.notices.push((number, "newmtl has no name; its material is left out".into()));
+                } else if library
+                    .materials
+                    .insert(given.clone(), Statements { line: number, ..Statements::default() })
+                    .is_some()
+                {
+                    library.notices.push((number, format!("material \"{given}\" is there twice; the last holds")));
                 }
-                [grey] if grey.is_finite() => material.diffuse = Some([grey.clamp(0.0, 1.0) as f32; 3]),
-                _ => library.notices.push((number, "Kd needs one or three numbers; left out".into())),
+            }
+            "Kd" => match diffuse(rest) {
+                Some(color) => {
+                    material.diffuse = Some(color.map(|c| c.clamp(0.0, 1.0) as f32));
+                    if color.iter().any(|c| !(0.0..=1.0).contains(c)) {
+                        library
+                            .notices
+                            .push((number, format!("Kd {} is outside of 0 to 1 and is clamped", shown(rest))));
+                    }
+                }
+                None => library
+                    .notices
+                    .push((number, format!("Kd needs one or three numbers, not \"{}\"; left out", shown(rest)))),
             },
             "map_Kd" => match file_of(rest) {
                 Some(file) => {
@@ -227,6 +253,16 @@ fn read_mtl(text: &str) -> Library {
         library.notices.push((0, what));
     }
     library
+}
+
+/// The colour that `Kd` states: three finite numbers, or one for all three. More may follow three.
+fn diffuse(argument: &str) -> Option<[f64; 3]> {
+    let words = argument.split('#').next().unwrap_or("").split_whitespace().take(3);
+    match words.map(|word| text::number::<f64>(word).filter(|c| c.is_finite())).collect::<Option<Vec<_>>>()?[..] {
+        [grey] => Some([grey; 3]),
+        [r, g, b] => Some([r, g, b]),
+        _ => None,
+    }
 }
 
 /// Returns the file name in a texture statement: what follows its options. A file name may hold blanks.

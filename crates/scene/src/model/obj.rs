@@ -4,7 +4,7 @@
 //! mistakes. It supports neither continued lines nor faces that mix corners with and without texture coordinates.
 
 use super::mtl::Materials;
-use super::{ModelError, UpAxis, colors, model_scene};
+use super::{ModelError, UpAxis, colors, model_scene, no_uvs};
 use crate::files::Files;
 use crate::polygon;
 use crate::scene_reader::SceneReader;
@@ -35,15 +35,18 @@ pub(crate) const OBJ: SceneReader = SceneReader {
 /// Adds the shapes and materials of an OBJ file to a scene, and notices on unsupported statements.
 fn add_model(scene: &mut Scene, model: ObjModel, files: &dyn Files, source: &Source) {
     let mut materials = Materials::default();
-    for (word, line) in model.left_out {
-        let source = Source { line, ..source.clone() };
-        scene.warn(&source, format!("{word}; left out"));
+    for (message, line) in model.notices {
+        scene.warn(&Source { line, ..source.clone() }, message);
     }
     for (argument, line) in model.libraries {
         materials.open(scene, &argument, files, &Source { line, ..source.clone() });
     }
     for mesh in model.meshes {
         let material = materials.of(scene, (mesh.material.as_ref(), !mesh.data.colors.is_empty()), files, source);
+        if mesh.data.uvs.is_empty() && materials.is_textured(mesh.material.as_ref()) {
+            let (name, line) = mesh.material.unwrap_or_default();
+            scene.warn(&Source { line, ..source.clone() }, format!("the mesh of {name:?}: {}", no_uvs("")));
+        }
         let geometry = Geometry::Mesh(Arc::new(mesh.data));
         scene.shapes.push(Shape::new(geometry, DAffine3::IDENTITY, material, source.clone()));
     }
@@ -56,8 +59,8 @@ pub struct ObjModel {
     pub meshes: Vec<ObjMesh>,
     /// Arguments of `mtllib`, which name one or several material files (MTL), each with its line.
     pub libraries: Vec<(String, u32)>,
-    /// Statements that are not read, each with the reason and the line of its first use.
-    pub left_out: Vec<(String, u32)>,
+    /// What is not read or was mended, each with the line of its first use; line 0 is the whole file.
+    pub notices: Vec<(String, u32)>,
 }
 
 /// The faces of an OBJ file that share one material and the same vertex attributes.
@@ -80,23 +83,13 @@ pub struct ObjMesh {
 pub fn read_obj(bytes: &[u8]) -> Result<ObjModel, ModelError> {
     let text = text::decode(bytes)?;
     let mut parser = Parser::default();
-    // The lines that a backslash at the end continues, joined, and the number of the first.
-    let (mut joined, mut first) = (String::new(), 1);
-    for (number, line) in (1..).zip(text.lines().chain([""])) {
-        let line = line.trim_end();
-        first = if joined.is_empty() { number } else { first };
-        // A backslash within a comment continues nothing.
-        let part = line.strip_suffix('\\').filter(|part| !part.contains('#'));
-        let (part, continued) = part.map_or((line, false), |part| (part, true));
-        joined.extend([part, " "]);
-        if !continued {
-            parser.line(first, &joined).map_err(|what| ModelError::at(first, what))?;
-            joined.clear();
-        }
+    for (line, statement) in statements(&text) {
+        parser.line(line, &statement).map_err(|what| ModelError::at(line, what))?;
     }
     parser.check_ranges()?;
-    colors::decode(&mut parser.vertices.colors);
-    let Parser { vertices, groups, libraries, left_out, .. } = parser;
+    let clamped = colors::decode(&mut parser.vertices.colors);
+    parser.notices.extend(clamped.map(|message| (message, 0)));
+    let Parser { vertices, groups, libraries, notices, .. } = parser;
     let mut meshes = Vec::with_capacity(groups.len());
     for (key, group) in groups {
         let data = vertices.mesh(&group, key.has)?;
@@ -105,7 +98,27 @@ pub fn read_obj(bytes: &[u8]) -> Result<ObjModel, ModelError> {
     if meshes.is_empty() {
         return Err("there are no faces; export a mesh, not points or curves".into());
     }
-    Ok(ObjModel { meshes, libraries, left_out })
+    Ok(ObjModel { meshes, libraries, notices })
+}
+
+/// Words that begin statements of names, which no backslash continues.
+const NAMES: [&str; 6] = ["o", "g", "usemtl", "mtllib", "newmtl", "map_Kd"];
+
+/// The statements of an OBJ or MTL text, with the line of each: lines, joined where a backslash at the end continues them.
+pub(super) fn statements(text: &str) -> impl Iterator<Item = (u32, String)> {
+    let mut lines = (1..).zip(text.lines());
+    std::iter::from_fn(move || {
+        let (first, mut line) = lines.next()?;
+        let mut joined = String::new();
+        let is_name = NAMES.contains(&line.split_whitespace().next().unwrap_or(""));
+        // A backslash within a comment continues nothing.
+        while let Some(part) = line.trim_end().strip_suffix('\\').filter(|part| !is_name && !part.contains('#')) {
+            joined.extend([part, " "]);
+            line = lines.next().map_or("", |(_, line)| line);
+        }
+        joined.push_str(line);
+        Some((first, joined))
+    })
 }
 
 /// Positions, texture coordinates and normals of the whole OBJ file.
@@ -195,7 +208,7 @@ struct Parser {
     key: Key,
     materials: BTreeMap<String, u32>,
     libraries: Vec<(String, u32)>,
-    left_out: Vec<(String, u32)>,
+    notices: Vec<(String, u32)>,
     /// True within a smoothing group.
     smooths: bool,
 }
@@ -224,8 +237,8 @@ impl Parser {
         match keyword {
             "v" => self.vertex(number, words()),
             // A texture of one dimension has one coordinate.
-            "vt" => numbers("vt", words().chain(["0"])).and_then(single).map(|uv| self.vertices.uvs.push(uv)),
-            "vn" => numbers("vn", words()).and_then(single).map(|n| self.vertices.normals.push(n)),
+            "vt" => self.finite("vt", number, words().chain(["0"])).map(|uv| self.vertices.uvs.push(uv)),
+            "vn" => self.finite("vn", number, words()).map(|n| self.vertices.normals.push(n)),
             "f" | "fo" => self.face(number, words()),
             "usemtl" => {
                 let name = text::name(argument);
@@ -259,8 +272,8 @@ impl Parser {
 
     /// Notes a statement that is left out, once for each reason.
     fn leave_out(&mut self, keyword: &str, why: &str, line: u32) {
-        let list = &mut self.left_out;
-        if list.len() < MOST_LEFT_OUT && !list.iter().any(|(known, _)| known.ends_with(why)) {
+        let (list, why) = (&mut self.notices, format!("{why}; left out"));
+        if list.len() < MOST_LEFT_OUT && !list.iter().any(|(known, _)| known.ends_with(&why)) {
             list.push((format!("\"{}\" {why}", shown(keyword)), line));
         }
     }
@@ -270,11 +283,14 @@ impl Parser {
         let Vertices { positions, colors, .. } = &mut self.vertices;
         positions.push(DVec3::from_array(numbers("v", words.clone())?));
         let more = words.clone().skip(3);
-        if let (Some(weight), None) = (more.clone().next(), more.clone().nth(1)) {
-            if text::number::<f64>(weight) != Some(1.0) {
+        let count = more.clone().count();
+        if count == 1 {
+            if more.filter_map(text::number::<f64>).next() != Some(1.0) {
                 self.leave_out("v", "has a weight, which counts in curves alone", line);
             }
-        } else if more.clone().count() >= 3 {
+        } else if !matches!(count, 0 | 3 | 4) {
+            self.leave_out("v", "has neither 3, 4, 6 nor 7 numbers; those behind the third have no meaning", line);
+        } else if count > 0 {
             colors.resize(positions.len() - 1, NO_COLOR);
             let color = numbers("v", more).and_then(single);
             colors.push(*color.as_ref().unwrap_or(&NO_COLOR));
@@ -283,6 +299,27 @@ impl Parser {
             }
         }
         Ok(())
+    }
+
+    /// Reads the numbers of a normal or of texture coordinates: 0, with a notice, if one is not finite. The face's own
+    /// normal stands for a normal of 0.
+    fn finite<'w, const N: usize>(
+        &mut self,
+        keyword: &str,
+        line: u32,
+        words: impl Iterator<Item = &'w str>,
+    ) -> Result<[f32; N], String> {
+        let values = any_numbers(keyword, words)?.map(|value: f64| value as f32);
+        if values.iter().all(|value| value.is_finite()) {
+            return Ok(values);
+        }
+        let why = if N == 3 {
+            "is not finite, and the face's own normal stands for it"
+        } else {
+            "is not finite; 0 stands for it"
+        };
+        self.leave_out(keyword, why, line);
+        Ok([0.0; N])
     }
 
     fn face<'w>(&mut self, line: u32, words: impl Iterator<Item = &'w str>) -> Result<(), String> {
@@ -349,13 +386,19 @@ impl Parser {
     }
 }
 
-/// Parses the first `N` numbers of a statement. The error is a message without the line.
-fn numbers<'w, const N: usize>(keyword: &str, words: impl Iterator<Item = &'w str>) -> Result<[f64; N], String> {
-    let number = |word: &str| match text::number::<f64>(word) {
-        Some(value) if value.is_finite() => Ok(value),
-        Some(_) => Err(not_finite(word)),
-        None => Err(format!("\"{}\" is not a number", shown(word))),
-    };
+/// Parses the first `N` numbers of a statement, which must be finite. The error is a message without the line.
+fn numbers<'w, const N: usize>(
+    keyword: &str,
+    words: impl Iterator<Item = &'w str> + Clone,
+) -> Result<[f64; N], String> {
+    let values: [f64; N] = any_numbers(keyword, words.clone())?;
+    let bad = values.iter().zip(words).find(|(value, _)| !value.is_finite());
+    bad.map_or(Ok(values), |(_, word)| Err(not_finite(word)))
+}
+
+/// Parses the first `N` numbers of a statement; NaN and infinity are some. The error is a message without the line.
+fn any_numbers<'w, const N: usize>(keyword: &str, words: impl Iterator<Item = &'w str>) -> Result<[f64; N], String> {
+    let number = |word| text::number(word).ok_or_else(|| format!("\"{}\" is not a number", shown(word)));
     let values: Vec<f64> = words.take(N).map(number).collect::<Result<_, _>>()?;
     values.try_into().map_err(|values: Vec<f64>| format!("{keyword} needs {N} numbers, not {}", values.len()))
 }
@@ -371,7 +414,7 @@ fn not_finite(word: &str) -> String {
 }
 
 /// Returns a word of the file for a message: cut to 32 characters, without control characters.
-fn shown(word: &str) -> String {
+pub(super) fn shown(word: &str) -> String {
     let mut shown: String = word.chars().take(32).filter(|c| !c.is_control()).collect();
     if word.chars().nth(32).is_some() {
         shown.push('…');

@@ -60,9 +60,9 @@ pub fn read_ply(bytes: &[u8]) -> Result<ModelMesh, ModelError> {
     let faces = faces.ok_or(NO_FACES)?;
     data.check_positions()?;
     let mut of_faces = cut(&faces, &mut data)?;
-    colors::decode(&mut data.colors);
+    let mut clamped = colors::decode(&mut data.colors);
     if !of_faces.is_empty() && data.colors.is_empty() {
-        colors::decode(&mut of_faces);
+        clamped = colors::decode(&mut of_faces);
         data.color_triangles(&of_faces);
     } else if !of_faces.is_empty() {
         left_out.push("colours of faces, since vertices have their own".into());
@@ -71,7 +71,8 @@ pub fn read_ply(bytes: &[u8]) -> Result<ModelMesh, ModelError> {
     let mended = data.mend_normals();
     let mended = mended.map(|count| format!("{count} normals are not finite; the faces' own stand for them"));
     data.check()?;
-    let doubts = mended.into_iter().chain(colors).chain(rows.doubt(&text)).collect::<Vec<String>>().join("; ");
+    let doubts =
+        mended.into_iter().chain(clamped).chain(colors).chain(rows.doubt(&text)).collect::<Vec<String>>().join("; ");
     Ok(ModelMesh { data, doubt: (!doubts.is_empty()).then_some(doubts), left_out })
 }
 
@@ -114,8 +115,7 @@ impl Number {
             Self(bytes, _) => word
                 .parse()
                 .ok()
-                .map(|value: i64| value as f64)
-                .filter(|value| *value == self.of_bits(*value as i64 as u64 & u64::MAX >> (64 - 8 * bytes))),
+                .filter(|value: &f64| *value == self.of_bits(*value as i64 as u64 & u64::MAX >> (64 - 8 * bytes))),
         }
     }
 

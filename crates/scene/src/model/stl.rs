@@ -119,7 +119,8 @@ impl Attributes {
                 Vec::new()
             }
         };
-        colors::decode(&mut colors);
+        // All are from 0 to 1.
+        _ = colors::decode(&mut colors);
         (colors, left_out)
     }
 }
@@ -130,10 +131,17 @@ fn promised(bytes: &[u8]) -> Option<(u32, u64)> {
     Some((count, HEADER as u64 + FACET_LENGTH as u64 * u64::from(count)))
 }
 
+/// True if `solid` is the first word, or begins a line behind comments of another style.
 fn begins_as_text(bytes: &[u8]) -> bool {
-    first_word(bytes).is_some_and(|word| word.eq_ignore_ascii_case(b"solid"))
+    let start = text::without_mark(bytes).unwrap_or_default();
+    let mut lines = start.split(|byte| matches!(byte, b'\n' | b'\r')).map(<[u8]>::trim_ascii);
+    let is_comment = |line: &&[u8]| COMMENTS.iter().any(|mark| line.starts_with(mark.as_bytes())) || line.is_empty();
+    let after = lines.find(|line| !is_comment(line)).unwrap_or_default();
+    first_word(after).is_some_and(|word| word.eq_ignore_ascii_case(b"solid"))
 }
 
+/// The marks that begin comments between solids.
+const COMMENTS: [&str; 3] = ["#", ";", "//"];
 /// The words that begin a facet, where a line holds more than the name of a solid.
 const FACET: [&str; 2] = ["facet", "normal"];
 
@@ -156,6 +164,10 @@ fn read_text(text: &str) -> Result<ModelMesh, ModelError> {
             let corners = read_facet(&mut words).map_err(|lacks| bad_facet(line, lacks))?;
             let not_finite = || ModelError::at(line, "a corner of this facet is not finite; mend the mesh");
             welder.add(corners).ok_or_else(not_finite)?;
+        } else if COMMENTS.iter().any(|mark| word.starts_with(mark)) {
+            words = ahead;
+            // No word is a line end.
+            words.skip_line_to(["\n"; 2]);
         } else {
             return Err(ModelError::at(line, "outside of a solid, only `solid` can follow; the file is damaged"));
         }

@@ -113,5 +113,5 @@ pub(super) fn decode(
 /// Returns true if a file's values are encoded integers, false for OpenEXR, Radiance HDR and PFM files, which hold
 /// linear values.
 fn holds_integers(bytes: &[u8]) -> bool {
-    ![&b"\x76\x2f\x31\x01"[..], b"#?", b"PF", b"Pf"].iter().any(|magic| bytes.starts_with(magic))
+    ![&b"\x76\x2f\x31\x01"[..], b"#?", b"\xef\xbb\xbf#?", b"PF", b"Pf"].iter().any(|magic| bytes.starts_with(magic))
 }

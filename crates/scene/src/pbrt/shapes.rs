@@ -118,6 +118,9 @@ impl Reader<'_> {
                     params.notice(line, format!("{}: {what}", path.display()));
                 }
                 // pbrt's materials see no vertex colours.
+                if !mesh.data.colors.is_empty() {
+                    params.notice(line, "colours of a plymesh are left out, as in pbrt");
+                }
                 let mesh = Arc::new(MeshData { colors: Vec::new(), ..mesh.data });
                 self.meshes.insert(path, mesh.clone());
                 Some(Geometry::Mesh(mesh))

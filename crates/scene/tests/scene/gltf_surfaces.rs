@@ -110,7 +110,7 @@ fn an_emissive_texture_is_the_texture_of_one_shape() {
     let document = with_material(json!({"emissiveFactor": [1, 0.5, 0.25], "emissiveTexture": {"index": 0}}));
     let scene = read(&document).unwrap();
     let emission = scene.shapes[0].emission.unwrap();
-    assert_eq!((scene.shapes.len(), emission.radiance), (1, [1.0, 0.5, 0.25]));
+    assert_eq!(emission.radiance, [1.0, 0.5, 0.25]);
     let texture = &scene.textures[emission.texture.unwrap().0 as usize];
     let TextureKind::Image { image, factor, .. } = &texture.kind else { panic!("{texture:?}") };
     assert_eq!((image.size, *factor), ([2, 1], 1.0));
@@ -153,4 +153,70 @@ fn all_joints_of_a_vertex_move_it() {
         "{:?}",
         mesh(&scene).positions[0]
     );
+}
+
+#[test]
+fn what_only_glows_gets_a_sky_and_keeps_its_glow() {
+    for glow in [
+        json!({"emissiveFactor": [1, 1, 1], "emissiveTexture": {"index": 0}}),
+        json!({"emissiveFactor": [1, 1, 1], "emissiveTexture": {"index": 0},
+            "extensions": {"KHR_materials_emissive_strength": {"emissiveStrength": 10}}}),
+        json!({"emissiveFactor": [0, 0.05, 0]}),
+        json!({"emissiveFactor": [1, 1, 1]}),
+    ] {
+        let scene = read(&with_material(glow.clone())).unwrap();
+        assert_eq!((scene.shapes.len(), scene.lights.len()), (2, 1), "a ground and a sky: {glow}");
+        assert!(scene.shapes[0].emission.is_some(), "{glow}");
+        assert!(notices(&scene).iter().any(|notice| notice.contains("the sky of bare models is added")), "{glow}");
+    }
+}
+
+#[test]
+fn attributes_of_others_are_left_out_with_one_warning_each() {
+    let mut document = bare();
+    attributes(&mut document)["_FEATURE_ID_0"] = json!(2);
+    attributes(&mut document)["_BATCHID"] = json!(2);
+    let scene = read(&document).unwrap();
+    assert_eq!(mesh(&scene).positions.len(), 4);
+    let mut found = notices(&scene);
+    found.sort_unstable();
+    assert_eq!(
+        found,
+        ["_BATCHID", "_FEATURE_ID_0"].map(|name| format!("attribute \"{name}\" of vertices is left out"))
+    );
+}
+
+#[test]
+fn textures_without_an_image_that_is_read_are_named() {
+    let factor = json!({"pbrMetallicRoughness":
+        {"baseColorTexture": {"index": 0}, "baseColorFactor": [0.5, 0.25, 0.125, 1], "metallicFactor": 0}});
+    let webp = json!({"extensions": {"EXT_texture_webp": {"source": 0}}});
+    for (texture, what) in [(webp, "only by EXT_texture_webp"), (json!({}), "none")] {
+        let mut document = with_material(factor.clone());
+        document["textures"][0] = texture;
+        let scene = read(&document).unwrap();
+        assert_eq!(base(&scene), [Color::Constant([0.5, 0.25, 0.125])]);
+        let expected = format!("texture 0 has no image that is read ({what}); a constant stands for it");
+        assert_eq!(notices(&scene), [expected]);
+    }
+}
+
+#[test]
+fn textures_without_their_coordinates_are_named() {
+    let mut document =
+        with_material(json!({"pbrMetallicRoughness": {"baseColorTexture": {"index": 0, "texCoord": 3}}}));
+    let expected = "mesh 0 \"square\", part 0: it has textures and no texture coordinates of set 3; each triangle shows the same part of them";
+    assert_eq!(notices(&read(&document).unwrap()), [expected]);
+    document["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"]["texCoord"] = json!(0);
+    assert!(read(&document).unwrap().notices.is_empty());
+}
+
+#[test]
+fn data_uris_may_lack_padding_and_hold_line_ends() {
+    let mut document = bare();
+    let data = uri(&crate::gltf::square());
+    let (start, end) = data.trim_end_matches('=').split_at(60);
+    assert!(data.ends_with('='), "padding that is left out below");
+    document["buffers"][0]["uri"] = json!(format!("{start}\r\n  {end}\n"));
+    assert_eq!(*mesh(&read(&document).unwrap()), *mesh(&read(&bare()).unwrap()));
 }

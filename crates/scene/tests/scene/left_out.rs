@@ -448,3 +448,20 @@ fn directives_of_pbrt_that_are_left_out_are_named() {
     }
     assert!(silent.is_empty(), "{silent:#?}, beside {plain:?}");
 }
+
+#[test]
+fn colours_of_a_plymesh_are_named_once() {
+    let ply = |colors: &str, row: &str| {
+        let head = format!(
+            "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n{colors}"
+        );
+        let rows = format!("0 0 0 {row}\n1 0 0 {row}\n0 1 0 {row}\n3 0 1 2\n");
+        format!("{head}element face 1\nproperty list uchar int vertex_indices\nend_header\n{rows}").into_bytes()
+    };
+    let colored = ply("property uchar red\nproperty uchar green\nproperty uchar blue\n", "255 0 0");
+    let shape = "Shape \"plymesh\" \"string filename\" \"m.ply\"\n";
+    let pbrt = format!("Camera \"perspective\"\nWorldBegin\nLightSource \"infinite\"\n{shape}{shape}");
+    let scene =
+        |mesh: Vec<u8>| read(&[("a.pbrt", pbrt.clone().into()), ("m.ply", mesh)], &AnyOptions::default()).unwrap();
+    assert_named("colours of a plymesh are left out, as in pbrt", &scene(colored), 4, &scene(ply("", "")));
+}

@@ -181,3 +181,47 @@ fn colours_that_are_not_finite_are_white() {
     assert_colors(&found.data.colors, &[[1.0, 0.0, 0.0], [1.0; 3], [1.0; 3]], "PLY");
     assert_eq!(found.doubt.unwrap(), "2 colours are not finite; white stands for them");
 }
+
+#[test]
+fn a_colour_just_above_1_is_clamped_and_leaves_the_others() {
+    let expected = [[0.9, 0.2, 0.1], [1.0, 0.2, 0.1], [0.9, 0.2, 0.1]];
+    for above in ["1.0000002", "1.05", "2", "100"] {
+        let obj = format!("v -1 0 0 .9 .2 .1\nv 1 0 0 {above} .2 .1\nv 0 1 0 .9 .2 .1\nf 1 2 3\n");
+        let found = scene(&[("c.obj", obj.as_bytes())]);
+        assert_colors(&mesh(&found, 0).colors, &expected, above);
+        assert_eq!(found.notices.len(), 1);
+        assert_eq!(found.notices[0].message, "1 numbers of colours are outside of 0 to 1 and are clamped");
+        let head = "property float x\nproperty float y\nproperty float z\nproperty float red\nproperty float green\nproperty float blue";
+        let face = "element face 1\nproperty list uchar int vertex_indices\nend_header";
+        let rows = format!("0 0 0 .9 .2 .1\n1 0 0 {above} .2 .1\n0 1 0 .9 .2 .1\n3 0 1 2\n");
+        let ply = format!("ply\nformat ascii 1.0\nelement vertex 3\n{head}\n{face}\n{rows}");
+        let read = read_ply(ply.as_bytes()).unwrap();
+        assert_colors(&read.data.colors, &expected, above);
+        assert_eq!(read.doubt.unwrap(), found.notices[0].message);
+    }
+}
+
+#[test]
+fn whole_colours_of_bytes_may_be_written_as_floats() {
+    let head = "property float x\nproperty float y\nproperty float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue";
+    let face = "element face 1\nproperty list uchar int vertex_indices\nend_header";
+    let ply = |red: &str| {
+        let rows = format!("0 0 0 {red} 51.0 102\n1 0 0 {red} 51 102\n0 1 0 {red} 51 102\n3 0 1 2\n");
+        read_ply(format!("ply\nformat ascii 1.0\nelement vertex 3\n{head}\n{face}\n{rows}").as_bytes())
+    };
+    assert_colors(&ply("255.0").unwrap().data.colors, &[[1.0, 0.2, 0.4]; 3], "255.0");
+    for wrong in ["230.5", "256.0", "-1.0", "nan"] {
+        assert!(ply(wrong).is_err(), "{wrong}");
+    }
+}
+
+#[test]
+fn a_vertex_with_other_numbers_than_a_colour_has_a_notice() {
+    for numbers in ["0.9 0.2", "0.9 0.2 0.1 1 5"] {
+        let obj = format!("v -1 0 0 {numbers}\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
+        let found = scene(&[("c.obj", obj.as_bytes())]);
+        assert!(mesh(&found, 0).colors.is_empty());
+        assert!(found.notices[0].message.contains("neither 3, 4, 6 nor 7 numbers"), "{:?}", found.notices);
+        assert_eq!((found.notices.len(), found.notices[0].source.line), (1, 1));
+    }
+}

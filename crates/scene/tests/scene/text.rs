@@ -149,7 +149,7 @@ fn one_statement_names_several_libraries_whose_names_may_hold_blanks() {
 #[test]
 fn one_number_is_grey_and_textures_may_have_blanks_quotes_and_options() {
     let pfm = b"PF\n1 1\n-1.0\n\0\0\0\x3f\0\0\0\x3f\0\0\0\x3f";
-    let obj = format!("mtllib a.mtl\n{}", FACES.replace("NAME", "red"));
+    let obj = format!("mtllib a.mtl\n{}", FACES.replace("NAME", "red").replace("f 1 2 3", "vt 0 0\nf 1/1 2/1 3/1"));
     let of = |statement: &str, file: &str| {
         let mtl = format!("\u{feff}newmtl red\n{statement}\n");
         read(&[("a.obj", obj.as_bytes()), ("a.mtl", mtl.as_bytes()), (file, pfm)]).unwrap()
@@ -302,5 +302,32 @@ fn files_are_found_by_names_in_utf_8_and_latin_1() {
         std::fs::write(path(b"\xe9.obj"), [b"mtllib ", named, b"\n", obj.as_bytes()].concat()).unwrap();
         let scene = read_any(path(b"\xe9.obj"), &AnyOptions::default()).unwrap();
         assert_eq!(color(&scene, 0), Color::Constant([1.0, 0.0, 0.0]), "{:?}", scene.notices);
+    }
+}
+
+#[test]
+fn names_that_end_in_a_backslash_continue_nothing() {
+    for name in ["o a\\", "g C:\\", "usemtl a\\"] {
+        let model = read_obj(format!("{name}\nv 0 0 0\nv 1 \\\n0 0\nv 0 0 1\nf 1 2 3\n").as_bytes()).unwrap();
+        assert_eq!(model.meshes[0].data.positions.len(), 3, "{name}");
+    }
+}
+
+#[test]
+fn zeros_and_ctrl_z_at_the_end_are_no_text() {
+    for end in ["\0", "\x1a", "\0\0\x1a\0", "\0\r\n\0\n"] {
+        assert_eq!(decode(format!("v\n{end}").as_bytes()).unwrap(), "v\n");
+        let ended = |text: &str| format!("{text}{end}").into_bytes();
+        assert_eq!(triangles(&clean(&[("a.obj", &ended(&FACES.replace("usemtl NAME\n", "")))])), 1);
+        assert_eq!(clean(&[("a.pbrt", &ended(PBRT))]).shapes.len(), 1);
+    }
+}
+
+#[test]
+fn text_stl_may_begin_with_comments_and_a_mark() {
+    for start in ["; made\n# by hand\n", "\u{feff}", "// a solid\r\n\r\n", "\u{feff};\n"] {
+        let stl = format!("{start}solid a\n{FACET}endsolid\n");
+        assert_eq!(read_stl(stl.as_bytes()).unwrap().data.triangles.len(), 1, "{start:?}");
+        assert_eq!(triangles(&clean(&[("a", stl.as_bytes())])), 1, "{start:?}: known without an extension");
     }
 }

@@ -122,3 +122,85 @@ fn views_that_are_not_read_are_named() {
         ([1.0; 3], &["view \"left\" is read, view \"right\" is not".to_owned()][..])
     );
 }
+
+/// An HDR file of one pixel, (1, 0.25, 0.125), with these header lines.
+fn hdr(lines: &str) -> Vec<u8> {
+    let head = format!("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n{lines}\n-Y 1 +X 1\n");
+    [head.as_bytes(), &[128, 32, 16, 129]].concat()
+}
+
+#[test]
+fn primaries_of_hdr_files_are_converted_as_those_of_openexr() {
+    let aces = "PRIMARIES=0.713 0.293 0.165 0.83 0.128 0.044 0.32168 0.33767\n";
+    let read = |bytes: &[u8], name: &str, encoding| read_image(bytes, name, encoding).unwrap().pixels[0];
+    let color = [1.0, 0.25, 0.125];
+    let expected = read(&pixel(color, Some(ACES)), "a.exr", Encoding::Auto);
+    let found = read(&hdr(aces), "a.hdr", Encoding::Auto);
+    (0..3).for_each(|c| assert!((found[c] - expected[c]).abs() < 1e-3, "{found:?}, {expected:?}"));
+    assert!((expected[0] - color[0]).abs() > 0.1, "{expected:?}");
+    assert_eq!(read(&hdr(aces), "a.hdr", Encoding::Linear), color, "data has no colour space");
+    let wrong = read_image_file(&hdr("PRIMARIES=1 2\n"), "a.hdr", Encoding::Auto, Wanted::default()).unwrap();
+    assert_eq!((wrong.image.pixels[0], wrong.notices.len()), (color, 1));
+}
+
+#[test]
+fn fields_of_hdr_files_that_are_not_followed_are_named() {
+    for field in ["EXPOSURE=2.0", "COLORCORR=2 1 1", "GAMMA=2.2", "PIXASPECT=2"] {
+        let file = read_image_file(&hdr(&format!("{field}\n{field}\n")), "a.hdr", Encoding::Auto, Wanted::default()).unwrap();
+        assert_eq!(file.image.pixels, [[1.0, 0.25, 0.125]]);
+        assert_eq!(file.notices, [format!("its {field} is not followed; values are as stored")]);
+    }
+    let usual = "EXPOSURE=1.0\nCOLORCORR=1 1 1\nGAMMA=1\nPIXASPECT=1\nVIEW=-vta\nSOFTWARE=x\n";
+    assert!(read_image_file(&hdr(usual), "a.hdr", Encoding::Auto, Wanted::default()).unwrap().notices.is_empty());
+}
+
+#[test]
+fn hdr_files_may_have_crlf_and_a_byte_order_mark() {
+    let file = hdr("EXPOSURE=1\n");
+    let (head, pixels) = file.split_at(file.len() - 4);
+    let crlf = [String::from_utf8_lossy(head).replace('\n', "\r\n").as_bytes(), pixels].concat();
+    for bytes in [crlf.clone(), [b"\xef\xbb\xbf", &*file].concat(), [b"\xef\xbb\xbf", &*crlf].concat()] {
+        assert_eq!(read_image(&bytes, "a", Encoding::Auto).unwrap().pixels, [[1.0, 0.25, 0.125]]);
+    }
+}
+
+#[test]
+fn chunks_of_png_files_that_state_other_colours_than_srgb_are_named() {
+    let mut plain = std::io::Cursor::new(Vec::new());
+    ::image::RgbImage::from_raw(1, 1, vec![255, 128, 0])
+        .unwrap()
+        .write_to(&mut plain, ::image::ImageFormat::Png)
+        .unwrap();
+    let plain = plain.into_inner();
+    // The decoder doesn't read a chunk whose checksum is wrong, so that these have the right ones.
+    let crc = |bytes: &[u8]| {
+        !bytes.iter().fold(!0_u32, |crc, byte| {
+            (0..8).fold(crc ^ u32::from(*byte), |c, _| if c & 1 == 1 { c >> 1 ^ 0xedb8_8320 } else { c >> 1 })
+        })
+    };
+    let with = |kind: &str, content: &[u8]| {
+        let chunk = [kind.as_bytes(), content].concat();
+        let length = (content.len() as u32).to_be_bytes();
+        [&plain[..33], &length, &chunk, &crc(&chunk).to_be_bytes(), &plain[33..]].concat()
+    };
+    let words = |numbers: &[u32]| numbers.iter().flat_map(|n| n.to_be_bytes()).collect::<Vec<u8>>();
+    let notices = |file: Vec<u8>, encoding| read_image_file(&file, "a.png", encoding, None).unwrap().notices;
+    let other = [
+        ("gAMA", words(&[100_000])),
+        ("cHRM", words(&[31_270, 32_900, 68_000, 32_000, 26_500, 69_000, 15_000, 6_000])),
+        ("cICP", vec![9, 16, 0, 1]),
+    ];
+    for (kind, content) in other {
+        let expected = format!("its {kind} is not followed; its colours are taken for sRGB");
+        assert_eq!(notices(with(kind, &content), Encoding::Auto), [expected]);
+        assert!(notices(with(kind, &content), Encoding::Linear).is_empty());
+    }
+    let usual = [
+        ("gAMA", words(&[45_455])),
+        ("cHRM", words(&[31_270, 32_900, 64_000, 33_000, 30_000, 60_000, 15_000, 6_000])),
+        ("cICP", vec![1, 13, 0, 1]),
+    ];
+    for (kind, content) in usual {
+        assert!(notices(with(kind, &content), Encoding::Auto).is_empty(), "{kind}");
+    }
+}
