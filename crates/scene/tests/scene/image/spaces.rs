@@ -150,7 +150,8 @@ fn fields_of_hdr_files_that_are_not_followed_are_named() {
         assert_eq!(file.image.pixels, [[1.0, 0.25, 0.125]]);
         assert_eq!(file.notices, [format!("its {field} is not followed; values are as stored")]);
     }
-    let usual = "EXPOSURE=1.0\nCOLORCORR=1 1 1\nGAMMA=1\nPIXASPECT=1\nVIEW=-vta\nSOFTWARE=x\n";
+    let usual =
+        "EXPOSURE=1.0\nCOLORCORR=1 1 1\nGAMMA=1\nPIXASPECT=1\nPRIMARIES=0 0 0 0 0 0 0 0\nVIEW=-vta\nSOFTWARE=x\n";
     assert!(read_image_file(&hdr(usual), "a.hdr", Encoding::Auto, None).unwrap().notices.is_empty());
 }
 
