@@ -80,6 +80,8 @@ impl Header {
             match field.trim() {
                 "FORMAT" if value.trim() == "32-bit_rle_xyze" => return Err(file.unsupported("XYZ colour", "RGBE")),
                 "PRIMARIES" => match *numbers.as_chunks().0 {
+                    // Photoshop writes these into every file.
+                    _ if numbers == [0.0; 8] => {}
                     [red, green, blue, white] => header.space = Some(Chromaticities { red, green, blue, white }),
                     _ => header.notices.push(format!("its {line} is not eight numbers; Rec. 709 is taken")),
                 },

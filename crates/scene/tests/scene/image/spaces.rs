@@ -146,11 +146,13 @@ fn primaries_of_hdr_files_are_converted_as_those_of_openexr() {
 #[test]
 fn fields_of_hdr_files_that_are_not_followed_are_named() {
     for field in ["EXPOSURE=2.0", "COLORCORR=2 1 1", "GAMMA=2.2", "PIXASPECT=2"] {
-        let file = read_image_file(&hdr(&format!("{field}\n{field}\n")), "a.hdr", Encoding::Auto, Wanted::default()).unwrap();
+        let file =
+            read_image_file(&hdr(&format!("{field}\n{field}\n")), "a.hdr", Encoding::Auto, Wanted::default()).unwrap();
         assert_eq!(file.image.pixels, [[1.0, 0.25, 0.125]]);
         assert_eq!(file.notices, [format!("its {field} is not followed; values are as stored")]);
     }
-    let usual = "EXPOSURE=1.0\nCOLORCORR=1 1 1\nGAMMA=1\nPIXASPECT=1\nVIEW=-vta\nSOFTWARE=x\n";
+    let usual =
+        "EXPOSURE=1.0\nCOLORCORR=1 1 1\nGAMMA=1\nPIXASPECT=1\nPRIMARIES=0 0 0 0 0 0 0 0\nVIEW=-vta\nSOFTWARE=x\n";
     assert!(read_image_file(&hdr(usual), "a.hdr", Encoding::Auto, Wanted::default()).unwrap().notices.is_empty());
 }
 
