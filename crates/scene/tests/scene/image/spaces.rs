@@ -186,7 +186,8 @@ fn chunks_of_png_files_that_state_other_colours_than_srgb_are_named() {
         [&plain[..33], &length, &chunk, &crc(&chunk).to_be_bytes(), &plain[33..]].concat()
     };
     let words = |numbers: &[u32]| numbers.iter().flat_map(|n| n.to_be_bytes()).collect::<Vec<u8>>();
-    let notices = |file: Vec<u8>, encoding| read_image_file(&file, "a.png", encoding, None).unwrap().notices;
+    let notices =
+        |file: Vec<u8>, encoding| read_image_file(&file, "a.png", encoding, Wanted::default()).unwrap().notices;
     let other = [
         ("gAMA", words(&[100_000])),
         ("cHRM", words(&[31_270, 32_900, 68_000, 32_000, 26_500, 69_000, 15_000, 6_000])),
