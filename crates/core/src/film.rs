@@ -68,13 +68,13 @@ impl FeatureMoments {
     }
 }
 
-/// Mean and sample variance of one pixel's [`SurfaceFeatures`], or of its first hits for samples that have none. Means are
+/// Mean and sample variance of one pixel's [`SurfaceFeatures`](crate::SurfaceFeatures), or of its first hits for samples that have none. Means are
 /// over the samples that hit a surface.
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Features {
     /// The number of samples of the pixel, with those of [features alone](crate::Integrator::features_alone) and without those
-    /// whose features are left out as [rare](SurfaceFeatures::rare).
+    /// whose features are left out as [rare](crate::SurfaceFeatures::rare).
     pub samples: u32,
     /// The number of samples that hit a surface.
     pub hits: u32,
