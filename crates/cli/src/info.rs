@@ -58,7 +58,7 @@ pub(crate) fn run(args: &InfoArgs) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// What a file holds; `None` if it is not an image.
+/// The contents of a file; `None` if it is not an image.
 fn image(path: &Path) -> Result<Option<ImageInfo>> {
     let Ok(mut file) = File::open(path) else { return Ok(None) };
     let (name, mut bytes) = (path.display().to_string(), vec![0; 16]);

@@ -1,4 +1,4 @@
-//! What one view, layer or file of a pair has and the other lacks.
+//! Pairs of images: what one view, layer or file of a pair has and the other lacks.
 
 use crate::common::Folder;
 use crate::image_files::{DISPLAY, WINDOW, denoise, file, floats, noise, open, part, two};

@@ -96,7 +96,7 @@ impl DenoisedImage {
         Ok(WrittenImage { about: format!("{}: {about}", path.display()), notices })
     }
 
-    /// What files of other formats than EXR lack.
+    /// The parts of the image that files of other formats than EXR lack.
     fn left_out(&self) -> Vec<String> {
         let views = (self.views.len() > 1).then(|| format!("it holds view \"{}\" alone", self.views[0].view));
         let alpha = self.views[0].target.transparent.then(|| "it has no alpha".to_owned());

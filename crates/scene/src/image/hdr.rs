@@ -53,7 +53,7 @@ pub(super) fn size(file: &File<'_>) -> Result<Option<[u32; 2]>, ImageError> {
     Ok(order.and_then(size))
 }
 
-/// What the header states.
+/// The statements of a header.
 #[derive(Default)]
 struct Header {
     /// The offset of the line behind it, which has the resolution; `None` if it does not end.

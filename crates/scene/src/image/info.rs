@@ -1,10 +1,10 @@
-//! What an image file holds, by its header.
+//! The contents of an image file, by its header.
 
 use super::ImageError;
 use super::exr_file::{ExrFile, ExrPart};
 use super::read::{OPENEXR, flat_info, format_of};
 
-/// What an image file holds.
+/// The contents of an image file.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ImageInfo {
     /// An OpenEXR file with these parts.

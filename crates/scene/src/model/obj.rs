@@ -59,7 +59,7 @@ pub struct ObjModel {
     pub meshes: Vec<ObjMesh>,
     /// Arguments of `mtllib`, which name one or several material files (MTL), each with its line.
     pub libraries: Vec<(String, u32)>,
-    /// What is not read or was mended, each with the line of its first use; line 0 is the whole file.
+    /// Notices of statements that are left out or mended, each with the line of its first use; line 0 is the whole file.
     pub notices: Vec<(String, u32)>,
 }
 

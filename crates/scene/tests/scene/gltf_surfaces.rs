@@ -1,4 +1,4 @@
-//! What glTF files put on surfaces beside plain materials: vertex colours, emissive textures, unlit colours, many joints.
+//! Surfaces of glTF files beside plain materials: vertex colours, emissive textures, unlit colours, many joints.
 
 use crate::gltf::{bare, floats, material, notices, quiet, read, uri, with_material};
 use dapple_scene::{Color, Geometry, MaterialKind, MeshData, Scene, TextureKind};

@@ -345,7 +345,7 @@ fn bytes_of_stl_that_are_left_out_are_named() {
     }
 }
 
-/// What pbrt-v4 has and Dapple lacks.
+/// Features of pbrt-v4 that Dapple lacks.
 const PBRT: [&str; 56] = [
     "Camera \"spherical\"",
     "Camera \"realistic\"",
