@@ -68,8 +68,8 @@ impl FeatureMoments {
     }
 }
 
-/// Mean and sample variance of one pixel's [`SurfaceFeatures`](crate::SurfaceFeatures), or of its first hits for samples that have none. Means are
-/// over the samples that hit a surface.
+/// Mean and sample variance of one pixel's [`SurfaceFeatures`](crate::SurfaceFeatures), or of its first hits for samples that
+/// have none. Means are over the samples that hit a surface.
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Features {

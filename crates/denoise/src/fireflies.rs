@@ -28,7 +28,7 @@ dapple_core::choices!(FireflyLight { Keep = "keep", Drop = "drop", Spread = "spr
 /// hardly seen.
 const LIGHT: f64 = 0.02 * PIXELS;
 /// The number of samples of a half below which so much more light is needed. A single sample of 2,000 times the mean is common on many
-/// scenes, and a pixel that shows it is worse than its light all around: 1.12 of the error in `cabin` at 1 spp.
+/// scenes, and a pixel that shows it is worse than its light all around (docs/LOG.md).
 const SAMPLES: f64 = 8.0;
 /// One pixel in so many counts as no brighter than the next ones, so that fireflies do not hide each other.
 const BRIGHT: usize = 50;
@@ -72,7 +72,9 @@ pub(crate) fn find(film: &Film) -> Vec<Firefly> {
     let [width, height] = film.frame().size().map(|n| n as usize);
     let all = |i: usize| (0..2).map(|half| share(film, half, i) * light(film, half, i)).sum::<f64>();
     let all = per_pixel(width * height, |i| all(i).min(f64::from(f32::MAX)) as f32);
-    let Some(darkest) = quantile(all.iter().filter(|light| **light > 0.0).map(|light| -light).collect(), BRIGHT) else {
+    // Negative, since the brightest come first.
+    let Some(brightest) = quantile(all.iter().filter(|light| **light > 0.0).map(|light| -light).collect(), BRIGHT)
+    else {
         return Vec::new();
     };
     let cells = [width, height].map(|n| n.div_ceil(CELL));
@@ -80,7 +82,7 @@ pub(crate) fn find(film: &Film) -> Vec<Firefly> {
         let rows = cell / cells[0] * CELL..height.min((cell / cells[0] + 1) * CELL);
         let columns = cell % cells[0] * CELL..width.min((cell % cells[0] + 1) * CELL);
         let count = (rows.len() * columns.len()) as f64;
-        let light = |i: usize| f64::from(all[i].min(-darkest));
+        let light = |i: usize| f64::from(all[i].min(-brightest));
         rows.flat_map(|y| columns.clone().map(move |x| y * width + x)).map(light).sum::<f64>() / count
     });
     let around = blurred(means, cells);

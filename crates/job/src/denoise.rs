@@ -89,10 +89,8 @@ pub fn denoise_files(spec: &DenoiseSpec) -> Result<DenoisedImage, DenoiseError> 
         let image = read.image().fireflies(spec.fireflies);
         let filtered: Filtered;
         (filtered, described) = match &filter {
-            Some(filter) => {
-                (image.clone().filter(&**filter).run().map_err(|error| of_filter(spec, error))?, filter.describe())
-            }
-            None => (image.run().map_err(|error| of_filter(spec, error))?, image.default_filter()?.describe()),
+            Some(filter) => (image.clone().filter(&**filter).run()?, filter.describe()),
+            None => (image.run()?, image.default_filter()?.describe()),
         };
         let warnings = image.warnings()?.into_iter().map(|warning| for_files(&read.found, &warning.to_string()));
         let about = || format!("{}; --fireflies keep, drop or spread", filtered.fireflies);
@@ -130,16 +128,6 @@ fn read_views(
     match without {
         Some(error) if read.is_empty() => Err(error),
         _ => Ok(read),
-    }
-}
-
-/// The error of a filter, in terms of files.
-fn of_filter(spec: &DenoiseSpec, error: dapple_core::Error) -> DenoiseError {
-    match (&error, &spec.inputs[..]) {
-        (dapple_core::Error::BadBuffer { what, .. }, [a, b]) if what.starts_with("it equals that of half a") => {
-            DenoiseError::Equal { paths: Box::new([a.clone(), b.clone()]) }
-        }
-        _ => error.into(),
     }
 }
 

@@ -9,8 +9,8 @@ const MARK: &[u8] = b"\xef\xbb\xbf";
 /// The bytes from the start of a file among which its first word is sought.
 const HEAD: usize = 1 << 16;
 
-/// Returns the text of a file. A byte order mark is skipped, and so is a zero or Ctrl-Z at the end with all behind it; bytes that are not UTF-8
-/// are Latin-1, and every line end (CRLF, CR) becomes LF.
+/// Returns the text of a file. A byte order mark is skipped, and so is a zero or Ctrl-Z at the end with all behind it; bytes
+/// that are not UTF-8 are Latin-1, and every line end (CRLF, CR) becomes LF.
 ///
 /// # Errors
 /// Returns a message for a text in UTF-16 or UTF-32, in which other readers would find no word.

@@ -41,6 +41,11 @@ impl Assembled {
         let mut reader = Reader { spec, inputs, colors, window, found: Vec::new(), notices: Vec::new() };
         reader.cut()?;
         let sets = (0..inputs.len()).map(|k| reader.set(k)).collect::<Result<Vec<_>, _>>()?;
+        if let ([a, b], [first, second]) = (&sets[..], inputs)
+            && a.mean == b.mean
+        {
+            return Err(DenoiseError::Equal { paths: Box::new([first.path.clone(), second.path.clone()]) });
+        }
         let counts: Vec<&[u32]> = sets.iter().map(|set| &set.count[..]).collect();
         let normal = reader.feature(LayerKind::Normal, &counts)?;
         let albedo = reader.feature(LayerKind::Albedo, &counts)?;

@@ -106,9 +106,8 @@ impl LayerKind {
     /// The channels that a layer of this kind needs, for messages.
     pub const fn channels(self) -> &'static str {
         match self {
-            Count | Depth | Coverage | Id => "one channel",
+            _ if self.is_scalar() => "one channel",
             Normal | Position => "X, Y, Z or R, G, B",
-            Color => "R, G, B, or red, green, blue, or one channel",
             _ => "R, G, B, or red, green, blue, or one channel",
         }
     }
