@@ -11,7 +11,7 @@ use std::str::FromStr;
 /// The version of the JSON format that [`RenderSpec::to_json`] writes.
 pub const SPEC_VERSION: u32 = 1;
 /// The default budget of a render, in mean samples per pixel.
-pub const DEFAULT_SPP: f64 = 64.0;
+pub const DEFAULT_SPP: f64 = 16.0;
 /// The largest number of samples per pixel if the budget is [`BudgetSpec::Error`] and `max_spp` is not set.
 pub const ERROR_SPP: u32 = 16384;
 /// The longest time limit of a render in seconds: a year.
@@ -205,7 +205,7 @@ pub enum SpecError {
 }
 
 impl RenderSpec {
-    /// Describes a render of `scene` with the default sampler, point set, filter and integrator, 64 samples per pixel
+    /// Describes a render of `scene` with the default sampler, point set, filter and integrator, [`DEFAULT_SPP`] samples per pixel
     /// and seed 1.
     pub fn new(scene: impl Into<PathBuf>) -> Self {
         Self {

@@ -67,7 +67,7 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Method")]
     pub(crate) seed: u64,
 
-    /// Take exactly this mean number of samples per pixel [default: the scene file's number, else 64]
+    /// Take exactly this mean number of samples per pixel [default: the scene file's number, else 16]
     #[arg(short = 's', long, value_name = "MEAN", value_parser = above_zero, group = "budget")]
     #[arg(help_heading = "Budget (one of)")]
     #[arg(allow_negative_numbers = true)]
