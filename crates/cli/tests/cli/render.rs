@@ -1,7 +1,7 @@
 //! The output of `dapple render` and `dapple compare`.
 
 use crate::common::{Folder, names};
-use dapple_scene::image::{Plane, read_channels};
+use dapple_scene::image::read_channels;
 
 const KEYS: &str = "scene sampler points filter seed threads resolution samples spp rays seconds render_s cpu predicted_relmse \
     predicted_relmse_filtered rejected effects without";
@@ -256,15 +256,8 @@ fn names_of(folder: &Folder, name: &str) -> Vec<String> {
 /// Size, and channels as floats.
 fn read(folder: &Folder, name: &str) -> ([u32; 2], Vec<(String, Vec<f32>)>) {
     let channels = folder.exr(name);
-    let planes = channels.channels.into_iter().map(|(name, plane)| (name, floats(&plane)));
+    let planes = channels.channels.into_iter().map(|(name, plane)| (name, plane.floats().into_owned()));
     (channels.size, planes.collect())
-}
-
-fn floats(plane: &Plane<'_>) -> Vec<f32> {
-    match plane {
-        Plane::F32(values) | Plane::F16(values) => values.to_vec(),
-        Plane::U32(values) => values.iter().map(|&v| v as f32).collect(),
-    }
 }
 
 #[test]

@@ -280,7 +280,7 @@ impl Reader<'_> {
         Ok(Some(match &self.inputs[0].file.planes(layer.part)?[layer.channels[0]] {
             Plane::U32(ids) => own.cut(ids, self.window),
             // Cryptomatte and other float ids: equal bits are equal ids.
-            Plane::F32(ids) | Plane::F16(ids) => own.cut(ids, self.window).iter().map(|id| id.to_bits()).collect(),
+            ids => own.cut(&ids.floats(), self.window).iter().map(|id| id.to_bits()).collect(),
         }))
     }
 

@@ -6,8 +6,8 @@ use super::layers::{Asked, LAYERS, LayerEntry, OF_IMAGE, bytes_per_pixel};
 use crate::output;
 use crate::{Job, JobError, RenderedImage, Warning};
 use dapple_core::{Frame, Needs};
-use dapple_scene::image::{ExrHeader, encode_exr_with, encode_pfm, encode_png, rows_at_a_time};
-use dapple_scene::image::{Format, Image, ImageError, Layer, check_writable, write_file};
+use dapple_scene::image::{ExrHeader, encode_pfm, encode_png, rows_at_a_time};
+use dapple_scene::image::{Format, Image, ImageError, Layer, check_writable, write_exr, write_file};
 use std::path::{Path, PathBuf};
 
 /// The kind of image in a file: the rendered image or one of the maps.
@@ -31,11 +31,11 @@ impl Contents {
         // The compressed data take at most the size of the uncompressed.
         let png = |channels: usize| 3 * channels;
         frame.bytes(match self {
-            // A copy of the image, all layers, the file and the rows being encoded.
+            // Counts and clusters, and the rows being encoded.
             Self::Image(Format::Exr) => {
                 let layers = bytes_per_pixel(needs, filtered);
-                let rows = rows_at_a_time() * frame.size()[0] as usize * layers;
-                RGB + 2 * layers + (frame.bytes(layers).min(rows as u64) / frame.pixels() as u64) as usize
+                let rows = 2 * rows_at_a_time() * frame.size()[0] as usize * layers;
+                8 + (frame.bytes(2 * layers).min(rows as u64) / frame.pixels() as u64) as usize
             }
             Self::Image(Format::Pfm) => RGB + RGB,
             Self::Image(_) => RGB + png(3),
@@ -173,14 +173,20 @@ impl OutputFiles {
         image: &RenderedImage,
         cpu: Option<f64>,
     ) -> Result<(Vec<String>, Vec<Warning>), JobError> {
-        let report = Report { job, image, cpu };
+        let view = View::new(&job.scene().camera, job.frame().resolution());
+        let report = Report { job, image, cpu, view };
         let (mut lines, mut troubles, mut warnings) = (Vec::new(), Vec::new(), Vec::new());
         for (what, path) in &self.files {
             match self.encode(*what, path, &report, &mut warnings) {
                 Ok(None) => {}
-                Ok(Some((bytes, about))) => match write_file(path, &bytes) {
-                    Ok(()) => lines.push(format!("{}: {about}", path.display())),
-                    Err(e) => troubles.push(write_elsewhere(path, &bytes, e.to_string())),
+                Ok(Some((write, about))) => match write(path) {
+                    Ok(clamped) => {
+                        lines.push(format!("{}: {about}", path.display()));
+                        if clamped > 0 {
+                            warnings.push(Warning::Clamped { path: path.to_owned(), values: clamped });
+                        }
+                    }
+                    Err(e) => troubles.push(write_elsewhere(path, &*write, e.to_string())),
                 },
                 Err(e) => troubles.push(format!("{}: {e}", path.display())),
             }
@@ -189,12 +195,7 @@ impl OutputFiles {
     }
 
     /// Keeps the selected layers, and warns about those that the render lacks.
-    fn selected(
-        &self,
-        mut layers: Vec<Layer<'static>>,
-        path: &Path,
-        warnings: &mut Vec<Warning>,
-    ) -> Vec<Layer<'static>> {
+    fn selected<'a>(&self, mut layers: Vec<Layer<'a>>, path: &Path, warnings: &mut Vec<Warning>) -> Vec<Layer<'a>> {
         let holds = |name: &str| {
             layers.iter().any(|layer| layer.name == name) || layers[0].channels.iter().any(|channel| channel.0 == name)
         };
@@ -209,39 +210,50 @@ impl OutputFiles {
         layers
     }
 
-    /// Encodes a file; returns its bytes and a phrase about its contents, or `None` if the film lacks the statistics
-    /// for it.
-    fn encode(&self, what: Contents, path: &Path, report: &Report<'_>, warnings: &mut Vec<Warning>) -> Encoded {
+    /// Encodes a file, or prepares it if it is written block by block. Returns what writes it and a phrase about its contents, or
+    /// `None` if the film lacks the statistics for it.
+    fn encode<'a>(
+        &'a self,
+        what: Contents,
+        path: &Path,
+        report: &'a Report<'a>,
+        warnings: &mut Vec<Warning>,
+    ) -> Result<Option<(Write<'a>, String)>, ImageError> {
         let filtered = &report.image.filtered;
-        let Contents::Image(format) = what else { return map(what, report).transpose() };
-        let image = Image::new(filtered.size, filtered.radiance.clone())?;
-        Ok(Some(match format {
-            Format::Exr => self.exr(path, report, warnings)?,
-            Format::Pfm => (encode_pfm(&image)?, "the image".into()),
-            Format::Png => (encode_png(&image, self.exposure)?, "the image, sRGB".into()),
-        }))
+        let image = || Image::new(filtered.size, filtered.radiance.clone());
+        let encoded = match what {
+            Contents::Image(Format::Exr) => return Ok(Some(self.exr(path, report, warnings))),
+            Contents::Image(Format::Pfm) => Some((encode_pfm(&image()?)?, "the image".into())),
+            Contents::Image(Format::Png) => Some((encode_png(&image()?, self.exposure)?, "the image, sRGB".into())),
+            _ => map(what, report).transpose()?,
+        };
+        let write = |bytes: Vec<u8>| -> Write<'a> { Box::new(move |path| write_file(path, &bytes).map(|()| 0)) };
+        Ok(encoded.map(|(bytes, about)| (write(bytes), about)))
     }
 
-    fn exr(&self, path: &Path, report: &Report<'_>, warnings: &mut Vec<Warning>) -> Result<Named, ImageError> {
-        let Report { job, image, cpu } = *report;
+    fn exr<'a>(&'a self, path: &Path, report: &'a Report<'a>, warnings: &mut Vec<Warning>) -> (Write<'a>, String) {
+        let Report { job, image, cpu, view } = report;
         let mut layers = output::layers(&image.film, &image.filtered, report.unit(), report.clusters());
-        let view = View::new(&job.scene().camera, job.frame().resolution());
         layers[0].channels.extend(view.channels(&image.film, report.unit()));
         let layers = self.selected(layers, path, warnings);
-        let mut attributes = attributes(job, image, cpu);
+        let mut attributes = attributes(job, image, *cpu);
         attributes.extend(self.command.clone().map(|command| ("dapple:command".to_owned(), command)));
-        let software = format!("dapple {}", env!("CARGO_PKG_VERSION"));
-        let [world_to_camera, world_to_ndc] = view.matrices().map_or([None; 2], |m| m.map(Some));
-        let header = ExrHeader { attributes: &attributes, software: Some(&software), world_to_camera, world_to_ndc };
-        let file = encode_exr_with(image.filtered.size, &layers, &header)?;
-        if file.clamped > 0 {
-            warnings.push(Warning::Clamped { path: path.to_owned(), values: file.clamped });
-        }
         let names: Vec<&str> = layers.iter().map(|l| l.name.as_str()).skip(1).collect();
         let with = if names.is_empty() { String::new() } else { format!(", with layers {}", names.join(", ")) };
-        Ok((file.bytes, format!("the image{with}")))
+        let about = format!("the image{with}");
+        let write = move |path: &Path| {
+            let software = format!("dapple {}", env!("CARGO_PKG_VERSION"));
+            let [world_to_camera, world_to_ndc] = view.matrices().map_or([None; 2], |m| m.map(Some));
+            let header =
+                ExrHeader { attributes: &attributes, software: Some(&software), world_to_camera, world_to_ndc };
+            write_exr(path, image.filtered.size, &layers, &header)
+        };
+        (Box::new(write), about)
     }
 }
+
+/// Writes a file to a path. Returns the number of [clamped](dapple_scene::image::EncodedExr::clamped) values.
+type Write<'a> = Box<dyn Fn(&Path) -> Result<u64, ImageError> + 'a>;
 
 /// Encodes a map; `None` if the film lacks the statistics for it.
 fn map(what: Contents, report: &Report<'_>) -> Option<Result<Named, ImageError>> {
@@ -270,11 +282,11 @@ fn map(what: Contents, report: &Report<'_>) -> Option<Result<Named, ImageError>>
 
 /// Saves an image in the folder of temporary files, because it could not be written to `path`. Returns the error
 /// message `trouble`, extended by the new path if saving succeeded.
-fn write_elsewhere(path: &Path, bytes: &[u8], trouble: String) -> String {
+fn write_elsewhere(path: &Path, write: &dyn Fn(&Path) -> Result<u64, ImageError>, trouble: String) -> String {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let elsewhere = std::env::temp_dir().join(format!("dapple-{}-{name}", std::process::id()));
-    match write_file(&elsewhere, bytes) {
-        Ok(()) => format!("{trouble}; it was written there instead: {}", elsewhere.display()),
+    match write(&elsewhere) {
+        Ok(_) => format!("{trouble}; it was written there instead: {}", elsewhere.display()),
         Err(_) => trouble,
     }
 }
@@ -284,6 +296,7 @@ struct Report<'a> {
     job: &'a Job,
     image: &'a RenderedImage,
     cpu: Option<f64>,
+    view: View,
 }
 
 impl Report<'_> {
@@ -300,7 +313,6 @@ impl Report<'_> {
 
 /// The bytes of a file, and a phrase about its contents.
 type Named = (Vec<u8>, String);
-type Encoded = Result<Option<Named>, ImageError>;
 
 /// The maps and their file names; the map of clusters is written only if the render has clusters.
 const MAPS: [(Contents, &str); 6] = [

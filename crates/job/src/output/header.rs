@@ -1,8 +1,8 @@
 //! The header of an OpenEXR file: settings and results of the render, its camera, and distances along the camera's axis.
 
-use super::layers::{coverage, depth, of_features};
+use super::layers::{coverage, depth, plane_of_features};
 use crate::{BudgetSpec, Job, RenderedImage, pixel_filter};
-use dapple_core::{Film, Frame, plan::Combine};
+use dapple_core::{Film, Frame, film::Features, plan::Combine};
 use dapple_scene::image::Plane;
 use dapple_scene::{Camera, Projection};
 use glam::{DMat4, DVec3, DVec4};
@@ -158,11 +158,10 @@ impl View {
     }
 
     /// Returns the alpha and the distances of an image, in this order; nothing if its film has no features.
-    pub(super) fn channels(&self, film: &Film, unit: f64) -> Vec<(&'static str, Plane<'static>)> {
-        let Some(alpha) = of_features(film, coverage) else { return Vec::new() };
-        let mut depths = of_features(film, |features| depth(features, unit)).unwrap_or_default();
-        depths.iter_mut().enumerate().for_each(|(pixel, d)| *d = self.along_axis(film.frame(), pixel, *d));
-        vec![("A", alpha.into()), ("Z", depths.into())]
+    pub(super) fn channels<'a>(&'a self, film: &'a Film, unit: f64) -> Vec<(&'static str, Plane<'a>)> {
+        let along = move |i: usize, features: &Features| self.along_axis(film.frame(), i, depth(features, unit));
+        let planes = [plane_of_features(film, |_, features| coverage(features)), plane_of_features(film, along)];
+        ["A", "Z"].into_iter().zip(planes.into_iter().flatten()).collect()
     }
 
     /// Returns the distance of a pixel's surfaces along the camera's axis, from the `length` of the paths to them.

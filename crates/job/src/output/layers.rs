@@ -19,7 +19,7 @@ pub(super) struct LayerEntry {
     planes: MakePlanes,
 }
 
-type MakePlanes = fn(&Shown<'_>) -> Option<Vec<Plane<'static>>>;
+type MakePlanes = for<'a> fn(&Shown<'a>) -> Option<Vec<Plane<'a>>>;
 
 impl LayerEntry {
     /// A layer that shows what sampler or filter need anyway.
@@ -63,12 +63,33 @@ struct Shown<'a> {
     clusters: Option<Vec<u32>>,
 }
 
+impl<'a> Shown<'a> {
+    /// A plane of a value of each pixel, which is computed as the file is written.
+    fn each(&self, of: impl Fn(usize) -> f32 + Send + Sync + 'a) -> Plane<'a> {
+        Plane::each(self.film.frame().pixels(), of)
+    }
+
+    /// The planes of three values of each pixel.
+    fn rgb(&self, of: impl Fn(usize) -> [f32; 3] + Send + Sync + Copy + 'a) -> Vec<Plane<'a>> {
+        (0..3).map(|c| self.each(move |i| of(i)[c])).collect()
+    }
+
+    /// Planes of features.
+    fn features(&self, of: &[fn(&Features, f64) -> f32]) -> Option<Vec<Plane<'a>>> {
+        let unit = self.unit;
+        of.iter().map(|&of| plane_of_features(self.film, move |_, f| of(f, unit))).collect()
+    }
+}
+
 /// The layers besides the image, in the order of [`layers`].
 pub(super) const LAYERS: &[LayerEntry] = &[
     LayerEntry {
         half: true,
         ..LayerEntry::of("unfiltered", RGB, NOTHING, |shown| {
-            Some(shown.film.image()).filter(|means| *means != shown.filtered.radiance).map(|m| rgb(&m))
+            let film = shown.film;
+            let mean = |i| film.mean(i).map(|x| x as f32);
+            let differs = shown.filtered.radiance.iter().enumerate().any(|(i, filtered)| *filtered != mean(i));
+            differs.then(|| shown.rgb(move |i| film.mean(i).map(|x| x as f32)))
         })
     },
     LayerEntry { asked: Asked::Always, ..LayerEntry::of("variance", RGB, Needs::with_variance, variance) },
@@ -77,7 +98,7 @@ pub(super) const LAYERS: &[LayerEntry] = &[
         Some(vec![shown.film.counts().into_iter().map(count).collect::<Vec<u32>>().into()])
     }),
     LayerEntry::of("error", &["Y"], Needs::with_halves, |shown| {
-        shown.filtered.error.clone().map(|error| vec![error.into()])
+        shown.filtered.error.as_deref().map(|error| vec![error.into()])
     }),
     // Whether a render groups triangles is not known here.
     LayerEntry::of(
@@ -114,9 +135,7 @@ pub(super) fn halve(layers: &mut [Layer<'_>]) {
     for layer in layers.iter_mut().filter(|layer| half(&layer.name)) {
         // Halves would be too coarse for distances along the axis.
         for (_, plane) in layer.channels.iter_mut().filter(|(name, _)| *name != "Z" || !layer.name.is_empty()) {
-            if let Plane::F32(values) = plane {
-                *plane = Plane::F16(std::mem::take(values));
-            }
+            plane.halve();
         }
     }
 }
@@ -151,48 +170,30 @@ pub(super) fn bytes_per_pixel(needs: &Needs, filtered: bool) -> usize {
 ///
 /// `unit` is the integrator's unit of length, measured in the file's: `1 / world.space().scale()`. `clusters` come from
 /// [`cluster_ids`](super::cluster_ids).
-pub fn layers(film: &Film, filtered: &Filtered, unit: f64, clusters: Option<Vec<u32>>) -> Vec<Layer<'static>> {
-    let layer = |name: &str, channels: &[&'static str], planes: Vec<Plane<'static>>| Layer {
+pub fn layers<'a>(film: &'a Film, filtered: &'a Filtered, unit: f64, clusters: Option<Vec<u32>>) -> Vec<Layer<'a>> {
+    let layer = |name: &str, channels: &[&'static str], planes: Vec<Plane<'a>>| Layer {
         name: name.into(),
         channels: channels.iter().copied().zip(planes).collect(),
     };
     let shown = Shown { film, filtered, unit, clusters };
-    let mut layers = vec![layer("", RGB, rgb(&filtered.radiance))];
+    let mut layers = vec![layer("", RGB, shown.rgb(|i| filtered.radiance[i]))];
     layers.extend(LAYERS.iter().filter_map(|e| Some(layer(e.name, e.channels, (e.planes)(&shown)?))));
     layers
 }
 
-impl Shown<'_> {
-    /// Planes of features.
-    fn features(&self, of: &[fn(&Features, f64) -> f32]) -> Option<Vec<Plane<'static>>> {
-        of.iter().map(|of| of_features(self.film, |f| of(f, self.unit)).map(Plane::from)).collect()
-    }
-}
-
-fn variance(shown: &Shown<'_>) -> Option<Vec<Plane<'static>>> {
+fn variance<'a>(shown: &Shown<'a>) -> Option<Vec<Plane<'a>>> {
     let film = shown.film;
-    let variance = |i: usize| {
-        let moments = film.moments(i);
-        match moments.count {
-            0 | 1 => [f32::NAN; 3],
-            n => moments.m2.map(|m| (m / (n - 1) as f64) as f32),
-        }
-    };
-    film.needs().variance.then(|| rgb(&(0..film.frame().pixels()).map(variance).collect::<Vec<_>>()))
+    let variance = |i: usize| film.moments(i).variance().map_or([f32::NAN; 3], |v| v.map(|v| v as f32));
+    film.needs().variance.then(|| shown.rgb(variance))
 }
 
-fn rgb(pixels: &[[f32; 3]]) -> Vec<Plane<'static>> {
-    (0..3).map(|c| pixels.iter().map(|p| p[c]).collect::<Vec<f32>>().into()).collect()
-}
-
-/// Computes one value per pixel from its features (albedo, normal and depth); `None` if the film has no features. Values are computed pixel by pixel, since a copy of all features would take more memory than most films.
-pub(super) fn of_features<T>(film: &Film, of: impl Fn(&Features) -> T) -> Option<Vec<T>> {
-    let pixels = film.frame().pixels();
-    film.needs().features.then(|| {
-        let mut all = Vec::with_capacity(pixels);
-        all.extend((0..pixels).filter_map(|i| film.features(i)).map(|features| of(&features)));
-        all
-    })
+/// A plane of a value of each pixel by its features (albedo, normal and depth); `None` if the film has none.
+pub(super) fn plane_of_features<'a>(
+    film: &'a Film,
+    of: impl Fn(usize, &Features) -> f32 + Send + Sync + 'a,
+) -> Option<Plane<'a>> {
+    let of = move |i| film.features(i).map_or(0.0, |features| of(i, &features));
+    film.needs().features.then(|| Plane::each(film.frame().pixels(), of))
 }
 
 /// The mean length of a pixel's paths to the first rough surface, in the file's units; infinite if no sample hit a surface.
@@ -229,15 +230,15 @@ mod tests {
         let filtered = Unfiltered.apply(&film).unwrap();
         let found = layers(&film, &filtered, 1.0, None);
         assert_eq!(names(&found), ["", "variance", "count", "error", "albedo", "normal", "depth", "coverage"]);
-        let plane = |layer: usize| found[layer].channels[0].1.clone();
-        assert_eq!(plane(0), vec![2.0_f32, 0.0].into());
-        let Plane::F32(variance) = plane(1) else { panic!("floats") };
+        let plane = |layer: usize| found[layer].channels[0].1.floats();
+        assert_eq!(plane(0), vec![2.0_f32, 0.0]);
+        let variance = plane(1);
         assert!(variance[0] == 2.0 && variance[1].is_nan(), "{variance:?}");
-        assert_eq!(plane(2), vec![2_u32, 0].into());
+        assert_eq!(found[2].channels[0].1, vec![2_u32, 0].into());
         // One squared error per half-difference: (1 - 3)^2 / 4.
-        assert_eq!(plane(3), vec![1.0, f32::INFINITY].into());
-        assert_eq!(plane(6), vec![f32::INFINITY; 2].into());
-        assert_eq!(plane(7), vec![0.0_f32; 2].into());
+        assert_eq!(plane(3), vec![1.0, f32::INFINITY]);
+        assert_eq!(plane(6), vec![f32::INFINITY; 2]);
+        assert_eq!(plane(7), vec![0.0_f32; 2]);
     }
 
     #[test]
@@ -247,6 +248,6 @@ mod tests {
         let filtered = Filtered::new([1, 1], vec![[0.5; 3]]);
         let found = layers(&film, &filtered, 1.0, None);
         assert_eq!(names(&found), ["", "unfiltered", "count"]);
-        assert_eq!(found[1].channels[0].1, vec![1.0_f32].into());
+        assert_eq!(found[1].channels[0].1.floats(), vec![1.0_f32]);
     }
 }

@@ -1,8 +1,8 @@
 //! Maps of a render, images of one per-pixel quantity, as PNG files.
 
-use super::layers::{depth, of_features};
+use super::layers::depth;
 use crate::WorldClusters;
-use dapple_core::{Film, Filtered};
+use dapple_core::{Film, Filtered, film::Features};
 use dapple_scene::image::{ImageError, encode_png_gray, encode_png_rgb, srgb_encode};
 
 /// A map of one quantity in shades of gray, with the value that white represents.
@@ -119,6 +119,12 @@ pub fn normal_map(film: &Film) -> Option<Result<Vec<u8>, ImageError>> {
     let byte = |v: f32| (127.5 + 127.5 * v.clamp(-1.0, 1.0)).round() as u8;
     let values = of_features(film, |f| f.normal.map(byte))?;
     Some(encode_png_rgb(film.frame().size(), &values))
+}
+
+/// Computes a value of each pixel from its features; `None` if the film has none.
+fn of_features<T>(film: &Film, of: impl Fn(&Features) -> T) -> Option<Vec<T>> {
+    let features = || (0..film.frame().pixels()).filter_map(|i| film.features(i));
+    film.needs().features.then(|| features().map(|features| of(&features)).collect())
 }
 
 /// The indices from `0..length` that are at most [`POOLED`] pixels away from `at`.

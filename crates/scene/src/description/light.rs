@@ -84,7 +84,8 @@ impl LightKind {
                         let [w, h] = image.size.map(|n| n as usize);
                         let share = |y: usize| ((y as f64 + 0.5) / h as f64 * PI).sin();
                         let rows = image.pixels.chunks_exact(w.max(1)).enumerate().map(|(y, row)| (share(y), row));
-                        let sum: f64 = rows.flat_map(|(share, row)| row.iter().map(move |p| brightness(p) * share)).sum();
+                        let sum: f64 =
+                            rows.flat_map(|(share, row)| row.iter().map(move |p| brightness(p) * share)).sum();
                         // The sines of all rows sum up to 2 h / pi.
                         f64::from(*scale) * sum / w as f64 * PI / (2.0 * h as f64)
                     }

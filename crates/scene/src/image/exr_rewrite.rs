@@ -1,7 +1,7 @@
 //! Copies of OpenEXR files with other values in some channels.
 
 use super::exr_file::ExrFile;
-use super::exr_write::{check_attributes, encode, sort_attributes, text};
+use super::exr_write::{check_attributes, encode, room_for, sort_attributes, text};
 use super::openexr::with_reader;
 use super::{ImageError, Plane, Window};
 use ::exr::block::chunk::Chunk;
@@ -63,9 +63,10 @@ impl ExrFile<'_> {
         }
         let copied = self.chunks(|part| planes[part].is_empty())?;
         let planes: Vec<Vec<&Plane<'_>>> = planes.iter().map(|planes| planes.iter().collect()).collect();
-        let bytes = encode(headers, &planes, copied, false)
+        let mut bytes = room_for(planes.iter().flatten().copied());
+        encode(&mut bytes, headers, &planes, copied, false)
             .map_err(|e| ImageError::Encode(format!("EXR: {e}; write another format")))?;
-        let bytes = sort_attributes(bytes);
+        let bytes = sort_attributes(bytes.into_inner());
         check_attributes(&bytes, attributes)?;
         Ok(RewrittenExr { bytes, notices })
     }
@@ -195,5 +196,6 @@ fn cut<'p>(plane: &'p Plane<'_>, own: Window, inner: Window) -> Plane<'p> {
         Plane::F16(values) => Plane::F16(floats(values)),
         Plane::U32(values) if own == inner => Plane::U32(Cow::Borrowed(values)),
         Plane::U32(values) => Plane::U32(own.cut(values, inner).into()),
+        each @ Plane::Each(_) => Plane::F32(own.cut(&each.floats(), inner).into()),
     }
 }

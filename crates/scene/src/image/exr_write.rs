@@ -1,17 +1,21 @@
 //! Encoding of OpenEXR files with any number of layers.
 
+use super::file::{Sink, write_file_with};
 use super::openexr::Plane;
+use super::read::Fault;
 use super::{Image, ImageError, check_count, read_attributes};
 use ::exr::block::chunk::Chunk;
 use ::exr::block::writer::ChunksWriter;
 use ::exr::block::{self, BlockIndex, UncompressedBlock, enumerate_ordered_header_block_indices};
+use ::exr::error::Error as ExrError;
 use ::exr::meta::BlockDescription;
-use ::exr::meta::attribute::{AttributeValue, ChannelDescription, Compression, LineOrder, Text};
+use ::exr::meta::attribute::{AttributeValue, ChannelDescription, Compression, LineOrder, SampleType, Text};
 use ::exr::meta::header::{Header, ImageAttributes, LayerAttributes};
 use ::exr::prelude::f16;
 use rayon::prelude::*;
 use std::collections::BTreeSet;
-use std::io::Cursor;
+use std::io::{self, BufWriter, Cursor, Seek, SeekFrom, Write};
+use std::path::Path;
 
 /// A layer of an OpenEXR file: a named group of channels.
 #[derive(Clone, Debug, PartialEq)]
@@ -80,7 +84,36 @@ pub fn encode_exr(
 /// # Errors
 /// Those of [`encode_exr`].
 pub fn encode_exr_with(size: [u32; 2], layers: &[Layer<'_>], given: &ExrHeader<'_>) -> Result<EncodedExr, ImageError> {
-    let attributes = given.attributes;
+    let channels = channels(size, layers, given)?;
+    let mut bytes = room_for(channels.iter().map(|(_, plane)| *plane));
+    encode_channels(&mut bytes, size, &channels, given).map_err(|fault| match fault {
+        Fault::Ours(error) => error,
+        Fault::Decoder(error) => ImageError::Encode(format!("EXR: {error}")),
+    })?;
+    check_attributes(bytes.get_ref(), given.attributes)?;
+    Ok(EncodedExr { bytes: bytes.into_inner(), clamped: channels.iter().map(|(_, plane)| count_clamped(plane)).sum() })
+}
+
+/// Writes a file as [`encode_exr_with`] encodes it, block by block, so that the whole file is never in memory. Returns the number of
+/// [clamped](EncodedExr::clamped) values.
+///
+/// # Errors
+/// Those of [`encode_exr`] and of [`write_file`](super::write_file).
+pub fn write_exr(path: &Path, size: [u32; 2], layers: &[Layer<'_>], given: &ExrHeader<'_>) -> Result<u64, ImageError> {
+    let channels = channels(size, layers, given)?;
+    // A file of one pixel shows whether the header's attributes can be read back.
+    let pixel = [Layer { name: String::new(), channels: vec![("Y", Plane::each(1, |_| 0.0))] }];
+    encode_exr_with([1, 1], &pixel, given)?;
+    write_file_with(path, |file| encode_channels(file, size, &channels, given))?;
+    Ok(channels.iter().map(|(_, plane)| count_clamped(plane)).sum())
+}
+
+/// The channels of all layers in the order of the file, with their names in it.
+fn channels<'a>(
+    size: [u32; 2],
+    layers: &'a [Layer<'_>],
+    given: &ExrHeader<'_>,
+) -> Result<Vec<(String, &'a Plane<'a>)>, ImageError> {
     let mut channels: Vec<(String, &Plane<'_>)> = Vec::new();
     for layer in layers {
         for (name, plane) in &layer.channels {
@@ -95,13 +128,37 @@ pub fn encode_exr_with(size: [u32; 2], layers: &[Layer<'_>], given: &ExrHeader<'
     // The format requires channels in order of their names.
     channels.sort_by(|a, b| a.0.as_bytes().cmp(b.0.as_bytes()));
     check_names("channel", channels.iter().map(|(name, _)| name.as_str()))?;
-    check_names("attribute", attributes.iter().map(|(name, _)| name.as_str()))?;
+    check_names("attribute", given.attributes.iter().map(|(name, _)| name.as_str()))?;
+    Ok(channels)
+}
+
+fn encode_channels(
+    mut to: &mut dyn Sink,
+    size: [u32; 2],
+    channels: &[(String, &Plane<'_>)],
+    given: &ExrHeader<'_>,
+) -> Result<(), Fault<io::Error>> {
     let planes: Vec<&Plane<'_>> = channels.iter().map(|&(_, plane)| plane).collect();
-    let bytes = encode(vec![header(size, &channels, given)], std::slice::from_ref(&planes), Vec::new(), true)
-        .map_err(|e| ImageError::Encode(format!("EXR: {e}; rename what it names, or write another format")))?;
-    let bytes = sort_attributes(bytes);
-    check_attributes(&bytes, attributes)?;
-    Ok(EncodedExr { bytes, clamped: planes.iter().map(|plane| count_clamped(plane)).sum() })
+    let headers = vec![header(size, channels, given)];
+    let refused = |error| match error {
+        ExrError::Io(error) => Fault::Decoder(error),
+        error => {
+            Fault::Ours(ImageError::Encode(format!("EXR: {error}; rename what it names, or write another format")))
+        }
+    };
+    let mut head = Vec::new();
+    Header::write_all(&headers, &mut head, false).map_err(refused)?;
+    // The magic number and the version come first.
+    let mut head = vec![0; head.len() + 8];
+    encode(&mut to, headers, std::slice::from_ref(&planes), Vec::new(), true).map_err(refused)?;
+    let mut sort = || {
+        to.seek(SeekFrom::Start(0))?;
+        to.read_exact(&mut head)?;
+        head = sort_attributes(std::mem::take(&mut head));
+        to.seek(SeekFrom::Start(0))?;
+        to.write_all(&head)
+    };
+    sort().map_err(Fault::Decoder)
 }
 
 fn check_names<'a>(kind: &str, names: impl Iterator<Item = &'a str>) -> Result<(), ImageError> {
@@ -133,8 +190,14 @@ pub(super) fn check_attributes(bytes: &[u8], attributes: &[(String, String)]) ->
 }
 
 pub(super) fn count_clamped(plane: &Plane<'_>) -> u64 {
-    let Plane::F16(values) = plane else { return 0 };
-    values.iter().filter(|v| v.is_finite() && v.abs() > F16_MAX).count() as u64
+    let is_clamped = |v: &f32| v.is_finite() && v.abs() > F16_MAX;
+    match plane {
+        Plane::F16(values) => values.iter().filter(|v| is_clamped(v)).count() as u64,
+        Plane::Each(each) if plane.sample_type() == SampleType::F16 => {
+            (0..plane.len()).filter(|i| is_clamped(&each.value(*i))).count() as u64
+        }
+        _ => 0,
+    }
 }
 
 pub(super) fn text(text: &str) -> Text {
@@ -160,25 +223,27 @@ fn header(size: [u32; 2], channels: &[(String, &Plane<'_>)], given: &ExrHeader<'
 /// Number of image rows per ZIP-compressed block, fixed by the OpenEXR format.
 const BLOCK_ROWS: usize = 16;
 
-/// Returns the number of rows that [`encode_exr`] compresses at a time. Its memory holds these rows in addition to the
-/// planes and the file.
+/// Returns the number of rows that [`write_exr`] compresses at a time. Its memory holds these rows.
 pub fn rows_at_a_time() -> usize {
     4 * BLOCK_ROWS * rayon::current_num_threads()
+}
+
+/// An empty file in memory, with room for incompressible planes: a vector that grows is copied, and its old memory is wasted.
+pub(super) fn room_for<'a>(planes: impl Iterator<Item = &'a Plane<'a>>) -> Cursor<Vec<u8>> {
+    let raw: usize = planes.map(|plane| plane.sample_type().bytes_per_sample() * plane.len()).sum();
+    Cursor::new(Vec::with_capacity(raw + raw / 64))
 }
 
 /// Encodes a file: planes for each part, in the order of its channels, or none for a part whose chunks are `copied`
 /// with their numbers in the part. `strict` refuses what other programs may not read.
 pub(super) fn encode(
+    to: &mut (impl Write + Seek),
     headers: Vec<Header>,
     planes: &[Vec<&Plane<'_>>],
     copied: Vec<(usize, Chunk)>,
     strict: bool,
-) -> ::exr::error::Result<Vec<u8>> {
-    // Enough for incompressible planes: a vector that grows is copied, and its old memory is wasted.
-    let bytes_of = |plane: &&Plane<'_>| if let Plane::F16(_) = plane { 2 } else { 4 } * plane.len();
-    let raw: usize = planes.iter().flatten().map(bytes_of).sum();
-    let mut bytes = Cursor::new(Vec::with_capacity(raw + raw / 64));
-    block::write(&mut bytes, headers.into_iter().collect(), strict, |meta, writer| {
+) -> ::exr::error::Result<()> {
+    block::write(BufWriter::new(to), headers.into_iter().collect(), strict, |meta, writer| {
         let blocks = enumerate_ordered_header_block_indices(&meta.headers);
         let blocks: Vec<(usize, BlockIndex)> = blocks.filter(|(_, index)| !planes[index.layer].is_empty()).collect();
         // In batches, so that not everything is in memory uncompressed; in order, so that the bytes do not
@@ -194,8 +259,7 @@ pub(super) fn encode(
             }
         }
         copied.into_iter().try_for_each(|(number, chunk)| writer.write_chunk(number, chunk))
-    })?;
-    Ok(bytes.into_inner())
+    })
 }
 
 fn pack(header: &Header, index: BlockIndex, planes: &[&Plane<'_>]) -> ::exr::error::Result<UncompressedBlock> {
@@ -207,6 +271,10 @@ fn pack(header: &Header, index: BlockIndex, planes: &[&Plane<'_>]) -> ::exr::err
             Plane::F32(values) => line.write_samples_from_slice(&values[range]),
             Plane::U32(values) => line.write_samples_from_slice(&values[range]),
             Plane::F16(values) => line.write_samples(|i| to_half(values[start + i])),
+            plane @ Plane::Each(each) => match plane.sample_type() {
+                SampleType::F16 => line.write_samples(|i| to_half(each.value(start + i))),
+                _ => line.write_samples(|i| each.value(start + i)),
+            },
         };
         if outcome.is_ok() {
             outcome = written;

@@ -1,9 +1,10 @@
 //! Writing of files so that a file is either complete or absent.
 
 use super::ImageError;
+use super::read::Fault;
 use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions};
-use std::io::{self, ErrorKind, Write};
+use std::io::{self, Cursor, ErrorKind, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -42,14 +43,30 @@ impl Format {
 /// # Errors
 /// [`ImageError::Write`], with the path, the step, the system's message and a remedy.
 pub fn write_file(path: &Path, bytes: &[u8]) -> Result<(), ImageError> {
+    write_file_with(path, |file| file.write_all(bytes).map_err(Fault::Decoder))
+}
+
+/// A file that is written, or the memory for a device or a pipe, in which nothing can be sought.
+pub(super) trait Sink: Read + Write + Seek {}
+
+impl<T: Read + Write + Seek> Sink for T {}
+
+/// Writes a file as [`write_file`] does, from what `fill` writes to it.
+pub(super) fn write_file_with(
+    path: &Path,
+    fill: impl FnOnce(&mut dyn Sink) -> Result<(), Fault<io::Error>>,
+) -> Result<(), ImageError> {
     let target = Target::of(path)?;
     if let Place::Stream = target.place {
-        let write = || OpenOptions::new().write(true).open(&target.path)?.write_all(bytes);
+        let mut bytes = Cursor::new(Vec::new());
+        target.outcome(fill(&mut bytes))?;
+        let write = || OpenOptions::new().write(true).open(&target.path)?.write_all(bytes.get_ref());
         return write().map_err(|e| target.refuse("write to it", e));
     }
     let (mut file, part) = target.create_part()?;
     let outcome = target
-        .fill(&mut file, bytes)
+        .outcome(fill(&mut file))
+        .and_then(|()| target.finish(&file))
         .and_then(|()| fs::rename(&part, &target.path).map_err(|e| target.refuse("rename the finished file to it", e)));
     drop(file);
     if outcome.is_err() {
@@ -133,7 +150,7 @@ impl Target {
             let mut part = OsString::from(name);
             part.push(format!(".part-{}-{}", std::process::id(), NUMBER.fetch_add(1, Ordering::Relaxed)));
             let part = self.path.with_file_name(part);
-            match OpenOptions::new().write(true).create_new(true).open(&part) {
+            match OpenOptions::new().read(true).write(true).create_new(true).open(&part) {
                 Ok(file) => return Ok((file, part)),
                 // A killed process with the same id left this part file.
                 Err(e) if e.kind() == ErrorKind::AlreadyExists => {}
@@ -142,8 +159,14 @@ impl Target {
         }
     }
 
-    fn fill(&self, file: &mut File, bytes: &[u8]) -> Result<(), ImageError> {
-        file.write_all(bytes).map_err(|e| self.refuse("write the file", e))?;
+    fn outcome(&self, filled: Result<(), Fault<io::Error>>) -> Result<(), ImageError> {
+        filled.map_err(|fault| match fault {
+            Fault::Ours(error) => error,
+            Fault::Decoder(error) => self.refuse("write the file", error),
+        })
+    }
+
+    fn finish(&self, file: &File) -> Result<(), ImageError> {
         if let Place::Taken(permissions) = &self.place {
             file.set_permissions(permissions.clone()).map_err(|e| self.refuse("keep its permissions", e))?;
         }

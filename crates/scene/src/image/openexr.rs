@@ -13,7 +13,9 @@ use ::exr::meta::header::Header;
 use ::exr::prelude::f16;
 use std::borrow::Cow;
 use std::collections::BTreeSet;
+use std::fmt;
 use std::io::Cursor;
+use std::sync::Arc;
 
 /// The values of one channel, row by row from the top.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,6 +26,38 @@ pub enum Plane<'a> {
     U32(Cow<'a, [u32]>),
     /// Floats that are stored in the file as 16-bit floats.
     F16(Cow<'a, [f32]>),
+    /// Floats that are computed as the file is written, so that they take no memory.
+    Each(Each<'a>),
+}
+
+/// The floats of a channel, computed one by one.
+#[derive(Clone)]
+pub struct Each<'a> {
+    len: usize,
+    is_half: bool,
+    of: Arc<dyn Fn(usize) -> f32 + Send + Sync + 'a>,
+}
+
+impl Each<'_> {
+    pub(super) fn value(&self, index: usize) -> f32 {
+        (self.of)(index)
+    }
+
+    fn values(&self) -> impl Iterator<Item = f32> {
+        (0..self.len).map(|index| self.value(index))
+    }
+}
+
+impl fmt::Debug for Each<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_list().entries(self.values()).finish()
+    }
+}
+
+impl PartialEq for Each<'_> {
+    fn eq(&self, other: &Self) -> bool {
+        self.is_half == other.is_half && self.values().eq(other.values())
+    }
 }
 
 /// Implements the conversion of values to a plane of their type.
@@ -44,19 +78,35 @@ planes! {
     U32: &'a [u32];
 }
 
-impl Plane<'_> {
+impl<'a> Plane<'a> {
+    /// Makes a plane of `len` 32-bit floats that are computed as they are written.
+    pub fn each(len: usize, of: impl Fn(usize) -> f32 + Send + Sync + 'a) -> Self {
+        Self::Each(Each { len, is_half: false, of: Arc::new(of) })
+    }
+
+    /// Stores the floats as 16-bit floats.
+    pub fn halve(&mut self) {
+        match self {
+            Self::F32(values) => *self = Self::F16(std::mem::take(values)),
+            Self::Each(each) => each.is_half = true,
+            Self::F16(_) | Self::U32(_) => {}
+        }
+    }
+
     /// Returns the number of values in the channel.
     pub fn len(&self) -> usize {
         match self {
             Self::F32(v) | Self::F16(v) => v.len(),
             Self::U32(v) => v.len(),
+            Self::Each(each) => each.len,
         }
     }
 
     pub(super) const fn sample_type(&self) -> SampleType {
         match self {
             Self::F32(_) => SampleType::F32,
-            Self::F16(_) => SampleType::F16,
+            Self::F16(_) | Self::Each(Each { is_half: true, .. }) => SampleType::F16,
+            Self::Each(_) => SampleType::F32,
             Self::U32(_) => SampleType::U32,
         }
     }
@@ -66,6 +116,7 @@ impl Plane<'_> {
         match self {
             Self::F32(values) | Self::F16(values) => Cow::Borrowed(values),
             Self::U32(values) => values.iter().map(|&value| value as f32).collect(),
+            Self::Each(each) => each.values().collect(),
         }
     }
 
@@ -210,6 +261,8 @@ pub(super) fn read_planes(
                 let values = v.to_mut();
                 floats(&header, line, |i, value| values[start + i] = value)
             }
+            // No plane that is read is computed.
+            Plane::Each(_) => Ok(()),
         }
     })?;
     Ok(planes)

@@ -63,8 +63,8 @@ fn extremes() -> Vec<f32> {
 
 fn bits(plane: &Plane<'_>) -> Vec<u32> {
     match plane {
-        Plane::F32(v) | Plane::F16(v) => v.iter().map(|x| x.to_bits()).collect(),
         Plane::U32(v) => v.to_vec(),
+        floats => floats.floats().iter().map(|x| x.to_bits()).collect(),
     }
 }
 
@@ -119,6 +119,34 @@ fn bytes_are_reproducible_and_attributes_come_back() {
     let read = read_attributes(&once.bytes, "a.exr").unwrap();
     assert!(given.iter().all(|pair| read.contains(pair)), "{read:?}");
     assert_eq!(read_image(&once.bytes, "a.exr", Encoding::Auto).unwrap(), image);
+}
+
+#[test]
+fn a_file_written_block_by_block_from_computed_values_has_the_bytes_of_the_encoded_planes() {
+    let size = [37, 150];
+    let value = |i: usize| (i as f32 * 0.37).sin() * 1e5;
+    let values: Vec<f32> = (0..37 * 150).map(value).collect();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.exr");
+    for is_half in [false, true] {
+        let layer = |mut plane: Plane<'static>| {
+            if is_half {
+                plane.halve();
+            }
+            Layer { name: "a".into(), channels: vec![("Z", plane), ("Y", vec![7_u32; 37 * 150].into())] }
+        };
+        let attributes: Vec<_> = (0..40).map(|i| (format!("key{i}"), format!("value {i}"))).collect();
+        let header = ExrHeader { attributes: &attributes, ..ExrHeader::default() };
+        let encoded = encode_exr(size, &[layer(values.clone().into())], &attributes).unwrap();
+        let clamped = write_exr(&path, size, &[layer(Plane::each(37 * 150, value))], &header).unwrap();
+        assert_eq!((clamped > 0, clamped), (is_half, encoded.clamped));
+        assert!(std::fs::read(&path).unwrap() == encoded.bytes, "half: {is_half}");
+    }
+    let refused = [("a\0".to_owned(), String::new())];
+    let header = ExrHeader { attributes: &refused, ..ExrHeader::default() };
+    let layer = Layer { name: String::new(), channels: vec![("Y", Plane::each(1, |_| 0.0))] };
+    assert!(write_exr(&folder.path().join("b.exr"), [1, 1], &[layer], &header).is_err());
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
 }
 
 #[test]
