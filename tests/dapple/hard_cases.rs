@@ -164,14 +164,11 @@ fn contradictions(catalogue: &Catalogue, tests: &[Test]) -> Vec<String> {
 const INTRODUCTION: &str = "\
 # Which inputs break straightforward code, and how does Dapple take each?
 
-This page lists 121 hard inputs, grouped by subject, with the figure that their tests measure or assert.
-A test covers a case if its name contains the case's id: `cargo test --workspace g01` runs those of G01.
-`DAPPLE_UPDATE=1 cargo test --test dapple hard_cases` makes this page from [hard-cases.toml](../hard-cases.toml) and the tests;
-`cargo test` fails where it is out of date.
+121 hard inputs, with the figure that their tests measure or assert. A test's name contains its case's id: `cargo test --workspace g01` runs those of G01.
+`DAPPLE_UPDATE=1 cargo test --test dapple hard_cases` makes this page from [hard-cases.toml](../hard-cases.toml) and the tests.
 
-* **T1**, unless a case names another tier, runs with `cargo test --workspace`; **T2** by hand with `DAPPLE_THOROUGH=1 cargo test --release --workspace -- --include-ignored`; **T3** before a release.
-* *by hand*: every test of the case is ignored by default, because it is slow.
-  *short*: tested, and a part of the case fails. *missing*: no test yet.
+* `cargo test --workspace` runs tests of all cases but T2 and T3; `DAPPLE_THOROUGH=1 cargo test --release --workspace -- --include-ignored` runs **T2**. **T3** takes a machine for long.
+* *by hand*: every test of the case is slow, and ignored by default. *short*: a part of the case fails. *missing*: no test.
 
 ";
 
