@@ -162,44 +162,39 @@ fn contradictions(catalogue: &Catalogue, tests: &[Test]) -> Vec<String> {
 }
 
 const INTRODUCTION: &str = "\
-# Which inputs break straightforward code, and which test covers each?
+# Which inputs break straightforward code, and how does Dapple take each?
 
-This page lists 121 hard inputs, grouped by subject, with the tests that cover them.
-A test covers a case if its name contains the case's id.
-`DAPPLE_UPDATE=1 cargo test --test dapple hard_cases` makes this page from [hard-cases.toml](../hard-cases.toml) and the tests;
-`cargo test` fails where it is out of date.
+121 hard inputs, with the figure that their tests measure or assert. A test's name contains its case's id: `cargo test --workspace g01` runs those of G01.
+`DAPPLE_UPDATE=1 cargo test --test dapple hard_cases` makes this page from [hard-cases.toml](../hard-cases.toml) and the tests.
 
-* **T1** runs with `cargo test --workspace`; **T2** by hand with `DAPPLE_THOROUGH=1 cargo test --release --workspace -- --include-ignored`; **T3** before a release.
-* *done*: run by `cargo test`. *by hand*: every test of the case is ignored by default, because it is slow.
-  *short*: tested, and a part of the case fails. *missing*: no test yet.
+* `cargo test --workspace` runs tests of all cases but T2 and T3; `DAPPLE_THOROUGH=1 cargo test --release --workspace -- --include-ignored` runs **T2**. **T3** takes a machine for long.
+* *by hand*: every test of the case is slow, and ignored by default. *short*: a part of the case fails. *missing*: no test.
 
 ";
 
 fn page(catalogue: &Catalogue, tests: &[Test]) -> String {
     let mut page = INTRODUCTION.to_owned();
-    page.push_str("| group | cases | done | by hand | short | missing |\n|---|---|---|---|---|---|\n");
-    let all: Vec<&(String, Case)> = catalogue.iter().flat_map(|(_, cases)| cases).collect();
+    page.push_str("| cases | all | done | by hand | short | missing |\n|---|---|---|---|---|---|\n");
     let mut count = |name: &str, cases: &[&(String, Case)]| {
         let statuses: Vec<String> = cases.iter().map(|(id, case)| status(case, &of_case(id, tests))).collect();
         let of = |kind: &str| statuses.iter().filter(|status| status.starts_with(kind)).count();
         let [done, by_hand, short, missing] = ["done", "by hand", "short", "missing"].map(of);
         let _ = writeln!(page, "| {name} | {} | {done} | {by_hand} | {short} | {missing} |", cases.len());
     };
+    let all: Vec<&(String, Case)> = catalogue.iter().flat_map(|(_, cases)| cases).collect();
+    count("all", &all);
+    count("T1", &all.iter().copied().filter(|(_, case)| case.tier == "T1").collect::<Vec<_>>());
     for (group, cases) in catalogue {
-        count(group, &cases.iter().collect::<Vec<_>>());
-    }
-    count("**all**", &all);
-    count("T1 only", &all.iter().copied().filter(|(_, case)| case.tier == "T1").collect::<Vec<_>>());
-    for (group, cases) in catalogue {
-        let _ =
-            write!(page, "\n## {group}\n\n| id | tier | case | status | tests | figure |\n|---|---|---|---|---|---|\n");
+        let _ = write!(page, "\n## {group}\n\n");
         for (id, case) in cases {
-            let own = of_case(id, tests);
-            let name = |test: &&Test| format!("`{}`{}", test.path, if test.ignored { " (by hand)" } else { "" });
-            let names: Vec<String> = own.iter().map(name).collect();
             let Case { tier, title, figure, .. } = case;
-            let status = status(case, &own);
-            let _ = writeln!(page, "| {id} | {tier} | {title} | {status} | {} | {figure} |", names.join("<br>"));
+            let status = status(case, &of_case(id, tests));
+            let status = Some(status.as_str()).filter(|&status| status != "done");
+            let figure = Some(figure.as_str()).filter(|figure| !figure.is_empty());
+            let facts: Vec<&str> = figure.into_iter().chain(status).collect();
+            let tier = if tier == "T1" { String::new() } else { format!(" ({tier})") };
+            let colon = if facts.is_empty() { "" } else { ": " };
+            let _ = writeln!(page, "* **{id}** {title}{tier}{colon}{}", facts.join("; "));
         }
     }
     page

@@ -87,7 +87,7 @@ dapple_core::options! {
 /// Without clusters, `outside` is 1. Where features are missing, only colours count.
 ///
 /// [`Filtered::error`] estimates the whole squared error from the halves, bias included.
-/// Its mean over an image is 0.13 to 2.6 times the true error on six scenes at 1 to 16 samples per pixel (docs/results/learned.md).
+/// Its mean over an image is 0.13 to 2.6 times the true error on six scenes at 1 to 16 samples per pixel (docs/results/predicted-error.md).
 /// It is that of the regressions: too high where the network takes much noise away, and too low where guides and blends follow the noise.
 /// [`relative_errors`](crate::relative_errors) turns it into scores for a sampler.
 ///

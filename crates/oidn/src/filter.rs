@@ -95,8 +95,8 @@ fn memory(frame: &Frame) -> u64 {
 
 /// The plain mean of the images of [`Oidn`] and of another filter.
 ///
-/// Filters of different kinds make different errors. With `cluster-regression` on adaptive counts, the mean had less error
-/// than either image on nine of ten measured images (docs/results/oidn.md). Above some 64 samples per pixel, the other
+/// Filters of different kinds make different errors. With `cluster-regression` on adaptive counts, the mean has less error
+/// than either image at 1 to 8 samples per pixel on nine scenes (docs/results/oidn.md). Above some 64 samples per pixel, the other
 /// filter alone may be better where there is fine detail.
 ///
 /// There is no estimate of the mean's error: that of OIDN's image is unknown.

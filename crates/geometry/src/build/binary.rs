@@ -18,7 +18,7 @@ const REINSERTION: f32 = 0.01;
 /// The number of items up to which half as many bins do.
 const COARSE: usize = 32;
 /// The largest number of items of a leaf in a tree of more than [`FEW_IN_ALL`] triangles. With 4, spheres have 4 % more expected
-/// cost (docs/results/rays.md).
+/// cost (docs/LOG.md).
 const GROUP: usize = 3;
 /// The depth from which nodes are cut at the median. With the up to 28 cuts of the largest tree below, that is less than the 96
 /// levels for which obvhs's reinsertion has memory.
@@ -168,7 +168,7 @@ fn part(items: &mut [ItemBox], plane: &Plane) -> (usize, [Extent; 2]) {
 /// The number of items that one task looks over.
 const CHUNK: usize = 1 << 14;
 /// The number of items up to which a median is good enough, in trees of up to [`FEW_IN_ALL`] items and in larger ones. A leaf
-/// holds as many. With 8, a room of 712 triangles has 8 % more expected cost (docs/results/rays.md).
+/// holds as many. With 8, a room of 712 triangles has 8 % more expected cost (docs/LOG.md).
 const SMALL: [usize; 2] = [4, 8];
 /// The largest number of items of a small tree.
 const FEW_IN_ALL: usize = 1 << 15;

@@ -15,7 +15,7 @@ use rayon::prelude::*;
 const NODE_COST: f32 = 1.0;
 /// The expected time of testing a leaf, and what each of its triangles adds, for memory and for hits that are computed
 /// to the end. Without the second, and 0.6 for the first, rays take up to a tenth more time in the scenes of
-/// benches/rays.rs (docs/results/rays.md).
+/// benches/rays.rs (docs/LOG.md).
 const LEAF_COST: f32 = 0.4;
 const TRIANGLE_COST: f32 = 0.05;
 /// The expected time of testing one sphere or disk.
