@@ -1,7 +1,6 @@
 //! The error-driven sampler: a uniform pilot, then more samples where they reduce the error most.
 
 use crate::pilot::Pilot;
-use crate::similar_pool::Surfaces;
 use crate::{AdaptiveOptions, ErrorMap, VarianceOptions, pool};
 use dapple_core::options::Options as _;
 use dapple_core::plan::{Feedback, PilotPolicy, Plan, Progress, SamplerMemory};
@@ -111,15 +110,17 @@ impl<P: PointSet> Sampler for Adaptive<P> {
         let memory = SamplerMemory::planning(frame, 0);
         let mut memory = if crosses { memory.with_second_half(frame) } else { memory };
         if !self.pilot().is_all(frame, limits) {
-            // Moments; counts and floors of both halves; pooled costs, and scores divided by them.
+            // Counts, floors, those of both halves, and scores above 0; pooled costs, and scores divided by them.
             let costs = if self.options.cost == 1 { 16 } else { 0 };
-            let always = size_of::<RgbMoments>() + if crosses { 12 } else { 0 } + costs;
-            // Scores, surfaces and the windows of each thread; scores beside the error map.
-            let surfaces = if needs.features && self.reads_surfaces() { Surfaces::BYTES } else { 0 };
+            let always = 20 + if crosses { 12 } else { 0 } + costs;
+            // Scores, moments of pairs, and the windows of each thread; scores beside the error map.
+            let pairs = if self.pilot().is_single(frame, limits) { size_of::<RgbMoments>() } else { 0 };
             let size = frame.size().map(|n| n as usize);
-            let windows = pool::bytes_of_windows(size, 2 * self.options.radius as usize, parallel::threads());
+            let has_surfaces = needs.features && self.reads_surfaces();
+            let radius = 2 * self.options.radius as usize;
+            let windows = pool::bytes_of_windows(size, radius, parallel::threads(), has_surfaces);
             let map = self.errors.as_ref().map_or(0, |map| 8 + map.bytes_per_pixel);
-            let scoring = frame.bytes(8 + surfaces).saturating_add(windows as u64).max(frame.bytes(map));
+            let scoring = frame.bytes(8 + pairs).saturating_add(windows as u64).max(frame.bytes(map));
             memory.planning = memory.planning.saturating_add(frame.bytes(always)).saturating_add(scoring);
         }
         if self.options.policy == PilotPolicy::Discard { memory.with_discarded(frame, needs, limits) } else { memory }

@@ -33,6 +33,11 @@ impl Pilot {
         self.policy != PilotPolicy::Discard && total.is_multiple_of(pixels) && self.wanted(mean, Ladder::Whole) >= mean
     }
 
+    /// Returns `true` if the pilot is of one sample per pixel.
+    pub(crate) fn is_single(self, frame: &Frame, limits: &Limits) -> bool {
+        self.wanted(saturating_u32(limits.expected_samples(frame) / frame.pixels() as u64), Ladder::Whole) == 1
+    }
+
     /// Begins a round. Sets the rule by which `plan` combines halves, and requests the pilot samples that are missing,
     /// if the budget allows. If none are missing, the counts of `plan` stay 0.
     pub fn begin(self, seen: &Feedback<'_>, plan: &mut Plan) -> PilotRound {

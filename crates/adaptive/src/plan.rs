@@ -1,7 +1,7 @@
 //! Planning of sample counts from a film's statistics, without side effects.
 
 use crate::pool::{pooled_variance, ratios_over_windows};
-use crate::similar_pool::Surfaces;
+use crate::similar_pool::{Surfaces, likeness};
 use crate::{Adaptive, AdaptiveOptions, PoolShape, Pooling, Sources};
 use dapple_core::plan::{BudgetLeft, Feedback, Ladder, PilotPolicy, Plan, saturating_u32};
 use dapple_core::{Error, Film, PointSet, film::RgbMoments, parallel};
@@ -43,13 +43,16 @@ impl<P: PointSet> Adaptive<P> {
         let radius = self.radius(film);
         let pooling = Pooling { pool, radius, prior, power, epsilon, sources };
         let [width, height] = film.frame().size().map(|n| n as usize);
-        let mut known = vec![RgbMoments::default(); width * height];
-        parallel::fill(&mut known, moments);
-        let surfaces = if self.reads_surfaces() { Surfaces::of_film(film) } else { None };
-        if known.iter().all(|moments| moments.count == 1) {
-            known = paired(&known, [width, height], surfaces.as_ref());
-        }
-        let mut scores = pooled_variance(&known, [width, height], &pooling, surfaces.as_ref());
+        let reads = self.reads_surfaces();
+        let surfaces = |rows| if reads { Surfaces::of_rows(film, rows) } else { None };
+        let is_single = (0..width * height).all(|i| moments(i).count == 1);
+        let mut scores = if is_single {
+            let like = |pixels| if reads { likeness(film, pixels) } else { 1.0 };
+            let pairs = paired(&moments, [width, height], like);
+            pooled_variance(|i| pairs[i], [width, height], &pooling, &surfaces)
+        } else {
+            pooled_variance(&moments, [width, height], &pooling, &surfaces)
+        };
         raise_to_floor(&mut scores, width);
         if let Some(map) = &self.errors {
             let errors = (map.of)(film)?;
@@ -202,19 +205,23 @@ impl<P: PointSet> Adaptive<P> {
 
 /// The moments of pixels with one sample each, which have no variance: each is joined with the most alike of its diagonal
 /// neighbours. These have the pixel's own colour on the chessboard of [`Sources`], so that sources of the other colour stay so.
-fn paired(single: &[RgbMoments], [width, height]: [usize; 2], surfaces: Option<&Surfaces>) -> Vec<RgbMoments> {
-    let mut pairs = single.to_vec();
+fn paired(
+    single: impl Fn(usize) -> RgbMoments + Sync,
+    [width, height]: [usize; 2],
+    likeness: impl Fn([usize; 2]) -> f64 + Sync,
+) -> Vec<RgbMoments> {
+    let mut pairs = vec![RgbMoments::default(); width * height];
     parallel::fill(&mut pairs, |i| {
         let (x, y) = (i % width, i / width);
         let beside = [(-1, -1), (1, -1), (-1, 1), (1, 1)].into_iter().filter_map(|(dx, dy)| {
             let column = x.checked_add_signed(dx).filter(|column| *column < width)?;
             let row = y.checked_add_signed(dy).filter(|row| *row < height)?;
-            Some([column, row])
+            Some(row * width + column)
         });
-        let likeness = |at: [usize; 2]| surfaces.map_or(1.0, |surfaces| surfaces.likeness([x, y], at));
-        let mut moments = single[i];
-        if let Some([column, row]) = beside.max_by(|a, b| likeness(*a).total_cmp(&likeness(*b))) {
-            moments.merge(&single[row * width + column]);
+        let beside = beside.map(|other| (other, likeness([i, other])));
+        let mut moments = single(i);
+        if let Some((other, _)) = beside.max_by(|(_, a), (_, b)| a.total_cmp(b)) {
+            moments.merge(&single(other));
         }
         moments
     });

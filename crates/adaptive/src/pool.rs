@@ -1,6 +1,6 @@
 //! Estimates of pixel variance from few samples, pooled over neighbours.
 
-use crate::similar_pool::{Surfaces, over_similar};
+use crate::similar_pool::{Surfaces, SurfacesOfRows, over_similar};
 use dapple_core::{Error, film::RgbMoments, options::OutOfRange, parallel};
 use std::ops::Range;
 
@@ -79,15 +79,15 @@ pub fn relative_variance(moments: &[RgbMoments], size: [u32; 2], pooling: &Pooli
         let (value, allowed) = (moments.len().to_string(), "one for each pixel of the image");
         return Err(OutOfRange { name: "moments", value, allowed }.into());
     }
-    Ok(pooled_variance(moments, [w, h], pooling, None))
+    Ok(pooled_variance(|i| moments[i], [w, h], pooling, &|_| None))
 }
 
-/// The relative variance of the pixels of an image of `w` x `h` pixels, which show these `surfaces`, if they are known.
+/// The relative variance of the pixels of an image of this size, which show these `surfaces`, if they are known.
 pub(crate) fn pooled_variance(
-    moments: &[RgbMoments],
+    moments: impl Fn(usize) -> RgbMoments + Sync,
     size: [usize; 2],
     pooling: &Pooling,
-    surfaces: Option<&Surfaces>,
+    surfaces: &SurfacesOfRows<'_>,
 ) -> Vec<f64> {
     let score = |Terms([freedom, _, own @ ..]): &Terms, sums: &Terms| {
         let Terms([freedoms, seen, ..]) = *sums;
@@ -102,7 +102,7 @@ pub(crate) fn pooled_variance(
         })
     };
     let window = (pooling.radius as usize, pooling.sources);
-    let of = |i: usize| Terms::of(&moments[i], pooling.power);
+    let of = |i: usize| Terms::of(&moments(i), pooling.power);
     match pooling.pool {
         PoolShape::Similar => over_similar(size, window, surfaces, of, score),
         PoolShape::Window => over_windows(size, window, of, score),
@@ -180,21 +180,24 @@ fn rows_of_task(width: usize, radius: usize) -> usize {
 }
 
 /// The working memory of `threads` threads for an image of this size, in bytes. Each thread holds the terms of its rows
-/// and of `radius` rows around them, and sums of columns.
-pub(crate) fn bytes_of_windows([w, h]: [usize; 2], radius: usize, threads: usize) -> usize {
+/// and of `radius` rows around them, sums of columns, and surfaces if `has_surfaces`.
+pub(crate) fn bytes_of_windows([w, h]: [usize; 2], radius: usize, threads: usize, has_surfaces: bool) -> usize {
     let own = rows_of_task(w, radius);
     let around = (own + 2 * radius).min(h);
     let task = w.saturating_mul(around + 2).saturating_mul(size_of::<Terms>());
+    let surfaces = if has_surfaces { Surfaces::bytes(w, own.min(h)) } else { 0 };
+    let task = task.saturating_add(surfaces);
     task.saturating_mul(threads.min(h.div_ceil(own)))
 }
 
-/// The scores of an image's pixels, row by row. `score_row` gets a row's scores and number, and the terms of `radius` rows around it
-/// with the number of the first of them.
-pub(crate) fn scores_by_rows(
+/// The scores of an image's pixels, row by row. `score_row` gets a row's scores and number, the terms of `radius` rows around it with
+/// the number of the first of them, and what `prepare` makes of the rows of a task.
+pub(crate) fn scores_by_rows<T>(
     [w, h]: [usize; 2],
     radius: usize,
     terms: impl Fn(usize) -> Terms + Sync,
-    score_row: impl Fn(&mut [f64], usize, (&[Terms], usize)) + Sync,
+    prepare: impl Fn(Range<usize>) -> T + Sync,
+    score_row: impl Fn(&mut [f64], usize, (&[Terms], usize), &T) + Sync,
 ) -> Vec<f64> {
     let mut scores = vec![0.0; w * h];
     let rows = rows_of_task(w, radius);
@@ -203,7 +206,10 @@ pub(crate) fn scores_by_rows(
         let last = first + scores.len() / w - 1;
         let around = near(first, radius, h).start..near(last, radius, h).end;
         let all: Vec<Terms> = (around.start * w..around.end * w).map(&terms).collect();
-        (first..).zip(scores.chunks_mut(w)).for_each(|(y, scores)| score_row(scores, y, (&all, around.start)));
+        let prepared = prepare(first..last + 1);
+        (first..)
+            .zip(scores.chunks_mut(w))
+            .for_each(|(y, scores)| score_row(scores, y, (&all, around.start), &prepared));
     });
     scores
 }
@@ -219,29 +225,35 @@ fn over_windows(
     terms: impl Fn(usize) -> Terms + Sync,
     score: impl Fn(&Terms, &Terms) -> f64 + Sync,
 ) -> Vec<f64> {
-    scores_by_rows([w, h], radius, terms, |scores, y, (all, first)| {
-        let row = |y: usize| &all[(y - first) * w..][..w];
-        // Sums over rows an even number of steps away, and over the others if they are not added together.
-        let mut columns = [0, 1].map(|_| vec![Terms::default(); w]);
-        for k in near(y, radius, h) {
-            let odd = usize::from(sources != Sources::All && k.abs_diff(y) % 2 == 1);
-            columns[odd].iter_mut().zip(row(k)).for_each(|(sum, terms)| sum.add(terms));
-        }
-        for (x, place) in scores.iter_mut().enumerate() {
-            let mut sums = Terms::default();
-            let odd = |k: usize| k.abs_diff(x) % 2;
-            match sources {
-                Sources::All => columns[0][near(x, radius, w)].iter().for_each(|column| sums.add(column)),
-                Sources::Odd => near(x, radius, w).for_each(|k| sums.add(&columns[1 - odd(k)][k])),
-                Sources::Even => {
-                    near(x, radius, w).filter(|&k| k != x).for_each(|k| sums.add(&columns[odd(k)][k]));
-                    let above_and_below = near(y, radius, h).filter(|&k| k != y && k.abs_diff(y) % 2 == 0);
-                    above_and_below.for_each(|k| sums.add(&row(k)[x]));
-                }
+    scores_by_rows(
+        [w, h],
+        radius,
+        terms,
+        |_| (),
+        |scores, y, (all, first), ()| {
+            let row = |y: usize| &all[(y - first) * w..][..w];
+            // Sums over rows an even number of steps away, and over the others if they are not added together.
+            let mut columns = [0, 1].map(|_| vec![Terms::default(); w]);
+            for k in near(y, radius, h) {
+                let odd = usize::from(sources != Sources::All && k.abs_diff(y) % 2 == 1);
+                columns[odd].iter_mut().zip(row(k)).for_each(|(sum, terms)| sum.add(terms));
             }
-            *place = score(&row(y)[x], &sums);
-        }
-    })
+            for (x, place) in scores.iter_mut().enumerate() {
+                let mut sums = Terms::default();
+                let odd = |k: usize| k.abs_diff(x) % 2;
+                match sources {
+                    Sources::All => columns[0][near(x, radius, w)].iter().for_each(|column| sums.add(column)),
+                    Sources::Odd => near(x, radius, w).for_each(|k| sums.add(&columns[1 - odd(k)][k])),
+                    Sources::Even => {
+                        near(x, radius, w).filter(|&k| k != x).for_each(|k| sums.add(&columns[odd(k)][k]));
+                        let above_and_below = near(y, radius, h).filter(|&k| k != y && k.abs_diff(y) % 2 == 0);
+                        above_and_below.for_each(|k| sums.add(&row(k)[x]));
+                    }
+                }
+                *place = score(&row(y)[x], &sums);
+            }
+        },
+    )
 }
 
 /// The ratio of two sums over the window around each pixel, of `parts(i)[0]` and of `parts(i)[1]`; 0 if the latter is 0.

@@ -2,7 +2,7 @@
 
 use crate::Sources;
 use crate::pool::{Terms, scores_by_rows};
-use dapple_core::{Film, film::Features, parallel};
+use dapple_core::{Film, film::Features};
 use std::ops::Range;
 
 /// The rows of a band, within which surfaces are compared: bits of images depend on it.
@@ -76,30 +76,38 @@ impl Surface {
     }
 }
 
-/// The surfaces that the pixels of an image show.
+/// The surfaces that some rows of an image show.
 pub(crate) struct Surfaces {
     size: [usize; 2],
+    first: usize,
     of: Vec<Surface>,
 }
 
-impl Surfaces {
-    pub(crate) const BYTES: usize = size_of::<Surface>();
+/// Makes the surfaces of the bands around rows; `None` if no features are known.
+pub(crate) type SurfacesOfRows<'a> = dyn Fn(Range<usize>) -> Option<Surfaces> + Sync + 'a;
 
-    /// The surfaces of a film; `None` if it records no features.
-    pub(crate) fn of_film(film: &Film) -> Option<Self> {
-        film.features(0)?;
-        let mut of = vec![Surface::MISS; film.frame().pixels()];
-        parallel::fill(&mut of, |i| film.features(i).as_ref().map_or(Surface::MISS, Surface::of));
-        Some(Self { size: film.frame().size().map(|n| n as usize), of })
+/// The rows of the bands that some rows lie in, of `height` rows.
+fn bands(rows: &Range<usize>, height: usize) -> Range<usize> {
+    rows.start / BAND * BAND..rows.end.next_multiple_of(BAND).min(height)
+}
+
+impl Surfaces {
+    /// The bytes for so many rows of `width` pixels, and the rest of their bands.
+    pub(crate) fn bytes(width: usize, rows: usize) -> usize {
+        (rows + 2 * BAND).saturating_mul(width).saturating_mul(size_of::<Surface>())
     }
 
-    /// The likeness of the surfaces of two pixels.
-    pub(crate) fn likeness(&self, a: [usize; 2], b: [usize; 2]) -> f64 {
-        self.at(a).likeness(self.at(b))
+    /// The surfaces of a film in the bands around `rows`; `None` if it records no features.
+    pub(crate) fn of_rows(film: &Film, rows: Range<usize>) -> Option<Self> {
+        film.features(0)?;
+        let size = film.frame().size().map(|n| n as usize);
+        let rows = bands(&rows, size[1]);
+        let of = (rows.start * size[0]..rows.end * size[0]).map(|i| surface(film, i)).collect();
+        Some(Self { size, first: rows.start, of })
     }
 
     fn at(&self, [x, y]: [usize; 2]) -> &Surface {
-        &self.of[y * self.size[0] + x]
+        &self.of[(y - self.first) * self.size[0] + x]
     }
 
     /// The surface that stands for a pixel: the mean of its nearest `sources`, so that its own samples decide nothing.
@@ -138,6 +146,15 @@ impl Surfaces {
     }
 }
 
+fn surface(film: &Film, i: usize) -> Surface {
+    film.features(i).as_ref().map_or(Surface::MISS, Surface::of)
+}
+
+/// The likeness of the surfaces of two pixels; 1 in a film without features.
+pub(crate) fn likeness(film: &Film, [a, b]: [usize; 2]) -> f64 {
+    if film.needs().features { surface(film, a).likeness(&surface(film, b)) } else { 1.0 }
+}
+
 /// The numbers of a range at distances of 0, [`STEP`], …, [`REACH`] from `at`, in ascending order.
 fn steps(at: usize, within: Range<usize>) -> impl Iterator<Item = usize> {
     let before = (at - within.start).min(REACH) / STEP * STEP;
@@ -152,15 +169,15 @@ fn steps(at: usize, within: Range<usize>) -> impl Iterator<Item = usize> {
 pub(crate) fn over_similar(
     size: [usize; 2],
     (radius, sources): (usize, Sources),
-    surfaces: Option<&Surfaces>,
+    surfaces: &SurfacesOfRows<'_>,
     terms: impl Fn(usize) -> Terms + Sync,
     score: impl Fn(&Terms, &Terms) -> f64 + Sync,
 ) -> Vec<f64> {
     let window = Window::new(radius, sources);
-    scores_by_rows(size, radius, terms, |scores, y, (all, first)| {
+    scores_by_rows(size, radius, terms, surfaces, |scores, y, (all, first), surfaces| {
         let at = |row: usize, column: usize| &all[(row - first) * size[0] + column];
         for (x, place) in scores.iter_mut().enumerate() {
-            let known = surfaces.map(|surfaces| (surfaces, surfaces.standing([x, y], sources)));
+            let known = surfaces.as_ref().map(|surfaces| (surfaces, surfaces.standing([x, y], sources)));
             let mut sums = Terms::default();
             for (row, column, near) in window.around([x, y], size) {
                 let like = match &known {
@@ -226,7 +243,7 @@ mod tests {
     fn stripes() -> Surfaces {
         let kinds = [wall([0.0, 0.0, 1.0], 2.0), wall([0.0, 1.0, 0.0], 3.0), Surface::MISS];
         let of = (0..H).flat_map(|y| (0..W).map(move |x| (x + 2 * y) / 7 % 3)).map(|kind| kinds[kind]).collect();
-        Surfaces { size: [W, H], of }
+        Surfaces { size: [W, H], first: 0, of }
     }
 
     fn scores(surfaces: &Surfaces, sources: Sources) -> Vec<f64> {
@@ -236,7 +253,12 @@ mod tests {
             Terms::of(&moments, 1.0)
         };
         let score = |_: &Terms, sums: &Terms| sums.mean(0);
-        over_similar([W, H], (2, sources), Some(surfaces), terms, score)
+        let of_rows = |rows: Range<usize>| {
+            let rows = bands(&rows, H);
+            let of = surfaces.of[rows.start * W..rows.end * W].to_vec();
+            Some(Surfaces { first: rows.start, of, ..*surfaces })
+        };
+        over_similar([W, H], (2, sources), &of_rows, terms, score)
     }
 
     #[test]
@@ -274,8 +296,8 @@ mod tests {
     #[test]
     fn a_film_without_features_has_no_surfaces() {
         let frame = Frame::new(4, 4).unwrap();
-        assert!(Surfaces::of_film(&Film::new(frame, Needs::none())).is_none());
+        assert!(Surfaces::of_rows(&Film::new(frame, Needs::none()), 1..2).is_none());
         let film = Film::new(frame, Needs::none().with_features());
-        assert_eq!(Surfaces::of_film(&film).unwrap().of.len(), 16);
+        assert_eq!(Surfaces::of_rows(&film, 1..2).unwrap().of.len(), 16);
     }
 }

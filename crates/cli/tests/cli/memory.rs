@@ -128,7 +128,7 @@ fn estimates_hold_within_a_tenth_z03() {
         ("--spp 1 --filter none --sampler uniform --resolution 1000x800 --threads 1", "files"),
         ("--spp 2 --resolution 400x300 --threads 1", "filter"),
         ("--spp 2 --resolution 400x300 --threads 2", "filter"),
-        ("--filter none --error 1e-9 --max-spp 8 --resolution 480x360", "planning"),
+        ("--filter none --error 1e-9 --max-spp 8 --resolution 480x360", "files"),
     ];
     for (words, stage) in cases {
         let Taken { line, seen } = taken(&folder, &format!("render tiny.pbrt -o a.pfm {words}"));
