@@ -218,6 +218,74 @@ fn every_link_of_the_documentation_leads_to_a_file() {
     assert!(links > 100, "{links} links");
 }
 
+/// Text of the repository's pages, and of the crates' front pages.
+fn every_page() -> Vec<(String, String)> {
+    let crates = std::fs::read_dir(root().join("crates")).expect("a folder");
+    let fronts =
+        crates.map(|entry| format!("crates/{}/README.md", entry.expect("an entry").file_name().to_string_lossy()));
+    pages().into_iter().chain(fronts).map(|name| (name.clone(), page(&name))).collect()
+}
+
+#[test]
+fn no_page_adds_a_package_that_is_not_published() {
+    let published = !page("CHANGELOG.md").contains("(unreleased)");
+    for (name, text) in every_page() {
+        for command in text.split("cargo add dapple").skip(1) {
+            assert!(published || command.starts_with(" --path"), "{name}: cargo add without --path");
+        }
+    }
+    assert!(published || page("README.md").contains("Nothing is published as a package yet"));
+}
+
+#[test]
+fn figures_of_the_readme_are_those_of_the_race() {
+    let race = page("docs/results/race.md");
+    let rows =
+        page("README.md").lines().filter(|line| line.starts_with("| error: ")).map(str::to_owned).collect::<Vec<_>>();
+    assert!((2..=4).contains(&rows.len()), "{rows:?}");
+    for row in rows.iter().filter(|row| row.contains("OIDN")) {
+        let cells = row.split('|').map(|cell| cell.trim().trim_matches('*')).filter(|cell| cell.parse::<f64>().is_ok());
+        let figures: Vec<&str> = cells.collect();
+        // A figure, then its interval.
+        let has_all = |line: &str| {
+            let mut cells = line.split('|').map(|cell| cell.trim().split(' ').next().unwrap_or_default());
+            figures.iter().all(|figure| cells.any(|cell| cell == *figure))
+        };
+        assert!(figures.len() == 5 && race.lines().any(has_all), "{row}");
+    }
+}
+
+/// Crates whose front page has a program that runs.
+const FRONTS: [&str; 15] = [
+    "adaptive",
+    "classics",
+    "cluster-adaptive",
+    "geometry",
+    "job",
+    "light-selection",
+    "low-discrepancy",
+    "registry",
+    "renderer",
+    "scene",
+    "study",
+    "transport",
+    "core",
+    "denoise",
+    "clustering",
+];
+
+#[test]
+fn the_front_of_each_crate_has_a_program_that_runs() {
+    for name in FRONTS {
+        let front = page(&format!("crates/{name}/src/lib.rs"));
+        let front =
+            front.lines().take_while(|line| line.starts_with("//!") || line.starts_with("#![doc")).collect::<Vec<_>>();
+        let readme = page(&format!("crates/{name}/README.md"));
+        let is_there = |text: &str| text.contains("```rust\n") || text.contains("//! ```\n");
+        assert!(is_there(&front.join("\n")) || front[0].contains("../README.md") && is_there(&readme), "{name}");
+    }
+}
+
 /// Every option in a page exists, even in commands that no test runs.
 #[test]
 fn shell_blocks_that_do_not_run_here_run_in_ci_or_give_a_reason() {

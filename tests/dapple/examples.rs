@@ -132,13 +132,8 @@ fn each_plug_has_at_most_15_lines_and_the_host_does_not_know_dapple() {
 }
 
 #[test]
-fn the_page_names_each_plug_and_quotes_lines_of_them() {
-    let trimmed = |text: &str| text.lines().map(|line| line.trim()).collect::<Vec<_>>().join("\n");
-    let plugs = PLUGS.map(|(_, text, _)| trimmed(parts(text)[1]));
+fn the_page_names_each_plug() {
     assert!(PLUGS.iter().all(|(name, ..)| PAGE.contains(&format!("/examples/plugs/{name}.rs)"))));
-    for quote in PAGE.split("```rust,ignore\n").skip(1).filter_map(|rest| rest.split_once("```")) {
-        assert!(plugs.iter().any(|plug| plug.contains(trimmed(quote.0).as_str())), "no plug has: {}", quote.0);
-    }
 }
 
 #[test]

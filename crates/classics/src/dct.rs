@@ -18,7 +18,7 @@ use std::sync::Arc;
 dapple_core::options! {
     /// The parameters of [`Dct`].
     pub struct DctOptions {
-        /// Pilot samples in each 2x2 pixels, more if pixels have a floor; the defaults here are ours.
+        /// Pilot samples in each 2x2 pixels, more if pixels have a floor; the defaults here are not in the paper.
         pub pilot: u32 = 1, |n| (1..=1024).contains(&n), "1 to 1024 samples";
         /// Growth of a block's number of samples after which its cosines are fitted anew.
         pub growth: f64 = 0.5, |growth| (0.01..=4.0).contains(&growth), "0.01 to 4";

@@ -1,7 +1,4 @@
-//! Published methods of adaptive sampling and reconstruction.
-//!
-//! Each file is a method or several of one kind: their options and the rules. A method whose core is recalled
-//! rather than read in its source is named "after" its authors.
+#![doc = include_str!("../README.md")]
 
 mod awr;
 mod dct;

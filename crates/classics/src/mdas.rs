@@ -19,9 +19,9 @@ dapple_core::options! {
         pub leaf: u32 = 4, |n| (1..=64).contains(&n), "1 to 64 samples";
         /// Side of a pixel, where the ranges of lens, time and light are 1.
         ///
-        /// The paper gives the image a scale of its own, which could not be read; the default is ours.
+        /// The paper gives the image a scale of its own, which could not be read; the default is not in the paper.
         pub pixel: f64 = 0.5, |pixel| pixel > 0.0 && pixel.is_finite(), "a finite number above 0";
-        /// Samples per pixel of the pilot; the default is ours.
+        /// Samples per pixel of the pilot; the default is not in the paper.
         ///
         /// The published grid has four samples in a cell, here 2x2 pixels: pilot=1. What they miss is found late or
         /// never, since boxes without contrast hardly get samples.

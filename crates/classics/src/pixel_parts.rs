@@ -110,7 +110,7 @@ pub type Hierarchical<P> = TreeSampler<P, HierarchicalOptions>;
 dapple_core::options! {
     /// The parameters of [`Subdivision`].
     pub struct SubdivisionOptions {
-        /// Contrast of red above which a part is split; the three defaults are ours, after Mitchell 1987.
+        /// Contrast of red above which a part is split; the three defaults are those of Mitchell 1987.
         pub red: f64 = 0.4, |red| red > 0.0 && red <= 1.0, "a threshold of contrast lies in (0, 1]";
         /// Contrast of green above which a part is split.
         pub green: f64 = 0.3, |green| green > 0.0 && green <= 1.0, "a threshold of contrast lies in (0, 1]";

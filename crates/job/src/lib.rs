@@ -1,17 +1,6 @@
-//! One render, from its description to its image and files.
+#![doc = include_str!("../README.md")]
 //!
-//! * [`registry`]: samplers, point sets and filters by name, made for a world.
-//! * [`WorldClusters`]: the clusters (groups of neighbouring triangles) of a world (a scene built for tracing), for
-//!   samplers and filters that use clusters.
-//! * [`output`]: the layers of an OpenEXR file, and maps.
-//! * [`memory`]: estimates of the memory of scenes, worlds and renders.
-//! * [`checkpoint`]: files that stay complete in a crash.
-//! * [`denoise`]: images of any renderer, from OpenEXR files.
-
-/// Runs the README's examples as documentation tests.
-#[cfg(doctest)]
-#[doc = include_str!("../README.md")]
-struct Readme;
+//! [`RenderSpec`], [`Job`], [`registry`], [`output`], [`memory`], [`checkpoint`], [`denoise`].
 
 pub mod checkpoint;
 mod clusters;

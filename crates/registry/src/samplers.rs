@@ -66,7 +66,7 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
         aliases: &["cluster"],
         ..Entry::new(
             "adaptive",
-            "counts by error: pooled variance of a pilot, or a filter's error map; cells at hit points (the default)",
+            "counts by error: the pooled variance of a pilot, or a filter's error map (the default)",
             "Dapple (docs/results/adaptive.md); counts: Neyman 1934; error maps of filters: Rousselle et al. 2012",
             "settings suit the default filter: without a filter, `variance` leaves less error",
             &[BY, AdaptiveOptions::PARAMETERS],
@@ -251,7 +251,7 @@ const THEN: &[Parameter] = &[
 const BY: &[Parameter] = &[Parameter::new(
     "by",
     "variance",
-    "The error that counts follow: variance (pooled, of the pilot), or that of nlm, bilateral or cluster-regression.",
+    "The error that counts follow: variance (of the pilot); with policy=keep also that of nlm, bilateral or cluster-regression.",
 )];
 const PROBES: &[Parameter] = &[
     Parameter::new("probes", "centre", "Probe rays per pixel: centre (one, published), or so many jittered ones."),

@@ -1,13 +1,6 @@
-//! The example renderer of Dapple: cameras, lights, materials, media and integrators.
+#![doc = include_str!("../README.md")]
 //!
-//! [`World::new`] prepares a [`dapple_scene::Scene`] for ray tracing and records its
-//! [`Effects`](dapple_scene::Effects). [`integrator()`] returns the path tracer compiled for these effects, and
-//! [`make_integrator`] makes any integrator by name. [`dapple_core::Render`] renders images with an integrator.
-
-/// The README, whose example is compiled and run as a test.
-#[cfg(doctest)]
-#[doc = include_str!("../README.md")]
-struct Readme;
+//! [`World::new`] prepares a scene, [`integrator()`] returns its path tracer, and [`make_integrator`] makes any integrator by name.
 
 #[cfg(test)]
 extern crate self as dapple_renderer;

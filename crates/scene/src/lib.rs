@@ -1,12 +1,6 @@
-//! Scenes as plain data: description, effects, readers, image files and bundled scenes.
+#![doc = include_str!("../README.md")]
 //!
-//! A reader ([`read_any`], [`pbrt`], [`model`]) turns a file into a [`Scene`]. [`Effects::of`] reports the effects that
-//! the scene calls for. This crate traces no rays: a renderer builds its world from the description.
-
-/// The README, so that its example runs as a doc test.
-#[cfg(doctest)]
-#[doc = include_str!("../README.md")]
-struct Readme;
+//! A reader ([`read_any`], [`pbrt`], [`model`]) turns a file into a [`Scene`]. [`Effects::of`] lists its effects.
 
 pub mod bundled;
 mod colorimetry;

@@ -294,7 +294,7 @@ fn assign(table: &mut Table, set: &str) -> Result<String, String> {
 
 /// A value of TOML that is written as text, or as what serde reads.
 #[derive(Deserialize)]
-#[serde(untagged, expecting = "text, or a table of the keys that docs.rs/dapple-study lists")]
+#[serde(untagged, expecting = "text, or a table of the keys that `dapple study --help` lists")]
 enum Written<T> {
     Text(String),
     Value(T),

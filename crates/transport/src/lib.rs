@@ -1,7 +1,6 @@
-//! Integrators whose light starts at the lights: a crate beside the example renderer, on its public queries.
+#![doc = include_str!("../README.md")]
 //!
-//! [`integrators`] is the table of all integrators by name: the renderer's own, then [`ENTRIES`]. [`make_integrator`]
-//! makes one.
+//! [`make_integrator`] makes one of [`integrators`]: the renderer's own, then [`ENTRIES`].
 
 mod bdpt;
 mod instant;

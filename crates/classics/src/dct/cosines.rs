@@ -25,7 +25,7 @@ dapple_core::options! {
     pub struct CosineOptions {
         /// Cosines per sample of a block, at most one per pixel; a half as published.
         pub share: f64 = 0.5, |share| share > 0.0 && share <= 1.0, "above 0 and at most 1";
-        /// Weight of squared frequencies times squared coefficients in the fit; the default is ours.
+        /// Weight of squared frequencies times squared coefficients in the fit; the default is not in the paper.
         pub lambda: f64 = 1e-3 => "0.001", |l| (1e-6..=1e6).contains(&l), "1e-6 to 1e6";
         /// Scale on which cosines are fitted: linear, or log of 1 + x (less ringing; too dark in noise).
         pub scale: CosineScale = CosineScale::Linear => "linear";

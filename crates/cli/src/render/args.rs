@@ -38,7 +38,7 @@ pub(crate) struct RenderArgs {
     /// Sampler (how many samples each pixel gets); `dapple samplers` lists all
     ///
     /// Errors are relative to the squared radiance plus `epsilon`; a smaller one gives dark pixels more samples. The
-    /// default, 0.3, suits the default filter; with `--filter none`, use `adaptive:epsilon=0.01`.
+    /// default suits the default filter; with `--filter none`, use `adaptive:epsilon=0.01`.
     #[arg(long, value_name = "NAME[:key=value,…]", default_value = dapple_job::DEFAULT_SAMPLER, value_parser = sampler)]
     #[arg(help_heading = "Method")]
     pub(crate) sampler: String,

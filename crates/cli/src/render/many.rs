@@ -281,8 +281,8 @@ type Film = Box<dyn FnOnce(&mut Job) -> std::result::Result<Traced, JobError>>;
 
 /// Make an image from shards that several machines rendered, or from the last plan of a render in stages
 ///
-/// The image has the same bits as a render on one machine with the same arguments and --light-selection power. The
-/// scene is read again, from the path in the shards or from --scene. It must be the scene that was rendered.
+/// The image has the same bits as a render on one machine with the same arguments; shards are rendered with
+/// --light-selection power. The scene is read again, from the path in the files or from --scene.
 #[derive(clap::Args)]
 #[command(after_help = include_str!("../help/merge.txt").trim_end())]
 pub(crate) struct MergeArgs {

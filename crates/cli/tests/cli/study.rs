@@ -1,6 +1,7 @@
 //! `dapple study` as its user meets it.
 
 use crate::common::{Folder, Said, signal};
+use dapple_study::Plan;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
@@ -63,6 +64,28 @@ fn a_study_is_made_with_one_command() {
     let wrong = [methods, "the folder holds another study; choose another folder"];
     folder.says(&format!("study {SMALL} --set filters=none -o s"), 1, &wrong);
     assert_eq!(folder.read("s/runs.jsonl"), before);
+}
+
+/// Keys of the plan in the help whose values are examples.
+const EXAMPLES: [&str; 8] = ["scenes", "only", "methods", "resolution", "max_depth", "[[external]]", "name", "command"];
+
+#[test]
+fn the_plan_in_the_help_has_the_defaults() {
+    let help = Folder::new().done("study --help");
+    let (_, plan) = help.split_once("here with its default or an example:\n").expect("a plan");
+    let (plan, _) = plan.split_once("\n\n").expect("its end");
+    let is_default = |line: &&str| !EXAMPLES.iter().any(|key| line.trim_start().starts_with(key));
+    let lines: Vec<&str> = plan.lines().filter(is_default).collect();
+    assert!(lines.len() > 12, "{lines:?}");
+    let mut read = Plan::parse(&lines.join("\n"), "help".as_ref(), &[]).expect("a plan");
+    let default = Plan::parse("", "none".as_ref(), &[]).expect("a plan");
+    let settings = &mut read.settings;
+    (settings.samplers, settings.spp, settings.seeds, settings.time_of) = (None, None, None, None);
+    assert_eq!(read, default);
+    let quick = Plan::parse("quick = true", "quick".as_ref(), &[]).expect("a plan");
+    let said = format!("{0}x{0} pixels, {1} seeds, and {2:?} spp", quick.side, quick.seeds.len(), quick.spp);
+    assert_eq!(said, "64x64 pixels, 4 seeds, and [4, 8, 16] spp");
+    assert!(plan.contains("64x64 pixels, 4 seeds, and 4, 8 and 16 spp"), "{plan}");
 }
 
 /// The defaults of both commands come from one place.

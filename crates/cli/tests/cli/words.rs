@@ -3,7 +3,7 @@
 #![allow(clippy::print_stderr, reason = "tests say when they skip")]
 
 use crate::common::{Folder, TINY};
-use dapple_job::registry::SAMPLERS;
+use dapple_job::registry::{FILTERS, NOT_BUILT, SAMPLERS};
 use dapple_scene::bundled;
 use std::time::{Duration, Instant};
 
@@ -212,6 +212,16 @@ fn lists_and_info_are_for_reading() {
     let named: Vec<&str> = described.split(|c: char| !c.is_alphanumeric()).collect();
     assert!(layers.split(", ").all(|layer| named.contains(&layer)), "{layers}: {described}");
     assert!(help.contains("Examples:\n  dapple render\n"), "{help}");
+    // Defaults of parameters are those that `dapple samplers` prints.
+    let sampler =
+        help.split_once("--sampler <").and_then(|(_, rest)| rest.split_once("\n\n      --")).expect("it is listed").0;
+    assert!(!sampler.replace("epsilon=0.01", "").contains("0."), "{sampler}");
+}
+
+#[test]
+fn the_readme_counts_the_methods_that_there_are() {
+    let counted = format!("{} samplers and {} filters", SAMPLERS.len(), FILTERS.len() + NOT_BUILT.len());
+    assert!(include_str!("../../../../README.md").contains(&counted), "{counted}");
 }
 
 /// The line of a kind, and the codes that colour it.

@@ -41,6 +41,22 @@ fn every_method_states_where_it_fails() {
 }
 
 #[test]
+fn counts_follow_each_error_that_the_help_offers_under_the_policy_that_it_names() {
+    let none = HostClusters::none();
+    let adaptive = SAMPLERS.iter().find(|entry| entry.name == "adaptive").expect("the default");
+    let by =
+        adaptive.parameters.iter().copied().flatten().find(|parameter| parameter.name == "by").expect("a parameter");
+    let (alone, kept) = by.help.split_once("policy=keep").expect("the condition of error maps");
+    assert!(alone.contains(by.default));
+    for name in ["nlm", "bilateral", "cluster-regression"] {
+        let made = sampler(&format!("adaptive:policy=keep,by={name}"), sobol(), &none);
+        assert!(kept.contains(name) && made.is_ok(), "{name}: {}", refusal(made));
+        let error = refusal(sampler(&format!("adaptive:by={name}"), sobol(), &none));
+        assert!(error.contains("policy=keep"), "{name}: {error}");
+    }
+}
+
+#[test]
 fn without_clusters_only_methods_that_cannot_do_without_are_refused() {
     let none = HostClusters::none();
     let refused = |entries: Vec<(&'static str, String)>| -> Vec<&'static str> {
