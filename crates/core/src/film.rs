@@ -136,7 +136,7 @@ pub struct Film {
     /// discarded.
     pub(crate) discarded: Vec<Half>,
     /// The numbers of discarded samples that were in the image before, for each half. Empty until samples are withdrawn.
-    pub(crate) withdrawn: Vec<Vec<u64>>,
+    pub(crate) withdrawn: Vec<Vec<u32>>,
     pub(crate) beside: Beside,
     pub(crate) recorders: Recorders,
     pub(crate) splats: Splats,
@@ -237,7 +237,7 @@ impl Film {
 
     /// The number of kept samples of pixel `i`, both halves together.
     pub fn count(&self, i: usize) -> u64 {
-        self.kept.iter().map(|b| b.counts[i]).sum()
+        self.kept.iter().map(|half| u64::from(half.counts[i])).sum()
     }
 
     /// Returns `true` if pixel `i` has kept samples and all were rejected. Their mean is black;
@@ -266,7 +266,7 @@ impl Film {
 
     /// The weight, in `[0, 1]`, of the first half in the mean at place `i`. A half without samples has weight 0.
     fn first_half_weight(&self, i: usize) -> f64 {
-        let (a, b) = (self.kept[0].counts[i] as f64, self.kept[1].counts[i] as f64);
+        let (a, b) = (f64::from(self.kept[0].counts[i]), f64::from(self.kept[1].counts[i]));
         match self.combine {
             _ if a == 0.0 => 0.0,
             _ if b == 0.0 => 1.0,
@@ -298,7 +298,7 @@ impl Film {
         let planes = &self.kept[half % self.kept.len()];
         let mean = planes.indirect.get(i)?.map(f64::from);
         let m2 = planes.indirect_m2.get(i).map_or([f64::NAN; 3], |m2| m2.map(f64::from));
-        Some(RgbMoments { count: planes.counts[i], mean, m2 })
+        Some(RgbMoments { count: planes.counts[i].into(), mean, m2 })
     }
 
     /// The mean emission of light sources that pixel `i`'s kept samples saw directly: of half 0 or 1, or of all samples in
@@ -378,7 +378,7 @@ impl Film {
         self.withdrawn.resize(self.kept.len(), vec![0; self.frame.pixels()]);
         for ((kept, other), withdrawn) in self.kept.iter_mut().zip(&mut self.discarded).zip(&mut self.withdrawn) {
             let moved = withdrawn.iter_mut().zip(&kept.counts).zip(marked);
-            moved.filter(|(_, marked)| **marked).for_each(|((withdrawn, count), _)| *withdrawn += count);
+            moved.filter(|(_, marked)| **marked).for_each(|((withdrawn, count), _)| *withdrawn = withdrawn.saturating_add(*count));
             kept.exchange(other, marked);
         }
     }
@@ -386,10 +386,10 @@ impl Film {
     /// The index of the next sample of pixel `i`: of the kept or of the discarded ones of a half.
     #[inline]
     pub(crate) fn next_index(&self, retention: Retention, half: usize, i: usize) -> u64 {
-        let withdrawn = self.withdrawn.get(half).map_or(0, |withdrawn| withdrawn[i]);
+        let withdrawn = self.withdrawn.get(half).map_or(0, |withdrawn| withdrawn[i].into());
         match retention {
-            Retention::Keep => self.kept[half].counts[i] + withdrawn,
-            Retention::Discard => self.discarded[half].counts[i] - withdrawn,
+            Retention::Keep => u64::from(self.kept[half].counts[i]) + withdrawn,
+            Retention::Discard => u64::from(self.discarded[half].counts[i]) - withdrawn,
         }
     }
 
@@ -402,7 +402,7 @@ impl Film {
             _ => streams::HALVES[half],
         };
         let withdrawn = self.withdrawn.get(half).map_or(0, |withdrawn| withdrawn[i]);
-        SampleId::new(self.frame.pixel(i), stream, withdrawn + number as u64)
+        SampleId::new(self.frame.pixel(i), stream, u64::from(withdrawn) + number as u64)
     }
 
     /// Counts newly rejected samples and lists the first of them in order of pixel, stream and index.

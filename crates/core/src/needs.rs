@@ -19,8 +19,8 @@ macro_rules! needs {
         /// let both = sampler.and(filter);
         /// assert!(both.variance && both.halves && both.features);
         ///
-        /// assert_eq!(Film::bytes_per_pixel(&Needs::none()), 32);
-        /// assert_eq!(Film::bytes_per_pixel(&sampler), 56);
+        /// assert_eq!(Film::bytes_per_pixel(&Needs::none()), 28);
+        /// assert_eq!(Film::bytes_per_pixel(&sampler), 52);
         /// ```
         #[non_exhaustive]
         #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

@@ -279,7 +279,7 @@ fn film_bytes(film: &Film) -> Vec<u8> {
 /// The header before the planes of a film.
 type Head = (Frame, Needs, Recorders, Combine, Record, Vec<Rejected>);
 /// The planes of a film.
-type Planes = (Vec<Half>, Vec<Half>, Vec<Vec<u64>>, Beside, Splats, u64);
+type Planes = (Vec<Half>, Vec<Half>, Vec<Vec<u32>>, Beside, Splats, u64);
 
 fn film_of(bytes: &[u8]) -> Result<Film, Error> {
     let (head, planes): (Head, Planes) = decoded(bytes)?;
@@ -305,7 +305,7 @@ fn check_film(film: &Film) -> Result<(), Error> {
     require(is_time(record.prepare_seconds) && seconds.all(is_time), "a time is not a number of seconds")?;
     require(film.rejected.len() <= REJECTED_LISTED, "the list of rejected samples is too long")?;
     let mut counts = kept.iter().chain(discarded).flat_map(|planes| &planes.counts);
-    let samples = counts.try_fold(0_u64, |sum, n| sum.checked_add(*n)).map_or_else(|| broken("counts overflow"), Ok)?;
+    let samples = counts.try_fold(0_u64, |sum, n| sum.checked_add(u64::from(*n))).map_or_else(|| broken("counts overflow"), Ok)?;
     require(film.unreported <= samples, "more samples report no hits than there are")?;
     let fits = withdrawn.is_empty() || withdrawn.len() == discarded.len();
     require(fits, "samples are withdrawn, but the film has no place for them")?;

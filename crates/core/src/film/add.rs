@@ -18,7 +18,7 @@ pub(crate) struct Strip<'a> {
     pub(crate) halves: [HalfRows<'a>; 2],
     pub(crate) beside: BesideRows<'a>,
     /// The counts of each half's withdrawn samples, whose indices precede those of kept ones; empty without such samples.
-    withdrawn: [&'a [u64]; 2],
+    withdrawn: [&'a [u32]; 2],
     retention: Retention,
     needs: Needs,
     recorders: &'a [Arc<dyn Recorder>],
@@ -75,7 +75,7 @@ impl Strip<'_> {
     /// The number of samples of each half of a pixel.
     #[inline]
     pub(crate) fn counts(&self, local: usize) -> [u64; 2] {
-        [0, 1].map(|half: usize| self.halves[half].counts.get(local).copied().unwrap_or(0))
+        [0, 1].map(|half: usize| self.halves[half].counts.get(local).map_or(0, |count| u64::from(*count)))
     }
 
     /// The index of a pixel's next sample in the stream of each half.
@@ -83,8 +83,8 @@ impl Strip<'_> {
     pub(crate) fn next(&self, local: usize) -> [u64; 2] {
         let (counts, is_kept) = (self.counts(local), self.retention == Retention::Keep);
         [0, 1].map(|half: usize| match self.withdrawn[half].get(local) {
-            Some(withdrawn) if is_kept => counts[half] + withdrawn,
-            Some(withdrawn) => counts[half] - withdrawn,
+            Some(withdrawn) if is_kept => counts[half] + u64::from(*withdrawn),
+            Some(withdrawn) => counts[half] - u64::from(*withdrawn),
             None => counts[half],
         })
     }
@@ -167,7 +167,7 @@ impl HalfRows<'_> {
     /// Passes a sample to the recorders. Outlined because most films have none.
     #[inline(never)]
     fn record(&mut self, local: usize, (radiance, estimate): ([f32; 3], &Estimate), recorders: &[Arc<dyn Recorder>]) {
-        let sample = RecordedSample { count: self.counts[local], radiance, estimate };
+        let sample = RecordedSample { count: self.counts[local].into(), radiance, estimate };
         let words = &mut self.words[local * recorders.len()..][..recorders.len()];
         words.iter_mut().zip(recorders).for_each(|(words, recorder)| recorder.record(words, &sample));
     }
@@ -175,8 +175,9 @@ impl HalfRows<'_> {
     /// Adds a valid sample to count, mean and squared deviations, by Welford's method.
     #[inline]
     fn push(&mut self, local: usize, radiance: [f32; 3]) {
-        self.counts[local] += 1;
-        let share = 1.0 / self.counts[local] as f64;
+        let count = self.counts[local].saturating_add(1);
+        self.counts[local] = count;
+        let share = 1.0 / f64::from(count);
         let mean = &mut self.means[local];
         let before = *mean;
         for c in 0..3 {
@@ -193,7 +194,7 @@ impl HalfRows<'_> {
 
 /// Adds a part of a sample's radiance to its mean over `count` samples, and to squared deviations, if there are some.
 #[inline]
-fn add_part((mean, mut m2): (&mut [f32; 3], Option<&mut [f32; 3]>), count: u64, part: [f32; 3], radiance: [f32; 3]) {
+fn add_part((mean, mut m2): (&mut [f32; 3], Option<&mut [f32; 3]>), count: u32, part: [f32; 3], radiance: [f32; 3]) {
     let share = 1.0 / count as f32;
     for c in 0..3 {
         // A part of the radiance is at least 0, and at most the radiance.

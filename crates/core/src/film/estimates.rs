@@ -59,7 +59,7 @@ impl Film {
     fn refinement(&self, half: usize, i: usize) -> Option<[f64; 3]> {
         let (samples, alone) = self.emission_alone(half, i)?;
         let (plain, count) = (self.emission(half, i)?, self.kept[half % self.kept.len()].counts[i]);
-        let share = f64::from(samples) / (f64::from(samples) + count as f64);
+        let share = f64::from(samples) / (f64::from(samples) + f64::from(count));
         (count > 0).then(|| [0, 1, 2].map(|c| share * (f64::from(alone[c]) - f64::from(plain[c]))))
     }
 
@@ -105,7 +105,7 @@ impl Film {
     /// - w) B`. Each pixel has one degree of freedom, so average over pixels before use. The error of splats is not in it.
     pub fn squared_error(&self, i: usize) -> Option<[f64; 3]> {
         let [a, b] = &self.kept[..] else { return None };
-        let (na, nb) = (a.counts[i] as f64, b.counts[i] as f64);
+        let (na, nb) = (f64::from(a.counts[i]), f64::from(b.counts[i]));
         if na == 0.0 || nb == 0.0 {
             return None;
         }

@@ -130,7 +130,7 @@ impl Film {
         features.iter_mut().for_each(|f| f.emission.keep(half));
         let own = [streams::HALVES[half], streams::DISCARDED_HALVES[half]];
         let rejected: Vec<_> = self.rejected.iter().filter(|r| own.contains(&r.sample.stream)).copied().collect();
-        let samples = kept.iter().chain(&discarded).flat_map(|planes| &planes.counts).sum();
+        let samples = kept.iter().chain(&discarded).flat_map(|planes| &planes.counts).map(|count| u64::from(*count)).sum();
         Ok(Self {
             combine: Combine::ByCount,
             kept,
@@ -245,12 +245,13 @@ impl Film {
             }
             for (planes, half) in film.kept.iter_mut().zip(pixel.halves) {
                 // The sum makes -0, the mean of rejected samples, 0.
-                (planes.counts[i], planes.means[i], planes.m2[i]) = (half.count, half.mean.map(|x| x + 0.0), half.m2);
-                if half.count > 0 {
+                let count = u32::try_from(half.count).unwrap_or(u32::MAX);
+                (planes.counts[i], planes.means[i], planes.m2[i]) = (count, half.mean.map(|x| x + 0.0), half.m2);
+                if count > 0 {
                     let seen = |c: usize| pixel.emission[c].min(half.mean[c] as f32).max(0.0);
                     planes.emission[i] = [seen(0), seen(1), seen(2)];
                 }
-                film.record.samples += half.count;
+                film.record.samples += u64::from(count);
             }
             film.beside.features[i] = pixel.feature_moments();
             if pixel.first_hit.is_some() && film.beside.first_hits.is_empty() {

@@ -79,8 +79,8 @@ macro_rules! planes {
 planes! {
     /// Statistics of kept or of discarded samples, of one half or of all.
     Half, HalfRows(layout) {
-        /// The number of samples.
-        counts: u64 = 0, 1;
+        /// The number of samples, at most the largest number of its type.
+        counts: u32 = 0, 1;
         /// Mean radiance.
         means: [f64; 3] = [0.0; 3], 1;
         /// Sums of squared deviations of the radiance.
@@ -128,6 +128,7 @@ macro_rules! sound {
 }
 
 sound! {
+    u32: |_| true;
     u64: |_| true;
     Vec<u32>: |_| true;
     [f32; 3]: |values| values.iter().all(|x| x.is_finite());
@@ -195,6 +196,6 @@ pub(super) fn is_none_valid(mean: [f64; 3]) -> bool {
 impl Half {
     /// Count, mean and sum of squared deviations of the samples of pixel `i`; deviations are NaN if they are not recorded.
     pub(super) fn moments(&self, i: usize) -> RgbMoments {
-        RgbMoments { count: self.counts[i], mean: self.means[i], m2: self.m2.get(i).copied().unwrap_or([f64::NAN; 3]) }
+        RgbMoments { count: self.counts[i].into(), mean: self.means[i], m2: self.m2.get(i).copied().unwrap_or([f64::NAN; 3]) }
     }
 }

@@ -279,7 +279,7 @@ fn no_round() -> Error {
 fn samples_in(film: &Film, rows: Frame) -> u64 {
     let first = (rows.origin()[1] - film.frame.origin()[1]) as usize * film.frame.size()[0] as usize;
     let halves = film.kept.iter().chain(&film.discarded);
-    halves.flat_map(|planes| &planes.counts[first..first + rows.pixels()]).sum()
+    halves.flat_map(|planes| &planes.counts[first..first + rows.pixels()]).map(|count| u64::from(*count)).sum()
 }
 
 impl Film {

@@ -204,7 +204,7 @@ impl<'r> Tile<'r> {
             return;
         }
         for (local, pixel) in planned.pixels.iter().enumerate() {
-            let kept = self.film.kept.iter().map(|planes| planes.counts[local]).sum();
+            let kept = self.film.count(local);
             let moments = &mut self.film.beside.features[local];
             if pixel.total() > 0 && planned.features.is_now(moments, kept, true) {
                 let cost =
