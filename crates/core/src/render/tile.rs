@@ -207,9 +207,9 @@ impl<'r> Tile<'r> {
             let kept = self.film.count(local);
             let moments = &mut self.film.beside.features[local];
             if pixel.total() > 0 && planned.features.is_now(moments, kept, true) {
-                let cost =
-                    feature_samples::add(moments, planned.points, planned.pixel(local), &planned.needs, &mut sample);
-                self.tally.add_cost(&cost);
+                let place = planned.pixel(local);
+                let added = feature_samples::add(moments, planned.points, place, &planned.needs, &mut sample);
+                self.tally.add_features(place, added);
             }
         }
     }

@@ -6,7 +6,7 @@ use dapple_core::{Film, Frame, Limits, Needs};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-/// A count takes 4 bytes, a mean or a sum of squares 24, emission or indirect light 12, features 120, and splats 48.
+/// A count takes 4 bytes, a mean or a sum of squares 24, emission or indirect light 12, features 88, and splats 48.
 #[test]
 fn bytes_per_pixel_are_those_of_all_planes() {
     let none = Needs::none();
@@ -16,13 +16,13 @@ fn bytes_per_pixel_are_those_of_all_planes() {
         (none, 28),
         (none.with_variance(), 52),
         (none.with_halves(), 56),
-        (none.with_features(), 148),
+        (none.with_features(), 116),
         (none.with_cost(), 36),
         (none.with_emission(), 40),
         (none.with_indirect(), 40),
         (none.with_splats().with_halves(), 2 * (28 + 48)),
-        (features, 2 * 28 + 3 * 120),
-        (all, 772),
+        (features, 2 * 28 + 3 * 88),
+        (all, 676),
     ] {
         assert_eq!(Film::bytes_per_pixel(&needs), bytes, "{needs:?}");
     }
