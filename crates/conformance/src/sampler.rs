@@ -156,7 +156,7 @@ pub fn bits(film: &Film) -> Vec<u64> {
         }
         bits.extend(film.mean(i).map(f64::to_bits));
         // Floats print their shortest exact form, so equal text means equal bits.
-        let rest = format!("{:?} {:?} {:?}", film.features(i), film.first_hits(i), film.cost(i));
+        let rest = format!("{:?} {:?} {:?} {:?}", film.features(i), film.surface(i), film.first_hits(i), film.cost(i));
         bits.extend(rest.bytes().map(u64::from));
         if film.needs().feature_halves {
             bits.extend(format!("{:?}", [0, 1].map(|half| film.half_features(half, i))).bytes().map(u64::from));

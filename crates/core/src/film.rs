@@ -328,6 +328,12 @@ impl Film {
         &self.beside.first_hits[i * k..(i + 1) * k]
     }
 
+    /// Shape and primitive of the first hit of pixel `i`'s first sample; `None` if it missed or was not traced, and without
+    /// [`Needs::surfaces`].
+    pub fn surface(&self, i: usize) -> Option<[u32; 2]> {
+        self.beside.surfaces.get(i).copied().filter(|surface| *surface != planes::NO_SURFACE)
+    }
+
     /// The number of rays traced for pixel `i`; `None` without [`Needs::cost`].
     pub fn cost(&self, i: usize) -> Option<u64> {
         self.beside.costs.get(i).copied()

@@ -88,6 +88,8 @@ needs! {
     features: bool, with_features, "first-hit features";
     /// Features of each half's samples alone, besides those of all samples: with halves and features.
     feature_halves: bool, with_feature_halves, "first-hit features per half" [halves, features];
+    /// Shape and primitive of the first hit of each pixel's first sample, by which filters tell clusters.
+    surfaces: bool, with_surfaces, "the surfaces of first hits";
     /// The number of samples per pixel, from the first on, whose first hits are stored one by one.
     first_hits: u8, with_first_hits, "first hits";
     /// The cost of each pixel's samples, in rays.
@@ -105,6 +107,11 @@ needs! {
 impl Needs {
     /// Returns `true` if a statistic of these is taken from first hits, so that the integrator must report them.
     pub const fn wants_first_hit(&self) -> bool {
-        self.features || self.feature_halves || self.first_hits > 0 || self.trajectories
+        self.features || self.feature_halves || self.has_places() || self.trajectories
+    }
+
+    /// Returns `true` if first hits of a pixel's first samples have places of their own.
+    pub(crate) const fn has_places(&self) -> bool {
+        self.surfaces || self.first_hits > 0
     }
 }

@@ -1,6 +1,6 @@
 //! Samples added to a film: by the render loop, to the planes of some pixels, or one by one.
 
-use super::planes::{BesideRows, Half, HalfRows, NONE_VALID, is_none_valid};
+use super::planes::{BesideRows, Half, HalfRows, NO_SURFACE, NONE_VALID, is_none_valid};
 use super::{FeatureMoments, Film, Rejected, RejectedReason};
 use crate::recorder::{RecordedSample, Recorder};
 use crate::{Estimate, FirstHit, Needs, SampleId, plan::Retention, point_set::streams};
@@ -35,8 +35,8 @@ impl Film {
     ) -> Option<RejectedReason> {
         let halves = if retention == Retention::Keep { &mut self.kept } else { &mut self.discarded };
         let rejected = halves[half].rows().add(local, estimate, &self.recorders.active);
-        let places = self.needs.first_hits > 0;
-        let seen = if places { self.strip(retention).next(local).iter().sum::<u64>() - 1 } else { u64::MAX };
+        let seen =
+            if self.needs.has_places() { self.strip(retention).next(local).iter().sum::<u64>() - 1 } else { u64::MAX };
         self.beside.rows().add(&self.needs, (half, local), seen, estimate);
         rejected
     }
@@ -96,7 +96,7 @@ impl Strip<'_> {
         let rejected = self.halves[half].add(local, estimate, self.recorders);
         // Kept and discarded samples fill the places of first hits in the order of tracing. These indices give the next place,
         // as long as all rounds have the same retention, which is usual.
-        let seen = if self.needs.first_hits > 0 { self.next(local).iter().sum::<u64>() - 1 } else { u64::MAX };
+        let seen = if self.needs.has_places() { self.next(local).iter().sum::<u64>() - 1 } else { u64::MAX };
         self.beside.add(&self.needs, (half, local), seen, estimate);
         rejected
     }
@@ -123,6 +123,12 @@ impl BesideRows<'_> {
             let k = usize::from(needs.first_hits);
             let features = [self.features.get_mut(local), self.half_features.get_mut(2 * local + half)];
             record_first_hit(features, &mut self.first_hits[k * local..k * (local + 1)], seen, estimate);
+            if seen == 0
+                && let Some(surface) = self.surfaces.get_mut(local)
+            {
+                let hit = estimate.first_hit.filter(FirstHit::is_finite);
+                *surface = hit.map_or(NO_SURFACE, |hit| [hit.shape, hit.primitive]);
+            }
         }
         if let Some(cost) = self.costs.get_mut(local) {
             *cost += u64::from(estimate.cost);

@@ -1,9 +1,9 @@
 //! Films made of others, or of the statistics of another program: some rows, a tile, one half, pixels.
 
-use super::planes::Window;
+use super::planes::{NO_SURFACE, Window};
 use super::{Beside, FeatureMoments, Features, Film, Half, Record, Rejected, RgbMoments};
 use crate::plan::{Combine, Retention};
-use crate::{Error, FirstHit, Frame, Needs, SurfaceFeatures, macros::setters, point_set::streams};
+use crate::{Error, Frame, Needs, SurfaceFeatures, macros::setters, point_set::streams};
 use std::ops::Range;
 
 impl Film {
@@ -97,7 +97,7 @@ impl Film {
     ///
     /// Counts, moments, emission, words of recorders, splats and discarded samples are those of the half. So are
     /// features if the film records them [per half](Needs::feature_halves); else they are those of both halves, as first
-    /// hits always are. [Emission alone](Film::emission_alone) is that of the half. Costs and the record of rounds are left
+    /// hits and surfaces always are. [Emission alone](Film::emission_alone) is that of the half. Costs and the record of rounds are left
     /// out. A filter that needs halves refuses the film.
     ///
     /// The film takes [`Film::bytes_per_pixel`] of its own [`Needs`].
@@ -139,7 +139,12 @@ impl Film {
             discarded,
             withdrawn: self.withdrawn.get(half).cloned().into_iter().collect(),
             lamp_edges: self.lamp_edges.clone().half(half),
-            beside: Beside { features, first_hits: self.beside.first_hits.clone(), ..Beside::default() },
+            beside: Beside {
+                features,
+                surfaces: self.beside.surfaces.clone(),
+                first_hits: self.beside.first_hits.clone(),
+                ..Beside::default()
+            },
             recorders: self.recorders.clone(),
             splats: self.splats.half(half),
             // Of samples that report no hits, only whether all are such is read.
@@ -152,7 +157,7 @@ impl Film {
     }
 }
 
-/// The statistics of one pixel for [`Film::from_pixels`]: both halves of its samples, emission, features and first hit.
+/// The statistics of one pixel for [`Film::from_pixels`]: both halves of its samples, emission, features and surface.
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PixelStatistics {
@@ -166,8 +171,8 @@ pub struct PixelStatistics {
     pub feature_variance: [f32; 10],
     /// The share of the samples that hit a surface, 0 to 1.
     pub coverage: f32,
-    /// The first hit of the pixel's first sample, for filters that read clusters.
-    pub first_hit: Option<FirstHit>,
+    /// Shape and primitive of the first hit of the pixel's first sample, for filters that read clusters.
+    pub surface: Option<[u32; 2]>,
 }
 
 impl PixelStatistics {
@@ -187,10 +192,10 @@ impl PixelStatistics {
         with_emission(emission: [f32; 3]);
     }
 
-    /// Sets the first hit.
+    /// Sets shape and primitive of the first hit.
     #[must_use]
-    pub fn with_first_hit(self, hit: FirstHit) -> Self {
-        Self { first_hit: Some(hit), ..self }
+    pub fn with_surface(self, shape: u32, primitive: u32) -> Self {
+        Self { surface: Some([shape, primitive]), ..self }
     }
 
     fn is_finite(&self) -> bool {
@@ -218,7 +223,7 @@ impl PixelStatistics {
 impl Film {
     /// A film from statistics of each pixel that another program gathered, row by row from the top.
     ///
-    /// The film records variance, halves, features, emission, and the first hit of one sample if any pixel has one. Filters
+    /// The film records variance, halves, features, emission, and surfaces if any pixel has one. Filters
     /// read it as they read the film of a render. `dapple_denoise::denoise` makes such films from image buffers.
     ///
     /// ```
@@ -256,12 +261,10 @@ impl Film {
                 film.record.samples += u64::from(count);
             }
             film.beside.features[i] = pixel.feature_moments();
-            if pixel.first_hit.is_some() && film.beside.first_hits.is_empty() {
-                film.needs = film.needs.with_first_hits(1);
-                film.beside.first_hits = vec![None; frame.pixels()];
-            }
-            if let Some(hit) = film.beside.first_hits.get_mut(i) {
-                *hit = pixel.first_hit.filter(FirstHit::is_finite);
+            if let Some(surface) = pixel.surface {
+                film.needs = film.needs.with_surfaces();
+                film.beside.surfaces.resize(frame.pixels(), NO_SURFACE);
+                film.beside.surfaces[i] = surface;
             }
         }
         Ok(film)

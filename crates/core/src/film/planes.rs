@@ -103,12 +103,17 @@ planes! {
         features: FeatureMoments = FeatureMoments::default(), layout.needs.features;
         /// Features of each half's samples: two per pixel, or none.
         half_features: FeatureMoments = FeatureMoments::default(), if layout.needs.feature_halves && layout.needs.halves { 2 } else { 0 };
+        /// Shape and primitive of the first sample's first hit, or [`NO_SURFACE`].
+        surfaces: [u32; 2] = NO_SURFACE, layout.needs.surfaces;
         /// The first hits of the first samples.
         first_hits: Option<FirstHit> = None, layout.needs.first_hits;
         /// The rays traced.
         costs: u64 = 0, layout.needs.cost;
     }
 }
+
+/// The surface of a sample that missed or was not traced: the shape has a number that no renderer counts to.
+pub(super) const NO_SURFACE: [u32; 2] = [u32::MAX; 2];
 
 /// A value of a plane.
 pub(crate) trait Sound {
@@ -130,6 +135,7 @@ macro_rules! sound {
 sound! {
     u32: |_| true;
     u64: |_| true;
+    [u32; 2]: |_| true;
     Vec<u32>: |_| true;
     [f32; 3]: |values| values.iter().all(|x| x.is_finite());
     [f64; 3]: |values| values.iter().all(|x| x.is_finite());

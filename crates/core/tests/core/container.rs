@@ -207,7 +207,7 @@ fn pixels(film: &Film) -> String {
             halves,
             film.indirect(1, i),
             film.features(i),
-            film.first_hits(i)
+            (film.surface(i), film.first_hits(i))
         )
     };
     (0..film.frame().pixels()).map(one).collect()

@@ -216,17 +216,24 @@ fn first_hits_with_a_nan_count_as_misses() {
             .with_albedo([0.5; 3])
             .with_footprint(1.0)
             .with_material(4)
-            .with_shape(5)
+            .with_shape(5 + draws.id().index as u32)
             .with_primitive(6);
         Estimate::new([1.0; 3]).with_first_hit(draws.wants_first_hit().then_some(hit)).with_cost(3)
     });
-    let needs = Needs::none().with_features().with_first_hits(4).with_cost();
+    let needs = Needs::none().with_features().with_surfaces().with_first_hits(4).with_cost();
     let film = run(&mut hits, &mut constant(), needs, frame(1, 1), &Limits::samples(9)).unwrap();
     let features = film.features(0).unwrap();
     assert_eq!((features.samples, features.hits, features.depth), (9, 6, 2.0));
     assert_eq!(features.variance, Some([0.0; 10]));
     let found: Vec<bool> = film.first_hits(0).iter().map(Option::is_some).collect();
     assert_eq!((found, film.cost(0)), (vec![true, false, true, true], Some(27)));
+    assert_eq!(film.surface(0), Some([5, 6]), "that of the first sample");
+    let mut film = Film::new(frame(1, 1), Needs::none().with_surfaces());
+    for depth in [f32::NAN, 1.0] {
+        let hit = FirstHit::new([0.0; 3], [1.0, 0.0, 0.0], depth);
+        film.push_estimate(0, 0, &Estimate::new([1.0; 3]).with_first_hit(hit));
+        assert_eq!(film.surface(0), None, "the first sample misses");
+    }
     let bare = run(&mut hits, &mut constant(), Needs::none(), frame(1, 1), &Limits::samples(9)).unwrap();
     assert_eq!((bare.features(0), bare.first_hits(0).len(), bare.cost(0)), (None, 0, None));
 }

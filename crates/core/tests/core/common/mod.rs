@@ -79,6 +79,7 @@ pub fn everything() -> Needs {
         .with_halves()
         .with_features()
         .with_feature_halves()
+        .with_surfaces()
         .with_first_hits(3)
         .with_cost()
         .with_emission()
