@@ -3,7 +3,7 @@
 use super::{ALBEDO, DEPTH, Denoise, Feature, NORMAL, POSITION, SampleBuffers, check};
 use crate::planes::{beside, box_mean};
 use dapple_core::film::{PixelStatistics, RgbMoments};
-use dapple_core::{Error, Film, FirstHit, Frame, SurfaceFeatures, point_set::mix};
+use dapple_core::{Error, Film, Frame, SurfaceFeatures, point_set::mix};
 
 /// The depth from which on a pixel counts as a miss: renderers write numbers like this for the background.
 const FAR: f32 = 1e10;
@@ -32,9 +32,7 @@ pub(super) fn film(image: &Denoise<'_>) -> Result<Film, Error> {
         let count = halves[0].count + halves[1].count;
         let coverage = image.coverage.map_or(1.0, |share| share[i]);
         pixel = pixel.with_features(features, surfaces.variance(i, count), coverage);
-        let Some(ids) = image.ids else { return pixel };
-        let SurfaceFeatures { position, normal, depth, .. } = features;
-        pixel.with_first_hit(FirstHit::new(position, normal, depth).with_material(ids[i]))
+        image.ids.map_or(pixel, |ids| pixel.with_surface(ids[i], 0))
     })
 }
 
