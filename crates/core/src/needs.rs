@@ -20,7 +20,7 @@ macro_rules! needs {
         /// assert!(both.variance && both.halves && both.features);
         ///
         /// assert_eq!(Film::bytes_per_pixel(&Needs::none()), 28);
-        /// assert_eq!(Film::bytes_per_pixel(&sampler), 52);
+        /// assert_eq!(Film::bytes_per_pixel(&sampler), 40);
         /// ```
         #[non_exhaustive]
         #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -79,6 +79,8 @@ macro_rules! needs {
 needs! {
     /// Sample variance per pixel and channel.
     variance: bool, with_variance, "the sample variance";
+    /// Sample variance of each half's samples alone: with halves and variance.
+    half_variance: bool, with_half_variance, "the sample variance per half" [halves, variance];
     /// Two independently scrambled halves of each pixel's samples: the only unbiased error estimate for low-discrepancy
     /// samples. Halves raise the image's error (a net of n points beats two of n/2), so request them only if they are
     /// read.
@@ -108,6 +110,22 @@ impl Needs {
     /// Returns `true` if a statistic of these is taken from first hits, so that the integrator must report them.
     pub const fn wants_first_hit(&self) -> bool {
         self.features || self.feature_halves || self.has_places() || self.trajectories
+    }
+
+    /// Returns `true` if each half has squared deviations of its own, side by side. Else those of both are summed.
+    pub(crate) const fn splits_variance(&self) -> bool {
+        self.half_variance && self.halves
+    }
+
+    /// The number of sums of squared deviations per pixel.
+    pub(crate) const fn sums(&self) -> usize {
+        if self.splits_variance() { 2 } else { self.variance as usize }
+    }
+
+    /// The place of the sums for pixel `i` of a half.
+    #[inline]
+    pub(crate) const fn sum_at(&self, half: usize, i: usize) -> usize {
+        if self.splits_variance() { 2 * i + half } else { i }
     }
 
     /// Returns `true` if first hits of a pixel's first samples have places of their own.

@@ -1,6 +1,6 @@
 //! Samples added to a film: by the render loop, to the planes of some pixels, or one by one.
 
-use super::planes::{BesideRows, Half, HalfRows, NO_SURFACE, NONE_VALID, is_none_valid};
+use super::planes::{BesideRows, Half, HalfRows, NO_SURFACE, NONE_VALID, SpreadRows, is_none_valid};
 use super::{FeatureMoments, Film, Rejected, RejectedReason};
 use crate::recorder::{RecordedSample, Recorder};
 use crate::{Estimate, FirstHit, Needs, SampleId, plan::Retention, point_set::streams};
@@ -16,6 +16,7 @@ pub fn luminance([r, g, b]: [f64; 3]) -> f64 {
 pub(crate) struct Strip<'a> {
     /// The statistics of each half; the second is empty in a film without halves.
     pub(crate) halves: [HalfRows<'a>; 2],
+    spread: SpreadRows<'a>,
     pub(crate) beside: BesideRows<'a>,
     /// The counts of each half's withdrawn samples, whose indices precede those of kept ones; empty without such samples.
     withdrawn: [&'a [u32]; 2],
@@ -33,20 +34,38 @@ impl Film {
         (half, local): (usize, usize),
         estimate: &Estimate,
     ) -> Option<RejectedReason> {
-        let halves = if retention == Retention::Keep { &mut self.kept } else { &mut self.discarded };
-        let rejected = halves[half].rows().add(local, estimate, &self.recorders.active);
+        let rejected = self.add_to_half(retention, (half, local), estimate);
         let seen =
             if self.needs.has_places() { self.strip(retention).next(local).iter().sum::<u64>() - 1 } else { u64::MAX };
         self.beside.rows().add(&self.needs, (half, local), seen, estimate);
         rejected
     }
 
+    /// Adds a sample as [`Film::add`] does, without what lies beside.
+    fn add_to_half(
+        &mut self,
+        retention: Retention,
+        (half, local): (usize, usize),
+        estimate: &Estimate,
+    ) -> Option<RejectedReason> {
+        let (halves, spread) = match retention {
+            Retention::Keep => (&mut self.kept, &mut self.spread),
+            Retention::Discard => (&mut self.discarded, &mut self.discarded_spread),
+        };
+        let sums = (spread.rows(), self.needs.sum_at(half, local));
+        halves[half].rows().add(local, estimate, &self.recorders.active, (&mut { sums.0 }, sums.1))
+    }
+
     /// All pixels, for a round of this retention.
     pub(crate) fn strip(&mut self, retention: Retention) -> Strip<'_> {
-        let halves = if retention == Retention::Keep { &mut self.kept } else { &mut self.discarded };
+        let (halves, spread) = match retention {
+            Retention::Keep => (&mut self.kept, &mut self.spread),
+            Retention::Discard => (&mut self.discarded, &mut self.discarded_spread),
+        };
         let (mut halves, mut withdrawn) = (halves.iter_mut(), self.withdrawn.iter());
         Strip {
             halves: [0, 1].map(|_| halves.next().map(Half::rows).unwrap_or_default()),
+            spread: spread.rows(),
             beside: self.beside.rows(),
             withdrawn: [0, 1].map(|_| withdrawn.next().map_or(&[][..], Vec::as_slice)),
             retention,
@@ -66,10 +85,12 @@ impl Strip<'_> {
         let pixels = self.pixels();
         let ([a, b], [na, nb]) = (self.halves, self.withdrawn);
         let ((a, a_rest), (b, b_rest)) = (a.split(first, pixels), b.split(first, pixels));
+        let (spread, spread_rest) = self.spread.split(first, pixels);
         let (beside, beside_rest) = self.beside.split(first, pixels);
         let [(na, na_rest), (nb, nb_rest)] = [na, nb].map(|counts| counts.split_at(first.min(counts.len())));
-        let split = Self { halves: [a, b], beside, withdrawn: [na, nb], ..self };
-        (split, Self { halves: [a_rest, b_rest], beside: beside_rest, withdrawn: [na_rest, nb_rest], ..self })
+        let split = Self { halves: [a, b], spread, beside, withdrawn: [na, nb], ..self };
+        let (halves, withdrawn) = ([a_rest, b_rest], [na_rest, nb_rest]);
+        (split, Self { halves, spread: spread_rest, beside: beside_rest, withdrawn, ..self })
     }
 
     /// The number of samples of each half of a pixel.
@@ -93,7 +114,8 @@ impl Strip<'_> {
     /// radiance is rejected; it then counts as black, and the caller lists it.
     #[inline]
     pub(crate) fn add(&mut self, half: usize, local: usize, estimate: &Estimate) -> Option<RejectedReason> {
-        let rejected = self.halves[half].add(local, estimate, self.recorders);
+        let sums = (&mut self.spread, self.needs.sum_at(half, local));
+        let rejected = self.halves[half].add(local, estimate, self.recorders, sums);
         // Kept and discarded samples fill the places of first hits in the order of tracing. These indices give the next place,
         // as long as all rounds have the same retention, which is usual.
         let seen = if self.needs.has_places() { self.next(local).iter().sum::<u64>() - 1 } else { u64::MAX };
@@ -137,18 +159,20 @@ impl BesideRows<'_> {
 }
 
 impl HalfRows<'_> {
-    /// Adds a sample to the pixel at place `local`. A rejected one counts as black; the reason is returned.
+    /// Adds a sample to the pixel at place `local`, and its squared deviations to sums. A rejected one counts as black; the reason
+    /// is returned.
     #[inline]
     pub(crate) fn add(
         &mut self,
         local: usize,
         estimate: &Estimate,
         recorders: &[Arc<dyn Recorder>],
+        (spread, sum): (&mut SpreadRows<'_>, usize),
     ) -> Option<RejectedReason> {
         let reason = RejectedReason::of(estimate.radiance);
         let radiance = if reason.is_some() { [0.0; 3] } else { estimate.radiance };
         let none_valid = reason.is_some() && (self.counts[local] == 0 || is_none_valid(self.means[local]));
-        self.push(local, radiance);
+        self.push(local, radiance, spread.m2.get_mut(sum));
         if none_valid {
             self.means[local] = NONE_VALID;
         }
@@ -165,7 +189,7 @@ impl HalfRows<'_> {
         if let Some(mean) = self.indirect.get_mut(local)
             && is_some(estimate.indirect, mean)
         {
-            add_part((mean, self.indirect_m2.get_mut(local)), self.counts[local], estimate.indirect, radiance);
+            add_part((mean, spread.indirect_m2.get_mut(sum)), self.counts[local], estimate.indirect, radiance);
         }
         reason
     }
@@ -180,7 +204,7 @@ impl HalfRows<'_> {
 
     /// Adds a valid sample to count, mean and squared deviations, by Welford's method.
     #[inline]
-    fn push(&mut self, local: usize, radiance: [f32; 3]) {
+    fn push(&mut self, local: usize, radiance: [f32; 3], m2: Option<&mut [f32; 3]>) {
         let count = self.counts[local].saturating_add(1);
         self.counts[local] = count;
         let share = 1.0 / f64::from(count);
@@ -189,13 +213,25 @@ impl HalfRows<'_> {
         for c in 0..3 {
             mean[c] += (f64::from(radiance[c]) - mean[c]) * share;
         }
-        if let Some(m2) = self.m2.get_mut(local) {
+        if let Some(m2) = m2 {
             for c in 0..3 {
                 let x = f64::from(radiance[c]);
-                m2[c] += (x - before[c]) * (x - mean[c]);
+                m2[c] = with_square(m2[c], (x - before[c]) * (x - mean[c]));
             }
         }
     }
+}
+
+/// A sum of squares with another square. It is rounded up or down by chance, so that sums of any number of squares are right in the
+/// mean: rounded to the nearest number, those of a million would lose small squares, and 4e-4 of the sum. The bits of the square are the
+/// chance.
+#[inline]
+fn with_square(sum: f32, square: f64) -> f32 {
+    /// The bits that `f64` has more than `f32`.
+    const MORE: u32 = 29;
+    let chance = square.to_bits().wrapping_mul(0x9e37_79b9_7f4a_7c15) >> (64 - MORE);
+    let sum = (f64::from(sum) + square).min(f64::from(f32::MAX));
+    f64::from_bits((sum.to_bits() + chance) >> MORE << MORE) as f32
 }
 
 /// Adds a part of a sample's radiance to its mean over `count` samples, and to squared deviations, if there are some.
@@ -293,7 +329,7 @@ impl Film {
     pub fn push_with_emission(&mut self, pixel: usize, half: usize, radiance: [f32; 3], emission: [f32; 3]) {
         let half = half % self.kept.len();
         let estimate = Estimate::new(radiance).with_emission(emission);
-        let rejected = self.kept[half].rows().add(pixel, &estimate, &self.recorders.active);
+        let rejected = self.add_to_half(Retention::Keep, (half, pixel), &estimate);
         self.record.samples += 1;
         self.unreported += 1;
         self.list_pushed(half, pixel, rejected);

@@ -1,7 +1,7 @@
 //! The planes of a film, each declared once: needs, parts, checkpoints and bytes per pixel follow from the declaration.
 
 use super::FeatureMoments;
-use crate::{FirstHit, Frame, Needs, film::RgbMoments};
+use crate::{FirstHit, Frame, Needs};
 use serde::{Deserialize, Serialize};
 
 /// The statistics that decide which planes a film has, and how many values a pixel has in each.
@@ -83,16 +83,23 @@ planes! {
         counts: u32 = 0, 1;
         /// Mean radiance.
         means: [f64; 3] = [0.0; 3], 1;
-        /// Sums of squared deviations of the radiance.
-        m2: [f64; 3] = [0.0; 3], layout.needs.variance;
         /// Mean emission of lights seen directly.
         emission: [f32; 3] = [0.0; 3], layout.needs.emission;
         /// Mean indirect light.
         indirect: [f32; 3] = [0.0; 3], layout.needs.indirect;
-        /// Sums of squared deviations of the indirect light.
-        indirect_m2: [f32; 3] = [0.0; 3], layout.needs.indirect && layout.needs.variance;
         /// The words of the recorders.
         words: Vec<u32> = Vec::new(), layout.recorders;
+    }
+}
+
+planes! {
+    /// Sums of squared deviations from the means of the halves, of kept or of discarded samples: of both halves together, or of
+    /// each beside the other ([`Needs::half_variance`]).
+    Spread, SpreadRows(layout) {
+        /// Those of the radiance.
+        m2: [f32; 3] = [0.0; 3], layout.needs.sums();
+        /// Those of the indirect light.
+        indirect_m2: [f32; 3] = [0.0; 3], if layout.needs.indirect { layout.needs.sums() } else { 0 };
     }
 }
 
@@ -197,15 +204,4 @@ pub(super) const NONE_VALID: [f64; 3] = [-0.0; 3];
 /// Returns `true` for [`NONE_VALID`], which equals black.
 pub(super) fn is_none_valid(mean: [f64; 3]) -> bool {
     mean.map(f64::to_bits) == NONE_VALID.map(f64::to_bits)
-}
-
-impl Half {
-    /// Count, mean and sum of squared deviations of the samples of pixel `i`; deviations are NaN if they are not recorded.
-    pub(super) fn moments(&self, i: usize) -> RgbMoments {
-        RgbMoments {
-            count: self.counts[i].into(),
-            mean: self.means[i],
-            m2: self.m2.get(i).copied().unwrap_or([f64::NAN; 3]),
-        }
-    }
 }

@@ -287,7 +287,8 @@ impl Film {
     fn rows_of(&self, frame: Frame) -> Self {
         let mut film = self.part(frame, crate::plan::Retention::Keep);
         if film.discarded.is_empty() && !self.discarded.is_empty() {
-            film.discarded = self.part(frame, crate::plan::Retention::Discard).discarded;
+            let part = self.part(frame, crate::plan::Retention::Discard);
+            (film.discarded, film.discarded_spread) = (part.discarded, part.discarded_spread);
         }
         film.splats = self.splats.empty();
         film.record = Record { samples: samples_in(&film, frame), passes: self.record.passes, ..Record::default() };

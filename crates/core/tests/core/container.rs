@@ -205,7 +205,7 @@ fn pixels(film: &Film) -> String {
             "{:?} {:?} {:?} {:?} {:?}",
             film.moments(i),
             halves,
-            film.indirect(1, i),
+            film.half_indirect(1, i),
             film.features(i),
             (film.surface(i), film.first_hits(i))
         )

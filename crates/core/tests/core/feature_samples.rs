@@ -288,7 +288,7 @@ fn render(points: impl PointSet, needs: Needs, spp: f64) -> Film {
 /// All statistics of a pixel that do not depend on streams of other samples.
 fn statistics(film: &Film, i: usize) -> String {
     let radiance = (film.count(i), film.mean(i), film.moments(i), film.discarded(i));
-    let beside = (film.features(i), film.emission(0, i), film.indirect(0, i));
+    let beside = (film.features(i), film.emission(0, i), film.half_indirect(0, i));
     format!("{radiance:?} {beside:?}")
 }
 
@@ -346,10 +346,10 @@ fn half_films_hold_what_the_half_discarded() {
 #[test]
 fn features_per_half_are_recorded_on_request_and_change_no_other_bit() {
     let points = Independent::new(3);
-    let plain = Needs::none().with_variance().with_halves().with_features();
+    let plain = Needs::none().with_half_variance().with_features();
     let (without, with) = (render(points, plain, 6.0), render(points, plain.with_feature_halves(), 6.0));
     assert_eq!(plain.with_feature_halves(), plain.and(Needs::none().with_feature_halves()));
-    assert_eq!(Film::bytes_per_pixel(with.needs()), Film::bytes_per_pixel(&plain) + 2 * 88);
+    assert_eq!(Film::bytes_per_pixel(with.needs()), Film::bytes_per_pixel(&plain) + 2 * 60);
     let mut differ = 0;
     for i in 0..63 {
         assert_eq!(statistics(&with, i), statistics(&without, i));

@@ -75,9 +75,7 @@ pub fn run(
 
 pub fn everything() -> Needs {
     Needs::none()
-        .with_variance()
-        .with_halves()
-        .with_features()
+        .with_half_variance()
         .with_feature_halves()
         .with_surfaces()
         .with_first_hits(3)
