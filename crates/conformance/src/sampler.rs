@@ -163,7 +163,7 @@ pub fn bits(film: &Film) -> Vec<u64> {
         }
         let needs = film.needs();
         if needs.emission || needs.indirect {
-            let of = |half| (film.emission(half, i), film.indirect(half, i));
+            let of = |half| (film.emission(half, i), film.half_indirect(half, i));
             bits.extend(format!("{:?}", [0, 1].map(of)).bytes().map(u64::from));
         }
         for words in film.recorder_names().iter().filter_map(|name| film.recorded(name)) {

@@ -128,7 +128,7 @@ impl ImageMemory {
         let SamplerMemory { discarded, state, planning, plan, .. } = sampler.memory(frame, &needs, limits);
         // One sample per pixel goes to the first half. The other's zeros are never written, so they take no memory.
         let single = limits.budget.samples(frame).is_some_and(|total| total <= frame.pixels() as u64);
-        let unwritten = if needs.halves && single { Film::halves_bytes_per_pixel(&needs) / 2 } else { 0 };
+        let unwritten = if needs.halves && single { Film::half_bytes_per_pixel(&needs) } else { 0 };
         let kept = frame.bytes(if is_error && judged { Render::ERROR_OF_BYTES } else { 0 });
         let film = frame.bytes(Film::bytes_per_pixel(&needs) - unwritten).saturating_add(discarded);
         let recorders = sampler.recorders().into_iter().chain(filter.recorders());
@@ -412,7 +412,7 @@ mod tests {
         for (needs, halves) in [(Needs::none(), 1), (Needs::none().with_halves(), 2)] {
             let memory = ImageMemory::new(&sampler, (&Words("words"), false), needs, &frame, &Limits::spp(8.0));
             let words = 2 * (4 * 8 / halves + size_of::<Vec<u32>>() as u64);
-            assert_eq!(memory.film, 35 * halves * (32 + words));
+            assert_eq!(memory.film, 35 * halves * (28 + words));
         }
     }
 }
