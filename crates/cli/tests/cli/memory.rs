@@ -42,9 +42,9 @@ fn what_does_not_fit_is_refused_before_it_starts_z03() {
         refused("tiny.pbrt --resolution 1024x1024 --filter none --sampler cluster:policy=discard --memory 64M");
     let [keep, discard] = [keep, discard].map(|said| bytes_after(&said.err, ", film ").expect("the film"));
     assert_eq!(discard - keep, 40.0 * MIB);
-    let words = "render tiny.pbrt --resolution 1024x1024 --filter none --sampler uniform -o a.pfm";
+    let words = "render tiny.pbrt --resolution 1024x1024 --filter none --sampler cycles -o a.pfm";
     let said = folder.run(&format!("{words} --memory 64M --checkpoint c"));
-    assert!(said.err.contains("checkpoint 36.0 MiB"), "{}", said.err);
+    assert!(said.err.contains("checkpoint 64.0 MiB"), "{}", said.err);
     // Files are read whole.
     folder.write("long.pbrt", vec![b' '; 3 << 20]);
     folder.says("render long.pbrt --memory 2M", 1, &["it is 3.0 MiB long"]);

@@ -90,11 +90,13 @@ pub(super) fn add(
             is_edge = first.max(sum) > EDGE * first.min(sum);
         }
     }
+    if !is_edge {
+        return (cost, None);
+    }
     let mut alone = EmissionAlone::default();
-    let places = (0..EMISSION.min(points.capacity())).flat_map(|index| [0, 1].map(|half| (half, index)));
-    for (half, index) in places.filter(|_| is_edge) {
+    for (half, index) in (0..EMISSION.min(points.capacity())).flat_map(|index| [0, 1].map(|half| (half, index))) {
         let Some(emission) = next(moments, streams::EMISSION[half], index) else { break };
         alone.push(half, emission);
     }
-    (cost, is_edge.then_some(alone))
+    (cost, Some(alone))
 }
