@@ -61,8 +61,7 @@ fn driver(c: &mut Criterion) {
     let mut group = c.benchmark_group("driver");
     group.throughput(Throughput::Elements(u64::from(SIDE * SIDE) * SPP)).sample_size(20);
     group.bench_function("direct", |b| b.iter(|| direct(black_box(&Traced(one_block)), black_box(&cheap()))));
-    let all =
-        Needs::none().with_variance().with_halves().with_features().with_first_hits(1).with_cost().with_emission();
+    let all = Needs::none().with_variance().with_halves().with_features().with_surfaces().with_cost().with_emission();
     for (name, needs) in [("none", Needs::none()), ("variance", Needs::none().with_variance()), ("all", all)] {
         let limits = Limits::samples(u64::from(SIDE * SIDE) * SPP);
         let once = || {

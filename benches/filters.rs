@@ -10,7 +10,7 @@ use std::sync::Arc;
 
 const SIDE: u32 = 1024;
 
-/// Noise on slanted stripes, each with its own material.
+/// Noise on slanted stripes, each with its own shape.
 struct Stripes;
 
 impl Integrator for Stripes {
@@ -21,7 +21,7 @@ impl Integrator for Stripes {
         let hit = FirstHit::new([x as f32, y as f32, 0.0], [0.0, 0.0, 1.0], 1.0)
             .with_albedo([0.5; 3])
             .with_footprint(1.0)
-            .with_material(stripe);
+            .with_shape(stripe);
         Estimate::new([a, u, v]).with_first_hit(draws.wants_first_hit().then_some(hit))
     }
 }
@@ -39,15 +39,15 @@ fn filters(c: &mut Criterion) {
     let plain = film(SIDE, 4, Needs::none());
     let noisy = film(SIDE, 4, Needs::none().with_variance());
     let hits = film(SIDE, 4, Needs::none().with_first_hits(4));
-    let halves = Needs::none().with_variance().with_halves().with_features().with_first_hits(1);
+    let halves = Needs::none().with_variance().with_halves().with_features().with_surfaces();
     let halves = film(SIDE / 2, 8, halves);
     let map = (0..SIDE * SIDE).map(|i| (i % SIDE + i / SIDE / 3) / 16).collect();
     let from_map = ClusterGaussian::from_map([SIDE, SIDE], map).expect("a map");
     let label = |hits| {
-        let filter = ClusterGaussian::from_hits(Arc::new(|hit| Some(hit.material)));
+        let filter = ClusterGaussian::from_hits(Arc::new(|shape, _| Some(shape)));
         filter.with_options(ClusterGaussianOptions::default().hits(hits)).expect("first hits")
     };
-    let clusters = |plain: ClusterRegression| plain.with_clusters(Arc::new(|hit| Some(hit.material)), "");
+    let clusters = |plain: ClusterRegression| plain.with_clusters(Arc::new(|shape, _| Some(shape)), "");
     let cases: [(&str, &Film, Box<dyn Filter>); 10] = [
         ("gaussian", &plain, Box::new(Gaussian::default())),
         ("gaussian with error", &noisy, Box::new(Gaussian::default())),

@@ -54,7 +54,7 @@ impl Buffers {
             pixels.clone().map(|i| film.features(i).map_or(0.0, of)).collect()
         };
         let spread = |i: usize| film.features(i).and_then(|f| f.variance).unwrap_or_default();
-        let three = |k: usize| pixels.clone().map(|i| [0, 1, 2].map(|c| spread(i)[k + c])).collect();
+        let three = |k: usize| pixels.clone().map(|i| [spread(i)[k] / 3.0; 3]).collect();
         Self {
             size: film.frame().size(),
             halves: [0, 1].map(|h| colours(&|i| half(h, i).mean)),
@@ -73,8 +73,8 @@ impl Buffers {
                 let [na, nb] = [0, 1].map(|h| half(h, i).count as f64);
                 [0, 1, 2].map(|c| (na * f64::from(a[c]) + nb * f64::from(b[c])) / (na + nb).max(1.0))
             }),
-            spread: [0, 3, 6].map(three),
-            depth_spread: pixels.clone().map(|i| spread(i)[9]).collect(),
+            spread: [0, 1, 2].map(three),
+            depth_spread: pixels.clone().map(|i| spread(i)[3]).collect(),
         }
     }
 
@@ -165,7 +165,7 @@ fn main() -> Result<()> {
             Ok(Render::new(frame, &limits).needs(needs).run(&mut *integrator(&world), &mut Uniform::new(points))?)
         };
         let halves = film(99, reference_spp, Needs::none().with_halves())?;
-        let noisy = film(1, SPP, ClusterRegression::new().needs())?;
+        let noisy = film(1, SPP, ClusterRegression::new().needs().with_half_variance())?;
         let buffers = Buffers::of(&noisy);
         let [a, b] = [halves.half_film(0)?.image(), halves.half_film(1)?.image()];
         let reference = halves.image();

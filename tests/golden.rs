@@ -219,7 +219,7 @@ fn denoised(film: &Film) -> u64 {
         let of = |i: usize| film.half(half, i).expect("halves");
         let mean: Vec<[f32; 3]> = (0..pixels).map(|i| of(i).mean.map(|v| v as f32)).collect();
         let variance: Vec<[f32; 3]> =
-            (0..pixels).map(|i| of(i).variance().unwrap_or_default().map(|v| v as f32)).collect();
+            (0..pixels).map(|i| film.moments(i).variance().unwrap_or_default().map(|v| v as f32)).collect();
         let counts: Vec<u32> = (0..pixels).map(|i| of(i).count as u32).collect();
         (mean, variance, counts)
     };

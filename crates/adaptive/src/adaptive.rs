@@ -101,7 +101,8 @@ impl<P: PointSet> Sampler for Adaptive<P> {
 
     fn needs(&self) -> Needs {
         let mut needs = Needs::none().with_variance();
-        (needs.halves, needs.cost) = (self.options.policy == PilotPolicy::Cross, self.options.cost == 1);
+        needs.cost = self.options.cost == 1;
+        needs = if self.options.policy == PilotPolicy::Cross { needs.with_half_variance() } else { needs };
         self.errors.as_ref().map_or(needs, |map| needs.and(map.needs))
     }
 

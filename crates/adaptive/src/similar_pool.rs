@@ -40,10 +40,9 @@ impl Surface {
             return Self::MISS;
         }
         let depth = f.depth.clamp(1e-9, 1e18);
-        let sum = |of: &[f32]| of.iter().sum::<f32>();
-        let variance = f.variance.map_or(0.0, |v| {
-            let of_depth = v[9] / (depth * depth * DEPTH * DEPTH);
-            sum(&v[..3]) / (NORMAL * NORMAL) + sum(&v[3..6]) / (ALBEDO * ALBEDO) + of_depth
+        let variance = f.variance.map_or(0.0, |[normal, albedo, _, of_depth]| {
+            let of_depth = of_depth / (depth * depth * DEPTH * DEPTH);
+            normal / (NORMAL * NORMAL) + albedo / (ALBEDO * ALBEDO) + of_depth
         });
         let ([nx, ny, nz], [r, g, b]) = (f.normal.map(|n| n / NORMAL), f.albedo.map(|a| a / ALBEDO));
         let values = [nx, ny, nz, r, g, b, 0.0, 0.0, depth / DEPTH, 1.0 / (depth * DEPTH)];

@@ -160,7 +160,7 @@ impl<F: Filter> Filter for JamesStein<F> {
     fn needs(&self) -> Needs {
         let needs = self.of.needs();
         let needs = if needs.features { needs.with_feature_halves() } else { needs };
-        needs.and(Needs::none().with_halves().with_variance())
+        needs.and(Needs::none().with_half_variance())
     }
 
     fn recorders(&self) -> Vec<Arc<dyn Recorder>> {

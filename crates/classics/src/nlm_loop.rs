@@ -199,7 +199,7 @@ impl FilterMethod for NlmLoopFilterOptions {
     const PLANES: ImagePlanes = ImagePlanes::RadianceAndError;
 
     fn needs(&self) -> Needs {
-        Needs::none().with_variance().with_halves()
+        Needs::none().with_half_variance()
     }
 
     fn image(&self, film: &Film, (): &()) -> Result<Filtered, Error> {
@@ -264,7 +264,7 @@ impl SamplingMethod for NlmLoopOptions {
     const PLANNING: usize = FILTER_BYTES;
 
     fn needs(&self) -> Needs {
-        Needs::none().with_variance().with_halves()
+        Needs::none().with_half_variance()
     }
 
     fn pilot_and_rounds(&self, _: u64) -> (u32, Option<u32>) {

@@ -223,11 +223,14 @@ impl Means {
 /// The number of features: normal (3), albedo (3) and depth.
 pub(crate) const FEATURES: usize = 7;
 
-/// Means and sample variances of features. Depths are multiplied by `unit`. Samples without a hit have features 0.
+/// Means and sample variances of features. Depths are multiplied by `unit`. Samples without a hit have features 0. Each channel of
+/// normals and albedo has a third of their variance within surfaces.
 pub(crate) fn feature_moments(f: &Features, unit: f32) -> [[f32; FEATURES]; 2] {
-    let ([nx, ny, nz], [r, g, b], v) = (f.normal, f.albedo, f.variance.unwrap_or_default());
+    let ([nx, ny, nz], [r, g, b]) = (f.normal, f.albedo);
+    let [normal, albedo, _, depth] = f.variance.unwrap_or_default();
+    let [n, a] = [normal / 3.0, albedo / 3.0];
     let mean = [nx, ny, nz, r, g, b, f.depth * unit];
-    let variance = [v[0], v[1], v[2], v[3], v[4], v[5], v[9] * unit * unit];
+    let variance = [n, n, n, a, a, a, depth * unit * unit];
     let share = f.hits as f32 / f.samples.max(1) as f32;
     let bounded = |x: f32| x.clamp(-1e9, 1e9);
     let spread = |k: usize| bounded(share * variance[k] + share * (1.0 - share) * mean[k] * mean[k]);

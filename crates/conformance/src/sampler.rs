@@ -156,14 +156,14 @@ pub fn bits(film: &Film) -> Vec<u64> {
         }
         bits.extend(film.mean(i).map(f64::to_bits));
         // Floats print their shortest exact form, so equal text means equal bits.
-        let rest = format!("{:?} {:?} {:?}", film.features(i), film.first_hits(i), film.cost(i));
+        let rest = format!("{:?} {:?} {:?} {:?}", film.features(i), film.surface(i), film.first_hits(i), film.cost(i));
         bits.extend(rest.bytes().map(u64::from));
         if film.needs().feature_halves {
             bits.extend(format!("{:?}", [0, 1].map(|half| film.half_features(half, i))).bytes().map(u64::from));
         }
         let needs = film.needs();
         if needs.emission || needs.indirect {
-            let of = |half| (film.emission(half, i), film.indirect(half, i));
+            let of = |half| (film.emission(half, i), film.half_indirect(half, i));
             bits.extend(format!("{:?}", [0, 1].map(of)).bytes().map(u64::from));
         }
         for words in film.recorder_names().iter().filter_map(|name| film.recorded(name)) {

@@ -6,7 +6,7 @@
 /// The first bytes.
 const MAGIC: &[u8; 8] = b"dapple\r\n";
 /// The version of the container and of the sections of a render's state.
-const VERSION: u32 = 12;
+const VERSION: u32 = 13;
 
 /// The reason why bytes are no container.
 #[non_exhaustive]

@@ -2,6 +2,7 @@
 
 mod add;
 mod estimates;
+mod lamps;
 mod parts;
 mod planes;
 mod record;
@@ -9,9 +10,9 @@ mod splats;
 
 pub use add::luminance;
 pub(crate) use add::{Strip, record_first_hit};
-use estimates::EmissionAlone;
+pub(crate) use lamps::{EmissionAlone, LampEdges};
 pub use parts::PixelStatistics;
-pub(crate) use planes::{Beside, Half, Layout, Window};
+pub(crate) use planes::{Beside, Half, Layout, Spread, Window};
 pub(crate) use record::{REJECTED_LISTED, keep_first};
 pub use record::{Record, Rejected, RejectedReason, RoundRecord};
 pub(crate) use splats::Splats;
@@ -24,48 +25,56 @@ use crate::{Error, FirstHit, Frame, Needs, SampleId, point_set::streams, recorde
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-/// Running means and sums of squared deviations of a pixel's features: shading normal, albedo, position, depth.
+/// Running means of a pixel's features (shading normal, albedo, position, depth), and sums of squared deviations of each, over its
+/// channels. After 65,535 samples they count as known and stay.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct FeatureMoments {
-    pub(crate) samples: u32,
-    pub(crate) hits: u32,
+    pub(crate) samples: u16,
+    pub(crate) hits: u16,
     pub(crate) mean: [f32; 10],
-    pub(crate) m2: [f32; 10],
-    pub(crate) emission: EmissionAlone,
+    pub(crate) m2: [f32; 4],
 }
 
 impl FeatureMoments {
     /// Adds normal, albedo, position and depth of a sample, or a miss. Values of a rare path count only if there are none.
     #[inline]
     pub(crate) fn push(&mut self, values: Option<[f32; 10]>, is_rare: bool) {
-        if self.samples > 0 && is_rare {
+        if self.samples > 0 && is_rare || self.samples == u16::MAX {
             return;
         }
-        self.samples = self.samples.saturating_add(1);
+        self.samples += 1;
         let Some(values) = values else { return };
-        self.hits = self.hits.saturating_add(1);
-        let share = 1.0 / self.hits as f32;
-        for ((mean, m2), x) in self.mean.iter_mut().zip(&mut self.m2).zip(values) {
+        self.hits += 1;
+        let share = 1.0 / f32::from(self.hits);
+        let mut squares = [0.0; 10];
+        for ((mean, square), x) in self.mean.iter_mut().zip(&mut squares).zip(values) {
             let delta = x - *mean;
             *mean += delta * share;
-            *m2 = (*m2 + delta * (x - *mean)).min(f32::MAX);
+            *square = delta * (x - *mean);
+        }
+        for (m2, square) in self.m2.iter_mut().zip(sums(&squares)) {
+            *m2 = (*m2 + square).min(f32::MAX);
         }
     }
 
     /// Returns `true` if samples of features alone would help: there are few, or they vary and there are not many.
     pub(crate) fn wants_more(&self) -> bool {
         /// The number of samples after which equal features count as those of the whole pixel.
-        const FEW: u32 = 4;
+        const FEW: u16 = 4;
         /// The number of samples at which features count as known.
-        const MANY: u32 = 12;
+        const MANY: u16 = 12;
         /// The variances of normal and albedo, summed over channels, below which they count as equal.
         const EQUAL: [f32; 2] = [1e-3, 1e-4];
-        let sum = |k: usize| self.m2[k] + self.m2[k + 1] + self.m2[k + 2];
-        let hits = self.hits as f32;
+        let ([normal, albedo, ..], hits) = (self.m2, f32::from(self.hits));
         let varies =
-            self.hits > 0 && (self.hits < self.samples || sum(0) > EQUAL[0] * hits || sum(3) > EQUAL[1] * hits);
+            self.hits > 0 && (self.hits < self.samples || normal > EQUAL[0] * hits || albedo > EQUAL[1] * hits);
         self.samples < FEW || self.samples < MANY && varies
     }
+}
+
+/// The sums over the channels of normal, albedo, position and depth.
+fn sums([nx, ny, nz, r, g, b, x, y, z, depth]: &[f32; 10]) -> [f32; 4] {
+    [nx + ny + nz, r + g + b, x + y + z, *depth]
 }
 
 /// Mean and sample variance of one pixel's [`SurfaceFeatures`](crate::SurfaceFeatures), or of its first hits for samples that
@@ -73,7 +82,7 @@ impl FeatureMoments {
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Features {
-    /// The number of samples of the pixel, with those of [features alone](crate::Integrator::features_alone) and without those
+    /// The number of samples of the pixel, at most 65,535, with those of [features alone](crate::Integrator::features_alone) and without those
     /// whose features are left out as [rare](crate::SurfaceFeatures::rare).
     pub samples: u32,
     /// The number of samples that hit a surface.
@@ -86,21 +95,21 @@ pub struct Features {
     pub position: [f32; 3],
     /// Mean length of the path to the surface, in the integrator's units.
     pub depth: f32,
-    /// Sample variances of normal (3), albedo (3), position (3) and depth (1), in this order; `None` below two hits.
-    pub variance: Option<[f32; 10]>,
+    /// Sample variances of normal, albedo and position, each summed over its three channels, and of depth; `None` below two hits.
+    pub variance: Option<[f32; 4]>,
 }
 
 impl From<&FeatureMoments> for Features {
     fn from(f: &FeatureMoments) -> Self {
         let v = |k: usize| [f.mean[k], f.mean[k + 1], f.mean[k + 2]];
         Self {
-            samples: f.samples,
-            hits: f.hits,
+            samples: f.samples.into(),
+            hits: f.hits.into(),
             normal: v(0),
             albedo: v(3),
             position: v(6),
             depth: f.mean[9],
-            variance: (f.hits >= 2).then(|| f.m2.map(|m| m / (f.hits - 1) as f32)),
+            variance: (f.hits >= 2).then(|| f.m2.map(|m| m / f32::from(f.hits - 1))),
         }
     }
 }
@@ -135,9 +144,14 @@ pub struct Film {
     /// Statistics of discarded samples (those not in the image): of all, or of each half. Empty until samples are
     /// discarded.
     pub(crate) discarded: Vec<Half>,
+    /// Squared deviations of kept samples.
+    pub(crate) spread: Spread,
+    /// Squared deviations of discarded samples. Empty until samples are discarded.
+    pub(crate) discarded_spread: Spread,
     /// The numbers of discarded samples that were in the image before, for each half. Empty until samples are withdrawn.
-    pub(crate) withdrawn: Vec<Vec<u64>>,
+    pub(crate) withdrawn: Vec<Vec<u32>>,
     pub(crate) beside: Beside,
+    pub(crate) lamp_edges: LampEdges,
     pub(crate) recorders: Recorders,
     pub(crate) splats: Splats,
     pub(crate) rejected: Vec<Rejected>,
@@ -160,6 +174,7 @@ impl Film {
         film.recorders = Recorders::new(recorders);
         let (pixels, halves, layout) = (frame.pixels(), if needs.halves { 2 } else { 1 }, film.layout());
         film.kept = (0..halves).map(|_| Half::new(pixels, &layout)).collect();
+        film.spread = Spread::new(pixels, &layout);
         film.beside = Beside::new(pixels, &layout);
         film.splats = if needs.splats { Splats::new(frame, halves) } else { Splats::default() };
         film
@@ -173,8 +188,11 @@ impl Film {
             combine: Combine::ByCount,
             kept: Vec::new(),
             discarded: Vec::new(),
+            spread: Spread::default(),
+            discarded_spread: Spread::default(),
             withdrawn: Vec::new(),
             beside: Beside::default(),
+            lamp_edges: LampEdges::default(),
             recorders: Recorders::default(),
             splats: Splats::default(),
             rejected: Vec::new(),
@@ -197,7 +215,13 @@ impl Film {
 
     /// The bytes per pixel for the statistics of all kept samples, or of all discarded samples.
     pub fn halves_bytes_per_pixel(needs: &Needs) -> usize {
-        Half::bytes_per_pixel(&Layout { needs: *needs, recorders: 0 }) * if needs.halves { 2 } else { 1 }
+        let halves = if needs.halves { 2 } else { 1 };
+        halves * Self::half_bytes_per_pixel(needs) + Spread::bytes_per_pixel(&Layout { needs: *needs, recorders: 0 })
+    }
+
+    /// The bytes per pixel for the statistics of one half alone: all but squared deviations.
+    pub fn half_bytes_per_pixel(needs: &Needs) -> usize {
+        Half::bytes_per_pixel(&Layout { needs: *needs, recorders: 0 })
     }
 
     /// The names of the film's recorders.
@@ -237,7 +261,7 @@ impl Film {
 
     /// The number of kept samples of pixel `i`, both halves together.
     pub fn count(&self, i: usize) -> u64 {
-        self.kept.iter().map(|b| b.counts[i]).sum()
+        self.kept.iter().map(|half| u64::from(half.counts[i])).sum()
     }
 
     /// Returns `true` if pixel `i` has kept samples and all were rejected. Their mean is black;
@@ -266,7 +290,7 @@ impl Film {
 
     /// The weight, in `[0, 1]`, of the first half in the mean at place `i`. A half without samples has weight 0.
     fn first_half_weight(&self, i: usize) -> f64 {
-        let (a, b) = (self.kept[0].counts[i] as f64, self.kept[1].counts[i] as f64);
+        let (a, b) = (f64::from(self.kept[0].counts[i]), f64::from(self.kept[1].counts[i]));
         match self.combine {
             _ if a == 0.0 => 0.0,
             _ if b == 0.0 => 1.0,
@@ -278,27 +302,56 @@ impl Film {
 
     /// Count, mean and sum of squared deviations of all kept samples of pixel `i`, both halves together. Without
     /// [`Needs::variance`] the deviations are NaN. The mean is without splats.
+    ///
+    /// Sums are added up in `f32`: those of a million samples are exact to 1e-4.
     pub fn moments(&self, i: usize) -> RgbMoments {
-        merged(&self.kept, i)
+        self.merged(&self.kept, |half| half.means[i], &self.spread.m2, i)
     }
 
     /// Count, mean and sum of squared deviations of pixel `i`'s kept samples in half 0 or 1; `None` in a film without
-    /// halves.
+    /// halves. Without [`Needs::half_variance`] the deviations are NaN.
     pub fn half(&self, half: usize, i: usize) -> Option<RgbMoments> {
         (self.kept.len() == 2).then(|| {
-            let moments = self.kept[half & 1].moments(i);
-            RgbMoments { mean: plus(moments.mean, self.splats.mean(half & 1, i)), ..moments }
+            let (half, planes) = (half & 1, &self.kept[half & 1]);
+            let mean = plus(planes.means[i], self.splats.mean(half, i));
+            RgbMoments { count: planes.counts[i].into(), mean, m2: self.own_m2(&self.spread.m2, half, i) }
         })
     }
 
+    /// Count, mean and sum of squared deviations of the indirect light of all kept samples of pixel `i`. Without
+    /// [`Needs::variance`] the deviations are NaN. `None` without [`Needs::indirect`].
+    pub fn indirect(&self, i: usize) -> Option<RgbMoments> {
+        let mean = |half: &Half| half.indirect[i].map(f64::from);
+        self.needs.indirect.then(|| self.merged(&self.kept, mean, &self.spread.indirect_m2, i))
+    }
+
     /// Count, mean and sum of squared deviations of the indirect light of pixel `i`'s kept samples: of half 0 or 1, or of all
-    /// samples in a film without halves. Without [`Needs::variance`] the deviations are NaN. `None` without
-    /// [`Needs::indirect`].
-    pub fn indirect(&self, half: usize, i: usize) -> Option<RgbMoments> {
-        let planes = &self.kept[half % self.kept.len()];
-        let mean = planes.indirect.get(i)?.map(f64::from);
-        let m2 = planes.indirect_m2.get(i).map_or([f64::NAN; 3], |m2| m2.map(f64::from));
-        Some(RgbMoments { count: planes.counts[i], mean, m2 })
+    /// samples in a film without halves. In a film with halves and without [`Needs::half_variance`] the deviations are NaN. `None`
+    /// without [`Needs::indirect`].
+    pub fn half_indirect(&self, half: usize, i: usize) -> Option<RgbMoments> {
+        let half = half % self.kept.len();
+        let (planes, m2) = (&self.kept[half], self.own_m2(&self.spread.indirect_m2, half, i));
+        Some(RgbMoments { count: planes.counts[i].into(), mean: planes.indirect.get(i)?.map(f64::from), m2 })
+    }
+
+    /// The squared deviations of pixel `i` in a half alone; NaN if they are those of both halves, or not recorded.
+    fn own_m2(&self, m2: &[[f32; 3]], half: usize, i: usize) -> [f64; 3] {
+        let is_own = self.kept.len() == 1 || self.needs.splits_variance();
+        m2.get(self.needs.sum_at(half, i)).filter(|_| is_own).map_or([f64::NAN; 3], |m2| m2.map(f64::from))
+    }
+
+    /// The moments of pixel `i` over both halves, from the means of each and squared deviations from them.
+    fn merged(&self, halves: &[Half], mean: impl Fn(&Half) -> [f64; 3], m2: &[[f32; 3]], i: usize) -> RgbMoments {
+        let mut all = RgbMoments::default();
+        for half in halves {
+            all.merge(&RgbMoments { count: half.counts[i].into(), mean: mean(half), m2: [0.0; 3] });
+        }
+        let sums = self.needs.sums();
+        for c in 0..3 {
+            let own = m2.get(sums * i..sums * (i + 1)).filter(|own| !own.is_empty());
+            all.m2[c] += own.map_or(f64::NAN, |own| own.iter().map(|m2| f64::from(m2[c])).sum());
+        }
+        all
     }
 
     /// The mean emission of light sources that pixel `i`'s kept samples saw directly: of half 0 or 1, or of all samples in
@@ -310,7 +363,10 @@ impl Film {
     /// Count, mean and sum of squared deviations of pixel `i`'s discarded samples, withdrawn ones included; zero if
     /// there are none.
     pub fn discarded(&self, i: usize) -> RgbMoments {
-        if self.discarded.is_empty() { RgbMoments::default() } else { merged(&self.discarded, i) }
+        match self.discarded.is_empty() {
+            true => RgbMoments::default(),
+            false => self.merged(&self.discarded, |half| half.means[i], &self.discarded_spread.m2, i),
+        }
     }
 
     /// Mean and variance of normal, albedo, position and depth of pixel `i`'s samples; `None` without
@@ -324,6 +380,12 @@ impl Film {
     pub fn first_hits(&self, i: usize) -> &[Option<FirstHit>] {
         let k = usize::from(self.needs.first_hits);
         &self.beside.first_hits[i * k..(i + 1) * k]
+    }
+
+    /// Shape and primitive of the first hit of pixel `i`'s first sample; `None` if it missed or was not traced, and without
+    /// [`Needs::surfaces`].
+    pub fn surface(&self, i: usize) -> Option<[u32; 2]> {
+        self.beside.surfaces.get(i).copied().filter(|surface| *surface != planes::NO_SURFACE)
     }
 
     /// The number of rays traced for pixel `i`; `None` without [`Needs::cost`].
@@ -368,6 +430,7 @@ impl Film {
         if self.discarded.is_empty() {
             let (pixels, layout) = (self.frame.pixels(), self.layout());
             self.discarded = self.kept.iter().map(|_| Half::new(pixels, &layout)).collect();
+            self.discarded_spread = Spread::new(pixels, &layout);
         }
     }
 
@@ -378,18 +441,21 @@ impl Film {
         self.withdrawn.resize(self.kept.len(), vec![0; self.frame.pixels()]);
         for ((kept, other), withdrawn) in self.kept.iter_mut().zip(&mut self.discarded).zip(&mut self.withdrawn) {
             let moved = withdrawn.iter_mut().zip(&kept.counts).zip(marked);
-            moved.filter(|(_, marked)| **marked).for_each(|((withdrawn, count), _)| *withdrawn += count);
+            moved
+                .filter(|(_, marked)| **marked)
+                .for_each(|((withdrawn, count), _)| *withdrawn = withdrawn.saturating_add(*count));
             kept.exchange(other, marked);
         }
+        self.spread.exchange(&mut self.discarded_spread, marked);
     }
 
     /// The index of the next sample of pixel `i`: of the kept or of the discarded ones of a half.
     #[inline]
     pub(crate) fn next_index(&self, retention: Retention, half: usize, i: usize) -> u64 {
-        let withdrawn = self.withdrawn.get(half).map_or(0, |withdrawn| withdrawn[i]);
+        let withdrawn = self.withdrawn.get(half).map_or(0, |withdrawn| withdrawn[i].into());
         match retention {
-            Retention::Keep => self.kept[half].counts[i] + withdrawn,
-            Retention::Discard => self.discarded[half].counts[i] - withdrawn,
+            Retention::Keep => u64::from(self.kept[half].counts[i]) + withdrawn,
+            Retention::Discard => u64::from(self.discarded[half].counts[i]) - withdrawn,
         }
     }
 
@@ -402,7 +468,7 @@ impl Film {
             _ => streams::HALVES[half],
         };
         let withdrawn = self.withdrawn.get(half).map_or(0, |withdrawn| withdrawn[i]);
-        SampleId::new(self.frame.pixel(i), stream, withdrawn + number as u64)
+        SampleId::new(self.frame.pixel(i), stream, u64::from(withdrawn) + number as u64)
     }
 
     /// Counts newly rejected samples and lists the first of them in order of pixel, stream and index.
@@ -438,12 +504,4 @@ impl<'a> Recorded<'a> {
 
 fn plus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|c| a[c] + b[c])
-}
-
-fn merged(halves: &[Half], i: usize) -> RgbMoments {
-    let mut moments = halves[0].moments(i);
-    for planes in &halves[1..] {
-        moments.merge(&planes.moments(i));
-    }
-    moments
 }

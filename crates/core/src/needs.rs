@@ -19,8 +19,8 @@ macro_rules! needs {
         /// let both = sampler.and(filter);
         /// assert!(both.variance && both.halves && both.features);
         ///
-        /// assert_eq!(Film::bytes_per_pixel(&Needs::none()), 32);
-        /// assert_eq!(Film::bytes_per_pixel(&sampler), 56);
+        /// assert_eq!(Film::bytes_per_pixel(&Needs::none()), 28);
+        /// assert_eq!(Film::bytes_per_pixel(&sampler), 40);
         /// ```
         #[non_exhaustive]
         #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -79,6 +79,8 @@ macro_rules! needs {
 needs! {
     /// Sample variance per pixel and channel.
     variance: bool, with_variance, "the sample variance";
+    /// Sample variance of each half's samples alone: with halves and variance.
+    half_variance: bool, with_half_variance, "the sample variance per half" [halves, variance];
     /// Two independently scrambled halves of each pixel's samples: the only unbiased error estimate for low-discrepancy
     /// samples. Halves raise the image's error (a net of n points beats two of n/2), so request them only if they are
     /// read.
@@ -88,6 +90,8 @@ needs! {
     features: bool, with_features, "first-hit features";
     /// Features of each half's samples alone, besides those of all samples: with halves and features.
     feature_halves: bool, with_feature_halves, "first-hit features per half" [halves, features];
+    /// Shape and primitive of the first hit of each pixel's first sample, by which filters tell clusters.
+    surfaces: bool, with_surfaces, "the surfaces of first hits";
     /// The number of samples per pixel, from the first on, whose first hits are stored one by one.
     first_hits: u8, with_first_hits, "first hits";
     /// The cost of each pixel's samples, in rays.
@@ -105,6 +109,27 @@ needs! {
 impl Needs {
     /// Returns `true` if a statistic of these is taken from first hits, so that the integrator must report them.
     pub const fn wants_first_hit(&self) -> bool {
-        self.features || self.feature_halves || self.first_hits > 0 || self.trajectories
+        self.features || self.feature_halves || self.has_places() || self.trajectories
+    }
+
+    /// Returns `true` if each half has squared deviations of its own, side by side. Else those of both are summed.
+    pub(crate) const fn splits_variance(&self) -> bool {
+        self.half_variance && self.halves
+    }
+
+    /// The number of sums of squared deviations per pixel.
+    pub(crate) const fn sums(&self) -> usize {
+        if self.splits_variance() { 2 } else { self.variance as usize }
+    }
+
+    /// The place of the sums for pixel `i` of a half.
+    #[inline]
+    pub(crate) const fn sum_at(&self, half: usize, i: usize) -> usize {
+        if self.splits_variance() { 2 * i + half } else { i }
+    }
+
+    /// Returns `true` if first hits of a pixel's first samples have places of their own.
+    pub(crate) const fn has_places(&self) -> bool {
+        self.surfaces || self.first_hits > 0
     }
 }

@@ -1,6 +1,6 @@
 //! Snapshots: the state of a render between two slices, as bytes.
 
-use crate::film::{Beside, Half, REJECTED_LISTED, Splats};
+use crate::film::{Beside, Half, LampEdges, REJECTED_LISTED, Splats, Spread};
 use crate::film::{Record, Rejected};
 use crate::plan::{Combine, Plan, Retention};
 use crate::render::filtered_error::FilteredError;
@@ -269,24 +269,27 @@ fn is_sound(combine: Combine) -> bool {
 /// A film as bytes: its settings and record, then its planes.
 fn film_bytes(film: &Film) -> Vec<u8> {
     let Film { frame, needs, recorders, combine, record, rejected, .. } = film;
-    let Film { kept, discarded, withdrawn, beside, splats, unreported, .. } = film;
+    let Film { kept, discarded, spread, discarded_spread, withdrawn, beside, lamp_edges, splats, unreported, .. } =
+        film;
     let each =
         Film::bytes_per_pixel(needs) + if discarded.is_empty() { 0 } else { Film::halves_bytes_per_pixel(needs) };
     let head = (frame, needs, recorders, combine, record, rejected);
-    encoded(&(head, (kept, discarded, withdrawn, beside, splats, unreported)), frame.pixels() * each + 4096)
+    let planes = (kept, discarded, [spread, discarded_spread], withdrawn, beside, lamp_edges, splats, unreported);
+    encoded(&(head, planes), frame.pixels() * each + 4096)
 }
 
 /// The header before the planes of a film.
 type Head = (Frame, Needs, Recorders, Combine, Record, Vec<Rejected>);
 /// The planes of a film.
-type Planes = (Vec<Half>, Vec<Half>, Vec<Vec<u64>>, Beside, Splats, u64);
+type Planes = (Vec<Half>, Vec<Half>, [Spread; 2], Vec<Vec<u32>>, Beside, LampEdges, Splats, u64);
 
 fn film_of(bytes: &[u8]) -> Result<Film, Error> {
     let (head, planes): (Head, Planes) = decoded(bytes)?;
     let (frame, needs, recorders, combine, record, rejected) = head;
-    let (kept, discarded, withdrawn, beside, splats, unreported) = planes;
+    let (kept, discarded, [spread, discarded_spread], withdrawn, beside, lamp_edges, splats, unreported) = planes;
     let film = Film { recorders, combine, record, rejected, ..Film::without_planes(frame, needs) };
-    let film = Film { kept, discarded, withdrawn, beside, splats, unreported, ..film };
+    let film = Film { kept, discarded, spread, discarded_spread, ..film };
+    let film = Film { withdrawn, beside, lamp_edges, splats, unreported, ..film };
     check_film(&film)?;
     Ok(film)
 }
@@ -297,7 +300,14 @@ fn check_film(film: &Film) -> Result<(), Error> {
     let are_sound = |all: &[Half]| all.len() == halves && all.iter().all(|planes| planes.is_sound(pixels, &layout));
     let is_sound_film = are_sound(kept)
         && (discarded.is_empty() || are_sound(discarded))
+        && film.spread.is_sound(pixels, &layout)
+        && (if discarded.is_empty() {
+            film.discarded_spread == Spread::default()
+        } else {
+            film.discarded_spread.is_sound(pixels, &layout)
+        })
         && beside.is_sound(pixels, &layout)
+        && film.lamp_edges.is_sound(&film.frame)
         && film.splats.is_sound(if film.needs.splats { halves } else { 0 });
     require(is_sound_film, "a statistic is NaN or infinite, or of another number of pixels")?;
     require(is_sound(film.combine), "the rule to combine halves is unknown")?;
@@ -305,7 +315,9 @@ fn check_film(film: &Film) -> Result<(), Error> {
     require(is_time(record.prepare_seconds) && seconds.all(is_time), "a time is not a number of seconds")?;
     require(film.rejected.len() <= REJECTED_LISTED, "the list of rejected samples is too long")?;
     let mut counts = kept.iter().chain(discarded).flat_map(|planes| &planes.counts);
-    let samples = counts.try_fold(0_u64, |sum, n| sum.checked_add(*n)).map_or_else(|| broken("counts overflow"), Ok)?;
+    let samples = counts
+        .try_fold(0_u64, |sum, n| sum.checked_add(u64::from(*n)))
+        .map_or_else(|| broken("counts overflow"), Ok)?;
     require(film.unreported <= samples, "more samples report no hits than there are")?;
     let fits = withdrawn.is_empty() || withdrawn.len() == discarded.len();
     require(fits, "samples are withdrawn, but the film has no place for them")?;

@@ -296,7 +296,7 @@ impl<'a> Denoise<'a> {
     pub fn default_filter(&self) -> Result<ClusterRegression, Error> {
         let options = ClusterRegressionOptions::default().fireflies(self.fireflies);
         let plain = ClusterRegression::with_options(options)?;
-        Ok(if self.ids.is_some() { plain.with_clusters(Arc::new(|hit| Some(hit.material)), "ids") } else { plain })
+        Ok(if self.ids.is_some() { plain.with_clusters(Arc::new(|id, _| Some(id)), "ids") } else { plain })
     }
 
     /// Refuses images with [`Denoise::warnings`].
@@ -317,7 +317,7 @@ impl<'a> Denoise<'a> {
 
     /// Makes a film (per-pixel statistics) of the buffers, for filters and maps that read films.
     ///
-    /// Ids become the materials of first hits.
+    /// Ids become the shapes of first hits.
     ///
     /// # Errors
     ///

@@ -256,7 +256,10 @@ impl Filter for ClusterGaussian {
                 let votes = |i| {
                     let traced = film.count(i).min(u64::from(self.options.hits)) as usize;
                     let hits = &film.first_hits(i)[..traced];
-                    Votes::of(hits.iter().map(|hit| hit.as_ref().and_then(|h| label(h)).unwrap_or(BACKGROUND)))
+                    Votes::of(
+                        hits.iter()
+                            .map(|hit| hit.as_ref().and_then(|h| label(h.shape, h.primitive)).unwrap_or(BACKGROUND)),
+                    )
                 };
                 Ok(self.blend(film, &per_pixel(film.frame().pixels(), votes), Votes::overlap))
             }

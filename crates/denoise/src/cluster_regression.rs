@@ -41,7 +41,7 @@ dapple_core::options! {
 /// use dapple_denoise::ClusterRegression;
 /// use std::sync::Arc;
 ///
-/// let filter = ClusterRegression::new().with_clusters(Arc::new(|hit| Some(hit.material)), "");
+/// let filter = ClusterRegression::new().with_clusters(Arc::new(|shape, _| Some(shape)), "");
 /// let mut film = Film::new(Frame::new(16, 16)?, filter.needs());
 /// for pixel in 0..256 {
 ///     for sample in 0..4 {
@@ -238,11 +238,11 @@ impl Filter for ClusterRegression {
     fn needs(&self) -> Needs {
         let recorded = self.reads.recorded();
         let recorded = if self.options.layers == Layers::One { recorded } else { recorded.with_indirect() };
-        if self.outside() < 1.0 { recorded.with_first_hits(1) } else { recorded }
+        if self.outside() < 1.0 { recorded.with_surfaces() } else { recorded }
     }
 
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
-        let [kept, making] = Inputs::bytes_per_pixel(self.reads.label.is_some() && needs.first_hits > 0);
+        let [kept, making] = Inputs::bytes_per_pixel(self.reads.label.is_some() && needs.surfaces);
         let pair = 4 * 6;
         // The wide pass takes the most. It runs beside the image of two passes and the unfiltered one.
         let passes = 2 * pair + wide::BYTES_PER_PIXEL + 12;

@@ -125,19 +125,18 @@ fn feature(film: &Film, i: usize, (far, middle): (f32, [f64; 3]), is_beside_lamp
     let share = |k: usize| if is_beside_lamp && k >= 6 { 1.0 } else { share };
     let mean: [f32; 10] =
         std::array::from_fn(|k| if f.hits > 0 { miss[k] + share(k) * (hit[k] - miss[k]) } else { miss[k] });
-    let mut within = f.variance.unwrap_or_default();
-    let places = [within[6], within[7], within[8]];
-    within[6] = within[9] / (depth * depth);
-    (0..3).for_each(|k| within[7 + k] = places[k]);
-    let spread = |k: usize| {
-        let gap = if f.hits > 0 { hit[k] - miss[k] } else { 0.0 };
-        (share(k) * within[k] + share(k) * (1.0 - share(k)) * gap * gap) / f.samples as f32
+    let [normal, albedo, places, depths] = f.variance.unwrap_or_default();
+    // Summed over the channels from `first` to below `end`.
+    let spread = |[first, end]: [usize; 2], within: f32| {
+        let gap = |k: usize| if f.hits > 0 { (hit[k] - miss[k]) * (hit[k] - miss[k]) } else { 0.0 };
+        let (share, gaps) = (share(first), (first..end).map(gap).sum::<f32>());
+        (share * within + share * (1.0 - share) * gaps) / f.samples as f32
     };
-    let spreads = [spread(0) + spread(1) + spread(2), spread(3) + spread(4) + spread(5), spread(6)];
+    let spreads = [spread([0, 3], normal), spread([3, 6], albedo), spread([6, 7], depths / (depth * depth))];
     let [vn, va, vd] = spreads.map(|v| v.min(UNKNOWN));
     // Bounds that valid normals and albedos never reach; positions keep finite squares.
     let bounded = |k: usize| if k < 6 { mean[k].clamp(-16.0, 16.0) } else { mean[k].clamp(-1e18, 1e18) };
-    let scatter = (spread(7) + spread(8) + spread(9)).min(1e30);
+    let scatter = spread([7, 10], places).min(1e30);
     Some(std::array::from_fn(|k| if k < 10 { bounded(k) } else { [vn, va, vd, scatter, depth][k - 10] }))
 }
 

@@ -9,12 +9,12 @@ use crate::planes::{
 };
 use dapple_core::film::RgbMoments;
 pub(crate) use dapple_core::integrator::BACKGROUND;
-use dapple_core::{Film, Filtered, FirstHit, Needs, options::Options};
+use dapple_core::{Film, Filtered, Needs, options::Options};
 use std::fmt;
 use std::sync::Arc;
 
-/// A function from a first hit to its cluster; `None` for the background.
-pub type ClusterLookup = Arc<dyn Fn(&FirstHit) -> Option<u32> + Send + Sync>;
+/// A function from shape and primitive of a first hit to its cluster; `None` for the background.
+pub type ClusterLookup = Arc<dyn Fn(u32, u32) -> Option<u32> + Send + Sync>;
 
 /// A filter's description: its name, its parameters and those of its clusters, if any.
 pub(crate) fn describe(name: &str, options: &impl Options, clusters: &str) -> String {
@@ -27,7 +27,7 @@ pub(crate) fn describe(name: &str, options: &impl Options, clusters: &str) -> St
 pub(crate) struct Reads {
     /// Without features, every pixel counts as a miss.
     pub(crate) without_features: bool,
-    /// The cluster of each first hit, by this function.
+    /// The cluster of each surface, by this function.
     pub(crate) label: Option<ClusterLookup>,
     /// The description of the clusters.
     pub(crate) described: String,
@@ -40,7 +40,7 @@ impl fmt::Debug for Reads {
 }
 
 impl Reads {
-    /// The statistics that the film records, but for first hits. Films without emission are filtered too.
+    /// The statistics that the film records, but for surfaces. Films without emission are filtered too.
     pub(crate) fn recorded(&self) -> Needs {
         let recorded = Needs::none().with_variance().with_halves().with_emission();
         if self.without_features { recorded } else { recorded.with_features() }
@@ -91,8 +91,8 @@ impl Inputs {
         let features = Features::new(film, !reads.without_features);
         let levels = Levels::of(light);
         let halves = colours(light, &features, levels);
-        let labels = reads.label.as_ref().filter(|_| film.needs().first_hits > 0).map(|label| {
-            let of = |i: usize| film.first_hits(i).first()?.as_ref().and_then(|hit| label(hit));
+        let labels = reads.label.as_ref().filter(|_| film.needs().surfaces).map(|label| {
+            let of = |i: usize| film.surface(i).and_then(|[shape, primitive]| label(shape, primitive));
             per_pixel(film.frame().pixels(), |i| (of(i).unwrap_or(BACKGROUND) % 0xff_fffd) as f32)
         });
         let size = film.frame().size().map(|n| n as usize);

@@ -87,7 +87,7 @@ impl<'a> Light<'a> {
     /// Count, mean and squared deviations of half 0 or 1 of pixel `i`'s samples; of the direct light without deviations.
     pub(crate) fn half(&self, half: usize, i: usize) -> RgbMoments {
         let refined = || self.film.refined_half(half, i).unwrap_or_default();
-        let indirect = || self.film.indirect(half, i).unwrap_or_default();
+        let indirect = || self.film.half_indirect(half, i).unwrap_or_default();
         match self.part {
             Part::All => refined(),
             Part::Direct => {
@@ -151,9 +151,7 @@ impl<'a> Light<'a> {
     }
 
     fn indirect(&self, i: usize) -> RgbMoments {
-        let [mut all, second] = [0, 1].map(|half| self.film.indirect(half, i).unwrap_or_default());
-        all.merge(&second);
-        all
+        self.film.indirect(i).unwrap_or_default()
     }
 }
 

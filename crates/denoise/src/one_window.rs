@@ -169,9 +169,9 @@ const PATCH: usize = 1;
 /// use dapple_denoise::{Bilateral, BilateralOptions};
 /// use std::sync::Arc;
 ///
-/// // A pixel of another material counts half.
+/// // A pixel of another shape counts half.
 /// let filter = Bilateral::with_options(BilateralOptions::default().outside(0.5))?;
-/// let filter = filter.with_clusters(Arc::new(|hit| Some(hit.material)), "");
+/// let filter = filter.with_clusters(Arc::new(|shape, _| Some(shape)), "");
 /// let mut film = Film::new(Frame::new(16, 16)?, filter.needs());
 /// for pixel in 0..256 {
 ///     for sample in 0..4 {
@@ -250,11 +250,11 @@ impl Filter for Bilateral {
 
     fn needs(&self) -> Needs {
         let recorded = self.reads.recorded();
-        if self.reads.label.is_some() && self.options.outside < 1.0 { recorded.with_first_hits(1) } else { recorded }
+        if self.reads.label.is_some() && self.options.outside < 1.0 { recorded.with_surfaces() } else { recorded }
     }
 
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
-        memory(frame, self.reads.label.is_some() && needs.first_hits > 0, &self.likeness(), true)
+        memory(frame, self.reads.label.is_some() && needs.surfaces, &self.likeness(), true)
     }
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {

@@ -2,7 +2,6 @@
 
 use dapple_cluster_adaptive::{ProbeHit, ProbeRay, TraceProbe, TraceVisibility};
 use dapple_clustering::{Cluster, ClusterParams, ClusterReport, Clusters, Triangles, cluster};
-use dapple_core::FirstHit;
 use dapple_registry::LensProbes;
 use dapple_renderer::{Interaction, World};
 use glam::{Vec2, Vec3};
@@ -123,10 +122,10 @@ impl WorldClusters {
         self.first[shape as usize] + primitive
     }
 
-    /// The number of the cluster that a first hit lies in; `None` if there is none.
-    pub fn label(&self, hit: &FirstHit) -> Option<u32> {
-        let first = self.first.get(hit.shape as usize)?;
-        self.labels.get(*first as usize + hit.primitive as usize).copied()
+    /// The number of the cluster that primitive `primitive` of shape `shape` lies in; `None` if there is none.
+    pub fn label(&self, shape: u32, primitive: u32) -> Option<u32> {
+        let first = self.first.get(shape as usize)?;
+        self.labels.get(*first as usize + primitive as usize).copied()
     }
 
     /// Statistics of the clustering grid; `None` in a world without triangles.

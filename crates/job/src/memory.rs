@@ -128,7 +128,7 @@ impl ImageMemory {
         let SamplerMemory { discarded, state, planning, plan, .. } = sampler.memory(frame, &needs, limits);
         // One sample per pixel goes to the first half. The other's zeros are never written, so they take no memory.
         let single = limits.budget.samples(frame).is_some_and(|total| total <= frame.pixels() as u64);
-        let unwritten = if needs.halves && single { Film::halves_bytes_per_pixel(&needs) / 2 } else { 0 };
+        let unwritten = if needs.halves && single { Film::half_bytes_per_pixel(&needs) } else { 0 };
         let kept = frame.bytes(if is_error && judged { Render::ERROR_OF_BYTES } else { 0 });
         let film = frame.bytes(Film::bytes_per_pixel(&needs) - unwritten).saturating_add(discarded);
         let recorders = sampler.recorders().into_iter().chain(filter.recorders());
@@ -362,16 +362,16 @@ mod tests {
     fn the_forecast_counts_every_recorded_statistic() {
         let frame = Frame::new(100, 50).unwrap();
         let uniform = of(&frame, Budget::Samples(20_000));
-        assert_eq!((uniform.film, uniform.filter.image), (5000 * 32, 5000 * 12));
+        assert_eq!((uniform.film, uniform.filter.image), (5000 * 28, 5000 * 12));
         let halves = of(&frame, Budget::Error { relmse: 0.1, at_most: 20_000 });
-        assert_eq!((halves.film, halves.filter.image), (5000 * (64 + 48), 5000 * 16));
+        assert_eq!((halves.film, halves.filter.image), (5000 * (56 + 48), 5000 * 16));
         assert_eq!(halves.snapshot(), halves.film + halves.tracing);
     }
 
     #[test]
     fn the_largest_image_does_not_wrap_z03() {
         let frame = Frame::new(65535, 65537).unwrap();
-        assert_eq!(of(&frame, Budget::Samples(1 << 40)).film, 32 * u64::from(u32::MAX));
+        assert_eq!(of(&frame, Budget::Samples(1 << 40)).film, 28 * u64::from(u32::MAX));
         assert_eq!(frame.bytes(usize::MAX), u64::MAX);
     }
 
@@ -412,7 +412,7 @@ mod tests {
         for (needs, halves) in [(Needs::none(), 1), (Needs::none().with_halves(), 2)] {
             let memory = ImageMemory::new(&sampler, (&Words("words"), false), needs, &frame, &Limits::spp(8.0));
             let words = 2 * (4 * 8 / halves + size_of::<Vec<u32>>() as u64);
-            assert_eq!(memory.film, 35 * halves * (32 + words));
+            assert_eq!(memory.film, 35 * halves * (28 + words));
         }
     }
 }

@@ -116,7 +116,7 @@ impl<'a> OnWorld<'a> {
 impl ClusterInputs for OnWorld<'_> {
     fn labels(&self, params: &ClusterParams) -> Result<Option<ClusterLookup>, ClusterInputError> {
         let clusters = self.clusters(params)?;
-        Ok(Some(Arc::new(move |hit| clusters.label(hit))))
+        Ok(Some(Arc::new(move |shape, primitive| clusters.label(shape, primitive))))
     }
 
     fn probes(&self, params: &ClusterParams) -> Result<Option<ClusterProbes>, ClusterInputError> {

@@ -289,8 +289,8 @@ fn labelled<F: Filter + 'static>(
     made: impl Fn(ClusterLookup) -> Result<F, RegistryError>,
 ) -> Result<Box<dyn Filter>, RegistryError> {
     let params = clustering(p)?;
-    let unlabelled = made(Arc::new(|_| None))?;
-    if unlabelled.needs().first_hits == 0 {
+    let unlabelled = made(Arc::new(|_, _| None))?;
+    if !unlabelled.needs().surfaces && unlabelled.needs().first_hits == 0 {
         return Ok(Box::new(unlabelled));
     }
     match inputs.labels(&params).map_err(|e| e.of(p.of()))? {

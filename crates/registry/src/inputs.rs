@@ -154,7 +154,7 @@ pub struct LensProbes {
     pub has_lens: bool,
 }
 
-/// Clusters that a renderer makes itself, from any number that its first hits have.
+/// Clusters that a renderer makes itself, from the shapes and primitives of its first hits.
 ///
 /// The parameters of clustering (`k`, `clamp`, …) have no effect on them.
 ///
@@ -162,14 +162,14 @@ pub struct LensProbes {
 /// use dapple_registry::HostClusters;
 ///
 /// // Each of this renderer's objects is a cluster.
-/// let clusters = HostClusters::none().with_labels(|hit| Some(hit.shape));
+/// let clusters = HostClusters::none().with_labels(|shape, _| Some(shape));
 /// let filter = dapple_registry::filter("cluster-gaussian:hits=4", &clusters)?;
 /// assert_eq!(filter.needs().first_hits, 4);
 /// # Ok::<(), dapple_registry::RegistryError>(())
 /// ```
 #[derive(Clone, Default)]
 pub struct HostClusters {
-    /// The function from a first hit to its cluster; it returns `None` for hits outside all clusters.
+    /// The function from shape and primitive of a first hit to its cluster; it returns `None` outside all clusters.
     pub labels: Option<ClusterLookup>,
     /// The clusters and the function that traces probes, for the sampler `cluster-thesis`.
     pub probes: Option<ClusterProbes>,
@@ -195,7 +195,7 @@ impl HostClusters {
 
     /// Sets [`labels`](Self::labels).
     #[must_use]
-    pub fn with_labels(self, label: impl Fn(&FirstHit) -> Option<u32> + Send + Sync + 'static) -> Self {
+    pub fn with_labels(self, label: impl Fn(u32, u32) -> Option<u32> + Send + Sync + 'static) -> Self {
         Self { labels: Some(Arc::new(label)), ..self }
     }
 }

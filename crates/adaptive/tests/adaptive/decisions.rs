@@ -280,7 +280,7 @@ fn a_whole_pilot_plans_nothing_and_a_discarded_one_has_a_bank() {
     let frame = frame(100, 50);
     let of = |sampler: &dyn Sampler, samples| sampler.memory(&frame, &sampler.needs(), &Limits::samples(samples));
     let discards = of(&preset(1, VarianceOptions::default().policy(PilotPolicy::Discard)), 20_000);
-    assert_eq!(discards.discarded, 5000 * 56, "discarded samples have statistics of their own");
+    assert_eq!(discards.discarded, 5000 * 40, "discarded samples have statistics of their own");
     let variance = |budget| of(&Adaptive::variance(Random::new(1)), budget);
     assert_eq!(variance(20_000).planning, 5000 * 4, "the pilot is all");
     assert!(variance(20_001).planning > 5000 * 100 && variance(40_000) == variance(20_001));

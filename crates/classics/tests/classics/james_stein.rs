@@ -7,7 +7,7 @@ use dapple_core::samplers::Uniform;
 use dapple_core::{Error, Film, Filter as _, Filtered, Limits, Needs, Render};
 use dapple_denoise::{Gaussian, NlMeans};
 
-const NEEDS: Needs = Needs::none().with_variance().with_halves();
+const NEEDS: Needs = Needs::none().with_half_variance();
 
 /// The error of the noise is 1/2, that of both halves together. With a share `r` of a half's noise left, it is
 /// `(1 - r)^2 b^2 + r^2 / 2` at a bias of `b`; and `r = b^2 / (b^2 + 1)` for many pixels.

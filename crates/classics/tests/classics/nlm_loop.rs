@@ -4,7 +4,7 @@ use crate::support::{ANY, next_counts, noisy_film, normal, sobol, squared_error}
 use dapple_classics::{NlmLoop, NlmLoopFilter};
 use dapple_core::{Film, Filter as _, Needs};
 
-const NEEDS: Needs = Needs::none().with_variance().with_halves();
+const NEEDS: Needs = Needs::none().with_half_variance();
 
 fn planned(film: &Film, total: u64) -> Vec<u32> {
     next_counts(&mut NlmLoop::new(sobol(1)), film, total, ANY)

@@ -1,6 +1,6 @@
 //! Samples added to a film: by the render loop, to the planes of some pixels, or one by one.
 
-use super::planes::{BesideRows, Half, HalfRows, NONE_VALID, is_none_valid};
+use super::planes::{BesideRows, Half, HalfRows, NO_SURFACE, NONE_VALID, SpreadRows, is_none_valid};
 use super::{FeatureMoments, Film, Rejected, RejectedReason};
 use crate::recorder::{RecordedSample, Recorder};
 use crate::{Estimate, FirstHit, Needs, SampleId, plan::Retention, point_set::streams};
@@ -16,9 +16,10 @@ pub fn luminance([r, g, b]: [f64; 3]) -> f64 {
 pub(crate) struct Strip<'a> {
     /// The statistics of each half; the second is empty in a film without halves.
     pub(crate) halves: [HalfRows<'a>; 2],
+    spread: SpreadRows<'a>,
     pub(crate) beside: BesideRows<'a>,
     /// The counts of each half's withdrawn samples, whose indices precede those of kept ones; empty without such samples.
-    withdrawn: [&'a [u64]; 2],
+    withdrawn: [&'a [u32]; 2],
     retention: Retention,
     needs: Needs,
     recorders: &'a [Arc<dyn Recorder>],
@@ -33,20 +34,38 @@ impl Film {
         (half, local): (usize, usize),
         estimate: &Estimate,
     ) -> Option<RejectedReason> {
-        let halves = if retention == Retention::Keep { &mut self.kept } else { &mut self.discarded };
-        let rejected = halves[half].rows().add(local, estimate, &self.recorders.active);
-        let places = self.needs.first_hits > 0;
-        let seen = if places { self.strip(retention).next(local).iter().sum::<u64>() - 1 } else { u64::MAX };
+        let rejected = self.add_to_half(retention, (half, local), estimate);
+        let seen =
+            if self.needs.has_places() { self.strip(retention).next(local).iter().sum::<u64>() - 1 } else { u64::MAX };
         self.beside.rows().add(&self.needs, (half, local), seen, estimate);
         rejected
     }
 
+    /// Adds a sample as [`Film::add`] does, without what lies beside.
+    fn add_to_half(
+        &mut self,
+        retention: Retention,
+        (half, local): (usize, usize),
+        estimate: &Estimate,
+    ) -> Option<RejectedReason> {
+        let (halves, spread) = match retention {
+            Retention::Keep => (&mut self.kept, &mut self.spread),
+            Retention::Discard => (&mut self.discarded, &mut self.discarded_spread),
+        };
+        let sums = (spread.rows(), self.needs.sum_at(half, local));
+        halves[half].rows().add(local, estimate, &self.recorders.active, (&mut { sums.0 }, sums.1))
+    }
+
     /// All pixels, for a round of this retention.
     pub(crate) fn strip(&mut self, retention: Retention) -> Strip<'_> {
-        let halves = if retention == Retention::Keep { &mut self.kept } else { &mut self.discarded };
+        let (halves, spread) = match retention {
+            Retention::Keep => (&mut self.kept, &mut self.spread),
+            Retention::Discard => (&mut self.discarded, &mut self.discarded_spread),
+        };
         let (mut halves, mut withdrawn) = (halves.iter_mut(), self.withdrawn.iter());
         Strip {
             halves: [0, 1].map(|_| halves.next().map(Half::rows).unwrap_or_default()),
+            spread: spread.rows(),
             beside: self.beside.rows(),
             withdrawn: [0, 1].map(|_| withdrawn.next().map_or(&[][..], Vec::as_slice)),
             retention,
@@ -66,16 +85,18 @@ impl Strip<'_> {
         let pixels = self.pixels();
         let ([a, b], [na, nb]) = (self.halves, self.withdrawn);
         let ((a, a_rest), (b, b_rest)) = (a.split(first, pixels), b.split(first, pixels));
+        let (spread, spread_rest) = self.spread.split(first, pixels);
         let (beside, beside_rest) = self.beside.split(first, pixels);
         let [(na, na_rest), (nb, nb_rest)] = [na, nb].map(|counts| counts.split_at(first.min(counts.len())));
-        let split = Self { halves: [a, b], beside, withdrawn: [na, nb], ..self };
-        (split, Self { halves: [a_rest, b_rest], beside: beside_rest, withdrawn: [na_rest, nb_rest], ..self })
+        let split = Self { halves: [a, b], spread, beside, withdrawn: [na, nb], ..self };
+        let (halves, withdrawn) = ([a_rest, b_rest], [na_rest, nb_rest]);
+        (split, Self { halves, spread: spread_rest, beside: beside_rest, withdrawn, ..self })
     }
 
     /// The number of samples of each half of a pixel.
     #[inline]
     pub(crate) fn counts(&self, local: usize) -> [u64; 2] {
-        [0, 1].map(|half: usize| self.halves[half].counts.get(local).copied().unwrap_or(0))
+        [0, 1].map(|half: usize| self.halves[half].counts.get(local).map_or(0, |count| u64::from(*count)))
     }
 
     /// The index of a pixel's next sample in the stream of each half.
@@ -83,8 +104,8 @@ impl Strip<'_> {
     pub(crate) fn next(&self, local: usize) -> [u64; 2] {
         let (counts, is_kept) = (self.counts(local), self.retention == Retention::Keep);
         [0, 1].map(|half: usize| match self.withdrawn[half].get(local) {
-            Some(withdrawn) if is_kept => counts[half] + withdrawn,
-            Some(withdrawn) => counts[half] - withdrawn,
+            Some(withdrawn) if is_kept => counts[half] + u64::from(*withdrawn),
+            Some(withdrawn) => counts[half] - u64::from(*withdrawn),
             None => counts[half],
         })
     }
@@ -93,10 +114,11 @@ impl Strip<'_> {
     /// radiance is rejected; it then counts as black, and the caller lists it.
     #[inline]
     pub(crate) fn add(&mut self, half: usize, local: usize, estimate: &Estimate) -> Option<RejectedReason> {
-        let rejected = self.halves[half].add(local, estimate, self.recorders);
+        let sums = (&mut self.spread, self.needs.sum_at(half, local));
+        let rejected = self.halves[half].add(local, estimate, self.recorders, sums);
         // Kept and discarded samples fill the places of first hits in the order of tracing. These indices give the next place,
         // as long as all rounds have the same retention, which is usual.
-        let seen = if self.needs.first_hits > 0 { self.next(local).iter().sum::<u64>() - 1 } else { u64::MAX };
+        let seen = if self.needs.has_places() { self.next(local).iter().sum::<u64>() - 1 } else { u64::MAX };
         self.beside.add(&self.needs, (half, local), seen, estimate);
         rejected
     }
@@ -123,6 +145,12 @@ impl BesideRows<'_> {
             let k = usize::from(needs.first_hits);
             let features = [self.features.get_mut(local), self.half_features.get_mut(2 * local + half)];
             record_first_hit(features, &mut self.first_hits[k * local..k * (local + 1)], seen, estimate);
+            if seen == 0
+                && let Some(surface) = self.surfaces.get_mut(local)
+            {
+                let hit = estimate.first_hit.filter(FirstHit::is_finite);
+                *surface = hit.map_or(NO_SURFACE, |hit| [hit.shape, hit.primitive]);
+            }
         }
         if let Some(cost) = self.costs.get_mut(local) {
             *cost += u64::from(estimate.cost);
@@ -131,18 +159,20 @@ impl BesideRows<'_> {
 }
 
 impl HalfRows<'_> {
-    /// Adds a sample to the pixel at place `local`. A rejected one counts as black; the reason is returned.
+    /// Adds a sample to the pixel at place `local`, and its squared deviations to sums. A rejected one counts as black; the reason
+    /// is returned.
     #[inline]
     pub(crate) fn add(
         &mut self,
         local: usize,
         estimate: &Estimate,
         recorders: &[Arc<dyn Recorder>],
+        (spread, sum): (&mut SpreadRows<'_>, usize),
     ) -> Option<RejectedReason> {
         let reason = RejectedReason::of(estimate.radiance);
         let radiance = if reason.is_some() { [0.0; 3] } else { estimate.radiance };
         let none_valid = reason.is_some() && (self.counts[local] == 0 || is_none_valid(self.means[local]));
-        self.push(local, radiance);
+        self.push(local, radiance, spread.m2.get_mut(sum));
         if none_valid {
             self.means[local] = NONE_VALID;
         }
@@ -159,7 +189,7 @@ impl HalfRows<'_> {
         if let Some(mean) = self.indirect.get_mut(local)
             && is_some(estimate.indirect, mean)
         {
-            add_part((mean, self.indirect_m2.get_mut(local)), self.counts[local], estimate.indirect, radiance);
+            add_part((mean, spread.indirect_m2.get_mut(sum)), self.counts[local], estimate.indirect, radiance);
         }
         reason
     }
@@ -167,33 +197,46 @@ impl HalfRows<'_> {
     /// Passes a sample to the recorders. Outlined because most films have none.
     #[inline(never)]
     fn record(&mut self, local: usize, (radiance, estimate): ([f32; 3], &Estimate), recorders: &[Arc<dyn Recorder>]) {
-        let sample = RecordedSample { count: self.counts[local], radiance, estimate };
+        let sample = RecordedSample { count: self.counts[local].into(), radiance, estimate };
         let words = &mut self.words[local * recorders.len()..][..recorders.len()];
         words.iter_mut().zip(recorders).for_each(|(words, recorder)| recorder.record(words, &sample));
     }
 
     /// Adds a valid sample to count, mean and squared deviations, by Welford's method.
     #[inline]
-    fn push(&mut self, local: usize, radiance: [f32; 3]) {
-        self.counts[local] += 1;
-        let share = 1.0 / self.counts[local] as f64;
+    fn push(&mut self, local: usize, radiance: [f32; 3], m2: Option<&mut [f32; 3]>) {
+        let count = self.counts[local].saturating_add(1);
+        self.counts[local] = count;
+        let share = 1.0 / f64::from(count);
         let mean = &mut self.means[local];
         let before = *mean;
         for c in 0..3 {
             mean[c] += (f64::from(radiance[c]) - mean[c]) * share;
         }
-        if let Some(m2) = self.m2.get_mut(local) {
+        if let Some(m2) = m2 {
             for c in 0..3 {
                 let x = f64::from(radiance[c]);
-                m2[c] += (x - before[c]) * (x - mean[c]);
+                m2[c] = with_square(m2[c], (x - before[c]) * (x - mean[c]));
             }
         }
     }
 }
 
+/// A sum of squares with another square. It is rounded up or down by chance, so that sums of any number of squares are right in the
+/// mean: rounded to the nearest number, those of a million would lose small squares, and 4e-4 of the sum. The bits of the square are the
+/// chance.
+#[inline]
+fn with_square(sum: f32, square: f64) -> f32 {
+    /// The bits that `f64` has more than `f32`.
+    const MORE: u32 = 29;
+    let chance = square.to_bits().wrapping_mul(0x9e37_79b9_7f4a_7c15) >> (64 - MORE);
+    let sum = (f64::from(sum) + square).min(f64::from(f32::MAX));
+    f64::from_bits((sum.to_bits() + chance) >> MORE << MORE) as f32
+}
+
 /// Adds a part of a sample's radiance to its mean over `count` samples, and to squared deviations, if there are some.
 #[inline]
-fn add_part((mean, mut m2): (&mut [f32; 3], Option<&mut [f32; 3]>), count: u64, part: [f32; 3], radiance: [f32; 3]) {
+fn add_part((mean, mut m2): (&mut [f32; 3], Option<&mut [f32; 3]>), count: u32, part: [f32; 3], radiance: [f32; 3]) {
     let share = 1.0 / count as f32;
     for c in 0..3 {
         // A part of the radiance is at least 0, and at most the radiance.
@@ -286,7 +329,7 @@ impl Film {
     pub fn push_with_emission(&mut self, pixel: usize, half: usize, radiance: [f32; 3], emission: [f32; 3]) {
         let half = half % self.kept.len();
         let estimate = Estimate::new(radiance).with_emission(emission);
-        let rejected = self.kept[half].rows().add(pixel, &estimate, &self.recorders.active);
+        let rejected = self.add_to_half(Retention::Keep, (half, pixel), &estimate);
         self.record.samples += 1;
         self.unreported += 1;
         self.list_pushed(half, pixel, rejected);

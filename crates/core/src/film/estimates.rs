@@ -2,38 +2,6 @@
 
 use super::Film;
 use crate::film::RgbMoments;
-use serde::{Deserialize, Serialize};
-
-/// The mean emission of a pixel's samples of features alone, in two parts of independent samples, and their numbers.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(crate) struct EmissionAlone {
-    pub(crate) samples: [u32; 2],
-    pub(crate) mean: [[f32; 3]; 2],
-}
-
-impl EmissionAlone {
-    /// Adds a sample to a part. Negative and infinite channels and those that are NaN count as black.
-    pub(crate) fn push(&mut self, part: usize, emission: [f32; 3]) {
-        self.samples[part] += 1;
-        let share = 1.0 / self.samples[part] as f32;
-        for (mean, value) in self.mean[part].iter_mut().zip(emission) {
-            let value = if value.is_finite() { value.max(0.0) } else { 0.0 };
-            *mean += (value - *mean) * share;
-        }
-    }
-
-    /// Removes the samples of the other part.
-    pub(crate) fn keep(&mut self, part: usize) {
-        (self.samples[1 - part], self.mean[1 - part]) = (0, [0.0; 3]);
-    }
-
-    /// Number and mean of all samples.
-    fn whole(&self) -> (u32, [f32; 3]) {
-        let ([na, nb], [a, b]) = (self.samples, self.mean);
-        let share = na as f32 / (na + nb).max(1) as f32;
-        (na + nb, [0, 1, 2].map(|c| b[c] + share * (a[c] - b[c])))
-    }
-}
 
 /// Refined means.
 ///
@@ -50,7 +18,7 @@ impl Film {
         if !self.needs.emission {
             return None;
         }
-        let alone = &self.beside.features.get(i)?.emission;
+        let alone = self.lamp_edges.get(&self.frame, i)?;
         let found = if self.needs.halves { (alone.samples[half & 1], alone.mean[half & 1]) } else { alone.whole() };
         (found.0 > 0).then_some(found)
     }
@@ -59,7 +27,7 @@ impl Film {
     fn refinement(&self, half: usize, i: usize) -> Option<[f64; 3]> {
         let (samples, alone) = self.emission_alone(half, i)?;
         let (plain, count) = (self.emission(half, i)?, self.kept[half % self.kept.len()].counts[i]);
-        let share = f64::from(samples) / (f64::from(samples) + count as f64);
+        let share = f64::from(samples) / (f64::from(samples) + f64::from(count));
         (count > 0).then(|| [0, 1, 2].map(|c| share * (f64::from(alone[c]) - f64::from(plain[c]))))
     }
 
@@ -105,7 +73,7 @@ impl Film {
     /// - w) B`. Each pixel has one degree of freedom, so average over pixels before use. The error of splats is not in it.
     pub fn squared_error(&self, i: usize) -> Option<[f64; 3]> {
         let [a, b] = &self.kept[..] else { return None };
-        let (na, nb) = (a.counts[i] as f64, b.counts[i] as f64);
+        let (na, nb) = (f64::from(a.counts[i]), f64::from(b.counts[i]));
         if na == 0.0 || nb == 0.0 {
             return None;
         }

@@ -1,9 +1,9 @@
 //! Films made of others, or of the statistics of another program: some rows, a tile, one half, pixels.
 
-use super::planes::Window;
-use super::{Beside, FeatureMoments, Features, Film, Half, Record, Rejected, RgbMoments};
+use super::planes::{NO_SURFACE, Window};
+use super::{Beside, FeatureMoments, Features, Film, Half, Record, Rejected, RgbMoments, Spread};
 use crate::plan::{Combine, Retention};
-use crate::{Error, FirstHit, Frame, Needs, SurfaceFeatures, macros::setters, point_set::streams};
+use crate::{Error, Frame, Needs, SurfaceFeatures, macros::setters, point_set::streams};
 use std::ops::Range;
 
 impl Film {
@@ -29,7 +29,7 @@ impl Film {
     }
 
     /// The film without the samples of some pixels: those of half 0 or 1 of pixel `i` for which `is_marked(half, i)` is true. `None`
-    /// without such pixels.
+    /// without such pixels. Where one half is left, its variance is unknown without [`Needs::half_variance`].
     pub fn without_samples(&self, is_marked: impl Fn(usize, usize) -> bool) -> Option<Film> {
         let pixels = self.frame.pixels();
         let marked = |half: usize| (0..pixels).map(|i| is_marked(half, i)).collect::<Vec<_>>();
@@ -38,6 +38,14 @@ impl Film {
         let layout = film.layout();
         let halves = film.kept.iter_mut().zip(&marked);
         halves.for_each(|(half, marked)| half.exchange(&mut Half::new(pixels, &layout), marked));
+        for (half, i) in (0..marked.len()).flat_map(|half| (0..pixels).map(move |i| (half, i))) {
+            if marked[half][i] {
+                let is_known = layout.needs.splits_variance() || marked.iter().all(|marked| marked[i]);
+                let (sum, none) = (layout.needs.sum_at(half, i), [if is_known { 0.0 } else { f32::NAN }; 3]);
+                film.spread.m2.get_mut(sum).into_iter().for_each(|m2| *m2 = none);
+                film.spread.indirect_m2.get_mut(sum).into_iter().for_each(|m2| *m2 = none);
+            }
+        }
         Some(film)
     }
 
@@ -55,12 +63,16 @@ impl Film {
             true => halves.iter().map(|planes: &Half| planes.cut(&window)).collect(),
             false => Vec::new(),
         };
+        let spread = |of: &Spread, wanted: bool| if wanted { of.cut(&window) } else { Spread::default() };
         Film {
             combine: self.combine,
+            spread: spread(&self.spread, retention == Retention::Keep),
+            discarded_spread: spread(&self.discarded_spread, retention == Retention::Discard),
             kept: cut(&self.kept, retention == Retention::Keep),
             discarded: cut(&self.discarded, retention == Retention::Discard),
             withdrawn: self.withdrawn.iter().map(|withdrawn| window.cut(withdrawn)).collect(),
             beside: self.beside.cut(&window),
+            lamp_edges: self.lamp_edges.cut(&self.frame, &frame),
             recorders: self.recorders.clone(),
             half_of: self.half_of,
             ..Self::without_planes(frame, self.needs)
@@ -70,12 +82,16 @@ impl Film {
     /// Puts back a [`Film::part`] that has gained samples, and adds its record.
     pub(crate) fn put_back(&mut self, part: Film, retention: Retention) {
         let window = Window::new(&self.frame, &part.frame);
-        let (to, from) = match retention {
-            Retention::Keep => (&mut self.kept, part.kept),
-            Retention::Discard => (&mut self.discarded, part.discarded),
+        let ((to, from), (spread, own)) = match retention {
+            Retention::Keep => ((&mut self.kept, part.kept), (&mut self.spread, part.spread)),
+            Retention::Discard => {
+                ((&mut self.discarded, part.discarded), (&mut self.discarded_spread, part.discarded_spread))
+            }
         };
+        spread.paste(&window, own);
         to.iter_mut().zip(from).for_each(|(to, from)| to.paste(&window, from));
         self.beside.paste(&window, part.beside);
+        self.lamp_edges.paste(&self.frame, &part.frame, &part.lamp_edges);
         self.record.samples += part.record.samples;
         self.record.rays += part.record.rays;
         self.record.blocks += part.record.blocks;
@@ -93,9 +109,9 @@ impl Film {
 
     /// The samples of half 0 or 1 as a film without halves, so that a filter can be applied to one half alone.
     ///
-    /// Counts, moments, emission, words of recorders, splats and discarded samples are those of the half. So are
-    /// features if the film records them [per half](Needs::feature_halves); else they are those of both halves, as first
-    /// hits always are. [Emission alone](Film::emission_alone) is that of the half. Costs and the record of rounds are left
+    /// Counts, means, emission, words of recorders, splats and discarded samples are those of the half. So are
+    /// variances if the film records them [per half](Needs::half_variance); else the film has none. So are features if the film records them [per half](Needs::feature_halves); else they are those of both halves, as first
+    /// hits and surfaces always are. [Emission alone](Film::emission_alone) is that of the half. Costs and the record of rounds are left
     /// out. A filter that needs halves refuses the film.
     ///
     /// The film takes [`Film::bytes_per_pixel`] of its own [`Needs`].
@@ -120,23 +136,39 @@ impl Film {
         if self.kept.len() != 2 {
             return Err(Error::NotRecorded { who: "half_film".into(), what: "independent halves" });
         }
-        let (half, needs) = (half & 1, Needs { halves: false, feature_halves: false, cost: false, ..self.needs });
+        let (half, variance) = (half & 1, self.needs.splits_variance());
+        let alone = Needs { halves: false, half_variance: false, feature_halves: false, cost: false, ..self.needs };
+        let needs = Needs { variance, ..alone };
+        // Without sums of each half there are no pairs.
+        let own = |sums: &[[f32; 3]]| -> Vec<[f32; 3]> {
+            let pairs = if variance { sums.as_chunks::<2>().0 } else { &[] };
+            pairs.iter().map(|pair| pair[half]).collect()
+        };
+        let spread = |of: &Spread| Spread { m2: own(&of.m2), indirect_m2: own(&of.indirect_m2) };
         let kept = vec![self.kept[half].clone()];
         let discarded: Vec<_> = self.discarded.get(half).cloned().into_iter().collect();
-        let mut features = match self.beside.half_features.as_chunks().0 {
+        let features = match self.beside.half_features.as_chunks().0 {
             [] => self.beside.features.clone(),
             pairs => pairs.iter().map(|pair: &[_; 2]| pair[half]).collect(),
         };
-        features.iter_mut().for_each(|f| f.emission.keep(half));
-        let own = [streams::HALVES[half], streams::DISCARDED_HALVES[half]];
-        let rejected: Vec<_> = self.rejected.iter().filter(|r| own.contains(&r.sample.stream)).copied().collect();
-        let samples = kept.iter().chain(&discarded).flat_map(|planes| &planes.counts).sum();
+        let streams = [streams::HALVES[half], streams::DISCARDED_HALVES[half]];
+        let rejected: Vec<_> = self.rejected.iter().filter(|r| streams.contains(&r.sample.stream)).copied().collect();
+        let samples =
+            kept.iter().chain(&discarded).flat_map(|planes| &planes.counts).map(|count| u64::from(*count)).sum();
         Ok(Self {
             combine: Combine::ByCount,
             kept,
             discarded,
+            spread: spread(&self.spread),
+            discarded_spread: spread(&self.discarded_spread),
             withdrawn: self.withdrawn.get(half).cloned().into_iter().collect(),
-            beside: Beside { features, first_hits: self.beside.first_hits.clone(), ..Beside::default() },
+            lamp_edges: self.lamp_edges.clone().half(half),
+            beside: Beside {
+                features,
+                surfaces: self.beside.surfaces.clone(),
+                first_hits: self.beside.first_hits.clone(),
+                ..Beside::default()
+            },
             recorders: self.recorders.clone(),
             splats: self.splats.half(half),
             // Of samples that report no hits, only whether all are such is read.
@@ -149,7 +181,7 @@ impl Film {
     }
 }
 
-/// The statistics of one pixel for [`Film::from_pixels`]: both halves of its samples, emission, features and first hit.
+/// The statistics of one pixel for [`Film::from_pixels`]: both halves of its samples, emission, features and surface.
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PixelStatistics {
@@ -159,12 +191,12 @@ pub struct PixelStatistics {
     pub emission: [f32; 3],
     /// The mean features over the samples that hit a surface; `None` for a miss.
     pub features: Option<SurfaceFeatures>,
-    /// Sample variances of normal (3), albedo (3), position (3) and depth (1).
-    pub feature_variance: [f32; 10],
+    /// Sample variances of normal, albedo and position, each summed over its channels, and of depth.
+    pub feature_variance: [f32; 4],
     /// The share of the samples that hit a surface, 0 to 1.
     pub coverage: f32,
-    /// The first hit of the pixel's first sample, for filters that read clusters.
-    pub first_hit: Option<FirstHit>,
+    /// Shape and primitive of the first hit of the pixel's first sample, for filters that read clusters.
+    pub surface: Option<[u32; 2]>,
 }
 
 impl PixelStatistics {
@@ -175,7 +207,7 @@ impl PixelStatistics {
 
     /// Sets the features, their sample variances, and the share of the samples that they are means over.
     #[must_use]
-    pub fn with_features(self, mean: SurfaceFeatures, variance: [f32; 10], coverage: f32) -> Self {
+    pub fn with_features(self, mean: SurfaceFeatures, variance: [f32; 4], coverage: f32) -> Self {
         Self { features: Some(mean), feature_variance: variance, coverage, ..self }
     }
 
@@ -184,10 +216,10 @@ impl PixelStatistics {
         with_emission(emission: [f32; 3]);
     }
 
-    /// Sets the first hit.
+    /// Sets shape and primitive of the first hit.
     #[must_use]
-    pub fn with_first_hit(self, hit: FirstHit) -> Self {
-        Self { first_hit: Some(hit), ..self }
+    pub fn with_surface(self, shape: u32, primitive: u32) -> Self {
+        Self { surface: Some([shape, primitive]), ..self }
     }
 
     fn is_finite(&self) -> bool {
@@ -198,15 +230,14 @@ impl PixelStatistics {
     }
 
     fn feature_moments(&self) -> FeatureMoments {
-        let samples = self.halves.iter().map(|half| half.count).sum::<u64>().min(u64::from(u32::MAX)) as u32;
-        let hits = (self.coverage.clamp(0.0, 1.0) * samples as f32).round() as u32;
+        let samples = self.halves.iter().map(|half| half.count).sum::<u64>().min(u64::from(u16::MAX)) as u16;
+        let hits = (self.coverage.clamp(0.0, 1.0) * f32::from(samples)).round() as u16;
         match self.features {
             Some(SurfaceFeatures { normal: n, albedo: a, position: p, depth, .. }) if hits > 0 => FeatureMoments {
                 samples,
                 hits: hits.min(samples),
                 mean: [n[0], n[1], n[2], a[0], a[1], a[2], p[0], p[1], p[2], depth],
-                m2: self.feature_variance.map(|v| v * (hits - 1) as f32),
-                ..FeatureMoments::default()
+                m2: self.feature_variance.map(|v| v * f32::from(hits - 1)),
             },
             _ => FeatureMoments { samples, ..FeatureMoments::default() },
         }
@@ -216,7 +247,7 @@ impl PixelStatistics {
 impl Film {
     /// A film from statistics of each pixel that another program gathered, row by row from the top.
     ///
-    /// The film records variance, halves, features, emission, and the first hit of one sample if any pixel has one. Filters
+    /// The film records variance, halves, features, emission, and surfaces if any pixel has one. Filters
     /// read it as they read the film of a render. `dapple_denoise::denoise` makes such films from image buffers.
     ///
     /// ```
@@ -245,20 +276,23 @@ impl Film {
             }
             for (planes, half) in film.kept.iter_mut().zip(pixel.halves) {
                 // The sum makes -0, the mean of rejected samples, 0.
-                (planes.counts[i], planes.means[i], planes.m2[i]) = (half.count, half.mean.map(|x| x + 0.0), half.m2);
-                if half.count > 0 {
+                let count = u32::try_from(half.count).unwrap_or(u32::MAX);
+                (planes.counts[i], planes.means[i]) = (count, half.mean.map(|x| x + 0.0));
+                (0..3).for_each(|c| {
+                    film.spread.m2[i][c] =
+                        (f64::from(film.spread.m2[i][c]) + half.m2[c]).min(f64::from(f32::MAX)) as f32
+                });
+                if count > 0 {
                     let seen = |c: usize| pixel.emission[c].min(half.mean[c] as f32).max(0.0);
                     planes.emission[i] = [seen(0), seen(1), seen(2)];
                 }
-                film.record.samples += half.count;
+                film.record.samples += u64::from(count);
             }
             film.beside.features[i] = pixel.feature_moments();
-            if pixel.first_hit.is_some() && film.beside.first_hits.is_empty() {
-                film.needs = film.needs.with_first_hits(1);
-                film.beside.first_hits = vec![None; frame.pixels()];
-            }
-            if let Some(hit) = film.beside.first_hits.get_mut(i) {
-                *hit = pixel.first_hit.filter(FirstHit::is_finite);
+            if let Some(surface) = pixel.surface {
+                film.needs = film.needs.with_surfaces();
+                film.beside.surfaces.resize(frame.pixels(), NO_SURFACE);
+                film.beside.surfaces[i] = surface;
             }
         }
         Ok(film)

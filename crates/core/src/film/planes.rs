@@ -1,7 +1,7 @@
 //! The planes of a film, each declared once: needs, parts, checkpoints and bytes per pixel follow from the declaration.
 
 use super::FeatureMoments;
-use crate::{FirstHit, Frame, Needs, film::RgbMoments};
+use crate::{FirstHit, Frame, Needs};
 use serde::{Deserialize, Serialize};
 
 /// The statistics that decide which planes a film has, and how many values a pixel has in each.
@@ -79,20 +79,27 @@ macro_rules! planes {
 planes! {
     /// Statistics of kept or of discarded samples, of one half or of all.
     Half, HalfRows(layout) {
-        /// The number of samples.
-        counts: u64 = 0, 1;
+        /// The number of samples, at most the largest number of its type.
+        counts: u32 = 0, 1;
         /// Mean radiance.
         means: [f64; 3] = [0.0; 3], 1;
-        /// Sums of squared deviations of the radiance.
-        m2: [f64; 3] = [0.0; 3], layout.needs.variance;
         /// Mean emission of lights seen directly.
         emission: [f32; 3] = [0.0; 3], layout.needs.emission;
         /// Mean indirect light.
         indirect: [f32; 3] = [0.0; 3], layout.needs.indirect;
-        /// Sums of squared deviations of the indirect light.
-        indirect_m2: [f32; 3] = [0.0; 3], layout.needs.indirect && layout.needs.variance;
         /// The words of the recorders.
         words: Vec<u32> = Vec::new(), layout.recorders;
+    }
+}
+
+planes! {
+    /// Sums of squared deviations from the means of the halves, of kept or of discarded samples: of both halves together, or of
+    /// each beside the other ([`Needs::half_variance`]).
+    Spread, SpreadRows(layout) {
+        /// Those of the radiance.
+        m2: [f32; 3] = [0.0; 3], layout.needs.sums();
+        /// Those of the indirect light.
+        indirect_m2: [f32; 3] = [0.0; 3], if layout.needs.indirect { layout.needs.sums() } else { 0 };
     }
 }
 
@@ -103,12 +110,17 @@ planes! {
         features: FeatureMoments = FeatureMoments::default(), layout.needs.features;
         /// Features of each half's samples: two per pixel, or none.
         half_features: FeatureMoments = FeatureMoments::default(), if layout.needs.feature_halves && layout.needs.halves { 2 } else { 0 };
+        /// Shape and primitive of the first sample's first hit, or [`NO_SURFACE`].
+        surfaces: [u32; 2] = NO_SURFACE, layout.needs.surfaces;
         /// The first hits of the first samples.
         first_hits: Option<FirstHit> = None, layout.needs.first_hits;
         /// The rays traced.
         costs: u64 = 0, layout.needs.cost;
     }
 }
+
+/// The surface of a sample that missed or was not traced: the shape has a number that no renderer counts to.
+pub(super) const NO_SURFACE: [u32; 2] = [u32::MAX; 2];
 
 /// A value of a plane.
 pub(crate) trait Sound {
@@ -128,11 +140,13 @@ macro_rules! sound {
 }
 
 sound! {
+    u32: |_| true;
     u64: |_| true;
+    [u32; 2]: |_| true;
     Vec<u32>: |_| true;
     [f32; 3]: |values| values.iter().all(|x| x.is_finite());
     [f64; 3]: |values| values.iter().all(|x| x.is_finite());
-    FeatureMoments: |features| features.emission.mean.iter().all(Sound::is_sound);
+    FeatureMoments: |_| true;
     Option<FirstHit>: |hit| hit.as_ref().is_none_or(FirstHit::is_finite);
 }
 
@@ -190,11 +204,4 @@ pub(super) const NONE_VALID: [f64; 3] = [-0.0; 3];
 /// Returns `true` for [`NONE_VALID`], which equals black.
 pub(super) fn is_none_valid(mean: [f64; 3]) -> bool {
     mean.map(f64::to_bits) == NONE_VALID.map(f64::to_bits)
-}
-
-impl Half {
-    /// Count, mean and sum of squared deviations of the samples of pixel `i`; deviations are NaN if they are not recorded.
-    pub(super) fn moments(&self, i: usize) -> RgbMoments {
-        RgbMoments { count: self.counts[i], mean: self.means[i], m2: self.m2.get(i).copied().unwrap_or([f64::NAN; 3]) }
-    }
 }

@@ -5,7 +5,7 @@
 //!
 //! So does the emission of lamps seen directly: at their edges, more samples of it alone take most of the noise away.
 
-use crate::film::{FeatureMoments, record_first_hit};
+use crate::film::{EmissionAlone, FeatureMoments, record_first_hit};
 use crate::{Draws, Estimate, Needs, PointSet, SampleId, plan::Retention, point_set::streams};
 
 /// The largest number of samples of features alone in a pixel.
@@ -53,7 +53,8 @@ const EMISSION: u64 = 32;
 /// The ratio of two samples' emission from which on a pixel counts as one at the edge of a lamp. Skies vary by less.
 const EDGE: f32 = 2.0;
 
-/// Adds samples of features alone to the features of a pixel, for a film that records `needs`.
+/// Adds samples of features alone to the features of a pixel, for a film that records `needs`. Returns their cost, and their emission
+/// at the edge of a lamp.
 ///
 /// Their number follows from themselves, so that it depends on no plan, and a render with a larger budget goes on from one
 /// with a smaller one. Samples whose emission is averaged have streams of their own. Those by which an edge is found are not among
@@ -65,7 +66,7 @@ pub(super) fn add(
     pixel: [u32; 2],
     needs: &Needs,
     mut sample: impl FnMut(&Draws<'_>) -> Option<Estimate>,
-) -> Cost {
+) -> (Cost, Option<EmissionAlone>) {
     let wanted = Needs { features: true, emission: needs.emission, ..Needs::none() };
     let mut cost = Cost::default();
     let mut next = |moments: &mut FeatureMoments, stream: u32, index: u64| {
@@ -89,13 +90,13 @@ pub(super) fn add(
             is_edge = first.max(sum) > EDGE * first.min(sum);
         }
     }
-    if is_edge {
-        for index in 0..EMISSION.min(points.capacity()) {
-            for (half, stream) in streams::EMISSION.into_iter().enumerate() {
-                let Some(emission) = next(moments, stream, index) else { return cost };
-                moments.emission.push(half, emission);
-            }
-        }
+    if !is_edge {
+        return (cost, None);
     }
-    cost
+    let mut alone = EmissionAlone::default();
+    for (half, index) in (0..EMISSION.min(points.capacity())).flat_map(|index| [0, 1].map(|half| (half, index))) {
+        let Some(emission) = next(moments, streams::EMISSION[half], index) else { break };
+        alone.push(half, emission);
+    }
+    (cost, Some(alone))
 }

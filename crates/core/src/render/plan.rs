@@ -66,7 +66,9 @@ pub(super) fn check(plan: &Plan, film: &Film, sampler: &dyn Sampler, budget: &Bu
         }
         let halves = if kept { &film.kept } else { &film.discarded };
         let of = |half: usize| {
-            halves.get(half).map_or([0; 2], |planes| [planes.counts[i], film.next_index(plan.retention, half, i)])
+            halves
+                .get(half)
+                .map_or([0; 2], |planes| [planes.counts[i].into(), film.next_index(plan.retention, half, i)])
         };
         let [[a, next_a], [b, next_b]] = [0, 1].map(of);
         let lead = if withdrawn { 0 } else { a as i64 - b as i64 };

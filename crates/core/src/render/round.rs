@@ -363,11 +363,11 @@ fn trace_pixel(
         && round.features.is_now(&strip.beside.features[local], strip.counts(local).iter().sum(), start == 0)
     {
         let moments = &mut strip.beside.features[local];
-        let cost = feature_samples::add(moments, round.points, pixel, &round.needs, |draws| {
+        let added = feature_samples::add(moments, round.points, pixel, &round.needs, |draws| {
             current.set(Some(draws.id()));
             round.integrator.features_alone(draws)
         });
-        tally.add_cost(&cost);
+        tally.add_features(pixel, added);
     }
     for turn in 0..turns.total() {
         let (half, index) = turns.sample(round.order, turn);

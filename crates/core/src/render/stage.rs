@@ -279,7 +279,7 @@ fn no_round() -> Error {
 fn samples_in(film: &Film, rows: Frame) -> u64 {
     let first = (rows.origin()[1] - film.frame.origin()[1]) as usize * film.frame.size()[0] as usize;
     let halves = film.kept.iter().chain(&film.discarded);
-    halves.flat_map(|planes| &planes.counts[first..first + rows.pixels()]).sum()
+    halves.flat_map(|planes| &planes.counts[first..first + rows.pixels()]).map(|count| u64::from(*count)).sum()
 }
 
 impl Film {
@@ -287,7 +287,8 @@ impl Film {
     fn rows_of(&self, frame: Frame) -> Self {
         let mut film = self.part(frame, crate::plan::Retention::Keep);
         if film.discarded.is_empty() && !self.discarded.is_empty() {
-            film.discarded = self.part(frame, crate::plan::Retention::Discard).discarded;
+            let part = self.part(frame, crate::plan::Retention::Discard);
+            (film.discarded, film.discarded_spread) = (part.discarded, part.discarded_spread);
         }
         film.splats = self.splats.empty();
         film.record = Record { samples: samples_in(&film, frame), passes: self.record.passes, ..Record::default() };

@@ -204,12 +204,12 @@ impl<'r> Tile<'r> {
             return;
         }
         for (local, pixel) in planned.pixels.iter().enumerate() {
-            let kept = self.film.kept.iter().map(|planes| planes.counts[local]).sum();
+            let kept = self.film.count(local);
             let moments = &mut self.film.beside.features[local];
             if pixel.total() > 0 && planned.features.is_now(moments, kept, true) {
-                let cost =
-                    feature_samples::add(moments, planned.points, planned.pixel(local), &planned.needs, &mut sample);
-                self.tally.add_cost(&cost);
+                let place = planned.pixel(local);
+                let added = feature_samples::add(moments, planned.points, place, &planned.needs, &mut sample);
+                self.tally.add_features(place, added);
             }
         }
     }

@@ -1,7 +1,7 @@
 //! The order of a pixel's samples in a round, and what a task counts while it traces them.
 
 use super::feature_samples::Cost;
-use crate::film::{REJECTED_LISTED, Splats, Strip, keep_first};
+use crate::film::{EmissionAlone, REJECTED_LISTED, Splats, Strip, keep_first};
 use crate::plan::{Plan, Retention};
 use crate::{Film, SampleId, film::Rejected, point_set::streams};
 
@@ -117,6 +117,8 @@ pub(super) struct Tally {
     pub(super) first_rejected: Option<(SampleId, [f32; 3])>,
     /// Half, pixel and radiance of splats.
     splats: Vec<(usize, [u32; 2], [f32; 3])>,
+    /// Pixel and emission at edges of lamps.
+    lamp_edges: Vec<([u32; 2], EmissionAlone)>,
 }
 
 impl Tally {
@@ -155,6 +157,12 @@ impl Tally {
         self.blocks += cost.blocks;
     }
 
+    /// Adds samples of features alone of a pixel.
+    pub(super) fn add_features(&mut self, pixel: [u32; 2], (cost, alone): (Cost, Option<EmissionAlone>)) {
+        self.add_cost(&cost);
+        self.lamp_edges.extend(alone.map(|alone| (pixel, alone)));
+    }
+
     pub(super) fn total(&self) -> u64 {
         self.samples.iter().sum()
     }
@@ -166,6 +174,7 @@ impl Tally {
         film.record.blocks += self.blocks;
         film.unreported += self.unreported;
         self.splats.into_iter().for_each(|(half, pixel, radiance)| film.splats.add(half, pixel, radiance));
+        self.lamp_edges.into_iter().for_each(|(pixel, alone)| film.lamp_edges.set(&film.frame, pixel, alone));
         if retention == Retention::Keep {
             film.splats.count(self.samples);
         }

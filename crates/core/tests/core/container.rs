@@ -205,9 +205,9 @@ fn pixels(film: &Film) -> String {
             "{:?} {:?} {:?} {:?} {:?}",
             film.moments(i),
             halves,
-            film.indirect(1, i),
+            film.half_indirect(1, i),
             film.features(i),
-            film.first_hits(i)
+            (film.surface(i), film.first_hits(i))
         )
     };
     (0..film.frame().pixels()).map(one).collect()

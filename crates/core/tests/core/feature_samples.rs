@@ -1,12 +1,14 @@
 //! Samples of features alone, halves of films as films, and features per half.
 
 use crate::common::{Independent, Planned, Points, Traced, everything, frame, numbers, on_threads, run, uniform};
+use dapple_core::limits::Schedule;
 use dapple_core::plan::{Combine, Feedback, Plan, Progress, Retention};
 use dapple_core::point_set::streams;
+use dapple_core::render::{Control, Status};
 use dapple_core::samplers::Uniform;
 use dapple_core::{
     Block, Draws, Error, Estimate, Film, FirstHit, Integrator, Limits, Methods, Needs, PointSet, Render, SampleId,
-    Sampler, Session, SurfaceFeatures, Worker,
+    Sampler, Session, Snapshot, SurfaceFeatures, Worker,
 };
 
 const PLACE: Block = Block::new(0);
@@ -201,6 +203,25 @@ fn refined_means_have_the_light_of_plain_ones_and_less_noise() {
 }
 
 #[test]
+fn rows_and_snapshots_keep_the_emission_alone() {
+    let whole = lit(16, 4.0, edges());
+    let rows = whole.of_rows(5..9).unwrap();
+    assert!((0..64).any(|i| rows.emission_alone(1, i).is_some()));
+    assert!((0..64).all(|i| rows.emission_alone(1, i) == whole.emission_alone(1, i + 80)));
+    let (mut saved, limits) = (Vec::new(), Limits::spp(4.0).with_schedule(Schedule::default().with_slice_spp(1)));
+    let render = Render::new(frame(16, 16), &limits).needs(edges());
+    let mut stop = |status: &Status<'_>| {
+        saved = status.snapshot();
+        Control::Stop
+    };
+    render.monitor(&mut stop).run(&mut Lamp, &mut uniform(3)).unwrap();
+    let snapshot = Snapshot::from_bytes(&saved).unwrap();
+    let render = Render::new(frame(16, 16), &limits).needs(edges());
+    let resumed = render.resume(snapshot, &mut Lamp, &mut uniform(3)).unwrap();
+    assert!((0..256).all(|i| resumed.emission_alone(0, i) == whole.emission_alone(0, i)));
+}
+
+#[test]
 fn a_film_of_one_half_has_the_emission_alone_of_that_half() {
     let film = lit(8, 4.0, edges());
     for half in [0, 1] {
@@ -267,7 +288,7 @@ fn render(points: impl PointSet, needs: Needs, spp: f64) -> Film {
 /// All statistics of a pixel that do not depend on streams of other samples.
 fn statistics(film: &Film, i: usize) -> String {
     let radiance = (film.count(i), film.mean(i), film.moments(i), film.discarded(i));
-    let beside = (film.features(i), film.emission(0, i), film.indirect(0, i));
+    let beside = (film.features(i), film.emission(0, i), film.half_indirect(0, i));
     format!("{radiance:?} {beside:?}")
 }
 
@@ -325,10 +346,10 @@ fn half_films_hold_what_the_half_discarded() {
 #[test]
 fn features_per_half_are_recorded_on_request_and_change_no_other_bit() {
     let points = Independent::new(3);
-    let plain = Needs::none().with_variance().with_halves().with_features();
+    let plain = Needs::none().with_half_variance().with_features();
     let (without, with) = (render(points, plain, 6.0), render(points, plain.with_feature_halves(), 6.0));
     assert_eq!(plain.with_feature_halves(), plain.and(Needs::none().with_feature_halves()));
-    assert_eq!(Film::bytes_per_pixel(with.needs()), Film::bytes_per_pixel(&plain) + 2 * 120);
+    assert_eq!(Film::bytes_per_pixel(with.needs()), Film::bytes_per_pixel(&plain) + 2 * 60);
     let mut differ = 0;
     for i in 0..63 {
         assert_eq!(statistics(&with, i), statistics(&without, i));

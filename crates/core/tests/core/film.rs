@@ -94,6 +94,56 @@ fn merged_moments_are_those_of_all_values_f03() {
     assert_eq!(merged, some);
 }
 
+/// The film adds squares up in `f32`. The rounding errors of a million values are independent, which makes 2e-5 of the sum.
+#[test]
+#[cfg_attr(miri, ignore = "too many samples for Miri")]
+fn variances_of_a_million_samples_are_exact_to_four_digits() {
+    for needs in [Needs::none().with_variance(), Needs::none().with_variance().with_halves()] {
+        let (mut rng, mut exact) = (rng(5), RgbMoments::default());
+        let mut film = Film::new(frame(1, 1), needs);
+        for k in 0..1_000_000 {
+            let x: f32 = rng.random();
+            let value = [x, 1e3 + x, -(1.0 - x).ln()];
+            film.push(0, k % 2, value);
+            exact.push(value);
+        }
+        let (found, wanted) = (film.moments(0).variance().unwrap(), exact.variance().unwrap());
+        assert!((0..3).all(|c| (found[c] / wanted[c] - 1.0).abs() < 1e-4), "{found:?}, not {wanted:?}");
+    }
+}
+
+#[test]
+fn a_half_without_the_other_has_a_variance_if_it_is_recorded() {
+    for (needs, variance) in
+        [(Needs::none().with_half_variance(), Some([2.0; 3])), (Needs::none().with_halves().with_variance(), None)]
+    {
+        let mut film = Film::new(frame(2, 1), needs);
+        for (half, value) in [(0, 1.0), (1, 5.0), (0, 3.0), (1, 5.0)] {
+            (0..2).for_each(|i| film.push(i, half, [value; 3]));
+        }
+        let both = film.moments(0).variance();
+        let without = film.without_samples(|half, i| (half, i) == (1, 0)).unwrap();
+        assert_eq!((without.count(0), without.mean(0), without.moments(0).variance()), (2, [2.0; 3], variance));
+        assert_eq!((without.moments(1).variance(), film.half(0, 1).unwrap().variance()), (both, variance));
+        let half = film.half_film(0).unwrap();
+        assert_eq!((half.moments(0).variance(), half.needs().variance), (variance, variance.is_some()));
+        let none = film.without_samples(|_, i| i == 0).unwrap();
+        assert_eq!((none.count(0), none.moments(0).m2), (0, [0.0; 3]));
+    }
+}
+
+#[test]
+fn features_count_as_known_after_65535_samples() {
+    let mut film = Film::new(frame(1, 1), Needs::none().with_features());
+    for k in 0..65_540 {
+        let hit = FirstHit::new([0.0; 3], [0.0, 0.0, 1.0], if k < 65_535 { 1.0 } else { 2.0 });
+        film.push_estimate(0, 0, &Estimate::new([1.0; 3]).with_first_hit(hit));
+    }
+    let features = film.features(0).unwrap();
+    assert_eq!((features.samples, features.hits, features.depth), (65_535, 65_535, 1.0));
+    assert_eq!((features.variance, film.count(0)), (Some([0.0; 4]), 65_540));
+}
+
 #[test]
 fn counts_beyond_32_bits_are_right_f04() {
     for start in [1u64 << 24, 1 << 32, 1 << 52] {
@@ -113,11 +163,11 @@ fn counts_beyond_32_bits_are_right_f04() {
     assert_eq!(one.variance(), None);
     one.push([3.0; 3]);
     assert_eq!(one.variance(), Some([0.0; 3]));
-    // NaN rather than zero if variance is not recorded.
+    // Unknown rather than zero if variance is not recorded.
     let mut film = Film::new(frame(1, 1), Needs::none());
     film.push(0, 0, [1.0; 3]);
     film.push(0, 0, [2.0; 3]);
-    assert!(film.moments(0).variance().unwrap()[0].is_nan());
+    assert!(film.moments(0).variance().is_none() && film.moments(0).m2[0].is_nan());
 }
 
 const BAD: [(f32, RejectedReason); 4] = [
@@ -216,17 +266,24 @@ fn first_hits_with_a_nan_count_as_misses() {
             .with_albedo([0.5; 3])
             .with_footprint(1.0)
             .with_material(4)
-            .with_shape(5)
+            .with_shape(5 + draws.id().index as u32)
             .with_primitive(6);
         Estimate::new([1.0; 3]).with_first_hit(draws.wants_first_hit().then_some(hit)).with_cost(3)
     });
-    let needs = Needs::none().with_features().with_first_hits(4).with_cost();
+    let needs = Needs::none().with_features().with_surfaces().with_first_hits(4).with_cost();
     let film = run(&mut hits, &mut constant(), needs, frame(1, 1), &Limits::samples(9)).unwrap();
     let features = film.features(0).unwrap();
     assert_eq!((features.samples, features.hits, features.depth), (9, 6, 2.0));
-    assert_eq!(features.variance, Some([0.0; 10]));
+    assert_eq!(features.variance, Some([0.0; 4]));
     let found: Vec<bool> = film.first_hits(0).iter().map(Option::is_some).collect();
     assert_eq!((found, film.cost(0)), (vec![true, false, true, true], Some(27)));
+    assert_eq!(film.surface(0), Some([5, 6]), "that of the first sample");
+    let mut film = Film::new(frame(1, 1), Needs::none().with_surfaces());
+    for depth in [f32::NAN, 1.0] {
+        let hit = FirstHit::new([0.0; 3], [1.0, 0.0, 0.0], depth);
+        film.push_estimate(0, 0, &Estimate::new([1.0; 3]).with_first_hit(hit));
+        assert_eq!(film.surface(0), None, "the first sample misses");
+    }
     let bare = run(&mut hits, &mut constant(), Needs::none(), frame(1, 1), &Limits::samples(9)).unwrap();
     assert_eq!((bare.features(0), bare.first_hits(0).len(), bare.cost(0)), (None, 0, None));
 }
@@ -304,17 +361,20 @@ fn indirect_light_is_averaged_within_each_half_and_bounded_by_radiance() {
         Estimate::new(radiance).with_indirect(indirect)
     };
     let draw = |needs| run(&mut Traced(bounces), &mut constant(), needs, frame(1, 1), &Limits::samples(8)).unwrap();
-    let film = draw(Needs::none().with_halves().with_variance().with_indirect());
+    let film = draw(Needs::none().with_half_variance().with_indirect());
     for half in [0, 1] {
-        let seen = film.indirect(half, 0).unwrap();
+        let seen = film.half_indirect(half, 0).unwrap();
         let got = (seen.mean, seen.variance().unwrap());
         let near = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6);
         assert!(seen.count == 4 && near(got.0, mean) && near(got.1, variance), "{got:?}");
     }
+    let pooled = draw(Needs::none().with_halves().with_variance().with_indirect());
+    assert_eq!(pooled.indirect(0), film.indirect(0));
+    assert!(pooled.half_indirect(0, 0).unwrap().m2[0].is_nan(), "no variance of the half");
     let bare = draw(Needs::none().with_halves());
-    assert!(bare.indirect(0, 0).is_none());
+    assert!(bare.indirect(0).is_none() && bare.half_indirect(0, 0).is_none());
     assert!(bare.require("a filter", &Needs::none().with_indirect()).is_ok(), "filters work without it");
-    assert!(draw(Needs::none().with_indirect()).indirect(1, 0).unwrap().m2[0].is_nan(), "no variance");
+    assert!(draw(Needs::none().with_indirect()).indirect(0).unwrap().m2[0].is_nan(), "no variance");
 }
 
 fn film(needs: Needs) -> Film {
@@ -373,14 +433,16 @@ fn an_estimate_brings_all_that_the_film_records() {
 
 #[test]
 fn statistics_of_pixels_make_the_film_that_samples_would() {
-    let mut pushed = film(Needs::none().with_variance().with_halves().with_features().with_emission());
+    let needs = Needs::none().with_variance().with_halves().with_features().with_emission();
+    let (mut pushed, mut halves) = (film(needs), film(needs.with_half_variance()));
     for (half, value) in [(0, 1.0), (0, 3.0), (1, 2.0), (1, 6.0)] {
-        pushed.push_estimate(0, half, &Estimate::new([value; 3]).with_first_hit(wall()));
+        let estimate = Estimate::new([value; 3]).with_first_hit(wall());
+        [&mut pushed, &mut halves].into_iter().for_each(|film| film.push_estimate(0, half, &estimate));
     }
-    let half = |h| pushed.half(h, 0).unwrap();
+    let half = |h| halves.half(h, 0).unwrap();
     let moments = [0, 1].map(|h| RgbMoments::new(2, half(h).mean, half(h).variance().unwrap()));
     let made = Film::from_pixels(*pushed.frame(), |i| match i {
-        0 => PixelStatistics::new(moments).with_features((&wall()).into(), [0.0; 10], 1.0),
+        0 => PixelStatistics::new(moments).with_features((&wall()).into(), [0.0; 4], 1.0),
         _ => PixelStatistics::default(),
     })
     .unwrap();
@@ -395,7 +457,7 @@ fn statistics_with_a_nan_are_refused_with_their_pixel() {
     let bad = [
         PixelStatistics::new([RgbMoments::new(1, [f64::NAN; 3], [0.0; 3]), RgbMoments::default()]),
         PixelStatistics::new([RgbMoments::new(2, [0.0; 3], [f64::INFINITY; 3]), RgbMoments::default()]),
-        PixelStatistics::default().with_features(SurfaceFeatures::new([f32::NAN; 3], [0.0; 3], 1.0), [0.0; 10], 1.0),
+        PixelStatistics::default().with_features(SurfaceFeatures::new([f32::NAN; 3], [0.0; 3], 1.0), [0.0; 4], 1.0),
         PixelStatistics::default().with_emission([f32::INFINITY; 3]),
     ];
     for pixel in bad {

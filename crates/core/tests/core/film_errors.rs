@@ -6,23 +6,26 @@ use dapple_core::{Film, Frame, Limits, Needs};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-/// A count takes 8 bytes, a mean or a sum of squares 24, emission or indirect light 12, features 120, and splats 48.
+/// A count takes 4 bytes, a mean 24, squared deviations, emission or indirect light 12, features 60, a surface 8, and splats 48.
 #[test]
 fn bytes_per_pixel_are_those_of_all_planes() {
     let none = Needs::none();
     let features = none.with_feature_halves();
-    let all = features.with_variance().with_first_hits(3).with_cost().with_emission().with_indirect();
+    let all = features.with_variance().with_surfaces().with_first_hits(3).with_cost().with_emission().with_indirect();
     for (needs, bytes) in [
-        (none, 32),
-        (none.with_variance(), 56),
-        (none.with_halves(), 64),
-        (none.with_features(), 152),
-        (none.with_cost(), 40),
-        (none.with_emission(), 44),
-        (none.with_indirect(), 44),
-        (none.with_splats().with_halves(), 2 * (32 + 48)),
-        (features, 2 * 32 + 3 * 120),
-        (all, 780),
+        (none, 28),
+        (none.with_variance(), 40),
+        (none.with_halves(), 56),
+        (none.with_halves().with_variance(), 56 + 12),
+        (none.with_half_variance(), 56 + 24),
+        (none.with_features(), 88),
+        (none.with_surfaces(), 36),
+        (none.with_cost(), 36),
+        (none.with_emission(), 40),
+        (none.with_indirect(), 40),
+        (none.with_splats().with_halves(), 2 * (28 + 48)),
+        (features, 2 * 28 + 3 * 60),
+        (all, 2 * (28 + 24) + 2 * 12 + 3 * 60 + 3 * 76 + 8 + 8),
     ] {
         assert_eq!(Film::bytes_per_pixel(&needs), bytes, "{needs:?}");
     }

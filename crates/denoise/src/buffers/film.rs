@@ -3,7 +3,7 @@
 use super::{ALBEDO, DEPTH, Denoise, Feature, NORMAL, POSITION, SampleBuffers, check};
 use crate::planes::{beside, box_mean};
 use dapple_core::film::{PixelStatistics, RgbMoments};
-use dapple_core::{Error, Film, FirstHit, Frame, SurfaceFeatures, point_set::mix};
+use dapple_core::{Error, Film, Frame, SurfaceFeatures, point_set::mix};
 
 /// The depth from which on a pixel counts as a miss: renderers write numbers like this for the background.
 const FAR: f32 = 1e10;
@@ -32,9 +32,7 @@ pub(super) fn film(image: &Denoise<'_>) -> Result<Film, Error> {
         let count = halves[0].count + halves[1].count;
         let coverage = image.coverage.map_or(1.0, |share| share[i]);
         pixel = pixel.with_features(features, surfaces.variance(i, count), coverage);
-        let Some(ids) = image.ids else { return pixel };
-        let SurfaceFeatures { position, normal, depth, .. } = features;
-        pixel.with_first_hit(FirstHit::new(position, normal, depth).with_material(ids[i]))
+        image.ids.map_or(pixel, |ids| pixel.with_surface(ids[i], 0))
     })
 }
 
@@ -86,14 +84,14 @@ impl<'a> Surfaces<'a> {
         [x * unit * depth, y * unit * depth, depth]
     }
 
-    /// The sample variances of normal (3), albedo (3), position (3) and depth (1) in pixel `i`, which has `count` samples.
-    fn variance(&self, i: usize, count: u64) -> [f32; 10] {
-        let of = |place: usize, channel: usize, channels: usize| {
+    /// The sample variances of normal, albedo and position, each summed over its channels, and of depth in pixel `i`, which has
+    /// `count` samples.
+    fn variance(&self, i: usize, count: u64) -> [f32; 4] {
+        [(NORMAL, 3), (ALBEDO, 3), (POSITION, 3), (DEPTH, 1)].map(|(place, channels)| {
             let variance = self.image.features[place].and_then(|f| f.variance);
-            variance.map_or(0.0, |v| v.of_sample(channels * i + channel, count) as f32)
-        };
-        let planes = [NORMAL, ALBEDO, POSITION];
-        std::array::from_fn(|k| if k < 9 { of(planes[k / 3], k % 3, 3) } else { of(DEPTH, 0, 1) })
+            let entries = channels * i..channels * (i + 1);
+            variance.map_or(0.0, |v| entries.map(|k| v.of_sample(k, count) as f32).sum())
+        })
     }
 }
 

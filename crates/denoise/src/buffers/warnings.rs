@@ -295,7 +295,7 @@ pub fn warnings_of(film: &Film) -> Vec<Warning> {
     found.extend(of_streams(film));
     let hits: Vec<Features> = (0..pixels).filter_map(|i| film.features(i)).filter(|f| f.hits > 0).collect();
     // The mean square of the length, also where normals vary.
-    let spread = |f: &Features| f.variance.map_or(0.0, |v| (v[0] + v[1] + v[2]) * (f.hits - 1) as f32 / f.hits as f32);
+    let spread = |f: &Features| f.variance.map_or(0.0, |[normal, ..]| normal * (f.hits - 1) as f32 / f.hits as f32);
     let normals: Vec<_> = hits.iter().map(|f| (f.normal, (length(f.normal).powi(2) + spread(f)).sqrt())).collect();
     let known: Vec<_> = normals.into_iter().filter(|(_, length)| *length > 0.0).collect();
     let albedos: Vec<_> = hits.iter().map(|f| f.albedo).collect();
@@ -309,7 +309,7 @@ fn of_streams(film: &Film) -> Option<Warning> {
     let mut means = BTreeMap::new();
     for i in 0..film.frame().pixels() {
         let (a, b) = (film.half(0, i)?, film.half(1, i)?);
-        if a.count == b.count && a.m2.iter().sum::<f64>() > 0.0 {
+        if a.count == b.count && film.moments(i).m2.iter().sum::<f64>() > 0.0 {
             means.insert(a.mean.map(f64::to_bits), a.mean == b.mean);
         }
     }

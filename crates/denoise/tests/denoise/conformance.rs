@@ -35,7 +35,7 @@ fn cluster_gaussian_from_a_map_conforms() {
 
 #[test]
 fn cluster_gaussian_from_hits_conforms() {
-    let label: ClusterLookup = Arc::new(|hit| (hit.primitive != 1).then_some(hit.material + 10 * hit.primitive));
+    let label: ClusterLookup = Arc::new(|shape, primitive| (primitive != 1).then_some(shape + 10 * primitive));
     for (k, outside) in [(1, 0.1), (4, 0.0), (8, 0.1)] {
         let options = ClusterGaussianOptions::default().hits(k).outside(outside);
         let make = || ClusterGaussian::from_hits(label.clone()).with_options(options).unwrap();
@@ -52,7 +52,7 @@ fn nl_means_conform() {
 
 #[test]
 fn bilateral_conforms() {
-    let label: ClusterLookup = Arc::new(|hit| Some(hit.material));
+    let label: ClusterLookup = Arc::new(|shape, _| Some(shape));
     conformance::filter(|| Box::new(Bilateral::default()));
     let plain = Bilateral::with_options(BilateralOptions::default().outside(0.0)).unwrap();
     conformance::filter(|| Box::new(plain.clone().with_clusters(label.clone(), "")));
@@ -60,7 +60,7 @@ fn bilateral_conforms() {
 
 #[test]
 fn cluster_regression_conforms() {
-    let label: ClusterLookup = Arc::new(|hit| (hit.primitive != 1).then_some(hit.material + 10 * hit.primitive));
+    let label: ClusterLookup = Arc::new(|shape, primitive| (primitive != 1).then_some(shape + 10 * primitive));
     for plain in [ClusterRegression::new(), ClusterRegression::new().one_pass()] {
         conformance::filter(|| Box::new(plain.clone().with_clusters(label.clone(), "")));
     }

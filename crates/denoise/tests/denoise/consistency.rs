@@ -18,7 +18,7 @@ fn truth(i: usize) -> f32 {
 }
 
 /// The needs of all filters together.
-const NEEDS: Needs = HALVES.with_first_hits(1);
+const NEEDS: Needs = HALVES.with_first_hits(1).with_surfaces();
 
 /// An image with an edge that features show, one that they miss, stripes of albedo, a ramp, and noise relative to them. `hits` is
 /// false for an image without features.
@@ -31,7 +31,7 @@ fn film(hits: bool, seed: u64, spp: u64) -> Film {
             .with_shading_normal(if x < 12 { [1.0, 0.0, 0.0] } else { [0.0, 0.0, 1.0] })
             .with_albedo([albedo; 3])
             .with_footprint(1.0)
-            .with_material(u32::from(x < 12));
+            .with_shape(u32::from(x < 12));
         let value = truth((y * SIDE[0] + x) as usize) * (a + b);
         Estimate::new([value, 0.8 * value, 0.5 * value]).with_first_hit(hits.then_some(hit))
     })
@@ -256,7 +256,7 @@ fn clusters_preserve_an_edge_too_faint_for_its_noise() {
         let left = draws.pixel()[0] < 12;
         let hit = FirstHit::new([0.0; 3], [0.0, 0.0, 1.0], 1.0).with_albedo([0.5; 3]).with_footprint(1.0);
         let value = if left { 1.0 } else { 1.2 } + 2.0 * (a - 0.5);
-        grey(value.max(0.0)).with_first_hit(hit.with_material(u32::from(left)))
+        grey(value.max(0.0)).with_first_hit(hit.with_shape(u32::from(left)))
     };
     let step = |filter: &dyn Filter| {
         let across = |seed: u64| {

@@ -47,7 +47,7 @@ fn parameters_out_of_range_are_refused() {
         refused(ClusterRegression::with_options(options), "outside");
     }
     for k in [0, 9] {
-        refused(ClusterGaussian::from_hits(Arc::new(|_| None)).with_options(options.hits(k)), "hits");
+        refused(ClusterGaussian::from_hits(Arc::new(|_, _| None)).with_options(options.hits(k)), "hits");
     }
     refused(ClusterGaussian::from_map([3, 2], vec![0; 5]), "clusters");
     refused(ClusterGaussian::from_map([u32::MAX, u32::MAX], vec![]), "clusters");
@@ -79,7 +79,7 @@ fn descriptions_give_every_parameter() {
     assert_eq!(Gaussian::default().describe(), "gaussian:alpha=0.5,radius=4");
     let map = ClusterGaussian::from_map([1, 1], vec![0]).unwrap();
     assert_eq!(map.describe(), "cluster-gaussian:alpha=0.5,radius=4,outside=0.05,clusters=map");
-    let hits = ClusterGaussian::from_hits(Arc::new(|_| None));
+    let hits = ClusterGaussian::from_hits(Arc::new(|_, _| None));
     let hits = hits.with_kernel(Gaussian::new(2.0, 1.5).unwrap());
     let hits = hits.with_options(ClusterGaussianOptions::default().hits(4).outside(0.25)).unwrap();
     assert_eq!(hits.describe(), "cluster-gaussian:alpha=2,radius=1.5,outside=0.25,hits=4");
@@ -91,7 +91,7 @@ fn descriptions_give_every_parameter() {
     let clusters = ClusterRegression::new().with_clusters(label(), "k=9");
     assert_eq!(clusters.describe(), "cluster-regression:outside=0.2,layers=auto,network=true,fireflies=keep,k=9");
     // First hits are recorded only where clusters matter.
-    assert_eq!((clusters.needs().first_hits, ClusterRegression::new().needs().first_hits), (1, 0));
+    assert_eq!((clusters.needs().surfaces, ClusterRegression::new().needs().surfaces), (true, false));
 }
 
 /// The image of one bright pixel is the kernel and has its energy.
@@ -180,12 +180,12 @@ fn the_error_estimate_is_the_variance_of_the_image() {
     }
 }
 
-/// A uniform random value, equal in every channel. The left part of the frame is material 1, the right part material 2.
+/// A uniform random value, equal in every channel. The left part of the frame is shape 1, the right part shape 2.
 /// Row 0 hits nothing.
 fn flat(draws: &Draws<'_>) -> Estimate {
     let [u, v, ..] = draws.block(Block::new(0));
     let [x, y] = draws.pixel();
-    let hit = support::wall([x, y]).with_material(1 + u32::from(x as f32 + v > 4.3));
+    let hit = support::wall([x, y]).with_shape(1 + u32::from(x as f32 + v > 4.3));
     grey(u).with_first_hit((y > 0).then_some(hit))
 }
 
@@ -215,7 +215,7 @@ fn first_hits_and_a_map_agree_on_pure_pixels() {
     }
     assert_ne!(one.radiance, eight.radiance, "mixed pixels blend");
     // A film with too few first hits is refused.
-    let poor = ClusterGaussian::from_hits(Arc::new(|_| None));
+    let poor = ClusterGaussian::from_hits(Arc::new(|_, _| None));
     let poor = poor.with_options(ClusterGaussianOptions::default().hits(8)).unwrap();
     let bare = self::film([12, 9], |_| 1.0);
     assert!(matches!(poor.apply(&bare), Err(Error::NotRecorded { .. })));
@@ -294,7 +294,7 @@ impl Image {
             let [u, v, noise, _] = draws.block(Block::new(0));
             let [x, y] = draws.pixel();
             let (radiance, cluster) = self.at(x as f32 + u, y as f32 + v);
-            grey(radiance * -(1.0 - noise).ln()).with_first_hit(support::wall([x, y]).with_material(cluster))
+            grey(radiance * -(1.0 - noise).ln()).with_first_hit(support::wall([x, y]).with_shape(cluster))
         })
     }
 }

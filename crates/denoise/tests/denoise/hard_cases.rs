@@ -229,14 +229,14 @@ fn an_invalid_sample_does_not_spread_f05() {
 
 /// A render of samples that are 0 or 1 at random, on surfaces in stripes.
 fn two_levels(frame: Frame, spp: u64) -> Film {
-    rendered(frame, HALVES.with_first_hits(1), (3, spp), |draws: &Draws<'_>| {
+    rendered(frame, HALVES.with_first_hits(1).with_surfaces(), (3, spp), |draws: &Draws<'_>| {
         let [u, v, a, _] = draws.block(Block::new(0));
         let [x, y] = draws.pixel();
         let hit = FirstHit::new([x as f32 + u, y as f32 + v, 0.0], [0.0, 0.0, 1.0], 50.0 + u)
             .with_shading_normal(if x % 16 < 8 { [1.0, 0.0, 0.0] } else { [0.0, 0.0, 1.0] })
             .with_albedo([if y % 12 < 6 { 0.3 } else { 0.8 }; 3])
             .with_footprint(1.0)
-            .with_material(x / 16 % 3)
+            .with_shape(x / 16 % 3)
             .with_primitive(y / 6);
         let likely = if (x / 8 + y / 8).is_multiple_of(2) { 0.1 } else { 0.7 };
         Estimate::new([f32::from(u8::from(a < likely)); 3]).with_first_hit(hit)

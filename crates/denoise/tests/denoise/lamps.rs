@@ -328,7 +328,7 @@ fn noise_shared_with_features_is_filtered() {
         let (radiance, normal) = if bright { (1.0, [0.0, 0.0, 1.0]) } else { (0.1, [1.0, 0.0, 0.0]) };
         let (place, depth) = if bright { ([0.0; 3], 2.0) } else { ([5.0, 0.0, 3.0], 5.0) };
         let hit = FirstHit::new(place, normal, depth).with_albedo([radiance; 3]).with_footprint(0.01);
-        grey(radiance).with_first_hit(hit.with_material(u32::from(bright)))
+        grey(radiance).with_first_hit(hit.with_shape(u32::from(bright)))
     };
     // 0.13 and 0.11; without the prefilter 0.99.
     for filter in [regressions(), ClusterRegression::new()] {

@@ -78,9 +78,9 @@ pub(crate) fn squared_error(image: &[[f32; 3]], truth: impl Fn(usize) -> f32) ->
     squares.sum::<f64>() / image.len() as f64
 }
 
-/// The material of a first hit as its cluster.
+/// The shape of a first hit as its cluster.
 pub(crate) fn label() -> ClusterLookup {
-    Arc::new(|hit| Some(hit.material))
+    Arc::new(|shape, _| Some(shape))
 }
 
 /// The default filter without its network.

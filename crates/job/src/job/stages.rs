@@ -93,8 +93,8 @@ impl Job {
 
     /// The statistics that any image of the render may need, since images are chosen at the end.
     fn need_any_image(&mut self) {
-        let hits = u8::from(self.clusters().is_some());
-        self.needs = self.needs.with_variance().with_first_hits(hits);
+        self.needs = self.needs.with_variance();
+        self.needs.surfaces |= self.clusters().is_some();
     }
 
     /// Plans the first stage, as the bytes of a plan file.

@@ -143,7 +143,8 @@ impl OutputFiles {
             Asked::Never => false,
         };
         let features = self.features || OF_IMAGE.into_iter().any(named);
-        let needs = Needs::none().with_first_hits(u8::from(clusters && self.files.iter().any(shown)));
+        let mut needs = Needs::none();
+        needs.surfaces = clusters && self.files.iter().any(shown);
         self.files.iter().fold(needs, |needs, (what, _)| match what {
             Contents::Image(Format::Exr) => {
                 let needs = LAYERS.iter().filter(asked).fold(needs, |needs, layer| (layer.needs)(needs));

@@ -101,12 +101,9 @@ pub(super) const LAYERS: &[LayerEntry] = &[
         shown.filtered.error.as_deref().map(|error| vec![error.into()])
     }),
     // Whether a render groups triangles is not known here.
-    LayerEntry::of(
-        "cluster",
-        &["Y"],
-        |needs| needs.with_first_hits(1),
-        |shown| shown.clusters.clone().map(|clusters| vec![clusters.into()]),
-    ),
+    LayerEntry::of("cluster", &["Y"], Needs::with_surfaces, |shown| {
+        shown.clusters.clone().map(|clusters| vec![clusters.into()])
+    }),
     LayerEntry::of_features("albedo", RGB, true, |shown| {
         shown.features(&[|f, _| f.albedo[0], |f, _| f.albedo[1], |f, _| f.albedo[2]])
     }),

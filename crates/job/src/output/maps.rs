@@ -28,10 +28,11 @@ impl GrayMap {
 }
 
 /// Returns, per pixel, the index of the cluster that the first sample hit, or `u32::MAX` if it hit nothing. `None` if
-/// the film has no first hits.
+/// the film has no surfaces.
 pub fn cluster_ids(film: &Film, clusters: &WorldClusters) -> Option<Vec<u32>> {
-    let of = |i: usize| film.first_hits(i)[0].as_ref().and_then(|hit| clusters.label(hit)).unwrap_or(u32::MAX);
-    (film.needs().first_hits > 0).then(|| (0..film.frame().pixels()).map(of).collect())
+    let of =
+        |i: usize| film.surface(i).and_then(|[shape, primitive]| clusters.label(shape, primitive)).unwrap_or(u32::MAX);
+    film.needs().surfaces.then(|| (0..film.frame().pixels()).map(of).collect())
 }
 
 /// Encodes cluster indices as a PNG file that shows each cluster in one colour, and pixels without a hit in black.

@@ -85,6 +85,7 @@ fn seeds() -> Vec<(&'static str, Vec<u8>)> {
         .with_halves()
         .with_feature_halves()
         .with_first_hits(1)
+        .with_surfaces()
         .with_cost()
         .with_emission();
     let (_, snapshot) = rendered(&mut Uniform::new(Hashed), everything);

@@ -69,7 +69,7 @@ fn without_clusters_only_methods_that_cannot_do_without_are_refused() {
     filters.retain(|name| !["mdas-boxes", "tlfr", "tree-mean", "staged", "splat", "dct"].contains(name));
     samplers.retain(|name| !["mdas", "subdivision", "hierarchical", "fourier-dof", "dct"].contains(name));
     assert_eq!((filters, samplers), (vec!["cluster-gaussian"], vec!["cluster-thesis"]));
-    assert_eq!(filter("cluster-regression", &none).expect("a filter").needs().first_hits, 0);
+    assert!(!filter("cluster-regression", &none).expect("a filter").needs().surfaces);
     assert!(check_filter("cluster-gaussian").is_ok() && check_sampler("cluster-thesis").is_ok());
     let error = refusal(filter("cluster-gaussian", &none));
     assert_eq!(
@@ -115,18 +115,18 @@ fn probes() -> ClusterProbes {
 
 #[test]
 fn a_renderer_without_triangles_gets_clusters_by_the_numbers_of_its_objects() {
-    let clusters = HostClusters { probes: Some(probes()), ..HostClusters::none().with_labels(|hit| Some(hit.shape)) };
+    let clusters = HostClusters { probes: Some(probes()), ..HostClusters::none().with_labels(|shape, _| Some(shape)) };
     let frame = Frame::new(SIZE[0], SIZE[1]).expect("not empty");
     let limits = Limits::samples(16 * frame.pixels() as u64);
     for name in ["cluster-gaussian", "bilateral:outside=0.2", "cluster-regression"] {
         let labelled = filter(name, &clusters).expect("a filter");
-        assert!(labelled.needs().first_hits > 0, "{name} reads no clusters");
+        assert!(labelled.needs().surfaces || labelled.needs().first_hits > 0, "{name} reads no clusters");
         let film: Film = Render::new(frame, &limits)
             .needs(labelled.needs())
             .run(&mut Balls, &mut Uniform::new(sobol()))
             .expect("a film");
         let image = labelled.apply(&film).expect("an image").radiance;
-        let one = HostClusters::none().with_labels(|_| Some(0));
+        let one = HostClusters::none().with_labels(|_, _| Some(0));
         let whole = filter(name, &one).expect("a filter").apply(&film).expect("an image").radiance;
         assert!(image != whole, "{name}: clusters have no effect");
     }

@@ -75,10 +75,9 @@ pub fn run(
 
 pub fn everything() -> Needs {
     Needs::none()
-        .with_variance()
-        .with_halves()
-        .with_features()
+        .with_half_variance()
         .with_feature_halves()
+        .with_surfaces()
         .with_first_hits(3)
         .with_cost()
         .with_emission()
