@@ -91,8 +91,7 @@ impl FilteredError {
             let fell = (before.own / own).ln() / growth.ln();
             fall = if fell.is_finite() { fell.clamp(FALLS[0], FALLS[1]) } else { before.prediction.fall };
         }
-        let counts =
-            [first, second].map(|planes| planes.counts.iter().map(|&n| n.try_into().unwrap_or(u32::MAX)).collect());
+        let counts = [first, second].map(|planes| planes.counts.clone());
         let means = [first, second].map(|planes| planes.means.iter().map(|m| m.map(|x| x as f32)).collect());
         let (image, relmse) = (image.radiance, own * (ratio + CAUTION * variance.sqrt()));
         let prediction = Prediction { relmse, fall, confirmed };
