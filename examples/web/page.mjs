@@ -1,24 +1,14 @@
 // node examples/web/page.mjs [SCREENSHOT.png]: opens the page of `examples/web/build` in headless Chromium as a visitor would.
-import { createServer } from 'node:http';
-import { existsSync, readFileSync } from 'node:fs';
-import { join } from 'node:path';
 import { fileURLToPath } from 'node:url';
 // `.ci/browser` installs its library.
-import { visited } from '../../crates/study/tests/browser/chromium.mjs';
+import { overflow, served, visited } from '../../crates/study/tests/browser/chromium.mjs';
 
-const folder = fileURLToPath(new URL('../../target/web/', import.meta.url));
-const types = { html: 'text/html', js: 'text/javascript', wasm: 'application/wasm', png: 'image/png' };
-const server = createServer(({ url }, response) => {
-  const file = join(folder, url === '/' ? 'index.html' : url);
-  const exists = existsSync(file);
-  response.writeHead(exists ? 200 : url === '/favicon.ico' ? 204 : 404, { 'content-type': types[file.split('.').pop()] ?? 'text/plain' });
-  response.end(exists ? readFileSync(file) : undefined);
-}).listen(0, '127.0.0.1');
+const server = await served(fileURLToPath(new URL('../../target/web/', import.meta.url)));
 const wrong = [];
 const check = (good, words) => { if (!good) wrong.push(words); };
 await visited(wrong, async (page) => {
   await page.setViewportSize({ width: 1100, height: 950 });
-  await page.goto(`http://127.0.0.1:${server.address().port}/`);
+  await page.goto(`${server.address}/`);
   const done = () => page.waitForSelector('body[data-state=done]', { timeout: 120_000 });
   const value = (name) => page.evaluate((name) => Number(document.body.dataset[name]), name);
   await done();
@@ -38,7 +28,7 @@ await visited(wrong, async (page) => {
   check((await page.locator('#adaptive-error').textContent()).startsWith('16.0 samples'), 'the samples are not those of the slider');
   for (const width of [400, 1200]) {
     await page.setViewportSize({ width, height: 900 });
-    const over = await page.evaluate(() => document.documentElement.scrollWidth - document.documentElement.clientWidth);
+    const over = await overflow(page);
     check(over <= 0, `scrolls sideways by ${over} pixels at ${width}`);
   }
   console.log(`errors ${uniform.toFixed(1)} and ${adaptive.toFixed(1)}, ${frames.toFixed(0)} frames a second`);
