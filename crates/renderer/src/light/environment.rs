@@ -23,7 +23,7 @@ pub struct Environment {
 #[derive(Clone, Debug)]
 enum Kind {
     Constant(Vec3),
-    Image(Map),
+    Image(Box<Map>),
 }
 
 impl Environment {
@@ -52,10 +52,10 @@ impl Environment {
             }
             EnvironmentRadiance::Constant(rgb) => (*rgb != [0.0; 3]).then_some(Kind::Constant(Vec3::from_array(*rgb))),
             EnvironmentRadiance::LatLong { image, scale } => {
-                Map::new(Layout::LatLong, image, *scale, at)?.map(Kind::Image)
+                Map::new(Layout::LatLong, image, *scale, at)?.map(|map| Kind::Image(Box::new(map)))
             }
             EnvironmentRadiance::EqualArea { image, scale } => {
-                Map::new(Layout::EqualArea, image, *scale, at)?.map(Kind::Image)
+                Map::new(Layout::EqualArea, image, *scale, at)?.map(|map| Kind::Image(Box::new(map)))
             }
         };
         Ok(kind.map(|kind| Self { to_light: normalized(inverse), to_world: normalized(to_world), kind }))
