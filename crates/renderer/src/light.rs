@@ -7,6 +7,7 @@
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
 mod environment;
+mod environment_map;
 mod mesh;
 mod punctual;
 mod quadrics;

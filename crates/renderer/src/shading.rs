@@ -21,7 +21,7 @@ pub mod warp;
 pub use bsdf::Bsdf;
 pub use coat::{Coat, CoatOptions};
 pub use dielectric::{DiffuseTransmission, RoughDielectric, SmoothDielectric, Tint};
-pub use discrete::{Discrete, PiecewiseConstant2d};
+pub use discrete::{Discrete, GridCell, PiecewiseConstant2d};
 pub use fresnel::ComplexIor;
 pub use layered::{Layered, Layers, Plastic, Substrate};
 pub use metal_coat::MetalCoat;

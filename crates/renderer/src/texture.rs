@@ -326,6 +326,16 @@ mod tests {
         assert_eq!(found, [3.0, at(2, 0.25, 0.75).x]);
     }
 
+    #[test]
+    fn textures_of_one_image_share_its_compact_copy() {
+        let (mut scene, one) = (Scene::default(), image(false, 1.0, Wrap::Repeat));
+        for kind in [one.clone(), image(false, 1.0, Wrap::Repeat), one] {
+            add_texture(&mut scene, "", kind);
+        }
+        let coded: Vec<_> = Textures::new(&scene.textures).coded.into_iter().map(|c| c.expect("few values")).collect();
+        assert!(Arc::ptr_eq(&coded[0], &coded[2]) && !Arc::ptr_eq(&coded[0], &coded[1]));
+    }
+
     /// Images with at most 200 values, each there, and odd values; of 256 values at most.
     #[test]
     fn pixels_come_back_to_the_last_bit() {

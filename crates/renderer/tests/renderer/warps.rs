@@ -2,7 +2,7 @@
 
 use crate::support::*;
 use dapple_renderer::shading::warp::*;
-use dapple_renderer::shading::{Discrete, Error, PiecewiseConstant2d, ShadingFrame, power_heuristic};
+use dapple_renderer::shading::{Discrete, Error, GridCell, PiecewiseConstant2d, ShadingFrame, power_heuristic};
 
 /// The corners' neighbourhoods and 10^6 random points.
 fn squares() -> impl Iterator<Item = [f32; 2]> {
@@ -138,6 +138,7 @@ fn discrete_samples_match_their_weights_s09() {
     }
 }
 
+/// Also for the rest of the random numbers, which is uniform in each cell.
 #[test]
 fn grid_samples_match_their_weights_s09() {
     for size in [[7, 5], [1, 9], [9, 1], [1000, 300]] {
@@ -146,25 +147,23 @@ fn grid_samples_match_their_weights_s09() {
             (0..size[0] * size[1]).map(|i| if i % 3 == 0 { 0.0 } else { random.random::<f32>().powi(4) }).collect();
         let grid = PiecewiseConstant2d::new(&weights, size).unwrap();
         let total: f64 = weights.iter().map(|&w| f64::from(w)).sum();
-        assert!((grid.mean() - total / weights.len() as f64).abs() < 1e-9);
-        let mut observed = vec![0u64; weights.len()];
+        assert!((grid.total() / total - 1.0).abs() < 1e-9);
+        let (mut observed, mut places) = (vec![0u64; weights.len()], vec![0u64; 64]);
         let samples = 300_000;
         let corners = [[0.0, 0.0], [0.0, BELOW_ONE], [BELOW_ONE, 0.0], [BELOW_ONE; 2]];
         for i in 0..samples + corners.len() {
             let u = corners.get(i).copied().unwrap_or_else(|| [random.random(), random.random()]);
-            let (uv, pdf) = grid.sample(u).unwrap();
-            assert!(uv.iter().all(|x| (0.0..1.0).contains(x)), "{uv:?}");
-            let [x, y] = [0, 1].map(|k| (f64::from(uv[k]) * size[k] as f64) as usize);
-            let index = y * size[0] + x;
-            assert!(weights[index] > 0.0 && pdf > 0.0, "{u:?} {uv:?}");
-            assert_eq!(pdf, grid.pdf(uv));
-            let exact = f64::from(weights[index]) / total * weights.len() as f64;
-            assert!((f64::from(pdf) / exact - 1.0).abs() < 1e-5 || exact < 1e-6, "{pdf} {exact}");
+            let GridCell { place, u } = grid.sample(u).unwrap();
+            assert!(u.iter().all(|x| (0.0..1.0).contains(x)), "{u:?}");
+            let index = place[1] * size[0] + place[0];
+            assert!(weights[index] > 0.0, "{place:?}");
             observed[index] += u64::from(i >= corners.len());
+            places[(u[0] * 8.0) as usize * 8 + (u[1] * 8.0) as usize] += u64::from(i >= corners.len());
         }
         let expected: Vec<f64> = weights.iter().map(|&w| samples as f64 * f64::from(w) / total).collect();
-        let p = chi_square(&observed, &expected);
-        assert!(p > sidak(FAMILY, 4), "{size:?}: p = {p:e}");
+        for p in [chi_square(&observed, &expected), chi_square(&places, &[samples as f64 / 64.0; 64])] {
+            assert!(p > sidak(FAMILY, 8), "{size:?}: p = {p:e}");
+        }
     }
     assert!(PiecewiseConstant2d::new(&[0.0; 6], [3, 2]).unwrap().sample([0.5, 0.5]).is_none());
     assert!(PiecewiseConstant2d::new(&[], [0, 0]).unwrap().is_empty());
