@@ -4,14 +4,14 @@
 //! The [`prefilter`] of features is such a mean. It removes most of the noise from lens blur, motion blur, subpixel geometry, and
 //! surfaces that both reflect and refract.
 
+use crate::features::Features;
+use crate::graph::{Graph, Reach, Rows, all};
 use crate::inputs::{Guide, Inputs};
-use crate::planes::{Colours, Pair, Plane, box_mean, dispatch, parts};
+use crate::planes::{Colours, Pair, Plane, box_mean, dispatch, map_to_one};
 use crate::tile::{
-    Comparison, HEIGHT, LANES, Likeness, REACH, Stack, Tile, WIDTH, count_weights, exp_minus, number, origins, stride,
+    Comparison, HEIGHT, LANES, Likeness, Place, REACH, Stack, Tile, WIDTH, count_weights, exp_minus, stride, tiles,
     vectors,
 };
-use dapple_core::filter::{FilterMemory, ImagePlanes};
-use dapple_core::{Frame, parallel};
 use pulp::{Simd, WithSimd};
 
 /// A window around a pixel, and its spatial weights.
@@ -31,43 +31,60 @@ pub(crate) struct Window {
 /// Leaving such pixels out saves a third of the time of `cluster-regression` (docs/results/filters.md).
 pub(crate) const VANISHING: f32 = 1e-20;
 
-/// The weighted means of `values` over a window around each pixel, for both halves. Tiles for whose origin `wanted` returns false
-/// keep their values. With two guides, each
-/// half takes its weights from the other half's guide. A single guide serves both halves.
+/// The weighted means of `values` over a window around each pixel, for both halves. With two guides, each half takes its weights from
+/// the other half's guide. A single guide serves both halves. Tiles in which none of the `variances` is above [`QUIET`] keep their
+/// values; without any variances, no tile does.
 pub(crate) fn average<const G: usize>(
+    graph: &Graph<'_>,
     inputs: &Inputs,
-    values: [&Colours; 2],
-    guides: &[Guide; G],
-    like: &Likeness,
-    window: &Window,
-    wanted: impl Fn([usize; 2]) -> bool + Sync,
+    values: [Colours; 2],
+    guides: [Guide; G],
+    (like, window): (Likeness, Window),
+    variances: Vec<Plane>,
 ) -> Pair {
-    let by = &Comparison::new(inputs, guides, like);
-    let origins = origins(inputs.size);
-    let tiles: Vec<Option<Sums>> = parallel::map_with(origins.len(), Scratch::default, |scratch, tile| {
-        let origin = origins[tile];
-        wanted(origin).then(|| dispatch(TileTask { by, values, window, origin, scratch }))
+    let by = Comparison::new(graph, inputs, guides, like, window.radius);
+    let reads = by.reads(values.into_iter().flatten().chain(inputs.counts()).chain(variances.iter().copied()));
+    let sizes = (tiles(graph.size), row_of(2, 0, 0));
+    let tiles = graph.tiles(sizes, reads, Scratch::default, move |scratch, rows, tile| {
+        let place = by.place(tile);
+        let is_wanted = variances.is_empty() || variances.iter().any(|plane| is_noisy(rows, *plane, place));
+        if is_wanted {
+            dispatch(TileTask { by: &by, rows, values, window: &window, place, scratch })
+        } else {
+            Vec::new()
+        }
     });
-    Pair(std::array::from_fn(|k| assembled(inputs.size, &tiles, &values[k / 3][k % 3], [k / 3, k % 3])))
+    let mut reads = all(tiles.iter().copied(), Reach::from_coarse(HEIGHT, 0));
+    reads.extend(all(values.into_iter().flatten(), Reach::rows(0)));
+    Pair(graph.rows(reads, move |rows, y, to: [&mut [f32]; 6]| {
+        for (k, to) in to.into_iter().enumerate() {
+            let (half, c) = (k / 3, k % 3);
+            for ((row, own), tile) in to.chunks_mut(WIDTH).zip(rows.row(values[half][c], y).chunks(WIDTH)).zip(&tiles) {
+                let tile = rows.row(*tile, y / HEIGHT);
+                if tile.is_empty() {
+                    row.copy_from_slice(own);
+                    continue;
+                }
+                let parities = [0, 1].map(|parity| &tile[row_of(half, y % HEIGHT, parity) + c * LANES..][..LANES]);
+                row.iter_mut().enumerate().for_each(|(x, value)| *value = parities[x & 1][x / 2]);
+            }
+        }
+    }))
 }
 
-/// The memory of a filter that computes one average over [`Inputs`]. `pooled` guides have one plane of variance instead
-/// of three.
-pub(crate) fn memory(frame: &Frame, labels: bool, like: &Likeness, pooled: bool) -> FilterMemory {
-    let [kept, making] = Inputs::bytes_per_pixel(labels);
-    let guides = 2 * (3 + if pooled { 1 } else { 3 });
-    let sharp = if like.features.is_some() { 3 } else { 0 };
-    // The result of both halves stands beside the tiles that it is assembled from.
-    let tiles = size_of::<[f32; 4 * LANES]>() * place(2, 0, 0) / (WIDTH * HEIGHT);
-    let averaging = kept + 4 * (guides + sharp + 6) + tiles;
-    FilterMemory::new(frame, making.max(averaging), ImagePlanes::RadianceAndError)
+/// Returns `true` if a pixel of a tile has a variance above [`QUIET`].
+fn is_noisy(rows: &Rows, variance: Plane, place: Place) -> bool {
+    let ([width, height], [x, y]) = (place.size, place.origin);
+    let row = |y: usize| rows.row(variance, y)[x..(x + WIDTH).min(width)].iter().any(|v| *v > QUIET);
+    (y..(y + HEIGHT).min(height)).any(row)
 }
 
 struct TileTask<'a, const G: usize> {
-    by: &'a Comparison<'a, G>,
-    values: [&'a Colours; 2],
+    by: &'a Comparison<G>,
+    rows: &'a Rows,
+    values: [Colours; 2],
     window: &'a Window,
-    origin: [usize; 2],
+    place: Place,
     scratch: &'a mut Scratch<G>,
 }
 
@@ -78,29 +95,25 @@ struct Scratch<const G: usize> {
     values: [Stack<4>; 2],
 }
 
-/// The weighted sums of a tile. An entry holds red, green, blue and weight of the even (or odd) columns in a row of one
-/// half.
-type Sums = Vec<[f32; 4 * LANES]>;
-
+/// The offset in the weighted sums of a tile of red, green, blue and weight of the even (or odd) columns in a row of one half.
 #[inline(always)]
-fn place(half: usize, y: usize, parity: usize) -> usize {
-    (half * HEIGHT + y) * 2 + parity
+const fn row_of(half: usize, y: usize, parity: usize) -> usize {
+    ((half * HEIGHT + y) * 2 + parity) * 4 * LANES
 }
 
 impl<const G: usize> WithSimd for TileTask<'_, G> {
-    type Output = Sums;
+    type Output = Vec<f32>;
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> Sums {
-        let Self { by, values, window, origin, scratch } = self;
-        let inputs = by.inputs;
-        scratch.tile.copy(by, origin);
+    fn with_simd<S: Simd>(self, simd: S) -> Vec<f32> {
+        let Self { by, rows, values, window, place, scratch } = self;
+        scratch.tile.copy(by, rows, place);
         for (h, to) in scratch.values.iter_mut().enumerate() {
             let [r, g, b] = values[h];
-            to.copy([r, g, b, &inputs.halves[h].count], inputs.size, origin);
-            to.clear_outside(3, inputs.size, origin);
+            to.copy(rows, [r, g, b, by.inputs.halves[h].count], place);
+            to.clear_outside(3, place);
         }
-        let mut sums = vec![[0.0; 4 * LANES]; place(2, 0, 0)];
+        let mut sums = vec![0.0; row_of(2, 0, 0)];
         let side = 2 * window.radius + 1;
         for o in 0..side * side {
             let offset = [o % side, o / side].map(|d| d as isize - window.radius as isize);
@@ -109,7 +122,7 @@ impl<const G: usize> WithSimd for TileTask<'_, G> {
                 continue;
             }
             scratch.tile.compare(simd, offset, by.like.patch);
-            scratch.gather(simd, by.like, window, offset, &mut sums);
+            scratch.gather(simd, &by.like, window, offset, &mut sums);
         }
         divide(&mut sums);
         sums
@@ -119,7 +132,7 @@ impl<const G: usize> WithSimd for TileTask<'_, G> {
 impl<const G: usize> Scratch<G> {
     /// Adds to the sums of each pixel in the tile the pixel at `offset` from it, multiplied by its weight.
     #[inline(always)]
-    fn gather<S: Simd>(&mut self, simd: S, like: &Likeness, window: &Window, offset: [isize; 2], sums: &mut Sums) {
+    fn gather<S: Simd>(&mut self, simd: S, like: &Likeness, window: &Window, offset: [isize; 2], sums: &mut [f32]) {
         let Self { tile, values } = self;
         let [dx, dy] = offset.map(|d| d as f32);
         let spatial = exp_minus(window.falloff * (dx * dx + dy * dy));
@@ -135,7 +148,7 @@ impl<const G: usize> Scratch<G> {
                     let there = vectors::<S>(values[half].moved(y, parity, offset));
                     // The weights of the other half, if there are two guides.
                     let weights = vectors::<S>(&weights[(G - 1).saturating_sub(half)]);
-                    let sums = S::as_mut_simd_f32s(&mut sums[place(half, y, parity)]).0;
+                    let sums = S::as_mut_simd_f32s(&mut sums[row_of(half, y, parity)..][..4 * LANES]).0;
                     for i in 0..LANES / S::F32_LANES {
                         let kept = simd.greater_than_or_equal_f32s(weights[i], cut);
                         let kept = simd.select_f32s(kept, weights[i], simd.splat_f32s(0.0));
@@ -156,8 +169,8 @@ impl<const G: usize> Scratch<G> {
 
 /// Divides the sums of colours by the sums of weights. A pixel becomes black if its window holds no sample.
 #[inline(always)]
-fn divide(sums: &mut Sums) {
-    for row in sums {
+fn divide(sums: &mut [f32]) {
+    for row in sums.chunks_exact_mut(4 * LANES) {
         let (colours, weights) = row.split_at_mut(3 * LANES);
         for c in 0..3 {
             for i in 0..LANES {
@@ -166,21 +179,6 @@ fn divide(sums: &mut Sums) {
             }
         }
     }
-}
-
-fn assembled([width, height]: [usize; 2], tiles: &[Option<Sums>], own: &[f32], [half, c]: [usize; 2]) -> Plane {
-    let of_row = |(): &mut (), y: usize, [row]: [&mut [f32]; 1]| {
-        for (column, row) in row.chunks_mut(WIDTH).enumerate() {
-            let Some(tile) = &tiles[number([column, y / HEIGHT], height)] else {
-                row.copy_from_slice(&own[y * width + column * WIDTH..][..row.len()]);
-                continue;
-            };
-            let rows = [0, 1].map(|parity| &tile[place(half, y % HEIGHT, parity)][c * LANES..][..LANES]);
-            row.iter_mut().enumerate().for_each(|(x, value)| *value = rows[x & 1][x / 2]);
-        }
-    };
-    let [all] = parts(width * height, width, || (), of_row);
-    all
 }
 
 /// The patches (3x3 pixels) and the bandwidth, chosen by measurements at 8 spp on nine scenes (`docs/results/race.md`).
@@ -198,43 +196,36 @@ const QUIET: f32 = 1e-5;
 ///
 /// The stored variances stay unchanged. Reduced variances would make features separate more pixels: at a quarter of the
 /// variance, 3 % more error is left.
-pub(crate) fn prefilter(inputs: &mut Inputs) {
-    let [nx, ny, nz, r, g, b, depth] = std::mem::take(&mut inputs.features.mean);
-    let [vn, va, vd] = &inputs.features.variance;
-    let surface = [feature_guide(inputs, [r, g, b], va, |_| QUIET), feature_guide(inputs, [nx, ny, nz], vn, |_| QUIET)];
-    let noisy = |[n, a]: [f32; 2]| n > QUIET || a > QUIET;
-    let wanted = tiles_with(inputs.size, |i| noisy([vn[i], va[i]]));
+pub(crate) fn prefilter(graph: &Graph<'_>, inputs: &mut Inputs) {
+    let Features { mean, variance: [vn, va, vd], scatter, position, scale, .. } = inputs.features;
+    let [nx, ny, nz, r, g, b, depth] = mean;
+    let quiet = |_: f32| QUIET;
+    let surface = [([r, g, b], va), ([nx, ny, nz], vn)].map(|of| feature_guide(graph, of, scale, quiet));
     // Each value takes its weights from the other guide. Normals are the first value, so their guide is the second.
-    let values = [&surface[1].colour, &surface[0].colour];
-    let Pair([nx, ny, nz, r, g, b]) = average(inputs, values, &surface, &LIKE, &WINDOW, wanted);
-    drop(surface);
+    let values = [[nx, ny, nz], [r, g, b]];
+    let Pair([nx, ny, nz, r, g, b]) = average(graph, inputs, values, surface, (LIKE, WINDOW), vec![vn, va]);
 
-    let position = std::mem::take(&mut inputs.features.position);
-    let wanted = tiles_with(inputs.size, |i| vd[i] > QUIET);
     // Points closer than the width of a pixel count as one place.
-    let width = |i: usize| (1.0 / (24.0 * inputs.features.scale[i])).clamp(1e-15, 1e15).powi(2);
-    let places = [feature_guide(inputs, position, &inputs.features.scatter, width)];
-    let depths: Colours = [depth.clone(), depth.clone(), depth];
-    let values = [&places[0].colour, &depths];
-    let Pair([x, y, z, depth, ..]) = average(inputs, values, &places, &LIKE, &WINDOW, wanted);
+    let width = |scale: f32| (1.0 / (24.0 * scale)).clamp(1e-15, 1e15).powi(2);
+    let places = [feature_guide(graph, (position, scatter), scale, width)];
+    let values = [position, [depth; 3]];
+    let Pair([x, y, z, depth, ..]) = average(graph, inputs, values, places, (LIKE, WINDOW), vec![vd]);
     inputs.features.mean = [nx, ny, nz, r, g, b, depth];
     inputs.features.position = [x, y, z];
 }
 
-/// Makes a guide of features. Its variance is `floor` plus the mean of the pixel's own variance and the variance over
-/// 3x3 pixels, since a few samples may be equal by chance.
-fn feature_guide(inputs: &Inputs, colour: Colours, variance: &Plane, floor: impl Fn(usize) -> f32) -> Guide {
-    let near = box_mean(variance, inputs.size, 1);
-    let pooled = |(i, (own, near)): (usize, (&f32, &f32))| 0.5 * (own + near) + floor(i);
-    Guide { colour, variance: vec![variance.iter().zip(&near).enumerate().map(pooled).collect()] }
-}
-
-/// Returns a test for tiles: true for the origin of a tile if any of its pixels satisfies `is`.
-fn tiles_with([width, height]: [usize; 2], is: impl Fn(usize) -> bool + Sync) -> impl Fn([usize; 2]) -> bool + Sync {
-    move |[x, y]| {
-        let row = |row: usize| (x..(x + WIDTH).min(width)).any(|x| is(row * width + x));
-        (y..(y + HEIGHT).min(height)).any(row)
-    }
+/// Makes a guide of features with a variance. The guide's is `floor` of the [`Features::scale`] plus the mean of the pixel's own
+/// variance and the variance over 3x3 pixels, since a few samples may be equal by chance.
+fn feature_guide(
+    graph: &Graph<'_>,
+    (colour, variance): (Colours, Plane),
+    scale: Plane,
+    floor: impl Fn(f32) -> f32 + Sync + 'static,
+) -> Guide {
+    let near = box_mean(graph, variance, 1);
+    let pooled =
+        map_to_one(graph, [variance, near, scale], move |[own, near, scale]| 0.5 * (own + near) + floor(scale));
+    Guide { colour, variance: vec![pooled] }
 }
 
 const _: () = assert!(REACH == 7, "windows wider than that do not fit into a tile's margin");

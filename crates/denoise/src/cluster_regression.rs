@@ -1,16 +1,17 @@
 //! The default filter: first-order regression on features and clusters, in passes with a choice by estimated error and blends.
 
 use crate::averaging::prefilter;
-use crate::error_map::{ERROR, EVIDENCE, LAST, Radii, filtered, relative_weight, select, shrink};
+use crate::error_map::{ERROR, EVIDENCE, Estimate, LAST, Radii, filtered, relative_weight, select, shrink};
 use crate::fireflies::{self, FireflyLight};
+use crate::graph::{Graph, bytes_of_rows};
 use crate::inputs::{ClusterLookup, Inputs, Reads, guide, residual_guide};
-use crate::light::{self, Layers, Part};
+use crate::light::{self, Layers, Light, Part};
 use crate::network;
 use crate::one_window::Bilateral;
-use crate::planes::Pair;
-use crate::regression::{self, regress};
+use crate::planes::{Colours, Pair};
+use crate::regression::regress;
 use crate::tile::{FeatureScales, Likeness};
-use crate::wide::{self, wide};
+use crate::wide::wide;
 use dapple_core::filter::{FilterMemory, ImagePlanes, filled};
 use dapple_core::options::Options as _;
 use dapple_core::{Error, Film, Filter, Filtered, Frame, Needs};
@@ -147,31 +148,31 @@ impl ClusterRegression {
     }
 
     /// Runs the first pass on both halves of the samples. `beside` is the bilateral image.
-    fn first(&self, inputs: &Inputs, beside: &Pair) -> Pair {
-        let guides = [0, 1].map(|half| guide(inputs, half, true, false));
+    fn first(&self, graph: &Graph<'_>, inputs: &Inputs, beside: Pair) -> Pair {
+        let guides = [0, 1].map(|half| guide(graph, inputs, half, true, false));
         let features = FeatureScales { bandwidth: 2.4, floors: [1e-2, 2e-3], slope: 1.2 };
         let like = Likeness { patch: 1, colour: 2.0, features: Some(features), outside: self.outside() as f32 };
-        regress(inputs, &guides, &like, beside, BESIDE[0])
+        regress(graph, inputs, guides, like, (beside, BESIDE[0]))
     }
 
     /// Runs the second pass on both halves of the samples. `guide` is an image with less noise, by which pixels are
     /// compared.
-    fn second(&self, inputs: &Inputs, guide: &Pair) -> Pair {
+    fn second(&self, graph: &Graph<'_>, inputs: &Inputs, guide: Pair) -> Pair {
         let features = FeatureScales { bandwidth: 5.0 * inputs.part.smoothness(), floors: [1e-2, 2e-2], slope: 3.0 };
         // The first pass has used most of the information in the clusters.
         let outside = self.outside().max(0.7) as f32;
         let colour = 1.5 * inputs.part.smoothness();
         let like = Likeness { patch: 1, colour, features: Some(features), outside };
-        regress(inputs, &[residual_guide(inputs, guide)], &like, guide, BESIDE[1])
+        regress(graph, inputs, [residual_guide(graph, inputs, guide)], like, (guide, BESIDE[1]))
     }
 
     /// The images that the guide of the second pass is chosen from: that of the first pass, if it runs, and the bilateral one.
     ///
     /// In the first pass, no half's noise shapes its own windows. Only direct light by itself gains enough by it. Without it, all
     /// light at once has 1.5 % more error at 8 spp for a fifth less time.
-    fn before_second(&self, inputs: &Inputs) -> Vec<Pair> {
-        let averaged = Bilateral::candidate().pair(inputs);
-        if self.has_first(inputs) { vec![self.first(inputs, &averaged), averaged] } else { vec![averaged] }
+    fn before_second(&self, graph: &Graph<'_>, inputs: &Inputs) -> Vec<Pair> {
+        let averaged = Bilateral::candidate().pair(graph, inputs);
+        if self.has_first(inputs.part) { vec![self.first(graph, inputs, averaged), averaged] } else { vec![averaged] }
     }
 
     /// Returns `true` if the network follows.
@@ -180,41 +181,45 @@ impl ClusterRegression {
     }
 
     /// Returns `true` if this light gets the first pass.
-    pub(crate) fn has_first(&self, inputs: &Inputs) -> bool {
-        inputs.part == Part::Direct || self.is_one_pass
+    pub(crate) fn has_first(&self, part: Part) -> bool {
+        part == Part::Direct || self.is_one_pass
+    }
+
+    /// The images of all parts of the light, and the albedo without its noise.
+    fn passes<'a>(&self, graph: &Graph<'a>, parts: &[Light<'a>]) -> (Vec<Estimate>, Colours) {
+        let mut inputs = Inputs::new(graph, parts[0], &self.reads);
+        prefilter(graph, &mut inputs);
+        let mut estimates = Vec::new();
+        for (number, part) in parts.iter().enumerate() {
+            if number > 0 {
+                inputs = inputs.of_part(graph, *part);
+            }
+            estimates.push(Estimate::new(graph, &inputs, *part, self.image(graph, &inputs), ERROR));
+        }
+        (estimates, inputs.features.albedo())
     }
 
     /// The image of the light that `inputs` were read from.
-    fn image(&self, inputs: &mut Inputs) -> Filtered {
+    fn image(&self, graph: &Graph<'_>, inputs: &Inputs) -> Pair {
+        let mut images = self.before_second(graph, inputs);
         if self.is_one_pass {
-            return filtered(inputs, &self.before_second(inputs)[0], ERROR);
+            return images[0];
         }
         // Two passes of narrow windows, each with a choice by estimated error.
-        let mut images = self.before_second(inputs);
-        let weight = relative_weight(inputs, &images[0]);
-        let chosen = select(inputs, &images, &weight, CHOICE, true);
-        images.push(self.second(inputs, &chosen));
-        let base = select(inputs, &images, &weight, CHOICE, false);
-        drop((images, chosen));
+        let weight = relative_weight(graph, inputs, images[0]);
+        let chosen = select(graph, inputs, &images, weight, CHOICE, true);
+        images.push(self.second(graph, inputs, chosen));
+        let base = select(graph, inputs, &images, weight, CHOICE, false);
 
         // A pass of wide windows, then the unfiltered image, moved towards the result as far as their difference is noise.
-        let smooth = wide(inputs, &residual_guide(inputs, &base), &base);
-        let image = shrink(inputs, base.channels(), &smooth, BLEND, WIDE_EVIDENCE);
-        drop((smooth, base));
-        let blended = shrink(inputs, inputs.unfiltered(), &image, LAST, EVIDENCE);
-        filtered(inputs, &blended, ERROR)
+        let smooth = wide(graph, inputs, &residual_guide(graph, inputs, base), base);
+        let image = shrink(graph, inputs, base, smooth, BLEND, WIDE_EVIDENCE);
+        shrink(graph, inputs, inputs.unfiltered(), image, LAST, EVIDENCE)
     }
 }
 
-/// Adds the image of another part of the light to an image. Errors of the parts count as independent.
-fn add(image: &mut Filtered, other: Filtered) {
-    let colours = image.radiance.iter_mut().flatten().zip(other.radiance.iter().flatten());
-    colours.for_each(|(sum, value)| *sum = (*sum + value).min(f32::MAX));
-    let errors = image.error.iter_mut().flatten().zip(other.error.iter().flatten());
-    // The sum of known errors is known.
-    let most = |error: f32| if error < f32::INFINITY { f32::MAX } else { error };
-    errors.for_each(|(sum, value)| *sum = (*sum + value).min(most(sum.max(*value))));
-}
+/// The bytes per pixel of the albedo that the network gets.
+const ALBEDO: usize = 12;
 
 /// The radius over which errors are compared, for the guide of the second pass and for that of the third.
 const CHOICE: usize = 2;
@@ -242,15 +247,16 @@ impl Filter for ClusterRegression {
     }
 
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
-        let [kept, making] = Inputs::bytes_per_pixel(self.reads.label.is_some() && needs.surfaces);
-        let pair = 4 * 6;
-        // The wide pass takes the most. It runs beside the image of two passes and the unfiltered one.
-        let passes = 2 * pair + wide::BYTES_PER_PIXEL + 12;
-        let at_most = kept + if self.is_one_pass { pair + regression::bytes_per_pixel(2) } else { passes };
-        // The image of the first part of the light is kept meanwhile.
-        let parts = if self.options.layers == Layers::One || !needs.indirect { 0 } else { 16 };
-        let after = if self.has_network() { network::BYTES_PER_PIXEL } else { 0 };
-        FilterMemory::new(frame, making.max(at_most + parts).max(after), ImagePlanes::RadianceAndError)
+        let is_one = self.options.layers == Layers::One || !needs.indirect;
+        let rows = bytes_of_rows(frame, needs, |graph, film| {
+            let parts = if is_one { vec![Light::all(film)] } else { Light::parts(film).to_vec() };
+            let (estimates, albedo) = self.passes(graph, &parts);
+            estimates.iter().flat_map(Estimate::planes).chain(albedo).collect()
+        });
+        let parts = Estimate::bytes_per_pixel(if is_one { 1 } else { 2 });
+        let passes = frame.bytes(parts + ALBEDO).saturating_add(rows);
+        let network = if self.has_network() { network::bytes(frame) } else { 0 };
+        FilterMemory::new(frame, 0, ImagePlanes::RadianceAndError).at_least(passes.max(network))
     }
 
     fn runs(&self, needs: &Needs, spp: f64) -> u32 {
@@ -269,16 +275,9 @@ impl Filter for ClusterRegression {
             }
         }
         let parts = light::parts(film, self.options.layers);
-        let mut inputs = Inputs::new(parts[0], &self.reads);
-        prefilter(&mut inputs);
-        let mut image = self.image(&mut inputs);
-        image = inputs.restored(parts[0], image);
-        for &part in &parts[1..] {
-            inputs.read(part);
-            let other = self.image(&mut inputs);
-            add(&mut image, inputs.restored(part, other));
-        }
-        let albedo = inputs.into_albedo();
+        let graph = Graph::new(film.frame().size().map(|n| n as usize));
+        let (estimates, albedo) = self.passes(&graph, &parts);
+        let (image, albedo) = filtered(graph, &estimates, albedo);
         let has_features = !self.reads.without_features;
         Ok(if self.has_network() { network::improve(film, image, albedo, has_features) } else { image })
     }

@@ -1,7 +1,9 @@
 //! Error estimates of filtered images from two halves: for choices and blends, the error of the result, and planned counts.
 
+use crate::graph::{Graph, Reach, all};
 use crate::inputs::Inputs;
-use crate::planes::{Channels, Pair, Plane, box_mean, combined, map, map_to_one, per_pixel, sum_pixels, update};
+use crate::light::{Light, finite};
+use crate::planes::{Colours, Pair, Plane, box_mean, box_mean_of, combined, map, map_to_one};
 use dapple_core::{Error, Filtered};
 
 /// The constant that relMSE adds to the squared mean.
@@ -13,16 +15,15 @@ const EPSILON: f32 = 0.01;
 const HANDICAP: f32 = 2.0;
 
 /// The weight of each pixel's squared error, as in relMSE: one over the squared mean of 3x3 pixels plus epsilon.
-pub(crate) fn relative_weight(inputs: &Inputs, image: &Pair) -> Plane {
-    let ([ra, ga, ba, rb, gb, bb], [na, nb]) = (image.channels(), inputs.counts());
-    let grey = map_to_one([ra, ga, ba, rb, gb, bb, na, nb], |[ra, ga, ba, rb, gb, bb, na, nb]| {
+pub(crate) fn relative_weight(graph: &Graph<'_>, inputs: &Inputs, image: Pair) -> Plane {
+    let (Pair([ra, ga, ba, rb, gb, bb]), [na, nb]) = (image, inputs.counts());
+    let grey = map_to_one(graph, [ra, ga, ba, rb, gb, bb, na, nb], |[ra, ga, ba, rb, gb, bb, na, nb]| {
         let of = |a: f32, b: f32| combined([a, b], [na, nb]);
         (of(ra, rb) + of(ga, gb) + of(ba, bb)) / 3.0
     });
     let epsilon = EPSILON / inputs.level() / inputs.level();
-    let mut weight = box_mean(&grey, inputs.size, 1);
-    update(&mut weight, [], |mean, []| 1.0 / (mean * mean + epsilon).max(1e-30));
-    weight
+    let mean = box_mean(graph, grey, 1);
+    map_to_one(graph, [mean], move |[mean]| 1.0 / (mean * mean + epsilon).max(1e-30))
 }
 
 /// The estimated squared error of each pixel times its weight, unsmoothed, and the part of it that is variance. Both
@@ -36,10 +37,10 @@ pub(crate) fn relative_weight(inputs: &Inputs, image: &Pair) -> Plane {
 /// covariances of `F_A` with `B` and of `F_B` with `A`.
 ///
 /// The sample variance in place of `(A - B)^2` would overrate the noise of low-discrepancy samples.
-pub(crate) fn raw_error<const N: usize>(inputs: &Inputs, image: Channels<'_>, weight: &[f32]) -> [Plane; N] {
-    let ([fra, fga, fba, frb, fgb, fbb], [ra, ga, ba, rb, gb, bb]) = (image, inputs.unfiltered());
+pub(crate) fn raw_error<const N: usize>(graph: &Graph<'_>, inputs: &Inputs, image: Pair, weight: Plane) -> [Plane; N] {
+    let (Pair([fra, fga, fba, frb, fgb, fbb]), Pair([ra, ga, ba, rb, gb, bb])) = (image, inputs.unfiltered());
     let [na, nb] = inputs.counts();
-    map([fra, fga, fba, frb, fgb, fbb, ra, ga, ba, rb, gb, bb, na, nb, weight], |values| {
+    map(graph, [fra, fga, fba, frb, fgb, fbb, ra, ga, ba, rb, gb, bb, na, nb, weight], |values| {
         let [fra, fga, fba, frb, fgb, fbb, ra, ga, ba, rb, gb, bb, na, nb, weight] = values;
         let (mut whole, mut variance) = (0.0, 0.0);
         for [fa, fb, ua, ub] in [[fra, frb, ra, rb], [fga, fgb, ga, gb], [fba, fbb, ba, bb]] {
@@ -56,39 +57,51 @@ pub(crate) fn raw_error<const N: usize>(inputs: &Inputs, image: Channels<'_>, we
 /// Selects per pixel the candidate with the least estimated error over `(2 radius + 1)^2` pixels, the first of equals.
 /// The selection is blurred over 5x5 pixels. With `unfiltered`, the unfiltered image is the last candidate; its
 /// error counts [`HANDICAP`] times.
-pub(crate) fn select(inputs: &Inputs, filtered: &[Pair], weight: &[f32], radius: usize, unfiltered: bool) -> Pair {
-    let unfiltered = unfiltered.then(|| inputs.unfiltered());
-    let candidates: Vec<Channels<'_>> = filtered.iter().map(Pair::channels).chain(unfiltered).collect();
-    let of = |&image: &Channels<'_>| {
-        let [error] = raw_error::<1>(inputs, image, weight);
-        box_mean(&error, inputs.size, radius)
+pub(crate) fn select(
+    graph: &Graph<'_>,
+    inputs: &Inputs,
+    filtered: &[Pair],
+    weight: Plane,
+    radius: usize,
+    unfiltered: bool,
+) -> Pair {
+    let candidates: Vec<Pair> = filtered.iter().copied().chain(unfiltered.then(|| inputs.unfiltered())).collect();
+    let of = |image: &Pair| {
+        let [error] = raw_error::<1>(graph, inputs, *image, weight);
+        box_mean(graph, error, radius)
     };
     let mut errors: Vec<Plane> = candidates.iter().map(of).collect();
-    if let (Some(_), Some(own)) = (unfiltered, errors.last_mut()) {
-        update(own, [], |error, []| error * HANDICAP);
+    if let Some(own) = errors.last_mut().filter(|_| unfiltered) {
+        *own = map_to_one(graph, [*own], |[error]| error * HANDICAP);
     }
-    let shares = shares(inputs, &errors);
+    let shares = shares(graph, &errors);
+    let add = |sum: Option<Plane>, (value, share): (Plane, Plane)| match sum {
+        None => Some(map_to_one(graph, [value, share], |[value, share]| 0.0 + share * value)),
+        Some(sum) => Some(map_to_one(graph, [sum, value, share], |[sum, value, share]| sum + share * value)),
+    };
     Pair(std::array::from_fn(|k| {
-        let mut sum = vec![0.0; shares[0].len()];
-        for (image, share) in candidates.iter().zip(&shares) {
-            update(&mut sum, [image[k], share], |sum, [value, share]| sum + share * value);
-        }
-        sum
+        let shared = candidates.iter().map(|image| image.0[k]).zip(shares.iter().copied());
+        shared.fold(None, add).unwrap_or(weight)
     }))
 }
 
 /// The share of each candidate: 1 where its error is the least, the first of equals, blurred over 5x5 pixels.
-fn shares(inputs: &Inputs, errors: &[Plane]) -> Vec<Plane> {
-    let (mut least, mut best) = (errors[0].clone(), vec![0.0; errors[0].len()]);
+fn shares(graph: &Graph<'_>, errors: &[Plane]) -> Vec<Plane> {
+    let [mut least, mut best] = map(graph, [errors[0]], |[error]| [error, 0.0]);
     for (number, error) in (1u8..).zip(&errors[1..]) {
         let number = f32::from(number);
-        update(&mut best, [error, &least], |best, [error, least]| if error < least { number } else { best });
-        update(&mut least, [error], |least, [error]| if error < least { error } else { least });
+        [least, best] = map(
+            graph,
+            [least, best, *error],
+            move |[least, best, error]| {
+                if error < least { [error, number] } else { [least, best] }
+            },
+        );
     }
     let share = |number: usize| {
         let number = number as f32;
-        let is_best = map_to_one([&best], |[best]| if best == number { 1.0 } else { 0.0 });
-        box_mean(&is_best, inputs.size, 2)
+        let is_best = map_to_one(graph, [best], move |[best]| if best == number { 1.0 } else { 0.0 });
+        box_mean(graph, is_best, 2)
     };
     (0..errors.len()).map(share).collect()
 }
@@ -124,35 +137,43 @@ const SHARE: usize = 3;
 /// bias, a product's mean square is `4 V^2`, with `V` over a patch, and a patch counts once. Squares are relative to the
 /// squared radiance of `smooth`, as in relMSE. A choice between the images by a threshold would keep dark pixels, which look free of noise, and replace
 /// bright ones, and so darken the image. Without any pixel that both halves have sampled, the result is `smooth`.
-pub(crate) fn shrink(inputs: &Inputs, narrow: Channels<'_>, smooth: &Pair, radii: Radii, evidence: f32) -> Pair {
-    let weight = relative_weight(inputs, smooth);
-    let smooth = smooth.channels();
-    let [noise, bias] = differences(inputs, narrow, smooth, &weight);
+pub(crate) fn shrink(
+    graph: &Graph<'_>,
+    inputs: &Inputs,
+    narrow: Pair,
+    smooth: Pair,
+    radii: Radii,
+    evidence: f32,
+) -> Pair {
+    let weight = relative_weight(graph, inputs, smooth);
+    let [noise, bias] = differences(graph, inputs, narrow, smooth, weight);
     let squares = if radii.alike > 0 {
-        map_to_one([&box_mean(&noise, inputs.size, radii.alike)], |[noise]| 4.0 * noise * noise)
+        map_to_one(graph, [box_mean(graph, noise, radii.alike)], |[noise]| 4.0 * noise * noise)
     } else {
-        map_to_one([&bias], |[bias]| bias * bias)
+        map_to_one(graph, [bias], |[bias]| bias * bias)
     };
-    let mut share = box_mean(&noise, inputs.size, radii.noise);
-    let [bias, squares] = [bias, squares].map(|plane| box_mean(&plane, inputs.size, radii.bias));
+    let noise = box_mean(graph, noise, radii.noise);
+    let [bias, squares] = [bias, squares].map(|plane| box_mean(graph, plane, radii.bias));
     // The number of standard errors of a mean over the window, per root of the mean square.
     let errors = evidence * (2 * radii.alike + 1) as f32 / (2 * radii.bias + 1) as f32;
-    update(&mut share, [&bias, &squares], |noise, [bias, square]| {
+    let share = map_to_one(graph, [noise, bias, squares], move |[noise, bias, square]| {
         let certain = (bias - errors * square.sqrt()).max(0.0);
         (noise + 1e-12) / (noise + certain + 1e-12)
     });
-    let share = box_mean(&share, inputs.size, SHARE);
+    let share = box_mean(graph, share, SHARE);
     let blend = |k: usize| {
-        map_to_one([narrow[k], smooth[k], &share], |[narrow, smooth, share]| (1.0 - share) * narrow + share * smooth)
+        map_to_one(graph, [narrow.0[k], smooth.0[k], share], |[narrow, smooth, share]| {
+            (1.0 - share) * narrow + share * smooth
+        })
     };
     Pair(std::array::from_fn(blend))
 }
 
 /// The planes of the noise and of the product of the halves' differences, per pixel; 0 where a half has no samples.
-fn differences(inputs: &Inputs, narrow: Channels<'_>, smooth: Channels<'_>, weight: &[f32]) -> [Plane; 2] {
-    let ([nra, nga, nba, nrb, ngb, nbb], [sra, sga, sba, srb, sgb, sbb]) = (narrow, smooth);
+fn differences(graph: &Graph<'_>, inputs: &Inputs, narrow: Pair, smooth: Pair, weight: Plane) -> [Plane; 2] {
+    let (Pair([nra, nga, nba, nrb, ngb, nbb]), Pair([sra, sga, sba, srb, sgb, sbb])) = (narrow, smooth);
     let [na, nb] = inputs.counts();
-    map([nra, nga, nba, nrb, ngb, nbb, sra, sga, sba, srb, sgb, sbb, na, nb, weight], |values| {
+    map(graph, [nra, nga, nba, nrb, ngb, nbb, sra, sga, sba, srb, sgb, sbb, na, nb, weight], |values| {
         let [nra, nga, nba, nrb, ngb, nbb, sra, sga, sba, srb, sgb, sbb, na, nb, weight] = values;
         let (mut noise, mut bias) = (0.0, 0.0);
         for [a, b] in [[sra - nra, srb - nrb], [sga - nga, sgb - ngb], [sba - nba, sbb - nbb]] {
@@ -167,7 +188,7 @@ fn differences(inputs: &Inputs, narrow: Channels<'_>, smooth: Channels<'_>, weig
 /// The usual radius of [`filtered`] in pixels.
 pub(crate) const ERROR: usize = 3;
 
-/// The filtered image in radiance, with the estimated squared error of each pixel.
+/// The image of a part of the light in radiance, and what its error is made of.
 ///
 /// The error is the larger of two smoothed estimates: the whole error over `radius` pixels to each side, and the variance over 5x5. It is
 /// at least 5 % of the image's mean error, both relative to the squared brightness of 3x3 pixels. It is infinite where
@@ -175,32 +196,133 @@ pub(crate) const ERROR: usize = 3;
 ///
 /// Taking the larger estimate keeps the positive part of noise, so that the map's mean is too high. That of the whole error, unsmoothed,
 /// is too low (see [`raw_error`]). The map is scaled to the geometric mean of both means; the lower one is at least the variance.
-pub(crate) fn filtered(inputs: &Inputs, image: &Pair, radius: usize) -> Filtered {
-    let weight = relative_weight(inputs, image);
-    let [whole, variance] = raw_error(inputs, image.channels(), &weight);
-    let known = map_to_one(inputs.counts(), |[a, b]| if a > 0.0 && b > 0.0 { 1.0 } else { 0.0 });
-    let near = |plane: &[f32], radius| -> Plane {
-        let (mut mean, count) = (box_mean(plane, inputs.size, radius), box_mean(&known, inputs.size, radius));
-        update(&mut mean, [&count], |sum, [n]| if n > 0.0 { sum / n } else { f32::INFINITY });
-        mean
-    };
-    let mut error = near(&whole, radius);
-    update(&mut error, [&near(&variance, 2)], |whole, [variance]| whole.max(variance).max(0.0));
-    let counted = |i: usize| if error[i].is_finite() { [f64::from(error[i]), 1.0] } else { [0.0; 2] };
-    let [sum, count] = sum_pixels(inputs.size, counted);
-    let raw = |i: usize| [whole[i], variance[i], known[i]].map(f64::from);
-    let [whole, variance, pixels] = sum_pixels(inputs.size, raw);
-    let mean = sum / count.max(1.0);
-    let scale = if mean > 0.0 { (whole.max(variance) / pixels.max(1.0) / mean).sqrt() } else { 1.0 };
-    let (least, scale) = ((0.05 * mean) as f32, scale.min(1.0) as f32 * inputs.level() * inputs.level());
-    update(&mut error, [&weight], |error, [weight]| error.max(least) / weight * scale);
-    let ([ra, ga, ba, rb, gb, bb], counts, level) = (image.channels(), inputs.counts(), inputs.level());
-    let colour = |i: usize| {
-        let counts = counts.map(|count| count[i]);
-        [[ra, rb], [ga, gb], [ba, bb]].map(|[a, b]| (combined([a[i], b[i]], counts) * level).min(f32::MAX))
-    };
-    let radiance = per_pixel(inputs.pixels(), colour);
-    Filtered::new(inputs.size.map(|n| n as u32), radiance).with_error(error)
+pub(crate) struct Estimate {
+    /// The radiance with the light that is withheld, and the variance of that.
+    colour: Colours,
+    more: Plane,
+    /// The error before it is scaled, and the weight that it is relative to.
+    error: Plane,
+    weight: Plane,
+    /// The whole error, its variance, and 1 where both are known.
+    raw: [Plane; 3],
+    level: f32,
+}
+
+impl Estimate {
+    /// The estimate of the light that `inputs` were read from.
+    pub(crate) fn new<'a>(graph: &Graph<'a>, inputs: &Inputs, light: Light<'a>, image: Pair, radius: usize) -> Self {
+        let weight = relative_weight(graph, inputs, image);
+        let [whole, variance] = raw_error(graph, inputs, image, weight);
+        let known = map_to_one(graph, inputs.counts(), |[a, b]| if a > 0.0 && b > 0.0 { 1.0 } else { 0.0 });
+        let near = |plane: Plane, radius: usize| -> Plane {
+            let means = [plane, known].map(|plane| box_mean(graph, plane, radius));
+            map_to_one(graph, means, |[sum, n]| if n > 0.0 { sum / n } else { f32::INFINITY })
+        };
+        let error = map_to_one(graph, [near(whole, radius), near(variance, 2)], |[whole, variance]| {
+            whole.max(variance).max(0.0)
+        });
+        let (bounds, level, [na, nb]) = (inputs.bounds(), inputs.level(), inputs.counts());
+        let planes = image.0.into_iter().chain([na, nb]);
+        let [r, g, b, more] = graph.rows(all(planes, Reach::rows(0)), move |rows, y, mut to: [&mut [f32]; 4]| {
+            let (image, [na, nb]) = (image.0.map(|plane| rows.row(plane, y)), [na, nb].map(|plane| rows.row(plane, y)));
+            let width = na.len();
+            for x in 0..width {
+                let counts = [na[x], nb[x]];
+                let colour =
+                    [0, 1, 2].map(|c| (combined([image[c][x], image[3 + c][x]], counts) * level).min(f32::MAX));
+                let ([r, g, b], more) = bounds.restored(light, y * width + x, colour);
+                to.iter_mut().zip([r, g, b, more]).for_each(|(to, value)| to[x] = value);
+            }
+        });
+        Self { colour: [r, g, b], more, error, weight, raw: [whole, variance, known], level }
+    }
+}
+
+impl Estimate {
+    /// The bytes per pixel of the image of so many parts of the light, while it is made: radiance, and two planes for the error of each.
+    pub(crate) const fn bytes_per_pixel(parts: usize) -> usize {
+        12 + 8 * parts
+    }
+
+    /// The planes that the image is made of.
+    pub(crate) fn planes(&self) -> impl Iterator<Item = Plane> {
+        [self.more, self.error, self.weight].into_iter().chain(self.colour).chain(self.raw)
+    }
+}
+
+/// The error of a part of the light, as it is read from its rows.
+#[derive(Default)]
+struct ErrorMap {
+    error: Vec<f32>,
+    weight: Vec<f32>,
+    /// The variance of light that was withheld, where there is some.
+    more: Vec<(usize, f32)>,
+    /// The sums of finite errors and their number, and of [`Estimate::raw`].
+    sums: [f64; 5],
+}
+
+impl ErrorMap {
+    /// The squared error of each pixel.
+    fn scaled(self, level: f32) -> Vec<f32> {
+        let [sum, count, whole, variance, pixels] = self.sums;
+        let mean = sum / count.max(1.0);
+        let scale = if mean > 0.0 { (whole.max(variance) / pixels.max(1.0) / mean).sqrt() } else { 1.0 };
+        let (least, scale) = ((0.05 * mean) as f32, scale.min(1.0) as f32 * level * level);
+        let mut all = self.error;
+        all.iter_mut().zip(&self.weight).for_each(|(error, weight)| *error = error.max(least) / weight * scale);
+        for (i, more) in self.more {
+            if all[i].is_finite() {
+                all[i] = finite(f64::from(all[i]) + f64::from(more));
+            }
+        }
+        all
+    }
+}
+
+/// The sum of the images of all parts of the light, and these `planes`. Errors of the parts count as independent.
+pub(crate) fn filtered<const N: usize>(
+    graph: Graph<'_>,
+    parts: &[Estimate],
+    planes: [Plane; N],
+) -> (Filtered, [Vec<f32>; N]) {
+    let [width, height] = graph.size;
+    let new = || Vec::with_capacity(width * height);
+    let (mut radiance, mut others) = (vec![[0.0; 3]; width * height], planes.map(|_| new()));
+    let mut maps: Vec<ErrorMap> =
+        parts.iter().map(|_| ErrorMap { error: new(), weight: new(), ..ErrorMap::default() }).collect();
+    let read: Vec<Plane> = parts.iter().flat_map(Estimate::planes).chain(planes).collect();
+    graph.run(&read, |rows, range| {
+        for y in range {
+            others.iter_mut().zip(planes).for_each(|(all, plane)| all.extend_from_slice(rows.row(plane, y)));
+            for (number, (part, map)) in parts.iter().zip(&mut maps).enumerate() {
+                let colour = part.colour.map(|plane| rows.row(plane, y));
+                for (x, sum) in radiance[y * width..][..width].iter_mut().enumerate() {
+                    let own = colour.map(|row| row[x]);
+                    *sum = if number == 0 { own } else { [0, 1, 2].map(|c| (sum[c] + own[c]).min(f32::MAX)) };
+                }
+                let more = rows.row(part.more, y).iter().enumerate().filter(|(_, more)| **more != 0.0);
+                map.more.extend(more.map(|(x, more)| (y * width + x, *more)));
+                let (error, raw) = (rows.row(part.error, y), part.raw.map(|plane| rows.row(plane, y)));
+                let mut sums = [0.0; 5];
+                for x in 0..width {
+                    let [sum, count] = if error[x].is_finite() { [error[x], 1.0] } else { [0.0; 2] };
+                    let own = [sum, count, raw[0][x], raw[1][x], raw[2][x]];
+                    sums.iter_mut().zip(own).for_each(|(sum, value)| *sum += f64::from(value));
+                }
+                map.sums.iter_mut().zip(sums).for_each(|(all, row)| *all += row);
+                map.error.extend_from_slice(error);
+                map.weight.extend_from_slice(rows.row(part.weight, y));
+            }
+        }
+    });
+    let errors = maps.into_iter().zip(parts).map(|(map, part)| map.scaled(part.level));
+    let error = errors.reduce(|mut all, other| {
+        // The sum of known errors is known.
+        let most = |error: f32| if error < f32::INFINITY { f32::MAX } else { error };
+        all.iter_mut().zip(other).for_each(|(sum, value)| *sum = (*sum + value).min(most(sum.max(value))));
+        all
+    });
+    (Filtered::new([width as u32, height as u32], radiance).with_error(error), others)
 }
 
 /// The estimated squared error of each filtered pixel relative to `mean^2 + epsilon`, row by row.
@@ -226,9 +348,9 @@ pub fn relative_errors(filtered: &Filtered, epsilon: f32) -> Result<Vec<f32>, Er
         return Err(Error::NotRecorded { who: "relative_errors".to_owned(), what: "the filter's own error" });
     };
     let size = filtered.size.map(|n| n as usize);
-    let grey: Plane = filtered.radiance.iter().map(|[r, g, b]| ((r + g + b) / 3.0).min(1e15)).collect();
-    let squares = box_mean(&grey, size, 1).into_iter().map(|mean| mean * mean + epsilon);
-    let relative: Plane = error.iter().zip(squares).map(|(error, square)| error / square).collect();
+    let grey: Vec<f32> = filtered.radiance.iter().map(|[r, g, b]| ((r + g + b) / 3.0).min(1e15)).collect();
+    let squares = box_mean_of(&grey, size, 1).into_iter().map(|mean| mean * mean + epsilon);
+    let relative: Vec<f32> = error.iter().zip(squares).map(|(error, square)| error / square).collect();
     let largest = relative.iter().copied().filter(|e| e.is_finite()).reduce(f32::max).unwrap_or(1.0);
     Ok(relative.into_iter().map(|e| if e.is_finite() { e.max(0.0) } else { largest }).collect())
 }

@@ -1,7 +1,8 @@
 //! The features of each pixel as planes: normal, albedo, depth and position.
 
+use crate::graph::{Graph, Reach, all};
 use crate::inputs::level;
-use crate::planes::{Colours, Plane, box_mean, parts, per_pixel, planes_of, quantile, raised, sum_pixels, update};
+use crate::planes::{Colours, Plane, box_mean, map_to_one, per_pixel, planes_of, quantile, sum_pixels};
 use dapple_core::Film;
 
 /// The number of feature channels: shading normal (3), albedo (3), logarithm of depth (1).
@@ -11,6 +12,7 @@ pub(crate) const FEATURES: usize = 7;
 pub(crate) const UNKNOWN: f32 = 1e6;
 
 /// The features of each pixel: those of the first rough surface. A miss has a zero normal, an albedo of 1 and a large depth.
+#[derive(Clone, Copy)]
 pub(crate) struct Features {
     /// The mean normal (3 planes), albedo (3) and logarithm of depth (1).
     pub(crate) mean: [Plane; FEATURES],
@@ -32,7 +34,7 @@ fn extent(film: &Film) -> (f32, [f64; 3]) {
     let size = film.frame().size().map(|n| n as usize);
     let hit = |i: usize| film.features(i).filter(|f| f.hits > 0);
     let depth = |i: usize| hit(i).map_or(0.5, |f| f.depth.clamp(1e-18, 1e18));
-    let deepest = per_pixel(film.frame().pixels(), depth).into_iter().fold(0.5, f32::max);
+    let deepest = (0..film.frame().pixels()).map(depth).fold(0.5, f32::max);
     // In f64, because positions may lie far from the origin.
     let [x, y, z, count] = sum_pixels(size, |i| match hit(i).map(|f| f.position.map(f64::from)) {
         Some([x, y, z]) => [x, y, z, 1.0],
@@ -43,25 +45,20 @@ fn extent(film: &Film) -> (f32, [f64; 3]) {
 
 impl Features {
     /// Reads the features of a film, or makes every pixel a miss if they are not to be `read`.
-    pub(crate) fn new(film: &Film, read: bool) -> Self {
-        let size = film.frame().size().map(|n| n as usize);
-        let [nx, ny, nz, r, g, b, depth, x, y, z, vn, va, vd, scatter, mut scale] = planes(film, read);
-        let position = [x, y, z];
-        let unit = 24.0 * pixel_angle(&position, &scale, size[0]);
-        update(&mut scale, [], |depth, []| 1.0 / (unit * depth.max(1e-18)));
-        let slope = slopes(&depth, size);
-        let (mean, variance) = ([nx, ny, nz, r, g, b, depth], [vn, va, vd]);
+    pub(crate) fn new<'a>(graph: &Graph<'a>, film: &'a Film, read: bool) -> Self {
+        let far = extent(film);
+        let [nx, ny, nz, r, g, b, depth, x, y, z, vn, va, vd, scatter, distance] = planes(graph, film, far, read);
+        let unit = 24.0 * pixel_angle(film, far, read);
+        let scale = map_to_one(graph, [distance], move |[distance]| 1.0 / (unit * distance.max(1e-18)));
+        let slope = slopes(graph, depth);
+        let (mean, variance, position) = ([nx, ny, nz, r, g, b, depth], [vn, va, vd], [x, y, z]);
         Self { mean, variance, scatter, slope, position, scale }
     }
 
     /// The red, green and blue of the albedo.
-    pub(crate) fn albedo(&self) -> &[Plane] {
-        &self.mean[3..6]
-    }
-
-    /// One channel of the albedo of pixel `i`, [raised].
-    pub(crate) fn divisor(&self, channel: usize, i: usize) -> f32 {
-        raised(self.mean[3 + channel][i])
+    pub(crate) fn albedo(&self) -> Colours {
+        let [_, _, _, red, green, blue, _] = self.mean;
+        [red, green, blue]
     }
 }
 
@@ -69,18 +66,23 @@ impl Features {
 /// of normal, albedo and log depth, that of the position, and the depth.
 type Each<T> = [T; 15];
 
-/// The planes of the features of a film.
-fn planes(film: &Film, read: bool) -> Each<Plane> {
-    let (far, middle) = extent(film);
-    let size = film.frame().size().map(|n| n as usize);
+/// The planes of the features of a film with this extent.
+fn planes<'a>(graph: &Graph<'a>, film: &'a Film, (far, middle): (f32, [f64; 3]), read: bool) -> Each<Plane> {
+    let size = graph.size;
     let miss = (!read || !film.needs().features).then(|| {
         let [nx, ny, nz, r, g, b, depth, x, y, z] = miss(far);
         [nx, ny, nz, r, g, b, depth, x, y, z, 0.0, 0.0, 0.0, 0.0, far]
     });
-    let lamps = if miss.is_none() { beside_lamps(film, size) } else { None };
-    let is_beside_lamp = |i: usize| lamps.as_ref().is_some_and(|lamps| lamps[i] > 0.0);
-    let of = |i: usize| miss.or_else(|| feature(film, i, (far, middle), is_beside_lamp(i)));
-    planes_of(film.frame().pixels(), |i| of(i).or_else(|| from_neighbours(of, size, i)).unwrap_or_default())
+    let lamps = if miss.is_none() { beside_lamps(graph, film) } else { None };
+    graph.rows(all(lamps, Reach::rows(FILLED)), move |rows, y, mut to: Each<&mut [f32]>| {
+        let is_beside_lamp = |i: usize| lamps.is_some_and(|lamps| rows.row(lamps, i / size[0])[i % size[0]] > 0.0);
+        let of = |i: usize| miss.or_else(|| feature(film, i, (far, middle), is_beside_lamp(i)));
+        for x in 0..size[0] {
+            let i = y * size[0] + x;
+            let values = of(i).or_else(|| from_neighbours(of, size, i)).unwrap_or_default();
+            to.iter_mut().zip(values).for_each(|(plane, value)| plane[x] = value);
+        }
+    })
 }
 
 /// The number of times the level of an image from which on a pixel counts as a lamp.
@@ -88,20 +90,19 @@ const LAMP: f32 = 8.0;
 
 /// The pixels within two of a lamp, of the background and of a surface that fills its pixel; 0 for all others; `None` without
 /// background.
-fn beside_lamps(film: &Film, size: [usize; 2]) -> Option<Plane> {
+fn beside_lamps<'a>(graph: &Graph<'a>, film: &'a Film) -> Option<Plane> {
     let hits = |i: usize| film.features(i).map_or([0, 0], |f| [f.hits, f.samples]);
     if (0..film.frame().pixels()).all(|i| hits(i)[0] > 0) {
         return None;
     }
-    let grey = per_pixel(film.frame().pixels(), |i| (film.moments(i).mean.iter().sum::<f64>() / 3.0) as f32);
-    let least = LAMP * level(&grey, size);
-    let near = |holds: &(dyn Fn(usize) -> bool + Sync)| {
-        box_mean(&per_pixel(grey.len(), |i| if holds(i) { 1.0 } else { 0.0 }), size, 2)
-    };
-    let [background, surfaces] = [near(&|i| hits(i)[0] == 0), near(&|i| hits(i)[0] == hits(i)[1])];
-    let mut beside = near(&|i| grey[i] > least);
-    update(&mut beside, [&background, &surfaces], |lamp, [background, surface]| lamp * background * surface);
-    Some(beside)
+    let grey = |i: usize| (film.moments(i).mean.iter().sum::<f64>() / 3.0) as f32;
+    let least = LAMP * level(&per_pixel(film.frame().pixels(), grey), graph.size);
+    let holds = planes_of(graph, move |i| {
+        let [hits, samples] = hits(i);
+        [hits == 0, hits == samples, grey(i) > least].map(|holds| if holds { 1.0 } else { 0.0 })
+    });
+    let near = holds.map(|plane| box_mean(graph, plane, 2));
+    Some(map_to_one(graph, near, |[background, surface, lamp]| lamp * background * surface))
 }
 
 /// The means of a pixel that sees no surface.
@@ -176,21 +177,29 @@ fn from_neighbours(known: impl Fn(usize) -> Option<Each<f32>>, size: [usize; 2],
 }
 
 /// The approximate width of a pixel at distance 1: the lower quartile of the steps between neighbouring positions.
-fn pixel_angle(position: &Colours, depth: &[f32], width: usize) -> f32 {
-    let step = |i: usize| {
-        let apart = position.iter().map(|p| (p[i + 1] - p[i]).powi(2)).sum::<f32>().sqrt();
-        (apart > 0.0).then(|| apart / depth[i])
-    };
-    let steps = (0..depth.len()).filter(|i| !(i + 1).is_multiple_of(width)).filter_map(step).collect();
+fn pixel_angle(film: &Film, extent: (f32, [f64; 3]), read: bool) -> f32 {
+    let graph = Graph::new(film.frame().size().map(|n| n as usize));
+    let [_, _, _, _, _, _, _, x, y, z, _, _, _, _, depth] = planes(&graph, film, extent, read);
+    let mut steps = Vec::with_capacity(film.frame().pixels());
+    graph.run(&[x, y, z, depth], |rows, range| {
+        for row in range {
+            let (position, depth) = ([x, y, z].map(|plane| rows.row(plane, row)), rows.row(depth, row));
+            let step = |i: usize| {
+                let apart = position.iter().map(|p| (p[i + 1] - p[i]).powi(2)).sum::<f32>().sqrt();
+                (apart > 0.0).then(|| apart / depth[i])
+            };
+            steps.extend((0..depth.len() - 1).filter_map(step));
+        }
+    });
     quantile(steps, 4).map_or(1e-3, |quarter| quarter.clamp(1e-9, 1e9))
 }
 
 /// The smallest change of the log `depth` per pixel among 3x3 pixels.
-pub(crate) fn slopes(depth: &[f32], size: [usize; 2]) -> Plane {
-    let change = around(depth, size, |[above, own, below], [left, x, right]| {
+pub(crate) fn slopes(graph: &Graph<'_>, depth: Plane) -> Plane {
+    let change = around(graph, depth, |[above, own, below], [left, x, right]| {
         0.5 * (own[right] - own[left]).abs().max((below[x] - above[x]).abs())
     });
-    around(&change, size, |rows, columns| {
+    around(graph, change, |rows, columns| {
         let least = columns.map(|x| rows[0][x].min(rows[1][x]).min(rows[2][x]));
         least[0].min(least[1]).min(least[2])
     })
@@ -198,13 +207,12 @@ pub(crate) fn slopes(depth: &[f32], size: [usize; 2]) -> Plane {
 
 /// A plane made by `of` from the rows above, of and below each pixel, and the columns to its left, its own and to its right. Beyond
 /// the frame, the border repeats.
-fn around(plane: &[f32], size: [usize; 2], of: impl Fn([&[f32]; 3], [usize; 3]) -> f32 + Sync) -> Plane {
-    let [width, height] = size;
+fn around<'a>(graph: &Graph<'a>, plane: Plane, of: impl Fn([&[f32]; 3], [usize; 3]) -> f32 + Sync + 'a) -> Plane {
+    let [width, height] = graph.size;
     let near = |k: usize, end: usize| [k.saturating_sub(1), k, (k + 1).min(end - 1)];
-    let row = |(): &mut (), y: usize, [to]: [&mut [f32]; 1]| {
-        let rows = near(y, height).map(|row| &plane[row * width..][..width]);
+    let [all] = graph.rows(all([plane], Reach::rows(1)), move |rows, y, [to]: [&mut [f32]; 1]| {
+        let rows = near(y, height).map(|y| rows.row(plane, y));
         to.iter_mut().enumerate().for_each(|(x, value)| *value = of(rows, near(x, width)));
-    };
-    let [all] = parts(plane.len(), width, || (), row);
+    });
     all
 }

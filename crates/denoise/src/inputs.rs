@@ -1,15 +1,15 @@
 //! A film's halves, features and clusters as planes, in the form that the filters read, and the guides made of them.
 
-use crate::features::{FEATURES, Features, UNKNOWN};
+use crate::features::{Features, UNKNOWN};
+use crate::graph::{Graph, Reach, all};
 use crate::light::{BRIGHTEST, Bounds, Light, Part};
-use crate::one_sample::{self, Halves, Surroundings};
+use crate::one_sample::{Halves, Surroundings};
 use crate::planes::{
-    Channels, Colours, Pair, Plane, box_mean, combined, found, map_to_one, per_pixel, planes_of, quantile, raised,
-    sum_pixels, update,
+    Colours, Pair, Plane, box_mean, combined, map, map_to_one, per_pixel, planes_of, quantile, raised, sum_pixels,
 };
 use dapple_core::film::RgbMoments;
 pub(crate) use dapple_core::integrator::BACKGROUND;
-use dapple_core::{Film, Filtered, Needs, options::Options};
+use dapple_core::{Film, Needs, options::Options};
 use std::fmt;
 use std::sync::Arc;
 
@@ -61,6 +61,7 @@ const FLOOR: f32 = 4e-4;
 const POOLED: f32 = 6.0;
 
 /// One half of a film's samples.
+#[derive(Clone, Copy)]
 pub(crate) struct Half {
     /// The mean colours, divided by the level of the image ([`Inputs::level`]).
     pub(crate) colour: Colours,
@@ -72,10 +73,9 @@ pub(crate) struct Half {
 }
 
 /// A film's halves, features and clusters as planes, which the filters read.
+#[derive(Clone, Copy)]
 pub(crate) struct Inputs {
-    /// Width and height of the planes.
-    pub(crate) size: [usize; 2],
-    /// The radiance that is 1 in these planes, and the largest light in them; the rest is withheld ([`Inputs::restored`]).
+    /// The radiance that is 1 in these planes, and the largest light in them; the rest is withheld.
     levels: Levels,
     pub(crate) part: Part,
     pub(crate) halves: [Half; 2],
@@ -86,43 +86,29 @@ pub(crate) struct Inputs {
 
 impl Inputs {
     /// Reads the halves and the sample variance of a film's light, and what else `reads` lists.
-    pub(crate) fn new(light: Light<'_>, reads: &Reads) -> Self {
+    pub(crate) fn new<'a>(graph: &Graph<'a>, light: Light<'a>, reads: &Reads) -> Self {
         let film = light.film;
-        let features = Features::new(film, !reads.without_features);
+        let features = Features::new(graph, film, !reads.without_features);
         let levels = Levels::of(light);
-        let halves = colours(light, &features, levels);
-        let labels = reads.label.as_ref().filter(|_| film.needs().surfaces).map(|label| {
-            let of = |i: usize| film.surface(i).and_then(|[shape, primitive]| label(shape, primitive));
-            per_pixel(film.frame().pixels(), |i| (of(i).unwrap_or(BACKGROUND) % 0xff_fffd) as f32)
+        let halves = colours(graph, light, features, levels);
+        let labels = reads.label.clone().filter(|_| film.needs().surfaces).map(|label| {
+            let of = move |i: usize| film.surface(i).and_then(|[shape, primitive]| label(shape, primitive));
+            let [plane] = planes_of(graph, move |i| [(of(i).unwrap_or(BACKGROUND) % 0xff_fffd) as f32]);
+            plane
         });
-        let size = film.frame().size().map(|n| n as usize);
-        Self { size, levels, part: light.part, halves, features, labels }
+        Self { levels, part: light.part, halves, features, labels }
     }
 
-    /// Reads the colours of another part of the film's light. Features and clusters stay.
-    pub(crate) fn read(&mut self, light: Light<'_>) {
-        (self.levels, self.part) = (Levels::of(light), light.part);
-        self.halves = colours(light, &self.features, self.levels);
+    /// The planes with the colours of another part of the film's light.
+    pub(crate) fn of_part<'a>(self, graph: &Graph<'a>, light: Light<'a>) -> Self {
+        let levels = Levels::of(light);
+        let halves = colours(graph, light, self.features, levels);
+        Self { levels, part: light.part, halves, ..self }
     }
 
-    /// The number of bytes per pixel that these planes occupy, and the largest number while they are computed.
-    pub(crate) const fn bytes_per_pixel(labels: bool) -> [usize; 2] {
-        let (halves, labels) = (2 * 7, if labels { 1 } else { 0 });
-        let features = FEATURES + 3 + 1 + 1 + 3 + 1;
-        let kept = halves + features + labels;
-        // The planes of halves are made after those of features, and their variances last.
-        [4 * kept, 4 * (kept + one_sample::PLANES)]
-    }
-
-    /// Adds the light that the filter did not get to the image that it made.
-    pub(crate) fn restored(&self, light: Light<'_>, filtered: Filtered) -> Filtered {
-        self.levels.bounds.restore(light, filtered)
-    }
-
-    /// The albedo, [prefiltered](crate::averaging::prefilter) where the features are.
-    pub(crate) fn into_albedo(self) -> Colours {
-        let [_, _, _, red, green, blue, _] = self.features.mean;
-        [red, green, blue]
+    /// The largest light in the planes.
+    pub(crate) fn bounds(&self) -> Bounds {
+        self.levels.bounds
     }
 
     /// The image's level: the radiance (near the mean of the image) that is scaled to 1 in these planes.
@@ -130,20 +116,15 @@ impl Inputs {
         self.levels.level
     }
 
-    /// The number of pixels.
-    pub(crate) fn pixels(&self) -> usize {
-        self.size[0] * self.size[1]
-    }
-
     /// The number of samples in each pixel of both halves.
-    pub(crate) fn counts(&self) -> [&[f32]; 2] {
-        self.halves.each_ref().map(|half| &half.count[..])
+    pub(crate) fn counts(&self) -> [Plane; 2] {
+        self.halves.map(|half| half.count)
     }
 
     /// The colours of both halves.
-    pub(crate) fn unfiltered(&self) -> Channels<'_> {
-        let [[ra, ga, ba], [rb, gb, bb]] = self.halves.each_ref().map(|half| &half.colour);
-        [ra, ga, ba, rb, gb, bb]
+    pub(crate) fn unfiltered(&self) -> Pair {
+        let [[ra, ga, ba], [rb, gb, bb]] = self.halves.map(|half| half.colour);
+        Pair([ra, ga, ba, rb, gb, bb])
     }
 }
 
@@ -178,30 +159,18 @@ pub(crate) fn level(grey: &[f32], size: [usize; 2]) -> f32 {
 }
 
 /// The halves of a film's light.
-fn colours(light: Light<'_>, features: &Features, Levels { level, bounds }: Levels) -> [Half; 2] {
-    let mut halves = halves(light, level, bounds);
-    let size = light.film.frame().size().map(|n| n as usize);
-    let samples = halves.complete(&Surroundings { features, light, bounds, level, size });
-    let mut halves = with_variances(light.film, halves, samples);
-    refine(light, &mut halves);
-    halves
-}
-
-/// Lowers the variances of pixels whose emission samples of features alone refine. Variances over 5x5 pixels are made before:
-/// beside such pixels lie some of the same edge that have none.
-fn refine(light: Light<'_>, halves: &mut [Half; 2]) {
-    let left = |i: usize| light.variance_left(i).map(|left| (i, left));
-    for (i, left) in found(light.film.frame().pixels(), left) {
-        halves.iter_mut().for_each(|half| (0..3).for_each(|c| half.variance[c][i] *= left[c]));
-    }
+fn colours<'a>(graph: &Graph<'a>, light: Light<'a>, features: Features, Levels { level, bounds }: Levels) -> [Half; 2] {
+    let halves = halves(graph, light, level, bounds);
+    let (halves, samples) = halves.complete(graph, Surroundings { features, light, bounds, level });
+    with_variances(graph, light, halves, samples)
 }
 
 /// The halves of the samples, without the light that is withheld.
-fn halves(light: Light<'_>, level: f32, bounds: Bounds) -> Halves {
+fn halves<'a>(graph: &Graph<'a>, light: Light<'a>, level: f32, bounds: Bounds) -> Halves {
     let unit = 1.0 / f64::from(level);
-    let value = |x: f64| ((x * unit) as f32).min(BRIGHTEST);
+    let value = move |x: f64| ((x * unit) as f32).min(BRIGHTEST);
     let most = f64::from(BRIGHTEST) * f64::from(BRIGHTEST);
-    let of = |i: usize| {
+    let of = move |i: usize| {
         let halves = [0, 1].map(|half| light.half(half, i));
         let withheld = bounds.withheld_of_halves(light, i, &halves);
         let [[ra, ga, ba], [rb, gb, bb]] = [0, 1].map(|h: usize| {
@@ -216,38 +185,45 @@ fn halves(light: Light<'_>, level: f32, bounds: Bounds) -> Halves {
         let [vr, vg, vb] = variance.map(|v| (v * unit * unit).min(most) as f32);
         [ra, ga, ba, rb, gb, bb, na, nb, known, vr, vg, vb]
     };
-    let [ra, ga, ba, rb, gb, bb, na, nb, known, vr, vg, vb] = planes_of(light.film.frame().pixels(), of);
+    let [ra, ga, ba, rb, gb, bb, na, nb, known, vr, vg, vb] = planes_of(graph, of);
     Halves { colours: [[ra, ga, ba], [rb, gb, bb]], counts: [na, nb], variance: [vr, vg, vb], known }
 }
 
-/// The halves with the variances of their colours: those of means of so many `samples`, or of the counts.
-fn with_variances(film: &Film, halves: Halves, samples: Option<[Plane; 2]>) -> [Half; 2] {
+/// The halves with the variances of their colours: those of means of so many `samples`.
+///
+/// They are lower in pixels whose emission samples of features alone refine. Variances over 5x5 pixels are made before: beside such
+/// pixels lie some of the same edge that have none.
+fn with_variances<'a>(graph: &Graph<'a>, light: Light<'a>, halves: Halves, samples: [Plane; 2]) -> [Half; 2] {
     let Halves { colours: [first, second], counts: [na, nb], variance, known } = halves;
-    let sample = pooled_variance(film, variance, &known);
-    let variance = |samples: &Plane, sample: &Plane| -> Plane {
-        map_to_one([sample, samples], |[v, n]| if n > 0.0 { (v + FLOOR) / n } else { UNKNOWN })
-    };
-    let half = |h: usize, colour: Colours, count: Plane| {
-        let samples = samples.as_ref().map_or(&count, |samples| &samples[h]);
-        let variance = sample.each_ref().map(|sample| variance(samples, sample));
-        Half { colour, variance, count }
-    };
-    [half(0, first, na), half(1, second, nb)]
+    let sample = pooled_variance(graph, light.film, variance, known);
+    let reads = all(sample.into_iter().chain(samples), Reach::rows(0));
+    let [ra, ga, ba, rb, gb, bb] = graph.rows(reads, move |rows, y, mut to: [&mut [f32]; 6]| {
+        let width = to[0].len();
+        for (k, to) in to.iter_mut().enumerate() {
+            let [v, n] = [sample[k % 3], samples[k / 3]].map(|plane| rows.row(plane, y));
+            let variance = |(v, n): (&f32, &f32)| if *n > 0.0 { (v + FLOOR) / n } else { UNKNOWN };
+            to.iter_mut().zip(v.iter().zip(n).map(variance)).for_each(|(to, value)| *to = value);
+        }
+        for (x, left) in (0..width).filter_map(|x| Some((x, light.variance_left(y * width + x)?))) {
+            to.iter_mut().enumerate().for_each(|(k, to)| to[x] *= left[k % 3]);
+        }
+    });
+    let half = |colour, variance, count| Half { colour, variance, count };
+    [half(first, [ra, ga, ba], na), half(second, [rb, gb, bb], nb)]
 }
 
 /// The variance of one sample in each pixel, shrunk towards the variance over 5x5 pixels, in squared levels. `own` is the
 /// variance where it is `known`.
-fn pooled_variance(film: &Film, own: Colours, known: &Plane) -> Colours {
-    let size = film.frame().size().map(|n| n as usize);
-    let near = box_mean(known, size, 2);
-    let freedom: Plane = per_pixel(film.frame().pixels(), |i| (film.count(i).max(1) - 1) as f32 * known[i]);
-    own.map(|mut own| {
-        let sums = box_mean(&own, size, 2);
-        update(&mut own, [&sums, &near, &freedom], |own, [sum, near, freedom]| {
+fn pooled_variance<'a>(graph: &Graph<'a>, film: &'a Film, own: Colours, known: Plane) -> Colours {
+    let near = box_mean(graph, known, 2);
+    let [freedom] = planes_of(graph, |i| [(film.count(i).max(1) - 1) as f32]);
+    own.map(|own| {
+        let sum = box_mean(graph, own, 2);
+        map_to_one(graph, [own, sum, near, freedom, known], |[own, sum, near, freedom, known]| {
+            let freedom = freedom * known;
             let pooled = (freedom * own + POOLED * sum / near) / (freedom + POOLED);
             if near > 0.0 { pooled } else { UNKNOWN }
-        });
-        own
+        })
     })
 }
 
@@ -266,6 +242,7 @@ fn without_withheld([a, b]: &[RgbMoments; 2], withheld: &[[f64; 3]; 2], variance
 }
 
 /// An image by which a filter compares pixels: a colour per pixel and its variance.
+#[derive(Clone)]
 pub(crate) struct Guide {
     /// The colour of each pixel.
     pub(crate) colour: Colours,
@@ -276,21 +253,15 @@ pub(crate) struct Guide {
 
 /// Makes a guide from the mean colours of one half of the samples. `pooled` adds the variances of the three channels;
 /// `demodulated` divides colours by albedo.
-pub(crate) fn guide(inputs: &Inputs, half: usize, pooled: bool, demodulated: bool) -> Guide {
-    let (own, albedo) = (&inputs.halves[half], inputs.features.albedo());
-    let colour: Colours = std::array::from_fn(|c| match demodulated {
-        true => map_to_one([&own.colour[c], &albedo[c]], |[v, albedo]| v / raised(albedo)),
-        false => own.colour[c].clone(),
-    });
-    let variance: Colours = std::array::from_fn(|c| match demodulated {
-        true => map_to_one([&own.variance[c], &albedo[c]], |[v, albedo]| v / (raised(albedo) * raised(albedo))),
-        false => own.variance[c].clone(),
-    });
-    if !pooled {
-        return Guide { colour, variance: variance.into() };
+pub(crate) fn guide(graph: &Graph<'_>, inputs: &Inputs, half: usize, pooled: bool, demodulated: bool) -> Guide {
+    let (Half { mut colour, mut variance, .. }, albedo) = (inputs.halves[half], inputs.features.albedo());
+    for c in (0..3).filter(|_| demodulated) {
+        [colour[c], variance[c]] = map(graph, [colour[c], variance[c], albedo[c]], |[v, variance, albedo]| {
+            [v / raised(albedo), variance / (raised(albedo) * raised(albedo))]
+        });
     }
-    let sum = map_to_one(variance.each_ref().map(|plane| &plane[..]), |[r, g, b]| r + g + b);
-    Guide { colour, variance: vec![sum] }
+    let sum = || vec![map_to_one(graph, variance, |[r, g, b]| r + g + b)];
+    Guide { colour, variance: if pooled { sum() } else { variance.into() } }
 }
 
 /// The radius over which the noise of a residual guide is averaged.
@@ -301,19 +272,19 @@ const RESIDUAL: usize = 3;
 ///
 /// The variance is that of one half, `(a - b)^2 / 2`. The variance of the whole image, `(a - b)^2 / 4`, left more
 /// error. One guide serves both halves. It keeps little of their noise and costs half as much as two guides.
-pub(crate) fn residual_guide(inputs: &Inputs, image: &Pair) -> Guide {
-    let ([ra, ga, ba, rb, gb, bb], [na, nb]) = (image.channels(), inputs.counts());
-    let [_, _, _, ar, ag, ab, _] = &inputs.features.mean;
-    let difference = map_to_one([ra, ga, ba, rb, gb, bb, ar, ag, ab], |[ra, ga, ba, rb, gb, bb, ar, ag, ab]| {
+pub(crate) fn residual_guide(graph: &Graph<'_>, inputs: &Inputs, image: Pair) -> Guide {
+    let (Pair([ra, ga, ba, rb, gb, bb]), [na, nb]) = (image, inputs.counts());
+    let [ar, ag, ab] = inputs.features.albedo();
+    let difference = map_to_one(graph, [ra, ga, ba, rb, gb, bb, ar, ag, ab], |[ra, ga, ba, rb, gb, bb, ar, ag, ab]| {
         let apart = |a: f32, b: f32, albedo: f32| a / raised(albedo) - b / raised(albedo);
         let [r, g, b] = [apart(ra, rb, ar), apart(ga, gb, ag), apart(ba, bb, ab)];
         0.5 * (r * r + g * g + b * b)
     });
-    let mut variance = box_mean(&difference, inputs.size, RESIDUAL);
+    let noise = box_mean(graph, difference, RESIDUAL);
     // The floor under the variance, as in the first pass: it is not 0 and keeps the filter consistent.
-    update(&mut variance, [na, nb], |noise, [na, nb]| noise + 3.0 * 4e-4 / (na + nb).max(1.0));
+    let variance = map_to_one(graph, [noise, na, nb], |[noise, na, nb]| noise + 3.0 * 4e-4 / (na + nb).max(1.0));
     let colour = [[ra, rb, ar], [ga, gb, ag], [ba, bb, ab]].map(|[a, b, albedo]| {
-        map_to_one([a, b, albedo, na, nb], |[a, b, albedo, na, nb]| combined([a, b], [na, nb]) / raised(albedo))
+        map_to_one(graph, [a, b, albedo, na, nb], |[a, b, albedo, na, nb]| combined([a, b], [na, nb]) / raised(albedo))
     });
     Guide { colour, variance: vec![variance] }
 }

@@ -77,6 +77,7 @@ mod error_map;
 mod features;
 mod fireflies;
 mod gaussian;
+mod graph;
 mod inputs;
 mod light;
 mod network;

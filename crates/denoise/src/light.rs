@@ -4,7 +4,7 @@
 //! Within a pixel its emission is almost free of noise. So filters get images without most of it, and without all light beyond
 //! the range of their planes ([`Bounds`]).
 
-use dapple_core::{Film, Filtered, film::RgbMoments, parallel};
+use dapple_core::{Film, film::RgbMoments};
 
 /// The parts of the light that [`ClusterRegression`](crate::ClusterRegression) filters one by one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -232,35 +232,22 @@ impl Bounds {
         })
     }
 
-    /// Adds the withheld light of both halves to a filtered image, and its variance to the image's error.
-    pub(crate) fn restore(self, light: Light<'_>, filtered: Filtered) -> Filtered {
-        let Filtered { size, mut radiance, mut error, .. } = filtered;
-        let mut more = vec![0.0; radiance.len()];
-        let add = |i: usize, colour: &mut [f32; 3]| -> f32 {
-            let halves = [0, 1].map(|half| light.half(half, i));
-            let [a, b] = self.withheld_of_halves(light, i, &halves);
-            if [a, b] == [[0.0; 3]; 2] {
-                return 0.0;
-            }
-            let [na, nb] = halves.map(|half| half.count as f64);
-            let share = if na + nb > 0.0 { na / (na + nb) } else { 0.5 };
-            let apart: [f64; 3] = std::array::from_fn(|c| a[c] - b[c]);
-            *colour = std::array::from_fn(|c| finite(f64::from(colour[c]) + b[c] + share * apart[c]));
-            finite(share * (1.0 - share) * apart.iter().map(|d| d * d).sum::<f64>() / 3.0)
-        };
-        parallel::parts(radiance.chunks_mut(1024).zip(more.chunks_mut(1024)), |number, (radiance, more)| {
-            for (k, (colour, more)) in radiance.iter_mut().zip(&mut **more).enumerate() {
-                *more = add(1024 * number + k, colour);
-            }
-        });
-        for (error, more) in error.iter_mut().flatten().zip(more).filter(|(error, _)| error.is_finite()) {
-            *error = finite(f64::from(*error) + f64::from(more));
+    /// The filtered colour of pixel `i` with the withheld light of both halves, and the variance of that light.
+    pub(crate) fn restored(self, light: Light<'_>, i: usize, colour: [f32; 3]) -> ([f32; 3], f32) {
+        let halves = [0, 1].map(|half| light.half(half, i));
+        let [a, b] = self.withheld_of_halves(light, i, &halves);
+        if [a, b] == [[0.0; 3]; 2] {
+            return (colour, 0.0);
         }
-        Filtered::new(size, radiance).with_error(error)
+        let [na, nb] = halves.map(|half| half.count as f64);
+        let share = if na + nb > 0.0 { na / (na + nb) } else { 0.5 };
+        let apart: [f64; 3] = std::array::from_fn(|c| a[c] - b[c]);
+        let colour = std::array::from_fn(|c| finite(f64::from(colour[c]) + b[c] + share * apart[c]));
+        (colour, finite(share * (1.0 - share) * apart.iter().map(|d| d * d).sum::<f64>() / 3.0))
     }
 }
 
 /// The nearest `f32` that is not infinite.
-fn finite(value: f64) -> f32 {
+pub(crate) fn finite(value: f64) -> f32 {
     value.min(f64::from(f32::MAX)) as f32
 }

@@ -10,9 +10,10 @@ mod exposed_film;
 mod light;
 mod passes;
 
-use crate::planes::{Colours, dispatch, per_pixel};
-use convolution::{Layer, Maps, RowTask, Source, convolve};
-use dapple_core::{Film, Filtered, parallel};
+use crate::graph::{Graph, Plane, as_high};
+use crate::planes::dispatch;
+use convolution::{Layer, Maps, RowTask, Source, convolve, stride};
+use dapple_core::{Film, Filtered, Frame, Needs, parallel};
 use exposed_film::{ExposedFilm, INPUTS};
 use passes::{Heads, blend};
 
@@ -25,25 +26,46 @@ const GRID: usize = 8;
 /// The mean number of samples per pixel from which on the filtered image replaces the network's. The network has learned from 1 to 16.
 const MOST: f64 = 24.0;
 
-/// The memory of [`improve`] per pixel in bytes: the features, two states of all passes, the values that a pass reads, albedo, emission,
-/// and the result twice.
-pub(crate) const BYTES_PER_PIXEL: usize = 4 * (CHANNELS[0] + 2 * passes::STATE + passes::READ + 11);
-
 /// Replaces the filtered image of a film by the network's. Its error stays: the network's own predictions were further off.
 /// `albedo` is the film's without its noise, and 1 where no surface is seen.
-pub(crate) fn improve(film: &Film, image: Filtered, albedo: Colours, has_features: bool) -> Filtered {
+pub(crate) fn improve(film: &Film, image: Filtered, albedo: [Vec<f32>; 3], has_features: bool) -> Filtered {
     let pixels = film.frame().pixels();
     let spp = (0..pixels).map(|i| film.count(i)).sum::<u64>() as f64 / pixels as f64;
     let Some(exposed) = ExposedFilm::new(film, &image, albedo, has_features).filter(|_| spp > 0.0) else {
         return image;
     };
-    let mut layers = Layers { rest: WEIGHTS };
-    let trunk = trunk(&exposed, &mut layers);
-    let heads = Heads::new(&mut layers);
-    let mut colours = blend(&exposed, &trunk, &heads, (MOST / spp).powi(2).min(1.0) as f32);
+    let graph = Graph::new(exposed.size);
+    let row = colours(&graph, &exposed, (MOST / spp).powi(2).min(1.0) as f32);
+    let mut colours = Vec::with_capacity(pixels);
+    graph.run(&[row], |rows, range| range.for_each(|y| colours.extend_from_slice(rows.row(row, y).as_chunks::<3>().0)));
     light::keep(&exposed, &mut colours);
-    let radiance = per_pixel(pixels, |i| exposed.radiance(i, colours[i]));
-    Filtered::new(image.size, radiance).with_error(image.error)
+    parallel::chunks(&mut colours, image.size[0] as usize, |y, row| {
+        let first = y * row.len();
+        row.iter_mut().enumerate().for_each(|(x, colour)| *colour = exposed.radiance(first + x, *colour));
+    });
+    Filtered::new(image.size, colours).with_error(image.error)
+}
+
+/// The memory of [`improve`] in bytes, the image included.
+pub(crate) fn bytes(frame: &Frame) -> u64 {
+    /// The image and its error, albedo, a mark of lamps, and the result.
+    const WHOLE: usize = 16 + 12 + 1 + 12;
+    let rows = Frame::new(1, 1).map_or(0, |one| {
+        let (film, image) = (Film::new(one, Needs::none()), Filtered::new([1, 1], vec![[0.0; 3]]));
+        let exposed = ExposedFilm::unread(&film, &image, as_high(frame));
+        let graph = Graph::new(exposed.size);
+        let row = colours(&graph, &exposed, 1.0);
+        graph.bytes(&[row])
+    });
+    frame.bytes(WHOLE).saturating_add(rows)
+}
+
+/// Rows of colours with so much of the network's image.
+fn colours<'a>(graph: &Graph<'a>, exposed: &'a ExposedFilm<'a>, strength: f32) -> Plane {
+    let mut layers = Layers { rest: WEIGHTS };
+    let trunk = trunk(graph, exposed, &mut layers);
+    let heads = Heads::new(&mut layers);
+    blend(graph, exposed, trunk, heads, strength)
 }
 
 /// Layers in the order of the file.
@@ -72,30 +94,28 @@ impl Layers {
 }
 
 /// The features of each pixel of the padded image: [`CHANNELS`]`[0]` channels.
-fn trunk(exposed: &ExposedFilm<'_>, layers: &mut Layers) -> Maps {
+fn trunk<'a>(graph: &Graph<'a>, exposed: &'a ExposedFilm<'_>, layers: &mut Layers) -> Maps {
     let [c0, ..] = CHANNELS;
     let size = exposed.padded();
     let first = layers.next(c0, INPUTS);
-    let mut maps = Maps::new(size, c0);
-    let stride = maps.stride();
-    parallel::chunks(&mut maps.values, c0 * size[0], |y, to| {
-        let mut stack = vec![0.0; INPUTS * stride];
-        exposed.row(y, &mut stack, stride);
-        dispatch(RowTask { stack: &stack, stride, layer: &first, width: size[0], is_rectified: true, to });
+    let stride = stride(size[0]);
+    let init = move || vec![0.0; INPUTS * stride];
+    let maps = Maps::new(graph, (size, c0), Vec::new(), init, move |stack, _, y, to| {
+        exposed.row(y, stack, stride);
+        dispatch(RowTask { stack, stride, layer: &first, width: size[0], is_rectified: true, to });
     });
-    let mut coarse = convolve(&[Source::Same(&maps)], &layers.convolution(c0, c0));
-    drop(maps);
+    let mut coarse = convolve(graph, [Source::Same(maps)], layers.convolution(c0, c0));
     let mut finer = Vec::new();
     for sizes in CHANNELS.windows(2) {
-        let maps = convolve(&[Source::Half(&coarse)], &layers.convolution(sizes[1], sizes[0]));
-        let next = convolve(&[Source::Same(&maps)], &layers.convolution(sizes[1], sizes[1]));
+        let maps = convolve(graph, [Source::Half(coarse)], layers.convolution(sizes[1], sizes[0]));
+        let next = convolve(graph, [Source::Same(maps)], layers.convolution(sizes[1], sizes[1]));
         finer.push(std::mem::replace(&mut coarse, next));
     }
     while let Some(fine) = finer.pop() {
         let [own, below] = [fine.channels, coarse.channels];
         let layer = layers.convolution(own, below + own);
-        let maps = convolve(&[Source::Double(&coarse), Source::Same(&fine)], &layer);
-        coarse = convolve(&[Source::Same(&maps)], &layers.convolution(own, own));
+        let maps = convolve(graph, [Source::Double(coarse), Source::Same(fine)], layer);
+        coarse = convolve(graph, [Source::Same(maps)], layers.convolution(own, own));
     }
     coarse
 }

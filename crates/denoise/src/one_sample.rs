@@ -5,9 +5,12 @@
 //! neighbours there. Both halves are then whole images, and a sample counts in one of them only. Lamps end at their
 //! edges: where samples of features alone have met one, only the other light comes from neighbours.
 
+#![expect(clippy::needless_range_loop, reason = "several arrays run along, as in the formulas")]
+
 use crate::features::Features;
+use crate::graph::{Graph, Reach, Rows, all};
 use crate::light::{Bounds, Light};
-use crate::planes::{Colours, Plane, beside, found};
+use crate::planes::{Colours, Plane, beside, raised};
 
 /// The factor on the squared difference of normals between neighbours.
 const TURNED: f32 = 20.0;
@@ -19,6 +22,7 @@ const SLOPE: [f32; 2] = [4.0, 1e-2];
 pub(crate) const LAMP: f32 = 4.0;
 
 /// The halves of a film's light, before their variances are known.
+#[derive(Clone, Copy)]
 pub(crate) struct Halves {
     pub(crate) colours: [Colours; 2],
     pub(crate) counts: [Plane; 2],
@@ -28,14 +32,13 @@ pub(crate) struct Halves {
 }
 
 /// The features and lamps of a film, as far as filters get them.
+#[derive(Clone, Copy)]
 pub(crate) struct Surroundings<'a> {
-    pub(crate) features: &'a Features,
+    pub(crate) features: Features,
     pub(crate) light: Light<'a>,
     pub(crate) bounds: Bounds,
     /// The radiance that planes count as 1.
     pub(crate) level: f32,
-    /// The size of the film.
-    pub(crate) size: [usize; 2],
 }
 
 impl Surroundings<'_> {
@@ -52,78 +55,108 @@ impl Surroundings<'_> {
     }
 }
 
-/// The half that a pixel lacked.
-struct Between {
-    pixel: u32,
-    colour: [f32; 3],
-    /// The number of samples whose mean has the same variance.
-    samples: f32,
-}
-
-/// The memory of [`Halves::complete`] in planes: a list, and the numbers of samples.
-pub(crate) const PLANES: usize = size_of::<Between>().div_ceil(4) + 2;
-
 impl Halves {
-    /// Interpolates the half that pixels lack. Returns the number of samples whose mean has the variance of each half's
-    /// colour; `None` if these are the counts, since no pixel lacks just one half.
+    /// Interpolates the half that pixels lack. Returns the number of samples whose mean has the variance of each half's colour, too.
     ///
     /// Such a pixel then counts half of its samples in each half. The squared difference between the halves estimates the
     /// variance of one sample where that is not known.
-    pub(crate) fn complete(&mut self, around: &Surroundings<'_>) -> Option<[Plane; 2]> {
-        let width = around.size[0];
-        let is_single = |&i: &usize| (self.counts[0][i] > 0.0) != (self.counts[1][i] > 0.0);
-        let half = |i: usize| (i % width + i / width) % 2;
-        let pixels = 0..self.known.len();
-        if !pixels.clone().any(|i| is_single(&i)) {
-            return None;
-        }
-        let mut samples = self.counts.clone();
-        for i in pixels.clone().filter(is_single) {
-            let count = samples[0][i] + samples[1][i];
-            (samples[half(i)][i], samples[1 - half(i)][i]) = (count, 0.0);
-        }
-        let between = |i: usize| self.between(i, 1 - half(i), &samples, around);
-        let all = found(pixels.len(), |i| if is_single(&i) { between(i) } else { None });
-        for Between { pixel, colour, samples: of_mean } in all {
-            let i = pixel as usize;
-            let (own, other) = (half(i), 1 - half(i));
-            let count = samples[own][i];
-            for (c, value) in colour.into_iter().enumerate() {
-                let apart = self.colours[own][c][i] - value;
-                if self.known[i] == 0.0 {
-                    self.variance[c][i] = apart * apart / (1.0 / count + 1.0 / of_mean);
-                }
-                self.colours[other][c][i] = value;
+    pub(crate) fn complete<'a>(self, graph: &Graph<'a>, around: Surroundings<'a>) -> (Self, [Plane; 2]) {
+        let size = graph.size;
+        let ([[ra, ga, ba], [rb, gb, bb]], [na, nb], [vr, vg, vb]) = (self.colours, self.counts, self.variance);
+        let own = [ra, ga, ba, rb, gb, bb, na, nb, vr, vg, vb, self.known];
+        let Features { mean, slope, .. } = around.features;
+        let mut reads = all(own[..8].iter().copied().chain(mean), Reach::rows(1));
+        reads.extend(all(own[8..].iter().copied().chain([slope]), Reach::rows(0)));
+        let planes = graph.rows(reads, move |rows, y, mut to: [&mut [f32]; 14]| {
+            for (to, plane) in to.iter_mut().zip(own.into_iter().chain([na, nb])) {
+                to.copy_from_slice(rows.row(plane, y));
             }
-            self.known[i] = 1.0;
-            samples[other][i] = of_mean;
-            self.counts.iter_mut().for_each(|plane| plane[i] = 0.5 * count);
-        }
-        Some(samples)
-    }
-
-    /// The mean of half `half` over the four neighbours of pixel `i`, times the ratio of the albedos; `None` if they lack it
-    /// too. Where the pixel's own emission is known, it takes the place of theirs. `samples` are the counts by place.
-    fn between(&self, i: usize, half: usize, samples: &[Plane; 2], around: &Surroundings<'_>) -> Option<Between> {
-        let Surroundings { features: f, size, .. } = *around;
-        let emission = around.light.emission_of_lacking(i).map(|emission| around.in_levels(emission));
-        let (mut sum, mut weights, mut variance) = ([0.0; 3], 0.0, 0.0);
-        for j in beside(i, size).filter(|j| samples[half][*j] > 0.0) {
-            let weight = likeness(f, i, j);
-            let lamp = if emission.is_some() { around.not_shared(i, j) } else { [0.0; 3] };
-            (0..3).for_each(|c| sum[c] += weight * (self.colours[half][c][j] - lamp[c]).max(0.0) / f.divisor(c, j));
-            weights += weight;
-            variance += weight * weight / samples[half][j];
-        }
-        let own = emission.unwrap_or_default();
-        let colour = [0, 1, 2].map(|c| own[c] + sum[c] / weights * f.divisor(c, i));
-        (weights > 0.0).then_some(Between { pixel: i as u32, colour, samples: weights * weights / variance })
+            let near = Near { halves: self, around, rows, size };
+            for x in 0..size[0] {
+                let i = y * size[0] + x;
+                let (own, other) = (near.half(i), 1 - near.half(i));
+                let [a, b] = near.counts(i);
+                if (a > 0.0) == (b > 0.0) {
+                    continue;
+                }
+                let count = a + b;
+                (to[12 + own][x], to[12 + other][x]) = (count, 0.0);
+                let Some((colour, of_mean)) = near.between(i, other) else { continue };
+                for (c, value) in colour.into_iter().enumerate() {
+                    let apart = to[3 * own + c][x] - value;
+                    if to[11][x] == 0.0 {
+                        to[8 + c][x] = apart * apart / (1.0 / count + 1.0 / of_mean);
+                    }
+                    to[3 * other + c][x] = value;
+                }
+                to[11][x] = 1.0;
+                to[12 + other][x] = of_mean;
+                (to[6][x], to[7][x]) = (0.5 * count, 0.5 * count);
+            }
+        });
+        let [ra, ga, ba, rb, gb, bb, na, nb, vr, vg, vb, known, sa, sb] = planes;
+        let halves = Self { colours: [[ra, ga, ba], [rb, gb, bb]], counts: [na, nb], variance: [vr, vg, vb], known };
+        (halves, [sa, sb])
     }
 }
 
-/// The weight of pixel `j` beside its neighbour `i`: it falls with the differences of normal and log depth.
-fn likeness(f: &Features, i: usize, j: usize) -> f32 {
-    let turned: f32 = (0..3).map(|k| (f.mean[k][i] - f.mean[k][j]).powi(2)).sum();
-    let deep = (f.mean[6][i] - f.mean[6][j]) / (SLOPE[0] * f.slope[i] + SLOPE[1]);
-    1.0 / (1.0 + TURNED * turned + deep * deep)
+/// The rows around a pixel.
+struct Near<'a> {
+    halves: Halves,
+    around: Surroundings<'a>,
+    rows: &'a Rows,
+    size: [usize; 2],
+}
+
+impl Near<'_> {
+    fn at(&self, plane: Plane, i: usize) -> f32 {
+        self.rows.row(plane, i / self.size[0])[i % self.size[0]]
+    }
+
+    fn counts(&self, i: usize) -> [f32; 2] {
+        self.halves.counts.map(|plane| self.at(plane, i))
+    }
+
+    /// The half that the samples of a pixel count in, if they all lie in one.
+    fn half(&self, i: usize) -> usize {
+        (i % self.size[0] + i / self.size[0]) % 2
+    }
+
+    /// The number of samples of a pixel by its place.
+    fn samples(&self, half: usize, i: usize) -> f32 {
+        let [a, b] = self.counts(i);
+        match (a > 0.0) != (b > 0.0) {
+            true if self.half(i) == half => a + b,
+            true => 0.0,
+            false => [a, b][half],
+        }
+    }
+
+    /// The mean of half `half` over the four neighbours of pixel `i`, times the ratio of the albedos, and the number of samples whose
+    /// mean has the same variance; `None` if they lack it too. Where the pixel's own emission is known, it takes the place of theirs.
+    fn between(&self, i: usize, half: usize) -> Option<([f32; 3], f32)> {
+        let (around, albedo) = (&self.around, self.around.features.albedo());
+        let divisor = |c: usize, i: usize| raised(self.at(albedo[c], i));
+        let emission = around.light.emission_of_lacking(i).map(|emission| around.in_levels(emission));
+        let (mut sum, mut weights, mut variance) = ([0.0; 3], 0.0, 0.0);
+        for j in beside(i, self.size).filter(|j| self.samples(half, *j) > 0.0) {
+            let weight = self.likeness(i, j);
+            let lamp = if emission.is_some() { around.not_shared(i, j) } else { [0.0; 3] };
+            let colour = |c: usize| self.at(self.halves.colours[half][c], j);
+            (0..3).for_each(|c| sum[c] += weight * (colour(c) - lamp[c]).max(0.0) / divisor(c, j));
+            weights += weight;
+            variance += weight * weight / self.samples(half, j);
+        }
+        let own = emission.unwrap_or_default();
+        let colour = [0, 1, 2].map(|c| own[c] + sum[c] / weights * divisor(c, i));
+        (weights > 0.0).then_some((colour, weights * weights / variance))
+    }
+
+    /// The weight of pixel `j` beside its neighbour `i`: it falls with the differences of normal and log depth.
+    fn likeness(&self, i: usize, j: usize) -> f32 {
+        let Features { mean, slope, .. } = self.around.features;
+        let turned: f32 = (0..3).map(|k| (self.at(mean[k], i) - self.at(mean[k], j)).powi(2)).sum();
+        let deep = (self.at(mean[6], i) - self.at(mean[6], j)) / (SLOPE[0] * self.at(slope, i) + SLOPE[1]);
+        1.0 / (1.0 + TURNED * turned + deep * deep)
+    }
 }

@@ -1,14 +1,15 @@
 //! Filters that average over one window around each pixel: non-local means, and the cross-bilateral filter over distance, features,
 //! colours and clusters.
 
-use crate::averaging::{VANISHING, Window, average, memory};
-use crate::error_map::{ERROR, filtered};
+use crate::averaging::{VANISHING, Window, average};
+use crate::error_map::{ERROR, Estimate, filtered};
+use crate::graph::{Graph, bytes_of_rows};
 use crate::inputs::{ClusterLookup, Inputs, Reads, describe, guide};
 use crate::light::Light;
 use crate::planes::Pair;
 use crate::tile::{FeatureScales, Likeness, REACH};
 use dapple_core::options::Options as _;
-use dapple_core::{Error, Film, Filter, Filtered, Frame, Needs, filter::FilterMemory};
+use dapple_core::{Error, Film, Filter, Filtered, Frame, Needs, filter::FilterMemory, filter::ImagePlanes};
 
 dapple_core::options! {
     /// The parameters of [`NlMeans`]: `k` and patches as published, and smaller windows.
@@ -98,9 +99,9 @@ impl NlMeans {
         Reads { without_features: self.options.features.is_none(), ..Reads::default() }
     }
 
-    fn pair(&self, inputs: &Inputs) -> Pair {
+    fn pair(&self, graph: &Graph<'_>, inputs: &Inputs) -> Pair {
         let window = Window { radius: self.options.window, disc: None, cut: 0.05, falloff: 0.0 };
-        means(inputs, &self.likeness(), &window, self.options.features.is_some())
+        means(graph, inputs, self.likeness(), window, self.options.features.is_some())
     }
 }
 
@@ -117,12 +118,12 @@ impl Filter for NlMeans {
         self.reads().recorded()
     }
 
-    fn memory(&self, frame: &Frame, _: &Needs) -> FilterMemory {
-        memory(frame, false, &self.likeness(), self.options.features.is_some())
+    fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
+        memory(frame, needs, &self.reads(), |graph, inputs| self.pair(graph, inputs))
     }
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
-        apply(self, film, &self.reads(), |inputs| self.pair(inputs))
+        apply(self, film, &self.reads(), |graph, inputs| self.pair(graph, inputs))
     }
 }
 
@@ -232,10 +233,10 @@ impl Bilateral {
     }
 
     /// The images of both halves of a film's samples.
-    pub(crate) fn pair(&self, inputs: &Inputs) -> Pair {
+    pub(crate) fn pair(&self, graph: &Graph<'_>, inputs: &Inputs) -> Pair {
         let BilateralOptions { window: radius, falloff, .. } = self.options;
         let window = Window { radius, disc: self.disc, cut: VANISHING, falloff: falloff as f32 };
-        means(inputs, &self.likeness(), &window, true)
+        means(graph, inputs, self.likeness(), window, true)
     }
 }
 
@@ -254,29 +255,52 @@ impl Filter for Bilateral {
     }
 
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
-        memory(frame, self.reads.label.is_some() && needs.surfaces, &self.likeness(), true)
+        memory(frame, needs, &self.reads, |graph, inputs| self.pair(graph, inputs))
     }
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
-        apply(self, film, &self.reads, |inputs| self.pair(inputs))
+        apply(self, film, &self.reads, |graph, inputs| self.pair(graph, inputs))
     }
 }
 
 /// Filters a film by the images that `pair` makes of its halves.
-fn apply(filter: &impl Filter, film: &Film, reads: &Reads, pair: impl Fn(&Inputs) -> Pair) -> Result<Filtered, Error> {
+fn apply(
+    filter: &impl Filter,
+    film: &Film,
+    reads: &Reads,
+    pair: impl Fn(&Graph<'_>, &Inputs) -> Pair,
+) -> Result<Filtered, Error> {
     film.require(filter.name(), &filter.needs())?;
+    let graph = Graph::new(film.frame().size().map(|n| n as usize));
+    let estimate = estimate(&graph, film, reads, pair);
+    let (image, []) = filtered(graph, &[estimate], []);
+    Ok(image)
+}
+
+/// The memory of [`apply`].
+fn memory(frame: &Frame, needs: &Needs, reads: &Reads, pair: impl Fn(&Graph<'_>, &Inputs) -> Pair) -> FilterMemory {
+    let rows = bytes_of_rows(frame, needs, |graph, film| estimate(graph, film, reads, pair).planes().collect());
+    let all = frame.bytes(Estimate::bytes_per_pixel(1)).saturating_add(rows);
+    FilterMemory::new(frame, 0, ImagePlanes::RadianceAndError).at_least(all)
+}
+
+fn estimate<'a>(
+    graph: &Graph<'a>,
+    film: &'a Film,
+    reads: &Reads,
+    pair: impl Fn(&Graph<'_>, &Inputs) -> Pair,
+) -> Estimate {
     let light = Light::all(film);
-    let inputs = Inputs::new(light, reads);
-    Ok(inputs.restored(light, filtered(&inputs, &pair(&inputs), ERROR)))
+    let inputs = Inputs::new(graph, light, reads);
+    let image = pair(graph, &inputs);
+    Estimate::new(graph, &inputs, light, image, ERROR)
 }
 
 /// The images of both halves by means over a window around each pixel. `demodulated` compares and averages colours without their
 /// albedo.
-fn means(inputs: &Inputs, like: &Likeness, window: &Window, demodulated: bool) -> Pair {
-    let guides = [0, 1].map(|half| guide(inputs, half, demodulated, demodulated));
-    let mut pair = average(inputs, guides.each_ref().map(|guide| &guide.colour), &guides, like, window, |_| true);
-    if demodulated {
-        pair.modulate(inputs.features.albedo());
-    }
-    pair
+fn means(graph: &Graph<'_>, inputs: &Inputs, like: Likeness, window: Window, demodulated: bool) -> Pair {
+    let guides = [0, 1].map(|half| guide(graph, inputs, half, demodulated, demodulated));
+    let values = guides.each_ref().map(|guide| guide.colour);
+    let pair = average(graph, inputs, values, guides, (like, window), Vec::new());
+    if demodulated { pair.modulated(graph, inputs.features.albedo()) } else { pair }
 }

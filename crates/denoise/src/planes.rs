@@ -1,37 +1,25 @@
-//! Planes, which hold one value per pixel, pairs of images of them, and parallel loops that compute planes. Loops that read nothing
+//! Planes, which hold one value per pixel, pairs of images of them, and passes that compute planes. Passes that read nothing
 //! but numbers of the same pixel use vectors of the machine.
-//!
-//! Every value is computed by itself, so no bit depends on the parts into which a loop is cut.
 //!
 //! Vectors have 16 lanes, 8, 4 or 1. Debug builds use 8 lanes or 1 on x86-64.
 
+pub(crate) use crate::graph::Plane;
+use crate::graph::{Graph, Reach, Rows, all};
 use dapple_core::parallel;
 use pulp::{Simd, WithSimd};
-
-/// One value per pixel, row by row.
-pub(crate) type Plane = Vec<f32>;
 
 /// The red, green and blue of each pixel, a plane each.
 pub(crate) type Colours = [Plane; 3];
 
 /// Two images, one from each half of the samples: red, green and blue of the first half, then of the second.
-#[derive(Clone)]
+#[derive(Clone, Copy, Debug)]
 pub(crate) struct Pair(pub(crate) [Plane; 6]);
 
-/// Red, green and blue of the first half, then of the second.
-pub(crate) type Channels<'a> = [&'a [f32]; 6];
-
 impl Pair {
-    /// The channels of both images.
-    pub(crate) fn channels(&self) -> Channels<'_> {
-        self.0.each_ref().map(|plane| &plane[..])
-    }
-
-    /// Multiplies both halves by each pixel's `albedo`, [raised].
-    pub(crate) fn modulate(&mut self, albedo: &[Plane]) {
-        for (k, plane) in self.0.iter_mut().enumerate() {
-            update(plane, [&albedo[k % 3]], |value, [albedo]| value * raised(albedo));
-        }
+    /// Both halves times each pixel's `albedo`, [raised].
+    pub(crate) fn modulated(self, graph: &Graph<'_>, albedo: Colours) -> Self {
+        let channel = |k: usize| map_to_one(graph, [self.0[k], albedo[k % 3]], |[v, albedo]| v * raised(albedo));
+        Self(std::array::from_fn(channel))
     }
 }
 
@@ -88,106 +76,53 @@ pub(crate) fn dispatch<T: WithSimd>(task: T) -> T::Output {
     pulp::Arch::new().dispatch(task)
 }
 
-/// The number of pixels of a part: they and their planes stay in the second-level cache.
-const CHUNK: usize = 4096;
-
-/// Computes `N` planes in parts of `length` pixels. `of` gets the number of the part and its pixels of each plane, and memory
-/// that is made by `init` and used again.
-pub(crate) fn parts<T, const N: usize>(
-    pixels: usize,
-    length: usize,
-    init: impl Fn() -> T + Sync,
-    of: impl Fn(&mut T, usize, [&mut [f32]; N]) + Sync,
-) -> [Plane; N] {
-    let mut planes = black(pixels);
-    parallel::parts(chunked(&mut planes, length).into_iter(), |number, part| of(&mut init(), number, reborrowed(part)));
-    planes
-}
-
-// Functions of the number of planes alone, which callers share: closures in `parts` would be compiled for each of them.
-
-fn black<const N: usize>(pixels: usize) -> [Plane; N] {
-    std::array::from_fn(|_| vec![0.0; pixels])
-}
-
-fn chunked<const N: usize>(planes: &mut [Plane; N], length: usize) -> Vec<[&mut [f32]; N]> {
-    let number = planes[0].len().div_ceil(length);
-    let mut rest = planes.each_mut().map(|plane| plane.chunks_mut(length));
-    (0..number).map(|_| rest.each_mut().map(|chunks| chunks.next().unwrap_or_default())).collect()
-}
-
-fn reborrowed<'a, const N: usize>(part: &'a mut [&mut [f32]; N]) -> [&'a mut [f32]; N] {
-    part.each_mut().map(|plane| &mut **plane)
-}
-
-/// The `length` values of each plane from the value `first` on.
-fn cut<const N: usize>(planes: [&[f32]; N], first: usize, length: usize) -> [&[f32]; N] {
-    planes.map(|plane| &plane[first..][..length])
-}
-
 /// Computes `M` values of every pixel from its values in `N` planes.
-pub(crate) fn map<const N: usize, const M: usize>(
-    planes: [&[f32]; N],
-    of: impl Fn([f32; N]) -> [f32; M] + Sync + Send,
+pub(crate) fn map<'a, const N: usize, const M: usize>(
+    graph: &Graph<'a>,
+    planes: [Plane; N],
+    of: impl Fn([f32; N]) -> [f32; M] + Sync + 'a,
 ) -> [Plane; M] {
-    let part = |(): &mut (), number: usize, mut to: [&mut [f32]; M]| {
-        let from = cut(planes, number * CHUNK, to[0].len());
-        replace(from, &mut to, |_, values| of(values));
-    };
-    parts(planes[0].len(), CHUNK, || (), part)
+    graph.rows(all(planes, Reach::rows(0)), move |rows, y, mut to: [&mut [f32]; M]| {
+        // Equal lengths that the compiler sees, so that no index is checked.
+        let end = to[0].len();
+        let from = planes.map(|plane| &rows.row(plane, y)[..end]);
+        for plane in &mut to {
+            *plane = &mut std::mem::take(plane)[..end];
+        }
+        for k in 0..end {
+            let mut values = [0.0; N];
+            for n in 0..N {
+                values[n] = from[n][k];
+            }
+            let values = of(values);
+            for m in 0..M {
+                to[m][k] = values[m];
+            }
+        }
+    })
 }
 
 /// Computes a value of every pixel from its values in `N` planes.
-pub(crate) fn map_to_one<const N: usize>(planes: [&[f32]; N], of: impl Fn([f32; N]) -> f32 + Sync + Send) -> Plane {
-    let [plane] = map(planes, |values| [of(values)]);
+pub(crate) fn map_to_one<'a, const N: usize>(
+    graph: &Graph<'a>,
+    planes: [Plane; N],
+    of: impl Fn([f32; N]) -> f32 + Sync + 'a,
+) -> Plane {
+    let [plane] = map(graph, planes, move |values| [of(values)]);
     plane
 }
 
-/// Replaces each value of `plane` by a function of itself and the pixel's values in `N` other planes.
-pub(crate) fn update<const N: usize>(plane: &mut [f32], planes: [&[f32]; N], of: impl Fn(f32, [f32; N]) -> f32 + Sync) {
-    parallel::chunks(plane, CHUNK, |number, to| {
-        let from = cut(planes, number * CHUNK, to.len());
-        replace(from, &mut [to], |[own]: [f32; 1], values| [of(own, values)]);
-    });
-}
-
-/// Replaces the values of a part by a function of them and of the pixel's values in `N` other planes.
-fn replace<const N: usize, const M: usize>(
-    from: [&[f32]; N],
-    to: &mut [&mut [f32]; M],
-    of: impl Fn([f32; M], [f32; N]) -> [f32; M],
-) {
-    let end = to[0].len();
-    // Equal lengths that the compiler sees, so that no index is checked.
-    let (from, mut to) = (cut(from, 0, end), reborrowed(to));
-    for plane in &mut to {
-        *plane = &mut std::mem::take(plane)[..end];
-    }
-    for k in 0..end {
-        let (mut own, mut values) = ([0.0; M], [0.0; N]);
-        for m in 0..M {
-            own[m] = to[m][k];
-        }
-        for n in 0..N {
-            values[n] = from[n][k];
-        }
-        let values = of(own, values);
-        for m in 0..M {
-            to[m][k] = values[m];
-        }
-    }
-}
-
 /// Computes `N` values for every pixel, each into a plane of its own.
-pub(crate) fn planes_of<const N: usize>(pixels: usize, of: impl Fn(usize) -> [f32; N] + Sync + Send) -> [Plane; N] {
-    const CHUNK: usize = 1024;
-    let one = |(): &mut (), number: usize, mut part: [&mut [f32]; N]| {
-        for k in 0..part[0].len() {
-            let values = of(number * CHUNK + k);
-            part.iter_mut().zip(values).for_each(|(plane, value)| plane[k] = value);
+pub(crate) fn planes_of<'a, const N: usize>(
+    graph: &Graph<'a>,
+    of: impl Fn(usize) -> [f32; N] + Sync + 'a,
+) -> [Plane; N] {
+    graph.rows(Vec::new(), move |_, y, mut to: [&mut [f32]; N]| {
+        let width = to[0].len();
+        for x in 0..width {
+            to.iter_mut().zip(of(y * width + x)).for_each(|(plane, value)| plane[x] = value);
         }
-    };
-    parts(pixels, CHUNK, || (), one)
+    })
 }
 
 /// Computes a value for every pixel.
@@ -199,6 +134,7 @@ pub(crate) fn per_pixel<T: Send + Clone + Default>(pixels: usize, of: impl Fn(us
 
 /// Lists what `of` finds in the pixels, in their order.
 pub(crate) fn found<T: Send>(pixels: usize, of: impl Fn(usize) -> Option<T> + Sync) -> Vec<T> {
+    const CHUNK: usize = 4096;
     let list = |part: usize| (part * CHUNK..pixels.min((part + 1) * CHUNK)).filter_map(&of).collect::<Vec<T>>();
     parallel::map(pixels.div_ceil(CHUNK), list).into_iter().flatten().collect()
 }
@@ -209,35 +145,40 @@ pub(crate) fn sum_pixels<const N: usize>([width, height]: [usize; 2], of: impl F
     (0..height).map(|y| (y * width..(y + 1) * width).map(&of).fold([0.0; N], add)).fold([0.0; N], add)
 }
 
-/// Images of weighted means. `add` adds the sums of a row of pixels to eight rows: red, green, blue and weight of the first half,
-/// then of the second. The image `beside` counts with the weight `share`. Sums are those of colours over `albedo`, of a channel of a
-/// pixel.
-pub(crate) fn merged(
-    [width, height]: [usize; 2],
-    (beside, share): (&Pair, f32),
-    albedo: impl Fn(usize, usize) -> f32 + Sync + Send,
-    add: impl Fn(&mut [f32], usize) + Sync + Send,
+/// Images of weighted means. `add` adds the sums of row `y` to eight rows: red, green, blue and weight of the first half, then of the
+/// second. It has these `reads`. The image `beside` counts with the weight `share`. Sums are those of colours over `albedo`, if any,
+/// [raised].
+pub(crate) fn merged<'a>(
+    graph: &Graph<'a>,
+    (beside, share): (Pair, f32),
+    albedo: Option<Colours>,
+    mut reads: Vec<(Plane, Reach)>,
+    add: impl Fn(&Rows, &mut [f32], usize) + Sync + 'a,
 ) -> Pair {
-    let row = |sums: &mut Vec<f32>, y: usize, image: [&mut [f32]; 6]| {
+    reads.extend(all(beside.0.into_iter().chain(albedo.into_iter().flatten()), Reach::rows(0)));
+    Pair(graph.rows(reads, move |rows, y, image: [&mut [f32]; 6]| {
+        let width = image[0].len();
+        let albedo = albedo.map(|planes| planes.map(|plane| rows.row(plane, y)));
+        let divisor = |c: usize, x: usize| albedo.map_or(1.0, |rows| raised(rows[c][x]));
+        let mut sums = vec![0.0; 8 * width];
         // The rows of channel `k` and of its weights.
         let places = |k: usize| [k + k / 3, k / 3 * 4 + 3].map(|row| row * width);
-        for (k, own) in beside.0.iter().enumerate() {
+        for (k, own) in beside.0.into_iter().enumerate() {
             let [values, weights] = places(k);
-            let to = sums[values..][..width].iter_mut().zip(&own[y * width..]).enumerate();
-            to.for_each(|(x, (to, own))| *to = share * own / albedo(k % 3, y * width + x));
+            let to = sums[values..][..width].iter_mut().zip(rows.row(own, y)).enumerate();
+            to.for_each(|(x, (to, own))| *to = share * own / divisor(k % 3, x));
             sums[weights..][..width].fill(share);
         }
-        add(sums, y);
+        add(rows, &mut sums, y);
         for (k, to) in image.into_iter().enumerate() {
             let [values, weights] = places(k).map(|row| &sums[row..][..width]);
             for (x, (to, (value, weight))) in to.iter_mut().zip(values.iter().zip(weights)).enumerate() {
                 // Without a weight no sample is in reach.
                 let mean = if *weight > 0.0 { (value / weight).max(0.0) } else { 0.0 };
-                *to = mean * albedo(k % 3, y * width + x);
+                *to = mean * divisor(k % 3, x);
             }
         }
-    };
-    Pair(parts(width * height, width, || vec![0.0; 8 * width], row))
+    }))
 }
 
 /// Of `n` positive values in order, the one with `n / share` before it; `None` of no values.
@@ -255,78 +196,63 @@ pub(crate) fn beside(i: usize, [width, height]: [usize; 2]) -> impl Iterator<Ite
 }
 
 /// The mean of a plane over the `(2 radius + 1)^2` pixels around each pixel. Beyond the frame, the border repeats.
-pub(crate) fn box_mean(plane: &[f32], [width, height]: [usize; 2], radius: usize) -> Plane {
-    // Rows around a part are summed twice, in place of a plane of sums.
-    let rows = 32.max(4 * radius);
-    let task = |memory: &mut (Vec<f32>, Vec<usize>), number: usize, [mean]: [&mut [f32]; 1]| {
-        dispatch(BoxTask { plane, size: [width, height], radius, first: number * rows, memory, mean });
-    };
-    let [mean] = parts(plane.len(), rows * width, Default::default, task);
+pub(crate) fn box_mean(graph: &Graph<'_>, plane: Plane, radius: usize) -> Plane {
+    let [_, height] = graph.size;
+    let [across] = graph.rows(all([plane], Reach::rows(0)), move |rows, y, [sums]: [&mut [f32]; 1]| {
+        let row = rows.row(plane, y);
+        let mut padded = vec![row[0]; radius];
+        padded.extend_from_slice(row);
+        padded.resize(row.len() + 2 * radius, row[row.len() - 1]);
+        dispatch(SumTask { rows: (0..=2 * radius).map(|k| &padded[k..]).collect(), sums });
+    });
+    let [mean] = graph.rows(all([across], Reach::rows(radius)), move |rows, y, [sums]: [&mut [f32]; 1]| {
+        let near = (y..=y + 2 * radius).map(|y| rows.row(across, y.saturating_sub(radius).min(height - 1)));
+        dispatch(SumTask { rows: near.collect(), sums });
+    });
     mean
 }
 
-/// Means over windows of the rows from `first` on.
-struct BoxTask<'a> {
-    plane: &'a [f32],
-    size: [usize; 2],
-    radius: usize,
-    first: usize,
-    /// Sums across the rows, and the offsets of what is summed.
-    memory: &'a mut (Vec<f32>, Vec<usize>),
-    mean: &'a mut [f32],
+/// [`box_mean`] of a plane in memory.
+pub(crate) fn box_mean_of(plane: &[f32], size: [usize; 2], radius: usize) -> Vec<f32> {
+    let graph = Graph::new(size);
+    let [own] = planes_of(&graph, |i| [plane[i]]);
+    let mean = box_mean(&graph, own, radius);
+    let [mean] = graph.collect([mean]);
+    mean
 }
 
-impl WithSimd for BoxTask<'_> {
+/// The mean of rows, added in their order.
+struct SumTask<'a> {
+    rows: Vec<&'a [f32]>,
+    sums: &'a mut [f32],
+}
+
+impl WithSimd for SumTask<'_> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let Self { plane, size: [width, height], radius, first, memory: (across, offsets), mean } = self;
-        let (share, count) = (1.0 / (2 * radius + 1) as f32, 2 * radius + 1);
-        let top = first.saturating_sub(radius);
-        let end = (first + mean.len() / width + radius).min(height);
-        // The row that is summed, with the border repeated, follows the rows of sums.
-        across.resize((end - top + 1) * width + 2 * radius, 0.0);
-        let (across, padded) = across.split_at_mut((end - top) * width);
-        offsets.clear();
-        offsets.extend(0..count);
-        for (y, sums) in across.chunks_exact_mut(width).enumerate() {
-            let row = &plane[(top + y) * width..][..width];
-            padded[..radius].fill(row[0]);
-            padded[radius..][..width].copy_from_slice(row);
-            padded[radius + width..].fill(row[width - 1]);
-            sum_shifted(sums, share, padded, offsets);
-        }
-        for (y, sums) in mean.chunks_exact_mut(width).enumerate() {
-            for (k, offset) in offsets.iter_mut().enumerate() {
-                *offset = ((first + y + k).saturating_sub(radius).min(height - 1) - top) * width;
+        // Few enough that the sums stay in registers.
+        const TOGETHER: usize = 32;
+        let Self { rows, sums } = self;
+        let share = 1.0 / rows.len() as f32;
+        let (blocks, rest) = sums.as_chunks_mut::<TOGETHER>();
+        let from = blocks.len() * TOGETHER;
+        for (block, sums) in blocks.iter_mut().enumerate() {
+            let mut sum = [0.0; TOGETHER];
+            for row in &rows {
+                let values = &row[block * TOGETHER..][..TOGETHER];
+                for i in 0..TOGETHER {
+                    sum[i] += values[i] * share;
+                }
             }
-            sum_shifted(sums, share, across, offsets);
+            *sums = sum;
         }
-    }
-}
-
-/// Sums rows times `share`, in order. They begin at these offsets of `all`.
-#[inline(always)]
-fn sum_shifted(sums: &mut [f32], share: f32, all: &[f32], offsets: &[usize]) {
-    // Few enough that the sums stay in registers.
-    const TOGETHER: usize = 32;
-    let (blocks, rest) = sums.as_chunks_mut::<TOGETHER>();
-    let from = blocks.len() * TOGETHER;
-    for (block, sums) in blocks.iter_mut().enumerate() {
-        let mut sum = [0.0; TOGETHER];
-        for offset in offsets {
-            let values = &all[offset + block * TOGETHER..][..TOGETHER];
-            for i in 0..TOGETHER {
-                sum[i] += values[i] * share;
+        for (i, sum) in rest.iter_mut().enumerate() {
+            *sum = 0.0;
+            for row in &rows {
+                *sum += row[from + i] * share;
             }
-        }
-        *sums = sum;
-    }
-    for (i, sum) in rest.iter_mut().enumerate() {
-        *sum = 0.0;
-        for offset in offsets {
-            *sum += all[offset + from + i] * share;
         }
     }
 }

@@ -4,14 +4,14 @@
 
 #![expect(clippy::needless_range_loop, reason = "several arrays run along, as in the formulas")]
 
+use crate::graph::{Graph, Reach, Rows, all};
 use crate::inputs::{Guide, Inputs};
 use crate::normal_equations::{Fit, Sums, add_products, solve};
-use crate::planes::{Colours, Pair, box_mean, combined, dispatch, map_to_one, merged};
+use crate::planes::{Colours, Pair, Plane, box_mean, combined, dispatch, map_to_one, merged};
 use crate::tile::{
-    COLUMNS, Comparison, GROUP, HEIGHT, LANES, Likeness, MARGIN, ROWS, Row, Stack, Tile, WIDTH, count_weights, number,
-    origins, stride, vectors,
+    COLUMNS, Comparison, GROUP, HEIGHT, LANES, Likeness, MARGIN, Place, ROWS, Row, Stack, Tile, WIDTH, count_weights,
+    stride, tiles, vectors,
 };
-use dapple_core::parallel;
 use pulp::{Simd, WithSimd};
 
 /// The number of regressors: normal (3), albedo (3), position (3).
@@ -49,24 +49,24 @@ const HALO: [usize; 2] = [WIDTH + 2 * REACH, HEIGHT + 2 * REACH];
 /// Filters both halves of the samples by regression. The weights of each half come from the other half's guide, or from
 /// a single guide for both.
 ///
-/// The image `beside` is averaged with the predictions of the windows. It has the weight `share`, while a window's
+/// The image `beside` is averaged with the predictions of the windows. It has this weight, while a window's
 /// centre has 1. So it replaces pixels that resemble no window's centre.
 pub(crate) fn regress<const G: usize>(
+    graph: &Graph<'_>,
     inputs: &Inputs,
-    guides: &[Guide; G],
-    like: &Likeness,
-    beside: &Pair,
-    share: f32,
+    guides: [Guide; G],
+    like: Likeness,
+    beside: (Pair, f32),
 ) -> Pair {
-    let (unfiltered, [na, nb]) = (inputs.unfiltered(), inputs.counts());
+    let (Pair(unfiltered), [na, nb]) = (inputs.unfiltered(), inputs.counts());
     let reference: Colours = std::array::from_fn(|c| {
         // Bounded, so that subtracting it loses no digits.
-        let mean = map_to_one([unfiltered[c], unfiltered[3 + c], na, nb], |[a, b, na, nb]| {
+        let mean = map_to_one(graph, [unfiltered[c], unfiltered[3 + c], na, nb], |[a, b, na, nb]| {
             combined([a, b], [na, nb]).min(8.0)
         });
-        box_mean(&mean, inputs.size, 1)
+        box_mean(graph, mean, 1)
     });
-    let by = &Comparison::new(inputs, guides, like);
+    let by = Comparison::new(graph, inputs, guides, like, REACH);
     let scratch = || Scratch {
         tile: Tile::default(),
         weights: std::array::from_fn(|_| vec![[[0.0; LANES]; CENTRES]; SIDE * SIDE]),
@@ -74,25 +74,35 @@ pub(crate) fn regress<const G: usize>(
         centres: Centres::default(),
         sums: vec![[0.0; 8 * COLUMNS]; 2 * ROWS],
     };
-    let origins = origins(inputs.size);
-    let tiles: Vec<Vec<f32>> = parallel::map_with(origins.len(), scratch, |scratch, tile| {
-        dispatch(TileTask { by, reference: &reference, origin: origins[tile], scratch })
+    let copied = data_planes(inputs).into_iter().chain(centre_planes(inputs, reference));
+    let sizes = (tiles(graph.size), 8 * HALO[0] * HALO[1]);
+    let tiles = graph.tiles(sizes, by.reads(copied), scratch, move |scratch, rows, tile| {
+        dispatch(TileTask { by: &by, rows, reference, place: by.place(tile), scratch })
     });
-    merged(inputs.size, (beside, share), |_, _| 1.0, |sums, y| add_tiles(sums, inputs.size, y, &tiles))
+    let reads = all(tiles.iter().copied(), Reach::from_coarse(HEIGHT, REACH));
+    let size = graph.size;
+    merged(graph, beside, None, reads, move |rows, sums, y| add_tiles(rows, sums, size, y, &tiles))
 }
 
-/// The largest memory of [`regress`] in bytes per pixel, for a number of guides. It includes the guides and the result.
-pub(crate) const fn bytes_per_pixel(guides: usize) -> usize {
-    // Guides, references, sharpness; sums by rows and the result, beside the tiles that they are assembled from.
-    4 * (4 * guides + 3 + 3 + 8 + 6) + 4 * 8 * HALO[0] * HALO[1] / (WIDTH * HEIGHT)
+/// The planes that [`Data`] copies.
+fn data_planes(inputs: &Inputs) -> [Plane; PLANES] {
+    let ([nx, ny, nz, r, g, b, _], [x, y, z]) = (inputs.features.mean, inputs.features.position);
+    let (Pair([ra, ga, ba, rb, gb, bb]), [na, nb]) = (inputs.unfiltered(), inputs.counts());
+    [nx, ny, nz, r, g, b, x, y, z, ra, ga, ba, rb, gb, bb, na, nb]
+}
+
+/// The planes that [`Centres`] copies.
+fn centre_planes(inputs: &Inputs, [r, g, b]: Colours) -> [Plane; 4] {
+    [inputs.features.scale, r, g, b]
 }
 
 /// The task of fitting all windows of one tile. It returns the sums of weighted predictions and of weights for the
 /// pixels of the tile and its halo.
 struct TileTask<'a, const G: usize> {
-    by: &'a Comparison<'a, G>,
-    reference: &'a Colours,
-    origin: [usize; 2],
+    by: &'a Comparison<G>,
+    rows: &'a Rows,
+    reference: Colours,
+    place: Place,
     scratch: &'a mut Scratch<G>,
 }
 
@@ -125,7 +135,7 @@ impl<const G: usize> WithSimd for TileTask<'_, G> {
     fn with_simd<S: Simd>(mut self, simd: S) -> Vec<f32> {
         self.copy();
         let Scratch { tile, weights, data, centres, sums } = self.scratch;
-        weigh(simd, tile, self.by.like, weights);
+        weigh(simd, tile, &self.by.like, weights);
         sums.fill([0.0; 8 * COLUMNS]);
         let [rows, columns] = tile.extent();
         let blocks = GROUP / S::F32_LANES;
@@ -150,22 +160,13 @@ impl<const G: usize> WithSimd for TileTask<'_, G> {
 impl<const G: usize> TileTask<'_, G> {
     /// Copies the tile's planes.
     fn copy(&mut self) {
-        let (inputs, origin) = (self.by.inputs, self.origin);
-        let size = inputs.size;
+        let (inputs, rows, place) = (&self.by.inputs, self.rows, self.place);
         let Scratch { tile, data, centres, .. } = &mut *self.scratch;
-        tile.copy(self.by, origin);
-        let [nx, ny, nz, r, g, b, _] = &inputs.features.mean;
-        let [x, y, z] = &inputs.features.position;
-        let [first, second] = &inputs.halves;
-        let [ra, ga, ba] = &first.colour;
-        let [rb, gb, bb] = &second.colour;
-        let counts = [&first.count, &second.count];
-        let planes = [nx, ny, nz, r, g, b, x, y, z, ra, ga, ba, rb, gb, bb, counts[0], counts[1]];
-        data.copy(planes.map(|plane| &plane[..]), size, origin);
-        data.clear_outside(COUNTS, size, origin);
-        data.clear_outside(COUNTS + 1, size, origin);
-        let [r, g, b] = self.reference;
-        centres.copy([&inputs.features.scale, r, g, b], size, origin);
+        tile.copy(self.by, rows, place);
+        data.copy(rows, data_planes(inputs), place);
+        data.clear_outside(COUNTS, place);
+        data.clear_outside(COUNTS + 1, place);
+        centres.copy(rows, centre_planes(inputs, self.reference), place);
     }
 }
 
@@ -402,13 +403,12 @@ fn cropped(sums: &[[f32; 8 * COLUMNS]]) -> Vec<f32> {
 }
 
 /// Adds the sums of all tiles in row `y` to the planes of a row.
-fn add_tiles(sums: &mut [f32], [width, height]: [usize; 2], y: usize, tiles: &[Vec<f32>]) {
-    let columns = width.div_ceil(WIDTH);
+fn add_tiles(rows: &Rows, sums: &mut [f32], [width, height]: [usize; 2], y: usize, tiles: &[Plane]) {
     let first = (y.saturating_sub(REACH + HEIGHT - 1)).div_ceil(HEIGHT);
     for tile_row in first..=((y + REACH).min(height - 1) / HEIGHT) {
         let local_y = y + REACH - tile_row * HEIGHT;
-        for column in 0..columns {
-            let tile = &tiles[number([column, tile_row], height)];
+        for (column, tile) in tiles.iter().enumerate() {
+            let tile = rows.row(*tile, tile_row);
             let start = (column * WIDTH).saturating_sub(REACH);
             let end = (column * WIDTH + WIDTH + REACH).min(width);
             let skip = start + REACH - column * WIDTH;

@@ -11,11 +11,12 @@
 mod stack;
 
 use crate::features::Features;
+use crate::graph::{Graph, Reach, Rows, all};
 use crate::inputs::{Guide, Inputs};
 use crate::planes::{Plane, map_to_one};
 use pulp::Simd;
 use stack::moved;
-pub(crate) use stack::{COLUMNS, HEIGHT, LANES, MARGIN, ROWS, Stack, WIDTH};
+pub(crate) use stack::{COLUMNS, HEIGHT, LANES, MARGIN, Place, ROWS, Stack, WIDTH};
 use std::ops::Range;
 
 /// The largest radius of a window in pixels.
@@ -71,19 +72,46 @@ pub(crate) struct Likeness {
 }
 
 /// The images, features and parameters by which the pixels of windows are compared.
-pub(crate) struct Comparison<'a, const G: usize> {
-    pub(crate) inputs: &'a Inputs,
+pub(crate) struct Comparison<const G: usize> {
+    pub(crate) size: [usize; 2],
+    pub(crate) inputs: Inputs,
     /// One guide for both halves, or one from each half.
-    pub(crate) guides: &'a [Guide; G],
-    pub(crate) like: &'a Likeness,
+    guides: [Guide; G],
+    pub(crate) like: Likeness,
+    /// The rows above and below a tile that its windows and their patches reach.
+    margin: usize,
     /// The planes from the function [`sharpness`]; `None` to ignore features.
     sharp: Option<[Plane; 3]>,
 }
 
-impl<'a, const G: usize> Comparison<'a, G> {
-    pub(crate) fn new(inputs: &'a Inputs, guides: &'a [Guide; G], like: &'a Likeness) -> Self {
-        let sharp = like.features.map(|scales| sharpness(&inputs.features, &scales));
-        Self { inputs, guides, like, sharp }
+impl<const G: usize> Comparison<G> {
+    /// The comparison in windows of this `radius` in rows.
+    pub(crate) fn new(graph: &Graph<'_>, inputs: &Inputs, guides: [Guide; G], like: Likeness, radius: usize) -> Self {
+        let sharp = like.features.map(|scales| sharpness(graph, &inputs.features, scales));
+        Self { size: graph.size, inputs: *inputs, guides, like, margin: radius + like.patch, sharp }
+    }
+
+    /// Feature means, variances and the reciprocal scales of their squared differences; `None` if features are not compared.
+    fn features(&self) -> Option<[Plane; 13]> {
+        let ([nx, ny, nz, r, g, b, depth], [vn, va, vd]) = (self.inputs.features.mean, self.inputs.features.variance);
+        self.sharp.map(|[sn, sa, sd]| [nx, ny, nz, r, g, b, depth, vn, va, vd, sn, sa, sd])
+    }
+
+    /// The clusters, if they count.
+    fn labels(&self) -> Option<Plane> {
+        self.inputs.labels.filter(|_| self.like.outside < 1.0)
+    }
+
+    /// The place of a tile in a column and a row of tiles.
+    pub(crate) fn place(&self, [column, row]: [usize; 2]) -> Place {
+        Place { size: self.size, origin: [column * WIDTH, row * HEIGHT], margin: self.margin }
+    }
+
+    /// The planes that a tile copies, and `others`.
+    pub(crate) fn reads(&self, others: impl IntoIterator<Item = Plane>) -> Vec<(Plane, Reach)> {
+        let guides = self.guides.iter().flat_map(|guide| guide.colour.iter().chain(&guide.variance).copied());
+        let planes = guides.chain(self.features().into_iter().flatten()).chain(self.labels());
+        all(planes.chain(others), Reach::from_fine(HEIGHT, self.margin))
     }
 }
 
@@ -114,24 +142,18 @@ impl<const G: usize> Default for Tile<G> {
 }
 
 impl<const G: usize> Tile<G> {
-    /// Copies the planes of the tile at `origin`.
-    pub(crate) fn copy(&mut self, of: &Comparison<'_, G>, origin: [usize; 2]) {
-        let size = of.inputs.size;
-        (self.origin, self.size) = (origin, size);
-        match &of.sharp {
-            Some([sn, sa, sd]) => {
-                let [nx, ny, nz, r, g, b, depth] = &of.inputs.features.mean;
-                let [vn, va, vd] = &of.inputs.features.variance;
-                let planes = [nx, ny, nz, r, g, b, depth, vn, va, vd, sn, sa, sd].map(|plane| &plane[..]);
-                self.features.get_or_insert_default().copy(planes, size, origin);
-            }
+    /// Copies the planes of the tile at a place.
+    pub(crate) fn copy(&mut self, of: &Comparison<G>, rows: &Rows, place: Place) {
+        (self.origin, self.size) = (place.origin, place.size);
+        match of.features() {
+            Some(planes) => self.features.get_or_insert_default().copy(rows, planes, place),
             None => self.features = None,
         }
-        match of.inputs.labels.as_ref().filter(|_| of.like.outside < 1.0) {
-            Some(labels) => self.labels.get_or_insert_default().copy([labels], size, origin),
+        match of.labels() {
+            Some(labels) => self.labels.get_or_insert_default().copy(rows, [labels], place),
             None => self.labels = None,
         }
-        of.guides.iter().zip(&mut self.guides).for_each(|(guide, to)| to.copy(guide, size, origin));
+        of.guides.iter().zip(&mut self.guides).for_each(|(guide, to)| to.copy(rows, guide, place));
     }
 
     /// The number of the tile's rows inside the frame, and half the number of its columns there, rounded up.
@@ -144,10 +166,10 @@ impl<const G: usize> Tile<G> {
 
 /// The reciprocal scales of squared differences of normal, albedo and log depth: one over the squared bandwidth times
 /// the variance or its floor.
-pub(crate) fn sharpness(features: &Features, scales: &FeatureScales) -> [Plane; 3] {
+pub(crate) fn sharpness(graph: &Graph<'_>, features: &Features, scales: FeatureScales) -> [Plane; 3] {
     let square = scales.bandwidth * scales.bandwidth;
     std::array::from_fn(|k| {
-        map_to_one([&features.variance[k], &features.slope], |[v, slope]| {
+        map_to_one(graph, [features.variance[k], features.slope], move |[v, slope]| {
             let steep = scales.slope * slope;
             let floor = if k < 2 { scales.floors[k] } else { steep * steep + 1e-4 };
             1.0 / (square * v.max(floor))
@@ -156,13 +178,13 @@ pub(crate) fn sharpness(features: &Features, scales: &FeatureScales) -> [Plane; 
 }
 
 impl LocalGuide {
-    /// Copies the tile of a guide at `origin`.
-    fn copy(&mut self, guide: &Guide, size: [usize; 2], origin: [usize; 2]) {
-        let [r, g, b] = &guide.colour;
+    /// Copies the tile of a guide at a place.
+    fn copy(&mut self, rows: &Rows, guide: &Guide, place: Place) {
+        let [r, g, b] = guide.colour;
         self.is_pooled = guide.variance.len() == 1;
-        match &guide.variance[..] {
-            [vr, vg, vb] => self.each.copy([r, g, b, vr, vg, vb], size, origin),
-            pooled => self.pooled.copy([r, g, b, &pooled[0]], size, origin),
+        match guide.variance[..] {
+            [vr, vg, vb] => self.each.copy(rows, [r, g, b, vr, vg, vb], place),
+            ref pooled => self.pooled.copy(rows, [r, g, b, pooled[0]], place),
         }
     }
 
@@ -407,15 +429,7 @@ pub(crate) fn count_weights<S: Simd>(simd: S, here: S::f32s, there: S::f32s) -> 
     simd.div_f32s(there, simd.max_f32s(simd.add_f32s(here, there), simd.splat_f32s(1.0)))
 }
 
-/// The upper left pixels of all tiles of a frame, column by column: a tile's copies have most rows in common with those of the
-/// tile above, which are in the cache.
-pub(crate) fn origins([width, height]: [usize; 2]) -> Vec<[usize; 2]> {
-    let columns = (0..width).step_by(WIDTH);
-    columns.flat_map(|x| (0..height).step_by(HEIGHT).map(move |y| [x, y])).collect()
-}
-
-/// The place in [`origins`] of the tile in a column and a row of tiles.
-#[inline]
-pub(crate) fn number([column, row]: [usize; 2], height: usize) -> usize {
-    column * height.div_ceil(HEIGHT) + row
+/// The numbers of columns and of rows of tiles.
+pub(crate) fn tiles([width, height]: [usize; 2]) -> [usize; 2] {
+    [width.div_ceil(WIDTH), height.div_ceil(HEIGHT)]
 }

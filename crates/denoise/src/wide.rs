@@ -10,16 +10,16 @@
 
 mod stack;
 
+use crate::graph::{Graph, Reach, Rows, all};
 use crate::inputs::{Guide, Inputs};
 use crate::normal_equations::{Fit, Sums, add_products, solve};
-use crate::planes::{Pair, dispatch, merged};
+use crate::planes::{Pair, Plane, dispatch, merged};
 use crate::regression::NEGLIGIBLE;
 use crate::tile::{GROUP, count_weights, excess, exp_minus_all, vectors};
-use dapple_core::parallel;
 use pulp::{Simd, WithSimd};
 use stack::{
-    CENTRES, COLOURS, COLUMNS, COUNT, FARTHEST, IN_STACK, IN_SUMS, MEANS, PAD, PATCH, PLANES, POSITION, Pixels, REACH,
-    ROW, STEP, Stack, VARIANCE, stacks,
+    CENTRES, COLOURS, COLUMNS, COUNT, FARTHEST, IN_STACK, IN_SUMS, MEANS, PAD, PATCH, POSITION, Pixels, REACH, STEP,
+    Stack, VARIANCE, planes,
 };
 
 /// The width of a window in pixels.
@@ -43,36 +43,37 @@ const BESIDE: f32 = 0.5;
 
 /// Filters both halves with windows of 41x41 pixels, compared by `guide`: the image `beside` without its albedo, and
 /// its remaining noise.
-pub(crate) fn wide(inputs: &Inputs, guide: &Guide, beside: &Pair) -> Pair {
-    let [width, height] = inputs.size;
-    let stacks = stacks(inputs, guide);
+pub(crate) fn wide(graph: &Graph<'_>, inputs: &Inputs, guide: &Guide, beside: Pair) -> Pair {
+    let [width, height] = graph.size;
+    let planes = planes(graph, inputs, guide);
     let colour = COLOUR * inputs.part.smoothness();
     let share = 1.0 / (9.0 * colour * colour);
-    let tiles = stacks.len();
-    let sums: Vec<Vec<f32>> = parallel::map(height.div_ceil(BAND) * tiles, |task| {
-        let (band, tile) = (task / tiles, task % tiles);
+    let reads = all(planes.iter().copied(), Reach::from_fine(BAND, FARTHEST));
+    let bands = ([width.div_ceil(STEP * CENTRES), height.div_ceil(BAND)], ROWS * STEP * 8 * COLUMNS);
+    let sums = graph.tiles(bands, reads, Stack::default, move |stack, rows, [tile, band]| {
+        let first = band * BAND;
+        stack.copy(rows, &planes, tile, first.saturating_sub(FARTHEST)..(first + ROWS - REACH + PATCH).min(height));
         let columns = width.div_ceil(STEP) - tile * CENTRES;
-        let (stack, size) = (&stacks[tile], [columns.min(CENTRES), height]);
-        dispatch(BandTask { stack, size, first: band * BAND, share })
+        dispatch(BandTask { stack, size: [columns.min(CENTRES), height], first, share })
     });
-    let albedo = |c: usize, i: usize| inputs.features.divisor(c, i);
-    merged(inputs.size, (beside, BESIDE), albedo, |row, y| add_bands(row, width, y, tiles, &sums))
+    let reads = all(sums.iter().copied(), Reach::from_coarse(BAND, REACH));
+    let albedo = Some(inputs.features.albedo());
+    merged(graph, (beside, BESIDE), albedo, reads, move |rows, row, y| add_bands(rows, row, [y, height], &sums))
 }
 
 /// Adds the sums of all tasks in row `y` to that row. There are `tiles` tasks for each band of rows.
-fn add_bands(row: &mut [f32], width: usize, y: usize, tiles: usize, sums: &[Vec<f32>]) {
-    let first = y.saturating_sub(REACH + BAND - 1).div_ceil(BAND);
-    for (band, sums) in sums.chunks(tiles).enumerate().skip(first) {
-        let Some(local) = (y + REACH).checked_sub(band * BAND) else { break };
-        if local < ROWS {
-            let tiles = sums.iter().enumerate();
-            tiles.for_each(|(tile, sums)| add_tile(row, width, tile, &sums[local * STEP * 8 * COLUMNS..]));
-        }
+fn add_bands(rows: &Rows, row: &mut [f32], [y, height]: [usize; 2], tiles: &[Plane]) {
+    let first = y.saturating_sub(ROWS - REACH - 1).div_ceil(BAND);
+    for band in first..(y + REACH).min(height - 1) / BAND + 1 {
+        let local = y + REACH - band * BAND;
+        let sums = tiles.iter().map(|tile| &rows.row(*tile, band)[local * STEP * 8 * COLUMNS..]);
+        sums.enumerate().for_each(|(tile, sums)| add_tile(row, tile, sums));
     }
 }
 
 /// Adds the sums that one task has for a row of pixels to that row.
-fn add_tile(row: &mut [f32], width: usize, tile: usize, sums: &[f32]) {
+fn add_tile(row: &mut [f32], tile: usize, sums: &[f32]) {
+    let width = row.len() / 8;
     let pixel = |column: usize, phase: usize| STEP * (tile * CENTRES + column) + phase;
     for phase in 0..STEP {
         let inside = |column: &usize| (STEP * PAD..width + STEP * PAD).contains(&pixel(*column, phase));
@@ -85,11 +86,6 @@ fn add_tile(row: &mut [f32], width: usize, tile: usize, sums: &[f32]) {
         }
     }
 }
-
-/// The memory of [`wide`] per pixel in bytes at most: the guide, feature scales, sums by rows and the result; copies of planes
-/// with their margins, and sums of bands, of which those at borders are whole.
-pub(crate) const BYTES_PER_PIXEL: usize =
-    4 * (4 + 3 + 8 + 6) + 4 * (PLANES + 8 * ROWS.div_ceil(BAND)) * COLUMNS / CENTRES;
 
 /// The windows whose centres lie in [`BAND`] rows from row `first`. Its result is the sums of weighted predictions and
 /// of weights, from [`REACH`] rows above. `size` is the number of columns of centres and of rows of pixels.
@@ -145,7 +141,7 @@ impl<'a, S: Simd> Centre<'a, S> {
     fn new(simd: S, stack: &'a Stack, [y, k]: [usize; 2], [columns, height]: [usize; 2]) -> Self {
         let mut lanes = [0.0; 64];
         lanes[..(columns - k).min(64)].fill(1.0);
-        let own = stack.at::<S>(y * ROW + k + IN_STACK[FARTHEST]);
+        let own = stack.at::<S>(stack.row(y) + k + IN_STACK[FARTHEST]);
         let mut regressors = [simd.splat_f32s(0.0); REGRESSORS + 1];
         for p in 0..=REGRESSORS {
             regressors[p] = own.get::<S>(plane(p));
@@ -158,7 +154,7 @@ impl<S: Simd> Centre<'_, S> {
     /// The indices of the rows of a patch around row `y` in the [`Stack`], for the first of the centres.
     #[inline(always)]
     fn rows_near(&self, y: usize) -> [usize; 3] {
-        let row = |y: usize| y.min(self.height - 1) * ROW + self.k;
+        let row = |y: usize| self.stack.row(y.min(self.height - 1)) + self.k;
         [row(y.saturating_sub(1)), row(y), row(y + 1)]
     }
 }
@@ -312,7 +308,7 @@ impl<S: Simd> Segment<S> {
 #[inline(always)]
 fn fit<S: Simd>(simd: S, centre: &Centre<'_, S>, seen: &Seen<S>) -> [Fit<S, REGRESSORS>; 2] {
     let (stack, zero) = (centre.stack, simd.splat_f32s(0.0));
-    let own = stack.at::<S>(centre.y * ROW + centre.k + IN_STACK[FARTHEST]);
+    let own = stack.at::<S>(stack.row(centre.y) + centre.k + IN_STACK[FARTHEST]);
     let here = own.get::<S>(COUNT);
     // Bounded, so that subtracting it loses no digits.
     let mut reference = [zero; 3];

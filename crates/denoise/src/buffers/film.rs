@@ -1,7 +1,7 @@
 //! The film of an image that is given as buffers.
 
 use super::{ALBEDO, DEPTH, Denoise, Feature, NORMAL, POSITION, SampleBuffers, check};
-use crate::planes::{beside, box_mean};
+use crate::planes::{beside, box_mean_of};
 use dapple_core::film::{PixelStatistics, RgbMoments};
 use dapple_core::{Error, Film, Frame, SurfaceFeatures, point_set::mix};
 
@@ -156,13 +156,13 @@ fn variance_of_halves(size: [usize; 2], [a, b]: &[SampleBuffers<'_>; 2]) -> Vec<
         if p + q > 0.0 { p * q / (p + q) } else { 0.0 }
     };
     let known: Vec<f32> = (0..pixels).map(|i| f32::from(u8::from(share(i) > 0.0))).collect();
-    let near = box_mean(&known, size, 2);
+    let near = box_mean_of(&known, size, 2);
     let planes = [0, 1, 2].map(|c: usize| {
         let own = |i: usize| {
             let apart = f64::from(a.mean[i][c]) - f64::from(b.mean[i][c]);
             if known[i] > 0.0 { (apart * apart * share(i)).min(1e30) as f32 } else { 0.0 }
         };
-        box_mean(&(0..pixels).map(own).collect::<Vec<_>>(), size, 2)
+        box_mean_of(&(0..pixels).map(own).collect::<Vec<_>>(), size, 2)
     });
     (0..pixels).map(|i| [0, 1, 2].map(|c| if near[i] > 0.0 { planes[c][i] / near[i] } else { 0.0 })).collect()
 }

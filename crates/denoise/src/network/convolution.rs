@@ -3,8 +3,8 @@
 //! Such a convolution treats a mirrored or transposed image as the image itself, to the last bit: sums are made in pairs of opposite
 //! pixels. Every value is computed by itself in a fixed order, so no bit depends on threads or vectors.
 
+use crate::graph::{Graph, Plane, Reach, Rows};
 use crate::planes::dispatch;
-use dapple_core::parallel;
 use pulp::{Simd, WithSimd};
 
 /// The largest number of lanes of a vector.
@@ -12,27 +12,56 @@ const LANES: usize = 16;
 /// The outputs that are computed together: as many sums as hide the latency of an addition.
 const OUTPUTS: usize = 8;
 
-/// Channels of an image. Each row holds all channels, one after the other.
+/// Channels of an image. Each row of the plane holds all channels, one after the other.
+#[derive(Clone, Copy)]
 pub(super) struct Maps {
     pub(super) size: [usize; 2],
     pub(super) channels: usize,
-    pub(super) values: Vec<f32>,
+    plane: Plane,
 }
 
 impl Maps {
-    pub(super) fn new(size: [usize; 2], channels: usize) -> Self {
-        Self { size, channels, values: vec![0.0; size[0] * size[1] * channels] }
+    /// Channels whose rows `of` makes, with memory of `init` that is used again.
+    pub(super) fn new<'a, M: Send>(
+        graph: &Graph<'a>,
+        (size, channels): ([usize; 2], usize),
+        reads: Vec<(Plane, Reach)>,
+        init: impl Fn() -> M + Sync + 'a,
+        of: impl Fn(&mut M, &Rows, usize, &mut [f32]) + Sync + 'a,
+    ) -> Self {
+        let [width, height] = size;
+        let planes = graph.tiles(([1, height], channels * width), reads, init, move |memory, rows, [_, y]| {
+            let mut row = vec![0.0; channels * width];
+            of(memory, rows, y, &mut row);
+            row
+        });
+        Self { size, channels, plane: planes[0] }
+    }
+
+    /// Reads of this reach.
+    pub(super) fn near(self, reach: Reach) -> (Plane, Reach) {
+        (self.plane, reach)
+    }
+
+    /// All channels of a row.
+    pub(super) fn all(self, rows: &Rows, y: usize) -> &[f32] {
+        rows.row(self.plane, y)
     }
 
     /// The row of a channel.
-    pub(super) fn row(&self, y: usize, channel: usize) -> &[f32] {
-        &self.values[(y * self.channels + channel) * self.size[0]..][..self.size[0]]
+    pub(super) fn row(self, rows: &Rows, y: usize, channel: usize) -> &[f32] {
+        &self.all(rows, y)[channel * self.size[0]..][..self.size[0]]
     }
 
-    /// The distance between rows of a stack: the width, rounded up.
-    pub(super) fn stride(&self) -> usize {
-        self.size[0].next_multiple_of(LANES)
+    /// The distance between rows of a stack.
+    pub(super) fn stride(self) -> usize {
+        stride(self.size[0])
     }
+}
+
+/// The distance between rows of a stack: the width, rounded up.
+pub(super) fn stride(width: usize) -> usize {
+    width.next_multiple_of(LANES)
 }
 
 /// Weights and biases of a layer, in groups of [`OUTPUTS`] outputs; zero beyond the last.
@@ -105,23 +134,23 @@ impl WithSimd for RowTask<'_> {
 
 /// Channels that a convolution reads.
 #[derive(Clone, Copy)]
-pub(super) enum Source<'a> {
+pub(super) enum Source {
     /// At the size of the result.
-    Same(&'a Maps),
+    Same(Maps),
     /// At twice its size: means of 2x2 pixels.
-    Half(&'a Maps),
+    Half(Maps),
     /// At half its size: each pixel four times.
-    Double(&'a Maps),
+    Double(Maps),
 }
 
-impl Source<'_> {
-    fn maps(&self) -> &Maps {
+impl Source {
+    fn maps(self) -> Maps {
         match self {
             Source::Same(maps) | Source::Half(maps) | Source::Double(maps) => maps,
         }
     }
 
-    fn size(&self) -> [usize; 2] {
+    fn size(self) -> [usize; 2] {
         match self {
             Source::Same(maps) => maps.size,
             Source::Half(maps) => maps.size.map(|n| n / 2),
@@ -129,50 +158,55 @@ impl Source<'_> {
         }
     }
 
-    /// Copies a row of a channel.
-    fn copy(&self, y: usize, channel: usize, to: &mut [f32]) {
+    /// The rows that a row of the result and its neighbours need.
+    fn reach(self) -> Reach {
         match self {
-            Source::Same(maps) => to.copy_from_slice(maps.row(y, channel)),
+            Source::Same(_) => Reach::rows(1),
+            Source::Half(_) => Reach::from_fine(2, 2),
+            Source::Double(_) => Reach::from_coarse(2, 1),
+        }
+    }
+
+    /// Copies a row of a channel.
+    fn copy(self, rows: &Rows, y: usize, channel: usize, to: &mut [f32]) {
+        match self {
+            Source::Same(maps) => to.copy_from_slice(maps.row(rows, y, channel)),
             Source::Half(maps) => {
-                let [above, below] = [maps.row(2 * y, channel), maps.row(2 * y + 1, channel)];
+                let [above, below] = [maps.row(rows, 2 * y, channel), maps.row(rows, 2 * y + 1, channel)];
                 for (to, (a, b)) in to.iter_mut().zip(above.as_chunks::<2>().0.iter().zip(below.as_chunks::<2>().0)) {
                     *to = 0.25 * ((a[0] + b[1]) + (a[1] + b[0]));
                 }
             }
             Source::Double(maps) => {
-                to.as_chunks_mut::<2>()
-                    .0
-                    .iter_mut()
-                    .zip(maps.row(y / 2, channel))
-                    .for_each(|(to, own)| *to = [*own; 2]);
+                let own = maps.row(rows, y / 2, channel);
+                to.as_chunks_mut::<2>().0.iter_mut().zip(own).for_each(|(to, own)| *to = [*own; 2]);
             }
         }
     }
 }
 
 /// Convolves the channels of all sources, and replaces negative results by 0. Beyond the image, channels are 0.
-pub(super) fn convolve(sources: &[Source<'_>], layer: &Layer) -> Maps {
+pub(super) fn convolve<const N: usize>(graph: &Graph<'_>, sources: [Source; N], layer: Layer) -> Maps {
     let size = sources[0].size();
     let [width, height] = size;
-    let mut maps = Maps::new(size, layer.outputs);
-    let stride = maps.stride();
-    parallel::chunks(&mut maps.values, layer.outputs * width, |y, to| {
-        let mut stack = vec![0.0; layer.inputs * stride];
-        // The rows above, of and below the result, with a 0 at either end.
-        let mut near = [0; 3].map(|_| vec![0.0; width + 2]);
+    let stride = stride(width);
+    let reads = sources.iter().map(|source| source.maps().near(source.reach())).collect();
+    let inputs = layer.inputs;
+    // The rows above, of and below the result, with a 0 at either end, and what layers read.
+    let init = move || ([0; 3].map(|_| vec![0.0; width + 2]), vec![0.0; inputs * stride]);
+    Maps::new(graph, (size, layer.outputs), reads, init, move |(near, stack), rows, y, to| {
         let channels = sources.iter().flat_map(|source| (0..source.maps().channels).map(move |c| (source, c)));
         for ((source, channel), stack) in channels.zip(stack.chunks_mut(3 * stride)) {
             for (k, row) in near.iter_mut().enumerate() {
                 match (y + k).checked_sub(1).filter(|y| *y < height) {
-                    Some(y) => source.copy(y, channel, &mut row[1..=width]),
+                    Some(y) => source.copy(rows, y, channel, &mut row[1..=width]),
                     None => row.fill(0.0),
                 }
             }
             dispatch(SumTask { near: near.each_ref().map(|row| &row[..]), stack, stride, width });
         }
-        dispatch(RowTask { stack: &stack, stride, layer, width, is_rectified: true, to });
-    });
-    maps
+        dispatch(RowTask { stack, stride, layer: &layer, width, is_rectified: true, to });
+    })
 }
 
 /// The centre of each pixel of a row, the sum of its neighbours, and that of its corners.

@@ -3,7 +3,7 @@
 use super::GRID;
 use crate::features::ln;
 use crate::light::Light;
-use crate::planes::{Colours, per_pixel, quantile, raised, sum_pixels, update};
+use crate::planes::{per_pixel, quantile, raised, sum_pixels};
 use crate::tile::exp_minus;
 use dapple_core::film::{Features, luminance};
 use dapple_core::{Film, Filtered};
@@ -20,15 +20,15 @@ pub(super) struct ExposedFilm<'a> {
     film: &'a Film,
     image: &'a Filtered,
     /// The divisors for albedo.
-    pub(super) albedo: Colours,
+    pub(super) albedo: [Vec<f32>; 3],
     has_features: bool,
     pub(super) size: [usize; 2],
     /// The factor on radiance: the geometric mean of the filtered image becomes 0.18.
     exposure: f32,
     /// The median logarithm of depth.
     middle: f32,
-    /// The luminance of lamps that the samples of each pixel saw directly.
-    emission: Vec<f64>,
+    /// The pixels whose samples saw a lamp directly.
+    is_lamp: Vec<bool>,
 }
 
 /// The colours of a pixel that passes average, in units of the exposure.
@@ -41,7 +41,7 @@ pub(super) struct PixelColours {
 
 impl<'a> ExposedFilm<'a> {
     /// The film and its image; `None` if the image is black or so dark or bright that units fail.
-    pub(super) fn new(film: &'a Film, image: &'a Filtered, mut albedo: Colours, has_features: bool) -> Option<Self> {
+    pub(super) fn new(film: &'a Film, image: &'a Filtered, albedo: [Vec<f32>; 3], has_features: bool) -> Option<Self> {
         let size = film.frame().size().map(|n| n as usize);
         let pixels = film.frame().pixels();
         let bright = |i: usize| luminance(image.radiance[i].map(f64::from)).max(0.0);
@@ -56,9 +56,18 @@ impl<'a> ExposedFilm<'a> {
         let depths = per_pixel(pixels, |i| surface(film, has_features, i).map_or(0.0, |f| f.depth));
         let depth = quantile(depths.into_iter().filter(|depth| *depth > 0.0).collect(), 2);
         let middle = ln(depth.unwrap_or(1.0).clamp(1e-18, 1e18));
-        let emission = per_pixel(pixels, |i| luminance(Light::all(film).mean_emission(i).map(f64::from)));
-        albedo.iter_mut().for_each(|plane| update(plane, [], |albedo, []| raised(albedo)));
-        Some(Self { film, image, albedo, has_features, size, exposure, middle, emission })
+        let is_lamp = per_pixel(pixels, |i| emission(film, i) > 0.0);
+        let albedo = albedo.map(|mut plane| {
+            plane.iter_mut().for_each(|albedo| *albedo = raised(*albedo));
+            plane
+        });
+        Some(Self { albedo, has_features, exposure, middle, is_lamp, ..Self::unread(film, image, size) })
+    }
+
+    /// A film and its image of which nothing was read.
+    pub(super) fn unread(film: &'a Film, image: &'a Filtered, size: [usize; 2]) -> Self {
+        let (albedo, is_lamp) = (<[Vec<f32>; 3]>::default(), Vec::new());
+        Self { film, image, albedo, has_features: false, size, exposure: 1.0, middle: 0.0, is_lamp }
     }
 
     /// The size of the image, padded to multiples of [`GRID`].
@@ -73,13 +82,13 @@ impl<'a> ExposedFilm<'a> {
 
     /// The share of the network's result at pixel `i`: that of the light that no lamp seen directly gives.
     pub(super) fn share(&self, i: usize) -> f32 {
-        let (emission, image) = (self.emission[i], luminance(self.image.radiance[i].map(f64::from)));
-        if emission > 0.0 { (1.0 - emission / image).clamp(0.0, 1.0) as f32 } else { 1.0 }
+        let rest = || 1.0 - emission(self.film, i) / luminance(self.image.radiance[i].map(f64::from));
+        if self.is_lamp[i] { rest().clamp(0.0, 1.0) as f32 } else { 1.0 }
     }
 
     /// The part of the image of pixel `i` that the network does not get: what is brighter than [`BRIGHTEST`], or a [`LAMP`].
     fn withheld(&self, i: usize) -> [f32; 3] {
-        let most = if self.emission[i] > 0.0 { LAMP } else { BRIGHTEST } / self.exposure;
+        let most = if self.is_lamp[i] { LAMP } else { BRIGHTEST } / self.exposure;
         self.image.radiance[i].map(|image| (image - most).max(0.0))
     }
 
@@ -169,6 +178,11 @@ impl<'a> ExposedFilm<'a> {
             log(noise.unwrap_or(0.0)),
         ]
     }
+}
+
+/// The luminance of lamps that the samples of pixel `i` saw directly.
+fn emission(film: &Film, i: usize) -> f64 {
+    luminance(Light::all(film).mean_emission(i).map(f64::from))
 }
 
 /// The features of pixel `i`, if they count and it hit a surface.

@@ -3,9 +3,9 @@
 use super::convolution::{Layer, Maps, RowTask};
 use super::exposed_film::{ExposedFilm, PixelColours};
 use super::{CHANNELS, Layers};
-use crate::planes::{Colours, dispatch};
+use crate::graph::{Graph, Plane, Reach, Rows};
+use crate::planes::dispatch;
 use crate::tile::exp_minus;
-use dapple_core::parallel;
 use pulp::{Simd, WithSimd};
 
 /// The distances of averaged pixels, in the order of the passes [after Isik 2021]. The last joins neighbours: with the largest last,
@@ -16,10 +16,10 @@ const FEATURES: usize = 8;
 /// The values that passes average: the film's colours over albedo (3), the film's colours (3), the image over albedo (3).
 const VALUES: usize = 9;
 /// A pixel's state between passes: the values, the blend of the film's averages and its weight, that of the image's averages and its weight.
-pub(super) const STATE: usize = VALUES + 8;
+const STATE: usize = VALUES + 8;
 /// The values of a pixel that a pass reads: those averaged times their trust, and both trusts, then features, the weight of the pixel itself, and three weights in
 /// the blend.
-pub(super) const READ: usize = SUMS + FEATURES + 4;
+const READ: usize = SUMS + FEATURES + 4;
 /// The values times their trust, and both trusts.
 const SUMS: usize = VALUES + 2;
 
@@ -64,76 +64,108 @@ fn share(x: f32) -> f32 {
     exp(x.clamp(-20.0, 20.0))
 }
 
-/// `strength` of the network's image, and the rest of the filtered image.
-pub(super) fn blend(exposed: &ExposedFilm<'_>, trunk: &Maps, heads: &Heads, strength: f32) -> Vec<[f32; 3]> {
-    let mut state = first(exposed, trunk, &heads.first);
-    for (layer, distance) in heads.passes.iter().zip(DISTANCES) {
-        state = pass(&read(exposed, trunk, layer, &state), &state, &exposed.albedo, distance);
+/// `strength` of the network's image, and the rest of the filtered image: rows of colours.
+pub(super) fn blend<'a>(
+    graph: &Graph<'a>,
+    exposed: &'a ExposedFilm<'_>,
+    trunk: Maps,
+    heads: Heads,
+    strength: f32,
+) -> Plane {
+    let features = Features { exposed, trunk };
+    let mut state = features.first(graph, heads.first);
+    for (layer, distance) in heads.passes.into_iter().zip(DISTANCES) {
+        let read = features.read(graph, layer, state);
+        state = pass(graph, read, state, &exposed.albedo, distance);
     }
-    let [width, height] = exposed.size;
-    let mut colours = vec![[0.0; 3]; width * height];
-    parallel::chunks(&mut colours, width, |y, to| {
-        let outputs = outputs(exposed, trunk, &heads.last, y);
-        let at = |channel: usize, x: usize| state.row(y, VALUES + channel)[x];
-        for (x, to) in to.iter_mut().enumerate() {
-            let i = y * width + x;
-            let PixelColours { image, .. } = exposed.colours(i);
-            let strength = strength * exposed.share(i);
-            let share = 0.02 + 0.96 / (1.0 + exp((-outputs[x]).clamp(-20.0, 20.0)));
-            *to = [0, 1, 2].map(|c| {
-                let network = share * at(4 + c, x) / at(7, x) + (1.0 - share) * at(c, x) / at(3, x);
-                image[c] + strength * (network - image[c])
-            });
-        }
-    });
-    colours
-}
-
-/// The rows of a layer's outputs for row `y` of the image.
-fn outputs(exposed: &ExposedFilm<'_>, trunk: &Maps, layer: &Layer, y: usize) -> Vec<f32> {
-    let ([width, _], [left, top]) = (exposed.size, exposed.padding());
-    let stride = trunk.stride();
-    let mut stack = vec![0.0; trunk.channels * stride];
-    for channel in 0..trunk.channels {
-        stack[channel * stride..][..width].copy_from_slice(&trunk.row(y + top, channel)[left..][..width]);
-    }
-    let mut to = vec![0.0; layer.outputs() * width];
-    dispatch(RowTask { stack: &stack, stride, layer, width, is_rectified: false, to: &mut to });
-    to
-}
-
-/// The state before the first pass.
-fn first(exposed: &ExposedFilm<'_>, trunk: &Maps, layer: &Layer) -> Maps {
-    let width = exposed.size[0];
-    let mut state = Maps::new(exposed.size, STATE);
-    parallel::chunks(&mut state.values, STATE * width, |y, to| {
-        let outputs = outputs(exposed, trunk, layer, y);
-        for x in 0..width {
-            let PixelColours { film, albedo, image } = exposed.colours(y * width + x);
-            let [divided, plain, averaged, whole] = [0, 1, 2, 3].map(|k| share(outputs[k * width + x]));
-            for c in 0..3 {
-                let values = [film[c] / albedo[c], film[c], image[c] / albedo[c]];
-                values.into_iter().enumerate().for_each(|(k, value)| to[(3 * k + c) * width + x] = value);
-                to[(VALUES + c) * width + x] = (divided + plain) * film[c];
-                to[(VALUES + 4 + c) * width + x] = (averaged + whole) * image[c];
+    let last = heads.last;
+    let reads = vec![state.near(Reach::rows(0)), features.near()];
+    let all = Maps::new(
+        graph,
+        (exposed.size, 3),
+        reads,
+        || (),
+        move |(), rows, y, to| {
+            let outputs = features.outputs(rows, &last, y);
+            let at = |channel: usize, x: usize| state.row(rows, y, VALUES + channel)[x];
+            for (x, to) in to.as_chunks_mut::<3>().0.iter_mut().enumerate() {
+                let i = y * exposed.size[0] + x;
+                let PixelColours { image, .. } = exposed.colours(i);
+                let strength = strength * exposed.share(i);
+                let share = 0.02 + 0.96 / (1.0 + exp((-outputs[x]).clamp(-20.0, 20.0)));
+                *to = [0, 1, 2].map(|c| {
+                    let network = share * at(4 + c, x) / at(7, x) + (1.0 - share) * at(c, x) / at(3, x);
+                    image[c] + strength * (network - image[c])
+                });
             }
-            to[(VALUES + 3) * width + x] = divided + plain;
-            to[(VALUES + 7) * width + x] = averaged + whole;
-        }
-    });
-    state
+        },
+    );
+    let (plane, _) = all.near(Reach::rows(0));
+    plane
 }
 
-/// The values that a pass reads, made from the state before it.
-fn read(exposed: &ExposedFilm<'_>, trunk: &Maps, layer: &Layer, state: &Maps) -> Maps {
-    let width = exposed.size[0];
-    let mut maps = Maps::new(exposed.size, READ);
-    parallel::chunks(&mut maps.values, READ * width, |y, to| {
-        let outputs = outputs(exposed, trunk, layer, y);
-        let state = &state.values[y * STATE * width..][..VALUES * width];
-        dispatch(ReadTask { outputs: &outputs, state, width, to });
-    });
-    maps
+/// The features of each pixel of the image.
+#[derive(Clone, Copy)]
+struct Features<'a> {
+    exposed: &'a ExposedFilm<'a>,
+    trunk: Maps,
+}
+
+impl<'a> Features<'a> {
+    /// Reads of the row of features that belongs to a row of the image.
+    fn near(&self) -> (Plane, Reach) {
+        self.trunk.near(Reach::rows(self.exposed.padding()[1]))
+    }
+
+    /// The rows of a layer's outputs for row `y` of the image.
+    fn outputs(&self, rows: &Rows, layer: &Layer, y: usize) -> Vec<f32> {
+        let ([width, _], [left, top]) = (self.exposed.size, self.exposed.padding());
+        let (trunk, stride) = (self.trunk, self.trunk.stride());
+        let mut stack = vec![0.0; trunk.channels * stride];
+        for channel in 0..trunk.channels {
+            stack[channel * stride..][..width].copy_from_slice(&trunk.row(rows, y + top, channel)[left..][..width]);
+        }
+        let mut to = vec![0.0; layer.outputs() * width];
+        dispatch(RowTask { stack: &stack, stride, layer, width, is_rectified: false, to: &mut to });
+        to
+    }
+
+    /// The state before the first pass.
+    fn first(self, graph: &Graph<'a>, layer: Layer) -> Maps {
+        let width = self.exposed.size[0];
+        let of = move |(): &mut (), rows: &Rows, y: usize, to: &mut [f32]| {
+            let outputs = self.outputs(rows, &layer, y);
+            for x in 0..width {
+                let PixelColours { film, albedo, image } = self.exposed.colours(y * width + x);
+                let [divided, plain, averaged, whole] = [0, 1, 2, 3].map(|k| share(outputs[k * width + x]));
+                for c in 0..3 {
+                    let values = [film[c] / albedo[c], film[c], image[c] / albedo[c]];
+                    values.into_iter().enumerate().for_each(|(k, value)| to[(3 * k + c) * width + x] = value);
+                    to[(VALUES + c) * width + x] = (divided + plain) * film[c];
+                    to[(VALUES + 4 + c) * width + x] = (averaged + whole) * image[c];
+                }
+                to[(VALUES + 3) * width + x] = divided + plain;
+                to[(VALUES + 7) * width + x] = averaged + whole;
+            }
+        };
+        Maps::new(graph, (self.exposed.size, STATE), vec![self.near()], || (), of)
+    }
+
+    /// The values that a pass reads, made from the state before it.
+    fn read(self, graph: &Graph<'a>, layer: Layer, state: Maps) -> Maps {
+        let width = self.exposed.size[0];
+        let reads = vec![self.near(), state.near(Reach::rows(0))];
+        Maps::new(
+            graph,
+            (self.exposed.size, READ),
+            reads,
+            || (),
+            move |(), rows, y, to| {
+                let outputs = self.outputs(rows, &layer, y);
+                dispatch(ReadTask { outputs: &outputs, state: &state.all(rows, y)[..VALUES * width], width, to });
+            },
+        )
+    }
 }
 
 struct ReadTask<'a> {
@@ -170,41 +202,54 @@ impl WithSimd for ReadTask<'_> {
 }
 
 /// The state after a pass over pixels at a distance.
-fn pass(read: &Maps, before: &Maps, albedo: &Colours, distance: usize) -> Maps {
+fn pass<'a>(graph: &Graph<'a>, read: Maps, before: Maps, albedo: &'a [Vec<f32>; 3], distance: usize) -> Maps {
     let [width, height] = read.size;
-    let mut state = Maps::new(read.size, STATE);
-    parallel::chunks(&mut state.values, STATE * width, |y, to| {
-        let mut sums = vec![0.0; SUMS * width];
-        let mut pair = vec![0.0; SUMS * width];
-        let mut likeness = vec![0.0; width];
-        let row = |y: usize| &read.values[y * READ * width..][..READ * width];
-        let own = row(y);
-        let weight = &own[(SUMS + FEATURES) * width..];
-        for (k, sums) in sums.chunks_exact_mut(width).enumerate() {
-            (0..width).for_each(|x| sums[x] = weight[x] * own[k * width + x]);
-        }
-        let rows = [y.checked_sub(distance), Some(y), Some(y + distance).filter(|y| *y < height)].map(|y| y.map(row));
-        // Opposite pixels are added first, so that a mirrored or transposed image has the same bits.
-        for pairs in [[[(0, 0), (2, 0)], [(1, -1), (1, 1)]], [[(0, -1), (2, 1)], [(0, 1), (2, -1)]]] {
-            let mut both = vec![0.0; SUMS * width];
-            for two in pairs {
-                pair.fill(0.0);
-                for (row, side) in two {
-                    if let Some(there) = rows[row] {
-                        let task =
-                            GatherTask { own, there, side, distance, width, likeness: &mut likeness, sums: &mut pair };
-                        dispatch(task);
-                    }
-                }
-                both.iter_mut().zip(&pair).for_each(|(sum, value)| *sum += value);
+    let reads = vec![read.near(Reach::rows(distance)), before.near(Reach::rows(0))];
+    Maps::new(
+        graph,
+        (read.size, STATE),
+        reads,
+        || (),
+        move |(), made, y, to| {
+            let mut sums = vec![0.0; SUMS * width];
+            let mut pair = vec![0.0; SUMS * width];
+            let mut likeness = vec![0.0; width];
+            let row = |y: usize| read.all(made, y);
+            let own = row(y);
+            let weight = &own[(SUMS + FEATURES) * width..];
+            for (k, sums) in sums.chunks_exact_mut(width).enumerate() {
+                (0..width).for_each(|x| sums[x] = weight[x] * own[k * width + x]);
             }
-            sums.iter_mut().zip(&both).for_each(|(sum, value)| *sum += value);
-        }
-        let before = &before.values[y * STATE * width..][..STATE * width];
-        let albedo = albedo.each_ref().map(|plane| &plane[y * width..][..width]);
-        dispatch(FinishTask { sums: &sums, weights: &weight[width..], before, albedo, width, to });
-    });
-    state
+            let rows =
+                [y.checked_sub(distance), Some(y), Some(y + distance).filter(|y| *y < height)].map(|y| y.map(row));
+            // Opposite pixels are added first, so that a mirrored or transposed image has the same bits.
+            for pairs in [[[(0, 0), (2, 0)], [(1, -1), (1, 1)]], [[(0, -1), (2, 1)], [(0, 1), (2, -1)]]] {
+                let mut both = vec![0.0; SUMS * width];
+                for two in pairs {
+                    pair.fill(0.0);
+                    for (row, side) in two {
+                        if let Some(there) = rows[row] {
+                            let task = GatherTask {
+                                own,
+                                there,
+                                side,
+                                distance,
+                                width,
+                                likeness: &mut likeness,
+                                sums: &mut pair,
+                            };
+                            dispatch(task);
+                        }
+                    }
+                    both.iter_mut().zip(&pair).for_each(|(sum, value)| *sum += value);
+                }
+                sums.iter_mut().zip(&both).for_each(|(sum, value)| *sum += value);
+            }
+            let before = before.all(made, y);
+            let albedo = albedo.each_ref().map(|plane| &plane[y * width..][..width]);
+            dispatch(FinishTask { sums: &sums, weights: &weight[width..], before, albedo, width, to });
+        },
+    )
 }
 
 /// Adds pixels at one offset to the sums of a row.

@@ -1,5 +1,7 @@
 //! Copies of a tile's planes, even and odd columns apart.
 
+use crate::graph::{Plane, Rows};
+
 /// Width of a tile in pixels.
 pub(crate) const WIDTH: usize = 64;
 /// Height of a tile in pixels.
@@ -14,16 +16,26 @@ pub(crate) const ROWS: usize = HEIGHT + 2 * MARGIN;
 /// The number of even (or odd) pixels in a row of a tile.
 pub(crate) const LANES: usize = WIDTH / 2;
 
+/// The place of a tile in a frame, by its upper left pixel.
+#[derive(Clone, Copy)]
+pub(crate) struct Place {
+    pub(crate) size: [usize; 2],
+    pub(crate) origin: [usize; 2],
+    /// The rows above and below the tile that are read, at most [`MARGIN`].
+    pub(crate) margin: usize,
+}
+
 /// Copies of P planes of a tile and its margin. Each row holds the even columns of all planes, one plane after the
 /// other, then the odd columns. One index leads to all planes of a pixel. Empty before the first copy.
 #[derive(Default)]
 pub(crate) struct Stack<const P: usize>(pub(crate) Vec<f32>);
 
 impl<const P: usize> Stack<P> {
-    /// Copies the tile at `origin` and its margin from each plane, in place of the tile before. Pixels beyond the frame repeat
+    /// Copies the tile at a place and its margin from each plane, in place of the tile before. Pixels beyond the frame repeat
     /// the border.
-    pub(crate) fn copy(&mut self, planes: [&[f32]; P], size: [usize; 2], origin: [usize; 2]) {
+    pub(crate) fn copy(&mut self, rows: &Rows, planes: [Plane; P], Place { size, origin, margin }: Place) {
         let [width, height] = size;
+        let used = MARGIN - margin..MARGIN + HEIGHT + margin;
         self.0.resize(2 * ROWS * P * COLUMNS, 0.0);
         let mut padded = [0.0; WIDTH + 2 * MARGIN];
         // Columns beyond the frame on the left, the first one inside, and the number inside.
@@ -31,10 +43,12 @@ impl<const P: usize> Stack<P> {
         let first = origin[0] + before - MARGIN;
         let within = (padded.len() - before).min(width - first);
         for (k, plane) in planes.into_iter().enumerate() {
-            for (r, row) in self.0.chunks_exact_mut(2 * P * COLUMNS).enumerate() {
+            let all = self.0.chunks_exact_mut(2 * P * COLUMNS).enumerate();
+            for (r, row) in all.take(used.end).skip(used.start) {
                 let y = (origin[1] + r).saturating_sub(MARGIN).min(height - 1);
-                request(plane, (y + AHEAD) * width + first, within);
-                let source = &plane[y * width..][..width];
+                let ahead = (y + AHEAD).min(origin[1] + HEIGHT + margin - 1).min(height - 1);
+                request(&rows.row(plane, ahead)[first..][..within]);
+                let source = &rows.row(plane, y)[..width];
                 padded[..before].fill(source[0]);
                 padded[before..][..within].copy_from_slice(&source[first..][..within]);
                 padded[before + within..].fill(source[width - 1]);
@@ -48,7 +62,7 @@ impl<const P: usize> Stack<P> {
     }
 
     /// Sets plane `k` to 0 beyond the frame.
-    pub(crate) fn clear_outside(&mut self, k: usize, [width, height]: [usize; 2], origin: [usize; 2]) {
+    pub(crate) fn clear_outside(&mut self, k: usize, Place { size: [width, height], origin, .. }: Place) {
         let [first, end] = [MARGIN.saturating_sub(origin[0]), MARGIN + width - origin[0]];
         for (r, row) in self.0.chunks_exact_mut(2 * P * COLUMNS).enumerate() {
             let row_inside = (MARGIN..MARGIN + height).contains(&(origin[1] + r));
@@ -82,17 +96,16 @@ impl<const P: usize> Stack<P> {
 /// The number of rows between a request for a row of a plane and its use.
 const AHEAD: usize = 8;
 
-/// Requests the cache lines of `count` pixels, on processors for which safe Rust can. Pixels beyond the end are harmless.
+/// Requests the cache lines of pixels, on processors for which safe Rust can.
 #[inline(always)]
-fn request(plane: &[f32], first: usize, count: usize) {
+fn request(pixels: &[f32]) {
     #[cfg(target_arch = "x86_64")]
     if let Some(sse) = pulp::core_arch::x86::Sse::try_new() {
         const LINE: usize = 64 / size_of::<f32>();
-        let lines = (first..first + count).step_by(LINE);
-        lines.for_each(|i| sse._mm_prefetch::<3>(plane.as_ptr().wrapping_add(i).cast()));
+        pixels.chunks(LINE).for_each(|line| sse._mm_prefetch::<3>(line.as_ptr().cast()));
     }
     #[cfg(not(target_arch = "x86_64"))]
-    let _ = (plane, first, count);
+    let _ = pixels;
 }
 
 /// The parity of a column moved by `dx`, and the shift in columns of that parity.

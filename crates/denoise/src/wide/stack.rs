@@ -1,10 +1,11 @@
 //! The planes that the wide pass reads, copied such that a vector holds pixels around neighbouring window centres.
 
+use crate::graph::{Graph, Rows};
 use crate::inputs::{Guide, Inputs};
-use crate::planes::{Colours, map_to_one, raised};
+use crate::planes::{Plane, map_to_one, raised};
 use crate::tile::{FeatureScales, sharpness, vectors};
-use dapple_core::parallel;
 use pulp::Simd;
+use std::ops::Range;
 
 /// The radius of a window in pixels.
 pub(super) const REACH: usize = 20;
@@ -35,35 +36,41 @@ pub(super) const POSITION: usize = 17;
 pub(super) const COUNT: usize = 21;
 pub(super) const COLOURS: usize = 22;
 
-/// Copies of the planes for [`CENTRES`] columns of window centres, with columns of equal remainder modulo [`STEP`] side
+/// Copies of rows of the planes for [`CENTRES`] columns of window centres, with columns of equal remainder modulo [`STEP`] side
 /// by side. Each row holds for each of these phases all planes, one after the other. Columns beyond the frame repeat the
 /// border.
-pub(super) struct Stack(Vec<f32>);
+#[derive(Default)]
+pub(super) struct Stack {
+    /// The number of the first row.
+    first: usize,
+    values: Vec<f32>,
+}
 
-/// The copies for all columns of window centres, from left to right.
-pub(super) fn stacks(inputs: &Inputs, guide: &Guide) -> Vec<Stack> {
-    let [width, height] = inputs.size;
-    let sharp = sharpness(&inputs.features, &FEATURES);
-    let colours: [Colours; 2] = [0, 1].map(|half: usize| {
-        std::array::from_fn(|c| {
-            map_to_one([&inputs.halves[half].colour[c], &inputs.features.albedo()[c]], |[v, albedo]| v / raised(albedo))
-        })
-    });
-    let count = map_to_one(inputs.counts(), |[a, b]| a + b);
+/// The planes that are copied, in their order.
+pub(super) fn planes(graph: &Graph<'_>, inputs: &Inputs, guide: &Guide) -> Vec<Plane> {
     let f = &inputs.features;
+    let sharp = sharpness(graph, f, FEATURES);
+    let colours = inputs.unfiltered().0.into_iter().enumerate();
+    let colours = colours.map(|(k, plane)| map_to_one(graph, [plane, f.albedo()[k % 3]], |[v, a]| v / raised(a)));
+    let count = map_to_one(graph, inputs.counts(), |[a, b]| a + b);
     let features = f.mean.iter().chain(&f.variance).chain(&sharp).chain(&f.position).chain([&f.scale, &count]);
-    let planes = guide.colour.iter().chain(&guide.variance).chain(features).chain(colours.iter().flatten());
-    let planes: Vec<&[f32]> = planes.map(|plane| &plane[..]).collect();
-    let tile = |tile: usize| {
-        let mut data = vec![0.0; height * STEP * PLANES * COLUMNS];
+    guide.colour.iter().chain(&guide.variance).chain(features).copied().chain(colours).collect()
+}
+
+impl Stack {
+    /// Copies these rows of a tile of centres from each plane, in place of the rows before.
+    pub(super) fn copy(&mut self, rows: &Rows, planes: &[Plane], tile: usize, copied: Range<usize>) {
+        self.first = copied.start;
+        self.values.resize(copied.len() * ROW, 0.0);
+        let mut padded = [0.0; STEP * COLUMNS];
         // Columns of the frame, less this, are columns of the tile; those from `first` to `end` lie in the frame.
         let before = STEP as isize * ((tile * CENTRES) as isize - PAD as isize);
         let first = (-before).max(0) as usize;
-        let end = (width as isize - before).min((STEP * COLUMNS) as isize) as usize;
-        parallel::chunks(&mut data, STEP * PLANES * COLUMNS, |y, row| {
-            let mut padded = [0.0; STEP * COLUMNS];
+        for (row, y) in self.values.chunks_exact_mut(ROW).zip(copied) {
             for (k, plane) in planes.iter().enumerate() {
-                let source = &plane[y * width..][..width];
+                let source = rows.row(*plane, y);
+                let width = source.len();
+                let end = (width as isize - before).min((STEP * COLUMNS) as isize) as usize;
                 let [left, right] = if k == COUNT { [0.0; 2] } else { [source[0], source[width - 1]] };
                 padded[..first].fill(left);
                 padded[first..end].copy_from_slice(&source[first.wrapping_add_signed(before)..][..end - first]);
@@ -74,14 +81,18 @@ pub(super) fn stacks(inputs: &Inputs, guide: &Guide) -> Vec<Stack> {
                     }
                 }
             }
-        });
-        Stack(data)
-    };
-    (0..width.div_ceil(STEP * CENTRES)).map(tile).collect()
+        }
+    }
+
+    /// The index of plane 0 in the first column of row `y`.
+    #[inline(always)]
+    pub(super) fn row(&self, y: usize) -> usize {
+        (y - self.first) * ROW
+    }
 }
 
 /// The number of values between two rows of a [`Stack`].
-pub(super) const ROW: usize = STEP * PLANES * COLUMNS;
+const ROW: usize = STEP * PLANES * COLUMNS;
 /// The largest distance of a compared pixel from a window centre, in columns of pixels.
 pub(super) const FARTHEST: usize = REACH + PATCH;
 
@@ -106,7 +117,7 @@ impl Stack {
     /// All planes of as many pixels as there are lanes, from an index of plane 0.
     #[inline(always)]
     pub(super) fn at<S: Simd>(&self, index: usize) -> Pixels<'_> {
-        Pixels(&self.0[index..][..(PLANES - 1) * COLUMNS + S::F32_LANES])
+        Pixels(&self.values[index..][..(PLANES - 1) * COLUMNS + S::F32_LANES])
     }
 }
 

@@ -2,12 +2,13 @@
 
 use crate::ClusterRegression;
 use crate::cluster_regression::BLEND;
-use crate::error_map::{self, ERROR, Radii, raw_error, select, shrink};
-use crate::inputs::{Half, Inputs, Reads};
-use crate::light::Light;
+use crate::error_map::{self, ERROR, Estimate as ErrorEstimate, Radii, raw_error, select, shrink};
+use crate::graph::Graph;
+use crate::inputs::{Inputs, Reads};
+use crate::light::{Light, Part};
 use crate::normal_equations::{Fit, Sums, solve};
 use crate::one_sample::LAMP;
-use crate::planes::{Pair, Plane};
+use crate::planes::{Pair, Plane, planes_of};
 use dapple_core::point_set::mix;
 use dapple_core::samplers::Uniform;
 use dapple_core::{
@@ -21,36 +22,70 @@ pub(super) const PIXELS: usize = SIDE * SIDE;
 const NEEDS: Needs = Needs::none().with_variance().with_halves().with_features();
 const RECORDED: Needs = NEEDS.with_emission();
 
-fn whole(film: &Film) -> Inputs {
-    Inputs::new(Light::all(film), &Reads::default())
+/// The planes that `of` makes of a film's inputs.
+pub(super) fn planes<'a, const N: usize>(
+    film: &'a Film,
+    of: impl FnOnce(&Graph<'a>, &Inputs) -> [Plane; N],
+) -> [Vec<f32>; N] {
+    let graph = Graph::new(film.frame().size().map(|n| n as usize));
+    let inputs = Inputs::new(&graph, Light::all(film), &Reads::default());
+    let planes = of(&graph, &inputs);
+    graph.collect(planes)
 }
 
-fn filtered(inputs: &Inputs, image: &Pair) -> Filtered {
-    error_map::filtered(inputs, image, ERROR)
+/// The filtered image of a film whose halves `image` makes, with its error.
+fn filtered<'a>(film: &'a Film, image: impl FnOnce(&Graph<'a>, &Inputs) -> Pair) -> Filtered {
+    let (graph, light) = (Graph::new([SIDE, SIDE]), Light::all(film));
+    let inputs = Inputs::new(&graph, light, &Reads::default());
+    let image = image(&graph, &inputs);
+    let estimate = ErrorEstimate::new(&graph, &inputs, light, image, ERROR);
+    let (image, []) = error_map::filtered(graph, &[estimate], []);
+    image
 }
 
-/// The planes of a film with `count(pixel)` samples in each pixel, in turns to either half: `sample(pixel, number)`. Their level is
-/// divided out.
-fn inputs_of(needs: Needs, count: impl Fn(usize) -> usize, sample: impl Fn(usize, usize) -> Estimate) -> Inputs {
+/// One half of a film's samples in the units of the planes: colours, variances and counts.
+struct HalfValues {
+    colour: [Vec<f32>; 3],
+    variance: [Vec<f32>; 3],
+    count: Vec<f32>,
+}
+
+/// Both halves, and the radiance of their unit.
+fn values(film: &Film) -> ([HalfValues; 2], f32) {
+    let mut level = 0.0;
+    let halves = [0, 1].map(|h: usize| {
+        let [r, g, b, vr, vg, vb, count] = planes(film, |_, inputs| {
+            level = inputs.level();
+            let ([r, g, b], [vr, vg, vb]) = (inputs.halves[h].colour, inputs.halves[h].variance);
+            [r, g, b, vr, vg, vb, inputs.halves[h].count]
+        });
+        HalfValues { colour: [r, g, b], variance: [vr, vg, vb], count }
+    });
+    (halves, level)
+}
+
+/// A film with `count(pixel)` samples in each pixel, in turns to either half: `sample(pixel, number)`.
+fn film_of(needs: Needs, count: impl Fn(usize) -> usize, sample: impl Fn(usize, usize) -> Estimate) -> Film {
     let mut film = Film::new(Frame::new(SIDE as u32, SIDE as u32).unwrap(), needs);
     for pixel in 0..PIXELS {
         (0..count(pixel)).for_each(|k| film.push_estimate(pixel, k % 2, &sample(pixel, k)));
     }
-    whole(&film)
+    film
 }
 
-/// The planes of a film with one grey sample per half: `value(pixel, half)`.
-pub(super) fn inputs(value: impl Fn(usize, usize) -> f32) -> Inputs {
-    inputs_of(NEEDS, |_| 2, |pixel, half| Estimate::new([value(pixel, half); 3]))
+/// A film with one grey sample per half: `value(pixel, half)`.
+pub(super) fn film(value: impl Fn(usize, usize) -> f32) -> Film {
+    film_of(NEEDS, |_| 2, |pixel, half| Estimate::new([value(pixel, half); 3]))
 }
 
 /// Two images, given in the units of the planes.
-fn pair(value: impl Fn(usize, usize) -> f32) -> Pair {
-    Pair(std::array::from_fn(|k| (0..PIXELS).map(|i| value(i, k / 3)).collect()))
+fn pair<'a>(graph: &Graph<'a>, value: impl Fn(usize, usize) -> f32 + Sync + 'a) -> Pair {
+    Pair(planes_of(graph, move |i| std::array::from_fn(|k| value(i, k / 3))))
 }
 
-pub(super) fn unfiltered_pair(inputs: &Inputs) -> Pair {
-    Pair(inputs.unfiltered().map(<[f32]>::to_vec))
+fn plain(graph: &Graph<'_>) -> Plane {
+    let [plane] = planes_of(graph, |_| [1.0]);
+    plane
 }
 
 /// Regressors that are equal but for rounding: elimination leaves a pivot near 0, of either sign.
@@ -88,20 +123,22 @@ fn near(found: &[f32], expected: f32) -> bool {
 /// The mean of both halves is exact, so its error is 0; without the common part it would be `d^2`.
 #[test]
 fn errors_of_halves_that_cancel_are_no_error_of_their_mean() {
-    let inputs = inputs(|_, _| 1.0);
-    let image = pair(|_, half| if half == 0 { 1.1 } else { 0.9 });
-    let weight = vec![1.0; PIXELS];
-    let [whole, variance] = raw_error(&inputs, image.channels(), &weight);
+    let film = film(|_, _| 1.0);
+    let [whole, variance] = planes(&film, |graph, inputs| {
+        let image = pair(graph, |_, half| if half == 0 { 1.1 } else { 0.9 });
+        raw_error(graph, inputs, image, plain(graph))
+    });
     assert!(near(&whole, 0.0) && near(&variance, 0.01), "{} {}", whole[0], variance[0]);
 }
 
 #[test]
 fn raw_errors_are_squared_bias_where_halves_agree_and_noise_where_they_do_not() {
-    let (inputs, weight) = (inputs(|_, half| unfiltered(half)), vec![1.0; PIXELS]);
-    let [whole, variance] = raw_error(&inputs, inputs.unfiltered(), &weight);
+    let film = film(|_, half| unfiltered(half));
+    let [whole, variance] = planes(&film, |graph, inputs| raw_error(graph, inputs, inputs.unfiltered(), plain(graph)));
     let noise = NOISE * NOISE;
     assert!(near(&whole, noise) && near(&variance, noise), "{} {}", whole[0], variance[0]);
-    let [whole, variance] = raw_error(&inputs, pair(|_, _| 1.5).channels(), &weight);
+    let [whole, variance] =
+        planes(&film, |graph, inputs| raw_error(graph, inputs, pair(graph, |_, _| 1.5), plain(graph)));
     // The halves' own noise is subtracted: 0.25 + d^2 - 2 d^2.
     assert!(near(&whole, 0.25 - noise) && near(&variance, 0.0), "{} {}", whole[0], variance[0]);
 }
@@ -109,12 +146,14 @@ fn raw_errors_are_squared_bias_where_halves_agree_and_noise_where_they_do_not() 
 /// The image that `select` takes if the filtered image has `ratio` times the error of the unfiltered one: true for the
 /// filtered image.
 fn takes_filtered(ratio: f32) -> bool {
-    let inputs = inputs(|_, half| unfiltered(half));
+    let film = film(|_, half| unfiltered(half));
     // The error of a constant image without noise is its squared bias less d^2.
     let bias = ((ratio + 1.0) * NOISE * NOISE).sqrt();
-    let (image, unfiltered) = (pair(|_, _| 1.0 + bias), inputs.unfiltered());
-    let chosen = select(&inputs, std::slice::from_ref(&image), &[1.0; PIXELS], 2, true);
-    let [found, own] = [chosen.0[0][PIXELS / 2], unfiltered[0][PIXELS / 2]];
+    let of_first = planes(&film, |graph, inputs| {
+        let image = pair(graph, move |_, _| 1.0 + bias);
+        [select(graph, inputs, &[image], plain(graph), 2, true), inputs.unfiltered()].map(|image| image.0[0])
+    });
+    let [found, own] = of_first.map(|plane| plane[PIXELS / 2]);
     (found - 1.0 - bias).abs() < (found - own).abs()
 }
 
@@ -128,8 +167,8 @@ fn unfiltered_pixels_must_have_half_the_error_of_filtered_ones_to_be_taken() {
 #[test]
 fn errors_are_at_least_a_twentieth_of_their_mean() {
     let noisy = |i: usize| i >= PIXELS / 2;
-    let inputs = inputs(|i, half| if noisy(i) { unfiltered(half) } else { 1.0 });
-    let error = filtered(&inputs, &unfiltered_pair(&inputs)).error.unwrap();
+    let film = film(|i, half| if noisy(i) { unfiltered(half) } else { 1.0 });
+    let error = filtered(&film, |_, inputs| inputs.unfiltered()).error.unwrap();
     let mean = error.iter().sum::<f32>() / PIXELS as f32;
     let least = error.iter().copied().fold(f32::INFINITY, f32::min);
     // The floor itself adds some 2 % to the mean.
@@ -141,13 +180,12 @@ fn errors_are_at_least_a_twentieth_of_their_mean() {
 /// Differences of the halves show variance, even where the estimate of the whole error is 0 or below.
 #[test]
 fn errors_are_at_least_the_variance_of_the_filtered_image() {
-    let exact = inputs(|_, _| 1.0);
-    let image = pair(|_, half| if half == 0 { 1.1 } else { 0.9 });
-    let error = filtered(&exact, &image).error.unwrap();
+    let exact = film(|_, _| 1.0);
+    let error = filtered(&exact, |graph, _| pair(graph, |_, half| if half == 0 { 1.1 } else { 0.9 })).error.unwrap();
     assert!(near(&error, 0.01), "{}", error[0]);
     // Without bias or variance, the estimate is -d^2.
-    let noisy = inputs(|_, half| unfiltered(half));
-    let error = filtered(&noisy, &pair(|_, _| 1.0)).error.unwrap();
+    let noisy = film(|_, half| unfiltered(half));
+    let error = filtered(&noisy, |graph, _| pair(graph, |_, _| 1.0)).error.unwrap();
     assert!(error.iter().all(|e| *e == 0.0), "{}", error[0]);
 }
 
@@ -156,9 +194,9 @@ fn errors_are_at_least_the_variance_of_the_filtered_image() {
 fn errors_are_unknown_only_where_no_pixel_in_reach_has_samples() {
     let unknown = |first_rows: usize| -> Vec<f32> {
         let halves = |pixel: usize| if pixel / SIDE < 8 { first_rows } else { 2 };
-        let inputs = inputs_of(NEEDS, halves, |_, half| Estimate::new([unfiltered(half); 3]));
-        let error = filtered(&inputs, &unfiltered_pair(&inputs)).error.unwrap();
-        let unknown: Plane = error.iter().map(|e| f32::from(u8::from(e.is_infinite()))).collect();
+        let film = film_of(NEEDS, halves, |_, half| Estimate::new([unfiltered(half); 3]));
+        let error = filtered(&film, |_, inputs| inputs.unfiltered()).error.unwrap();
+        let unknown: Vec<f32> = error.iter().map(|e| f32::from(u8::from(e.is_infinite()))).collect();
         unknown.chunks(SIDE).map(|row| row.iter().sum::<f32>() / SIDE as f32).collect()
     };
     let rows = unknown(0);
@@ -172,14 +210,14 @@ fn errors_are_unknown_only_where_no_pixel_in_reach_has_samples() {
 fn a_sample_of_a_pixel_without_others_counts_in_one_half() {
     let film = |changed: usize| {
         let value = |i: usize| if i == changed { 3.0 } else { 1.0 + 0.1 * (i % 7) as f32 };
-        inputs_of(NEEDS, |_| 1, |i, _| Estimate::new([value(i); 3]))
+        values(&film_of(NEEDS, |_| 1, |i, _| Estimate::new([value(i); 3])))
     };
-    let before = film(usize::MAX);
+    let (before, level) = film(usize::MAX);
     for changed in [5 * SIDE + 4, 5 * SIDE + 5] {
-        let after = film(changed);
-        let scale = after.level() / before.level();
+        let (after, other) = film(changed);
+        let scale = other / level;
         let differs = |half: usize, i: usize| {
-            let [was, is] = [&before, &after].map(|inputs| inputs.halves[half].colour[0][i]);
+            let [was, is] = [&before, &after].map(|halves| halves[half].colour[0][i]);
             (is * scale - was).abs() > 1e-3
         };
         let own = (changed % SIDE + changed / SIDE) % 2;
@@ -187,7 +225,7 @@ fn a_sample_of_a_pixel_without_others_counts_in_one_half() {
         assert_eq!(found, [changed - SIDE, changed - 1, changed, changed + 1, changed + SIDE], "half {own}");
         assert!((0..PIXELS).all(|i| !differs(1 - own, i)), "the other half");
     }
-    assert!(before.halves.iter().all(|half| half.count.iter().all(|count| *count == 0.5)));
+    assert!(before.iter().all(|half| half.count.iter().all(|count| *count == 0.5)));
 }
 
 /// Between its samples, a half is their mean on the same surface, in proportion to albedo.
@@ -197,7 +235,7 @@ fn a_half_is_interpolated_on_its_surface_and_without_its_albedo() {
     let is_left = |i: usize| i % SIDE < SIDE / 2;
     let light = |i: usize| if is_left(i) { 1.0 } else { 5.0 };
     let film = |turns: bool| {
-        inputs_of(
+        film_of(
             RECORDED,
             |_| 1,
             |i, _| {
@@ -208,9 +246,10 @@ fn a_half_is_interpolated_on_its_surface_and_without_its_albedo() {
             },
         )
     };
-    let worst = |inputs: &Inputs| -> f32 {
-        let apart = |half: &Half, i: usize| (half.colour[0][i] * inputs.level() / (albedo(i) * light(i)) - 1.0).abs();
-        inputs.halves.iter().flat_map(|half| (0..PIXELS).map(move |i| apart(half, i))).fold(0.0, f32::max)
+    let worst = |film: &Film| -> f32 {
+        let (halves, level) = values(film);
+        let apart = |half: &HalfValues, i: usize| (half.colour[0][i] * level / (albedo(i) * light(i)) - 1.0).abs();
+        halves.iter().flat_map(|half| (0..PIXELS).map(move |i| apart(half, i))).fold(0.0, f32::max)
     };
     let [corner, flat] = [true, false].map(|turns| worst(&film(turns)));
     // A quarter of the light beyond the edge crosses it on one surface, and a 41st part of that weight crosses a corner.
@@ -221,12 +260,12 @@ fn a_half_is_interpolated_on_its_surface_and_without_its_albedo() {
 #[test]
 fn one_sample_per_pixel_has_the_variance_of_its_noise() {
     let noise = |i: usize| (mix(i as u64) >> 40) as f32 / 16_777_216.0;
-    let inputs = inputs_of(NEEDS, |_| 1, |i, _| Estimate::new([0.5 + noise(i); 3]));
+    let (halves, level) = values(&film_of(NEEDS, |_| 1, |i, _| Estimate::new([0.5 + noise(i); 3])));
     let of = |is_own: bool| -> f32 {
         let half = |i: usize| (i % SIDE + i / SIDE + usize::from(!is_own)) % 2;
         let inside = (0..PIXELS).filter(|i| (2..SIDE - 2).contains(&(i % SIDE)) && (2..SIDE - 2).contains(&(i / SIDE)));
-        let values: Vec<f32> = inside.map(|i| inputs.halves[half(i)].variance[0][i]).collect();
-        values.iter().sum::<f32>() / values.len() as f32 * inputs.level() * inputs.level() * 12.0
+        let values: Vec<f32> = inside.map(|i| halves[half(i)].variance[0][i]).collect();
+        values.iter().sum::<f32>() / values.len() as f32 * level * level * 12.0
     };
     let [own, between] = [of(true), of(false)];
     assert!((0.85..1.15).contains(&own) && (0.85..1.15).contains(&(4.0 * between)), "{own}, {between}");
@@ -235,7 +274,7 @@ fn one_sample_per_pixel_has_the_variance_of_its_noise() {
 /// A lamp of radiance 10^5 covers pixel 300 partly; one sample in four sees it. The wall varies by 0.1.
 #[test]
 fn variances_at_edges_of_lamps_are_those_of_the_light_that_filters_get() {
-    let inputs = inputs_of(
+    let film = film_of(
         RECORDED,
         |_| 8,
         |pixel, sample| {
@@ -244,19 +283,23 @@ fn variances_at_edges_of_lamps_are_those_of_the_light_that_filters_get() {
             Estimate::new([wall + lamp; 3]).with_emission([lamp; 3])
         },
     );
-    for half in &inputs.halves {
+    let (halves, _) = values(&film);
+    for half in &halves {
         let (colour, largest) = (half.colour[0][300], half.variance[0].iter().copied().fold(0.0f32, f32::max));
         assert!(colour > 10.0 && colour < 100.0, "{colour}: most of the lamp is withheld");
         assert!(largest < 0.1, "{largest}");
     }
-    assert_eq!(inputs.halves[0].colour[0][300], inputs.halves[1].colour[0][300], "both halves see it alike");
+    assert_eq!(halves[0].colour[0][300], halves[1].colour[0][300], "both halves see it alike");
 }
 
 /// The mean square of `narrow - 1` that a blend with the image 1 keeps.
-fn kept(radii: Radii, evidence: f32, narrow: impl Fn(usize, usize) -> f32) -> f32 {
-    let narrow = pair(narrow);
-    let image = shrink(&inputs(|_, _| 1.0), narrow.channels(), &pair(|_, _| 1.0), radii, evidence);
-    let square = |image: &Pair| image.0[0].iter().map(|v| (v - 1.0) * (v - 1.0)).sum::<f32>();
+fn kept(radii: Radii, evidence: f32, narrow: impl Fn(usize, usize) -> f32 + Sync) -> f32 {
+    let film = film(|_, _| 1.0);
+    let [image, narrow] = planes(&film, |graph, inputs| {
+        let [narrow, smooth] = [pair(graph, narrow), pair(graph, |_, _| 1.0)];
+        [shrink(graph, inputs, narrow, smooth, radii, evidence), narrow].map(|image| image.0[0])
+    });
+    let square = |image: &[f32]| image.iter().map(|v| (v - 1.0) * (v - 1.0)).sum::<f32>();
     square(&image) / square(&narrow)
 }
 
@@ -286,15 +329,9 @@ fn patches_of_noise_are_taken_out_and_detail_that_both_halves_see_stays() {
 
 #[test]
 fn a_first_pass_precedes_two_others_for_direct_light_by_itself_only() {
-    let mut film = Film::new(Frame::new(SIDE as u32, SIDE as u32).unwrap(), RECORDED.with_indirect());
-    for (pixel, half) in (0..PIXELS).flat_map(|pixel| [(pixel, 0), (pixel, 1)]) {
-        film.push_estimate(pixel, half, &Estimate::new([1.0; 3]).with_indirect([0.25; 3]));
-    }
-    let [direct, indirect] = Light::parts(&film);
-    for (light, is_direct) in [(Light::all(&film), false), (direct, true), (indirect, false)] {
-        let inputs = Inputs::new(light, &Reads::default());
-        assert_eq!(ClusterRegression::new().has_first(&inputs), is_direct);
-        assert!(ClusterRegression::new().one_pass().has_first(&inputs));
+    for (part, is_direct) in [(Part::All, false), (Part::Direct, true), (Part::Indirect, false)] {
+        assert_eq!(ClusterRegression::new().has_first(part), is_direct);
+        assert!(ClusterRegression::new().one_pass().has_first(part));
     }
 }
 
@@ -324,18 +361,18 @@ impl Integrator for Lamp {
     }
 }
 
-/// One sample per pixel, the planes of its film, and the red of pixel `i` in the half that it lacks and in the other.
-fn rendered(lamp: Lamp) -> (Film, Inputs, impl Fn(&Inputs, usize) -> [f32; 2]) {
+/// One sample per pixel, the unit of its planes, and the red of pixel `i` in the half that it lacks and in the other.
+fn rendered(lamp: Lamp) -> (Film, f32, impl Fn(usize) -> [f32; 2]) {
     let needs = Needs::none().with_variance().with_halves().with_features().with_emission();
     let (frame, limits) = (Frame::new(WIDTH as u32, WIDTH as u32).unwrap(), Limits::spp(1.0));
     let (mut lamp, mut sampler) = (lamp, Uniform::new(Sobol::new(4)));
     let film = Render::new(frame, &limits).needs(needs).run(&mut lamp, &mut sampler).unwrap();
-    let inputs = Inputs::new(Light::all(&film), &Reads::default());
-    let halves = |inputs: &Inputs, i: usize| {
+    let (halves, level) = values(&film);
+    let red = move |i: usize| {
         let own = (i % WIDTH + i / WIDTH) % 2;
-        [1 - own, own].map(|half| inputs.halves[half].colour[0][i] * inputs.level())
+        [1 - own, own].map(|half| halves[half].colour[0][i] * level)
     };
-    (film, inputs, halves)
+    (film, level, red)
 }
 
 /// The pixels at the edge, but for those at the border of the image.
@@ -345,12 +382,12 @@ fn edge() -> impl Iterator<Item = usize> {
 
 #[test]
 fn the_half_that_a_pixel_lacks_has_emission_of_its_own_samples() {
-    let (film, inputs, halves) = rendered(Lamp(40.0, 20.37));
+    let (film, _, halves) = rendered(Lamp(40.0, 20.37));
     let alone = |half, i| film.emission_alone(half, i).unwrap().1[0];
     assert!(edge().any(|i| alone(0, i) != alone(1, i)), "both halves are alike everywhere");
     for i in edge() {
         let unused = usize::from(film.half(0, i).unwrap().count > 0);
-        let [lacking, own] = halves(&inputs, i);
+        let [lacking, own] = halves(i);
         let wanted = alone(unused, i) + WALL;
         assert!((lacking - wanted).abs() < 1e-3 * wanted, "{lacking}, not {wanted}; {own} in the other half");
     }
@@ -360,31 +397,31 @@ fn the_half_that_a_pixel_lacks_has_emission_of_its_own_samples() {
 /// them.
 #[test]
 fn pixels_that_may_hide_an_edge_get_light_of_the_lamp_beside_them() {
-    let (film, inputs, halves) = rendered(Lamp(40.0, 20.9));
+    let (film, _, halves) = rendered(Lamp(40.0, 20.9));
     let missed: Vec<usize> = edge().filter(|&i| film.emission_alone(0, i).is_none()).collect();
     assert!(missed.len() > 20, "{} pixels", missed.len());
     for i in missed.into_iter().filter(|&i| film.mean(i)[0] < 1.0) {
-        let [lacking, _] = halves(&inputs, i);
+        let [lacking, _] = halves(i);
         assert!(lacking >= 0.25 * 40.0, "{lacking}");
     }
 }
 
 #[test]
 fn dim_emission_is_interpolated_like_other_light() {
-    let (_, inputs, halves) = rendered(Lamp(WALL, 20.37));
-    assert!(WALL < LAMP * inputs.level());
+    let (_, level, halves) = rendered(Lamp(WALL, 20.37));
+    assert!(WALL < LAMP * level);
     for i in edge() {
         // All neighbours are alike.
-        let wanted = [i - 1, i + 1, i - WIDTH, i + WIDTH].map(|j| halves(&inputs, j)[1]).iter().sum::<f32>() / 4.0;
-        let [lacking, _] = halves(&inputs, i);
+        let wanted = [i - 1, i + 1, i - WIDTH, i + WIDTH].map(|j| halves(j)[1]).iter().sum::<f32>() / 4.0;
+        let [lacking, _] = halves(i);
         assert!((lacking - wanted).abs() < 1e-3 * wanted, "{lacking}, not {wanted}");
     }
 }
 
 #[test]
 fn emission_that_is_withheld_is_so_in_both_halves() {
-    let (_, inputs, halves) = rendered(Lamp(1e12, 20.37));
-    let most = |k: usize| (0..WIDTH * WIDTH).map(|i| halves(&inputs, i)[k]).fold(0.0, f32::max);
+    let (_, _, halves) = rendered(Lamp(1e12, 20.37));
+    let most = |k: usize| (0..WIDTH * WIDTH).map(|i| halves(i)[k]).fold(0.0, f32::max);
     let [lacking, own] = [most(0), most(1)];
     assert!(own > 1.0 && own < 1e10 && lacking <= 1.01 * own, "{lacking} interpolated, {own} sampled");
 }

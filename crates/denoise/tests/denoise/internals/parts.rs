@@ -4,9 +4,11 @@ use crate::buffers::film::{STEPS, depths};
 use crate::cluster_gaussian::Votes;
 use crate::features::ln;
 use crate::gaussian::{NEGLIGIBLE, erfc, gaussian_weights};
+use crate::graph::{Graph, Plane, Reach, all};
 use crate::inputs::BACKGROUND;
-use crate::planes::{Plane, box_mean, map, update};
-use crate::tile::{self, COLUMNS, MARGIN, Stack, WIDTH, exp_minus};
+use crate::planes::{box_mean_of, map, planes_of};
+use crate::tile::{self, COLUMNS, MARGIN, Place, Stack, WIDTH, exp_minus};
+use std::sync::Mutex;
 
 #[test]
 fn exponentials_and_logarithms_are_accurate() {
@@ -103,12 +105,12 @@ fn erfc_matches_published_values() {
     assert_eq!(erfc(1e200), 0.0);
 }
 
-/// Windows are summed part by part; the parts of 32 rows or more must not show.
+/// Rows are made some at a time, which must not show.
 #[test]
 fn means_over_windows_are_those_of_all_their_pixels() {
     for ([width, height], radius) in [([37, 150], 1), ([70, 97], 3), ([5, 200], 10), ([64, 33], 20), ([1, 1], 2)] {
-        let plane: Plane = (0..width * height).map(|i| ((i * 7919) % 1009) as f32).collect();
-        let mean = box_mean(&plane, [width, height], radius);
+        let plane: Vec<f32> = (0..width * height).map(|i| ((i * 7919) % 1009) as f32).collect();
+        let mean = box_mean_of(&plane, [width, height], radius);
         let near = |k: usize, end: usize| (0..=2 * radius).map(move |d| (k + d).saturating_sub(radius).min(end - 1));
         for (i, found) in mean.iter().enumerate() {
             let value = |y: usize| near(i % width, width).map(|x| f64::from(plane[y * width + x])).sum::<f64>();
@@ -121,21 +123,76 @@ fn means_over_windows_are_those_of_all_their_pixels() {
 
 #[test]
 fn planes_hold_what_is_computed_of_each_pixel() {
-    let planes: [Plane; 2] = std::array::from_fn(|k| (0..10_000).map(|i| (i * (k + 1)) as f32).collect());
-    let [sum, difference] = map([&planes[0], &planes[1]], |[a, b]| [a + b, b - a]);
-    assert!((0..10_000).all(|i| sum[i] == (3 * i) as f32 && difference[i] == i as f32));
-    let mut both = sum.clone();
-    update(&mut both, [&difference], |sum, [difference]| sum - 3.0 * difference);
-    assert!(both.iter().all(|value| *value == 0.0));
+    let graph = Graph::new([100, 90]);
+    let [a, b] = planes_of(&graph, |i| [i as f32, 2.0 * i as f32]);
+    let planes = map(&graph, [a, b], |[a, b]| [a + b, b - a]);
+    let [sum, difference] = graph.collect(planes);
+    assert!((0..9000).all(|i| sum[i] == (3 * i) as f32 && difference[i] == i as f32));
+}
+
+/// A pass makes every row that is read, once and in order, and no plane keeps more rows than its readers reach.
+#[test]
+fn rows_are_made_once_as_they_are_read() {
+    let made = Mutex::new(Vec::new());
+    let graph = Graph::new([3, 200]);
+    let [own] = graph.rows(Vec::new(), |_, y, [to]: [&mut [f32]; 1]| {
+        made.lock().unwrap().push(y);
+        to.fill(y as f32);
+    });
+    let [unread] = graph.rows(all([own], Reach::rows(0)), |_, _, _: [&mut [f32]; 1]| panic!("nothing reads this"));
+    assert_ne!(format!("{own:?}"), format!("{unread:?}"));
+    let coarse = graph.tiles(
+        ([1, 20], 1),
+        all([own], Reach::from_fine(10, 0)),
+        || (),
+        |(), rows, [_, tile]| vec![(10 * tile..10 * tile + 10).map(|y| rows.row(own, y)[0]).sum()],
+    )[0];
+    let mut reads = all([own], Reach::rows(7));
+    reads.extend(all([coarse], Reach::from_coarse(10, 0)));
+    let [sum] = graph.rows(reads, |rows, y, [to]: [&mut [f32]; 1]| {
+        let near = (y.saturating_sub(7)..(y + 8).min(200)).map(|y| rows.row(own, y)[0]).sum::<f32>();
+        to.fill(near + rows.row(coarse, y / 10)[0]);
+    });
+    graph.run(&[sum], |rows, range| {
+        for y in range.clone() {
+            let near = (y.saturating_sub(7)..(y + 8).min(200)).sum::<usize>();
+            let tile = (y / 10 * 10..y / 10 * 10 + 10).sum::<usize>();
+            assert_eq!(rows.row(sum, y), [(near + tile) as f32; 3]);
+        }
+        assert!(rows.kept(own) <= 15 + 10 && rows.kept(sum) == range.len() && rows.kept(unread) == 0);
+    });
+    let mut made = made.into_inner().unwrap();
+    made.sort_unstable();
+    assert_eq!(made, (0..200).collect::<Vec<_>>());
+}
+
+fn place(size: [usize; 2], origin: [usize; 2]) -> Place {
+    Place { size, origin, margin: MARGIN }
+}
+
+/// A copy of a tile of two planes whose values are those of `value` at each pixel.
+fn copied(size: [usize; 2], origins: &[[usize; 2]], value: impl Fn(usize) -> f32 + Sync) -> Stack<2> {
+    let tile = Mutex::new(Stack::default());
+    let graph = Graph::new(size);
+    let planes: [Plane; 2] = planes_of(&graph, |i| [value(i); 2]);
+    let reads = all(planes, Reach::from_fine(size[1], 0));
+    let whole = graph.tiles(
+        ([1, 1], 1),
+        reads,
+        || (),
+        |(), rows, _| {
+            origins.iter().for_each(|origin| tile.lock().unwrap().copy(rows, planes, place(size, *origin)));
+            Vec::new()
+        },
+    );
+    let end = graph.rows(all(whole, Reach::from_coarse(size[1], 0)), |_, _, _| ());
+    let [_] = graph.collect(end);
+    tile.into_inner().unwrap()
 }
 
 #[test]
 fn moved_rows_hold_the_moved_pixels() {
-    let size = [150, 40];
-    let plane: Plane = (0..6000).map(|i| i as f32).collect();
-    let mut tile = Stack::default();
-    tile.copy([&plane, &plane], size, [0, 0]);
-    tile.copy([&plane, &plane], size, [64, 16]);
+    let tile = copied([150, 40], &[[0, 0], [64, 16]], |i| i as f32);
     for (y, parity, dx, dy) in [(0, 0, 0, 0), (3, 1, -7, 7), (15, 0, -7, -7), (8, 1, 7, 0), (8, 0, 6, 1)] {
         let row = tile.moved(y, parity, [dx, dy]);
         assert_eq!(row.len(), COLUMNS + tile::LANES);
@@ -150,10 +207,8 @@ fn moved_rows_hold_the_moved_pixels() {
 #[test]
 fn planes_are_cleared_beyond_the_frame_only() {
     for (width, height, origin) in [(150, 40, [0, 0]), (150, 40, [128, 32]), (3, 1, [0, 0]), (65, 17, [64, 16])] {
-        let plane = vec![1.0; width * height];
-        let mut tile = Stack::default();
-        tile.copy([&plane, &plane], [width, height], origin);
-        tile.clear_outside(1, [width, height], origin);
+        let mut tile = copied([width, height], &[origin], |_| 1.0);
+        tile.clear_outside(1, place([width, height], origin));
         for (at, value) in tile.0.iter().enumerate() {
             let (row, within) = (at / (4 * COLUMNS), at % (4 * COLUMNS));
             let (parity, k, column) = (within / (2 * COLUMNS), within / COLUMNS % 2, within % COLUMNS);
