@@ -177,7 +177,7 @@ def large(_):
 
 
 def clusters(_):
-    run("cargo", "bench", "--quiet", "-p", "dapple-clustering", "--bench", "cluster", "--", "default", RAYON_NUM_THREADS="1")
+    run("cargo", "bench", "--quiet", "-p", "dapple-benches", "--bench", "cluster", "--", "default", RAYON_NUM_THREADS="1")
     rows = [["terrain of 1 M triangles", "M triangles a CPU second", "required", "goal", "required is"]]
     for name in ("hills", "crags"):
         sample = json.loads(Path(f"target/criterion/{name}/default/new/sample.json").read_text())
