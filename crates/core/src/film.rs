@@ -82,8 +82,9 @@ fn sums([nx, ny, nz, r, g, b, x, y, z, depth]: &[f32; 10]) -> [f32; 4] {
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Features {
-    /// The number of samples of the pixel, at most 65,535, with those of [features alone](crate::Integrator::features_alone) and without those
-    /// whose features are left out as [rare](crate::SurfaceFeatures::rare).
+    /// The number of samples of the pixel, at most 65,535: with those of
+    /// [features alone](crate::Integrator::features_alone), without those whose features are left out as
+    /// [rare](crate::SurfaceFeatures::rare).
     pub samples: u32,
     /// The number of samples that hit a surface.
     pub hits: u32,

@@ -236,9 +236,7 @@ impl Estimate {
         });
         Self { colour: [r, g, b], more, error, weight, raw: [whole, variance, known], level }
     }
-}
 
-impl Estimate {
     /// The bytes per pixel of the image of so many parts of the light, while it is made: radiance, and two planes for the error of each.
     pub(crate) const fn bytes_per_pixel(parts: usize) -> usize {
         12 + 8 * parts

@@ -122,7 +122,7 @@ impl WorldClusters {
         self.first[shape as usize] + primitive
     }
 
-    /// The number of the cluster that primitive `primitive` of shape `shape` lies in; `None` if there is none.
+    /// The number of the cluster that primitive `primitive` of shape `shape` lies in; `None` for other numbers.
     pub fn label(&self, shape: u32, primitive: u32) -> Option<u32> {
         let first = self.first.get(shape as usize)?;
         self.labels.get(*first as usize + primitive as usize).copied()

@@ -52,8 +52,8 @@ impl Film {
             Retention::Keep => (&mut self.kept, &mut self.spread),
             Retention::Discard => (&mut self.discarded, &mut self.discarded_spread),
         };
-        let sums = (spread.rows(), self.needs.sum_at(half, local));
-        halves[half].rows().add(local, estimate, &self.recorders.active, (&mut { sums.0 }, sums.1))
+        let sum = self.needs.sum_at(half, local);
+        halves[half].rows().add(local, estimate, &self.recorders.active, (&mut spread.rows(), sum))
     }
 
     /// All pixels, for a round of this retention.

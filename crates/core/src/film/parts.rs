@@ -109,10 +109,11 @@ impl Film {
 
     /// The samples of half 0 or 1 as a film without halves, so that a filter can be applied to one half alone.
     ///
-    /// Counts, means, emission, words of recorders, splats and discarded samples are those of the half. So are
-    /// variances if the film records them [per half](Needs::half_variance); else the film has none. So are features if the film records them [per half](Needs::feature_halves); else they are those of both halves, as first
-    /// hits and surfaces always are. [Emission alone](Film::emission_alone) is that of the half. Costs and the record of rounds are left
-    /// out. A filter that needs halves refuses the film.
+    /// Counts, means, emission, words of recorders, splats and discarded samples are those of the half. So are variances if the
+    /// film records them [per half](Needs::half_variance); else the new film has none. So are features if the film records them
+    /// [per half](Needs::feature_halves); else they are those of both halves, as first hits and surfaces always are.
+    /// [Emission alone](Film::emission_alone) is that of the half. Costs and the record of rounds are left out. A filter that
+    /// needs halves refuses the film.
     ///
     /// The film takes [`Film::bytes_per_pixel`] of its own [`Needs`].
     ///

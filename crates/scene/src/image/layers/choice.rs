@@ -219,7 +219,7 @@ impl Layers {
     }
 
     /// The layer at the place of an image of another file: of the same name, or pass and view layer, in the same view.
-    /// Where only one of the files names its views, their default views are the same. `None` if there is none.
+    /// Where only one of the files names its views, their default views are the same. `None` without such a view.
     pub fn same(&self, image: &FoundLayer, of: &Self) -> Option<FoundLayer> {
         let is_default = image.view == of.views[0] && (image.view.is_empty() || self.views[0].is_empty());
         let view = if is_default { &self.views[0] } else { &image.view };
