@@ -34,23 +34,24 @@
 //! | feature | adds |
 //! |---|---|
 //! | `registry` (default) | [`default_pair`], and methods by name: [`points()`], [`sampler()`], [`filter()`] |
-//! | `denoise` (default) | [`denoise()`] and what it takes |
-//! | `threads` (default) | loops on all threads, by rayon; without it on the thread of their caller, with the same bits |
+//! | `denoise` (default) | [`denoise()`] and the types of its arguments |
+//! | `threads` (default) | loops on all threads, with rayon; without it, on the caller's thread, with bit-identical results |
 //! | `classics` | published methods of adaptive sampling and reconstruction, by name |
 //! | `oidn` | the filters `oidn` and `both`: Intel Open Image Denoise, found at run time |
 //! | `rand_core_0_10`, `rand_core_0_9`, `rand_core_0_6` | [`Rng`] is a generator of `rand` 0.10, 0.9, 0.8 |
 //!
 //! # Crates
 //!
-//! This crate names what a plug needs. Whoever writes a sampler or a filter, or wants more of Dapple, depends on a crate of these:
+//! This crate re-exports what a host renderer needs. To write a sampler or a filter, or to use more of Dapple, depend on
+//! one of these crates:
 //!
 //! | crate | contents |
 //! |---|---|
 //! | `dapple-core` | traits of samplers, point sets, integrators and filters; films, budgets and `Render`, which owns the loop |
 //! | `dapple-low-discrepancy`, `dapple-adaptive`, `dapple-mitchell`, `dapple-cluster-adaptive`, `dapple-classics` | point sets and samplers |
 //! | `dapple-denoise`, `dapple-oidn` | filters |
-//! | `dapple-registry` | all methods by name, with clusters of a host |
-//! | `dapple-clustering`, `dapple-light-selection`, `dapple-distributed`, `dapple-metrics` | clusters of triangles; learned selection of lights; many processes; errors of images |
+//! | `dapple-registry` | all methods by name, with the host's clusters |
+//! | `dapple-clustering`, `dapple-light-selection`, `dapple-distributed`, `dapple-metrics` | clusters of triangles; learned light selection; renders by many processes; error metrics of images |
 //! | `dapple-geometry`, `dapple-scene`, `dapple-renderer`, `dapple-transport`, `dapple-job`, `dapple-study` | the example renderer, its jobs and its studies |
 
 #[doc(inline)]

@@ -5,7 +5,7 @@ use dapple_registry::{HostClusters, Setting};
 
 /// Makes a point set (where samples lie) from its description: `NAME` or `NAME:key=value,…`.
 ///
-/// Point sets that are made for a given count take it as a parameter: `stratified:strata=8`.
+/// Point sets for a fixed number of samples take that number as a parameter: `stratified:strata=8`.
 ///
 /// ```
 /// let points = dapple::points("sobol", 7)?;
