@@ -12,10 +12,10 @@ pub struct LightCellOptions {
     /// The number of voxels along the longest side of the box, from 1 to 1024. Fewer are used if the table would
     /// become too large for the number of lights.
     pub resolution: u32,
-    /// The weight of the expected contribution against the measured one, as a number of samples. It must be positive.
+    /// The weight of the expected contribution relative to the measured one, as a number of samples. It must be positive.
     pub prior: f32,
-    /// The fraction of uniform selection in every distribution, above 0 and at most 1. A sample's weight is at most
-    /// the number of lights divided by it, up to the rounding of probabilities.
+    /// The fraction of uniform selection in every distribution, above 0 and at most 1. A sample's weight is at most the
+    /// number of lights divided by this fraction, up to the rounding of probabilities.
     pub defensive: f32,
 }
 
@@ -31,18 +31,18 @@ impl Default for LightCellOptions {
 pub enum Guidance {
     /// Each cell selects lights by its own distribution.
     Cells,
-    /// All cells select lights by one common distribution, since the cells' distributions differ too little to pay.
+    /// All cells select lights by one common distribution, since the cells' distributions differ too little to be worthwhile.
     Global,
 }
 
 /// A table of light selection probabilities, with one distribution per cell. A cell is a voxel of space combined with
 /// an orientation (the axis nearest to the surface normal, with its sign).
 ///
-/// Let `X_e` be the contribution of light `e` before division by its selection probability `p_e`. The variance is
-/// least for `p_e` in proportion to the root of the second moment `E[X_e^2]`. Second moments are learned from samples
-/// that are traced anyway. Cells with few samples fall back on the expected contribution, scaled by each light's mean
-/// over all cells. A fraction of the selection is uniform ([`LightCellOptions::defensive`]). A table is read-only
-/// while samples are traced, and learns between passes ([`LightCells::learn`]).
+/// Let `X_e` be the contribution of light `e` before division by its selection probability `p_e`. The variance is minimal
+/// if `p_e` is proportional to the square root of the second moment `E[X_e^2]`. Second moments are learned from samples
+/// that are traced anyway. Cells with few samples fall back on the expected contribution, scaled by each light's mean over
+/// all cells. A fraction of the selection is uniform ([`LightCellOptions::defensive`]). A table is read-only while samples
+/// are traced, and learns between passes ([`LightCells::learn`]).
 ///
 /// *Guarantees*: in every cell, each light keeps the fraction [`LightCellOptions::defensive`] of its uniform
 /// probability, up to rounding. An estimator that divides by [`LightCells::pmf`] is therefore unbiased, whatever the
@@ -66,7 +66,7 @@ pub struct LightCells {
     ends: Vec<f32>,
     /// The number of rows before the cells' own: one global row and one per neighbourhood.
     shared: usize,
-    /// The expected root of the second moment per cell with samples and per light, 1 on average over a cell's lights.
+    /// The expected square root of the second moment, per cell with samples and per light. Its mean over a cell's lights is 1.
     expected: Vec<f32>,
     /// The number of samples and the sum of their squared contributions, per cell with samples and per light.
     seen: Vec<[f32; 2]>,
@@ -77,8 +77,8 @@ pub struct LightCells {
 const STEPS: f32 = (1 << 24) as f32;
 /// The largest number of pairs of a cell and a light in a table. 2^21 pairs take 34 MB if every cell gets samples.
 const MOST: usize = 1 << 21;
-/// The largest number of lights among which one is found by counting. A binary search misses the cache again and again, and
-/// guesses each step wrong half of the time.
+/// The largest number of lights for which a light is found by counting. A binary search would miss the cache repeatedly,
+/// and mispredict half of its branches.
 const COUNTED: usize = 64;
 /// The number of voxels along each side of a neighbourhood. Cells without samples share a row per neighbourhood and
 /// orientation, so 27 times fewer rows are needed (9 times in a flat box).
@@ -114,7 +114,7 @@ impl LightCells {
             return Err(Error::range("prior", options.prior, "a number of samples above 0"));
         }
         if !(options.defensive > 0.0 && options.defensive <= 1.0) {
-            return Err(Error::range("defensive", options.defensive, "a share above 0 and at most 1"));
+            return Err(Error::range("defensive", options.defensive, "a fraction above 0 and at most 1"));
         }
         if !(2..=1 << 16).contains(&lights) {
             return Ok(None);
@@ -168,8 +168,8 @@ impl LightCells {
         self.lights
     }
 
-    /// The most bytes of a table that has learned from `notes` notes: a cell with samples takes a row, one without shares its
-    /// neighbourhood's.
+    /// The maximum bytes of a table that has learned from `notes` notes. A cell with samples has its own row; any other
+    /// cell uses the row of its neighbourhood.
     pub fn memory(&self, notes: u64) -> u64 {
         let bytes = size_of::<f32>() + size_of::<f32>() + size_of::<[f32; 2]>();
         let rows = (self.cells() as u64).min(notes) * (self.lights * bytes) as u64;
@@ -328,7 +328,7 @@ impl LightCells {
         mixes.moments.extend(each);
     }
 
-    /// Computes the distribution of least variance for second moments, mixed with the uniform distribution.
+    /// Computes the minimum-variance distribution for the second moments, mixed with the uniform distribution.
     fn mix(&self, mixes: &mut Mixes) {
         let Mixes { moments, mix } = mixes;
         mix.clear();
