@@ -10,7 +10,8 @@ use std::ops::Range;
 
 /// The processes of a render, connected by messages: those of an MPI job, or threads ([`local`]).
 ///
-/// Process 0 coordinates: it plans, deals, joins, and has the film. All others trace what it sends them.
+/// Process 0 coordinates: it plans, distributes rows, joins the results, and has the film. The others trace the rows that
+/// it sends.
 pub trait Processes {
     /// The number of this process, from 0.
     fn rank(&self) -> u32;
@@ -18,18 +19,18 @@ pub trait Processes {
     /// The number of processes.
     fn size(&self) -> u32;
 
-    /// Sends bytes to a process. Returns when they may be changed.
+    /// Sends `bytes` to process `to`. Returns once `bytes` may be changed.
     ///
     /// # Errors
     ///
-    /// [`Error::Other`] if the process is gone.
+    /// [`Error::Other`] if the process has ended.
     fn send(&mut self, to: u32, bytes: &[u8]) -> Result<(), Error>;
 
-    /// The next message of any process: its sender and its bytes. Waits for it.
+    /// Waits for the next message from any process. Returns the sender's rank and the bytes.
     ///
     /// # Errors
     ///
-    /// [`Error::Other`] if all processes are gone.
+    /// [`Error::Other`] if all other processes have ended.
     fn receive(&mut self) -> Result<(u32, Vec<u8>), Error>;
 }
 
@@ -39,26 +40,26 @@ const OVER: &str = "over";
 const STOPPED: &str = "stopped";
 const FAILED: &str = "failed";
 
-/// A message of one section.
+/// A message with one section.
 fn message(name: &str, section: &[u8]) -> Vec<u8> {
     let mut bytes = container::begin(section.len());
     container::append(&mut bytes, name, section);
     bytes
 }
 
-/// A message of runs of rows. All runs of a process are one message, so that a process that sends meets one that receives:
-/// messages of MPI may wait for that.
+/// A message with runs of rows. All runs for a process are in one message, so that each send is followed by a receive: MPI
+/// may block a send until then.
 fn rows_message<'a>(runs: impl IntoIterator<Item = &'a Vec<u8>>) -> Vec<u8> {
     let mut bytes = container::begin(0);
     runs.into_iter().for_each(|run| container::append(&mut bytes, ROWS, run));
     bytes
 }
 
-/// The runs of rows of each part of a stage. Runs of a part lie apart, so that parts take about equal times where some rows
-/// of an image cost more than others.
+/// The number of runs of rows in each part of a stage. The runs of a part are spread over the image, so that parts take
+/// about the same time even if some rows cost more than others.
 const RUNS: u32 = 8;
 
-/// The rows of a stage that part `index` of `parts` traces, as runs from the top. Follows from the plan alone.
+/// The rows of a stage that part `index` of `parts` traces, as runs from the top. Depends on the plan only.
 pub fn rows_of_part(session: &Session<'_>, stage: &Stage, index: u32, parts: u32) -> Vec<Range<u32>> {
     // An integrator that prepares for each of several passes would do so again for each run.
     let runs = if stage.passes() > 1 { 1 } else { RUNS };
@@ -66,15 +67,15 @@ pub fn rows_of_part(session: &Session<'_>, stage: &Stage, index: u32, parts: u32
     runs.into_iter().skip(index as usize).step_by(parts as usize).collect()
 }
 
-/// Runs a render from process 0, to the end of its last stage. Returns `false` if any process was stopped; the session then is at
-/// the end of the stage before.
+/// Runs a render on process 0, to the end of its last stage. Returns `false` if any process was stopped; the session is
+/// then at the end of the previous stage.
 ///
-/// The session may be a new one, or one resumed from a snapshot of any render of the same settings, by however many processes.
+/// The session may be new, or resumed from a snapshot of a render with the same settings, by any number of processes.
 /// `monitor` is called after each stage and at the end, `stop` between slices of this process's own rows.
 ///
 /// # Errors
 ///
-/// Those of [`Render::run`](dapple_core::Render::run), and [`Error::Other`] with the report of the process that failed.
+/// Those of [`Render::run`](dapple_core::Render::run), and [`Error::Other`] with the message of a process that failed.
 pub fn coordinate(
     session: &mut Session<'_>,
     integrator: &mut dyn Integrator,
@@ -94,7 +95,7 @@ pub fn coordinate(
     Ok(complete)
 }
 
-/// Traces stage after stage. Returns `false` if a process was stopped.
+/// Traces all stages in order. Returns `false` if a process was stopped.
 fn stages(
     session: &mut Session<'_>,
     integrator: &mut dyn Integrator,
@@ -140,14 +141,14 @@ fn stages(
     Ok(true)
 }
 
-/// Traces what process 0 sends, until the render is over.
+/// Traces the rows that process 0 sends, until the render is over.
 ///
-/// `trace` traces rows, as [`Render::trace_rows`](dapple_core::Render::trace_rows) does for a render of the coordinator's frame,
-/// limits, statistics and recorders. `None` says that it was stopped.
+/// `trace` traces rows as [`Render::trace_rows`](dapple_core::Render::trace_rows) does, for a render with the coordinator's
+/// frame, limits, statistics and recorders. It returns `None` if it was stopped.
 ///
 /// # Errors
 ///
-/// [`Error::Other`] if process 0 is gone. Failures of tracing are reported there.
+/// [`Error::Other`] if process 0 has ended. Errors of `trace` are reported to process 0.
 pub fn serve(
     mut trace: impl FnMut(&[u8]) -> Result<Option<Vec<u8>>, Error>,
     processes: &mut dyn Processes,
@@ -170,20 +171,20 @@ pub fn serve(
     }
 }
 
-/// Waits until the render is over, on a process that could not be made ready, and reports why.
+/// Waits until the render is over, on a process that could not prepare for it. Reports `why` to process 0.
 ///
 /// # Errors
 ///
-/// As [`serve`].
+/// Those of [`serve`].
 pub fn refuse(why: &str, processes: &mut dyn Processes) -> Result<(), Error> {
-    serve(|_| Err(Error::other("making ready", why)), processes)
+    serve(|_| Err(Error::other("preparing for the render", why)), processes)
 }
 
-/// Ends the other processes of a render, all that are there, even if some are gone.
+/// Tells all other processes that the render is over, even if some have already ended.
 ///
 /// # Errors
 ///
-/// The first of [`Processes::send`].
+/// The first error of [`Processes::send`].
 pub fn dismiss(processes: &mut dyn Processes) -> Result<(), Error> {
     let told: Vec<_> = (1..processes.size()).map(|rank| processes.send(rank, &message(OVER, &[]))).collect();
     told.into_iter().collect()

@@ -11,7 +11,7 @@ pub struct Local {
     from: Receiver<(u32, Vec<u8>)>,
 }
 
-/// Connects `size` processes, for threads of one program: tests, and hosts with many devices.
+/// Connects `size` processes that are threads of one program, for tests and for hosts with many devices.
 pub fn local(size: u32) -> Vec<Local> {
     let (to, from): (Vec<_>, Vec<_>) = (0..size).map(|_| channel()).unzip();
     from.into_iter().zip(0..).map(|(from, rank)| Local { rank, to: to.clone(), from }).collect()
@@ -28,7 +28,7 @@ impl Processes for Local {
 
     fn send(&mut self, to: u32, bytes: &[u8]) -> Result<(), Error> {
         let sent = self.to[to as usize].send((self.rank, bytes.to_vec()));
-        sent.map_err(|_| Error::other(format!("process {to}"), "it is gone"))
+        sent.map_err(|_| Error::other(format!("process {to}"), "it has ended"))
     }
 
     fn receive(&mut self) -> Result<(u32, Vec<u8>), Error> {

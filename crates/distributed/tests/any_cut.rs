@@ -492,7 +492,7 @@ impl Processes for Broken {
     fn send(&mut self, to: u32, bytes: &[u8]) -> Result<(), Error> {
         if dapple_core::container::sections(bytes).unwrap()[0].0 == "over" {
             self.0.push(to);
-            return if to == 1 { Err(Error::other("process 1", "it is gone")) } else { Ok(()) };
+            return if to == 1 { Err(Error::other("process 1", "it has ended")) } else { Ok(()) };
         }
         Ok(())
     }
