@@ -25,7 +25,7 @@ use mpi::environment::Universe;
 use mpi::topology::SimpleCommunicator;
 use mpi::traits::{Communicator, Destination, Source};
 
-/// The most bytes of one MPI message, whose length has 32 bits with a sign.
+/// The maximum number of bytes in an MPI message, whose length is a signed 32-bit integer.
 const AT_ONCE: usize = 1 << 30;
 
 /// The processes of an MPI job.
@@ -40,19 +40,19 @@ impl MpiProcesses {
     ///
     /// # Errors
     ///
-    /// [`Error::Other`] if MPI was started before in this process, or allows no threads.
+    /// [`Error::Other`] if MPI was already started in this process, or does not support threads.
     pub fn start() -> Result<Self, Error> {
         one_host::prefer_shared_memory();
         let refused = |what: &'static str| Error::other("MPI", what);
         let (universe, threading) = mpi::initialize_with_threading(mpi::Threading::Funneled)
-            .ok_or_else(|| refused("it was started before in this process"))?;
+            .ok_or_else(|| refused("it was already started in this process"))?;
         if threading < mpi::Threading::Funneled {
-            return Err(refused("this library allows no threads; install one with MPI_THREAD_FUNNELED"));
+            return Err(refused("this library does not support MPI_THREAD_FUNNELED; install one that does"));
         }
         Ok(Self { world: universe.world(), at_once: AT_ONCE, _universe: universe })
     }
 
-    /// Sets the most bytes of one message of MPI, for tests.
+    /// Sets the maximum number of bytes in an MPI message, for tests.
     #[must_use]
     pub fn with_bytes_at_once(self, bytes: usize) -> Self {
         Self { at_once: bytes.clamp(1, AT_ONCE), ..self }

@@ -1,17 +1,17 @@
-//! The way of messages between processes of one machine.
+//! The transport of messages between processes on one machine.
 
 use std::ffi::OsString;
 
-/// The setting by which Open MPI takes shared memory, without a search for networks that takes 0.2 s.
+/// The variable and value that make Open MPI use shared memory, without a network search of 0.2 s.
 const SHARED_MEMORY: (&str, &str) = ("OMPI_MCA_pml", "ob1");
 
-/// The settings of a user who has chosen how messages travel, or a file of such settings.
+/// The prefixes of variables with which a user chooses the transport, or a file of settings.
 const CHOSEN: [&str; 4] = ["OMPI_MCA_pml", "OMPI_MCA_btl", "OMPI_MCA_mtl", "OMPI_MCA_mca_base"];
 
-/// Makes Open MPI take shared memory if mpirun started all processes on this machine and the user has chosen nothing: no
-/// `--mca pml`, `btl` or `mtl`, variable or file of settings. Other MPI libraries do not read the variable.
+/// Makes Open MPI use shared memory if mpirun started all processes on this machine and the user has not chosen a
+/// transport: no `--mca pml`, `btl` or `mtl`, variable or file of settings. Other MPI libraries do not read the variable.
 ///
-/// MPI reads environment variables when it starts. It does nothing if this process has other threads already.
+/// MPI reads environment variables when it starts. This function does nothing if the process already has other threads.
 pub(crate) fn prefer_shared_memory() {
     let of_user = std::env::home_dir().is_some_and(|home| home.join(".openmpi/mca-params.conf").exists());
     let alone = std::fs::read_dir("/proc/self/task").is_ok_and(|threads| threads.count() == 1);
@@ -25,7 +25,8 @@ pub(crate) fn prefer_shared_memory() {
     }
 }
 
-/// True for the variables of a process whose launcher started all processes on its machine, by settings of its own.
+/// Returns `true` if, according to `variables`, one launcher started all processes on this machine and the user chose no
+/// transport.
 fn is_one_host_without_choice(variables: impl Iterator<Item = (OsString, OsString)>) -> bool {
     let (mut all, mut here, mut chosen) = (None, None, false);
     for (name, value) in variables {
