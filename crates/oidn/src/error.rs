@@ -5,14 +5,14 @@ use std::path::PathBuf;
 
 /// The advice at the end of each error of loading.
 const ADVICE: &str = "install Open Image Denoise 2 (`pip install pyoidn`, your system's package, or an archive of \
-                      https://www.openimagedenoise.org), and set DAPPLE_OIDN to the path of its library unless it is found";
+                      https://www.openimagedenoise.org), and set DAPPLE_OIDN to the path of its library if it is still not found";
 
 /// The reason why the library cannot be used.
 #[non_exhaustive]
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum LoadError {
-    /// No library under the names that the system's search path was asked for.
-    #[error("there is no library {names}: {why}; {ADVICE}")]
+    /// No library with one of the searched names.
+    #[error("the library {names} was not found: {why}; {ADVICE}")]
     NotFound {
         /// The names, as a list for messages.
         names: String,
@@ -36,7 +36,7 @@ pub enum LoadError {
         function: &'static str,
     },
     /// A version other than 2.
-    #[error("{library} is version {version} of OIDN, and version 2 is needed; {ADVICE}")]
+    #[error("{library} is version {version} of OIDN, but version 2 is required; {ADVICE}")]
     Version {
         /// The library's path or name.
         library: String,
@@ -71,7 +71,9 @@ pub enum RunError {
         expected: usize,
     },
     /// An output image with NaN or infinity.
-    #[error("Open Image Denoise wrote {0} values that are NaN or infinite; update it, or choose another filter")]
+    #[error(
+        "Open Image Denoise wrote {0} values that are NaN or infinite; update Open Image Denoise, or choose another filter"
+    )]
     NotFinite(usize),
 }
 

@@ -11,7 +11,7 @@ use std::ffi::CStr;
 dapple_core::options! {
     /// The parameters of [`Oidn`].
     pub struct OidnOptions {
-        /// Denoise albedo and normals first, each by a run of its own: true or false.
+        /// Denoise albedo and normals first, each in a separate run: true or false.
         pub prefilter: bool = true;
     }
 }
@@ -31,7 +31,7 @@ impl Oidn {
         Self { library, options }
     }
 
-    /// Runs OIDN on one image, or on colour with its guides.
+    /// Runs OIDN on one image, or on colour guided by albedo and normals.
     fn run(&self, size: [usize; 2], inputs: &[(&'static CStr, &[f32])], hdr: bool) -> Result<Vec<f32>, RunError> {
         let mut output = vec![0.0; 3 * size[0] * size[1]];
         let clean = hdr && self.options.prefilter;
@@ -95,11 +95,11 @@ fn memory(frame: &Frame) -> u64 {
 
 /// The plain mean of the images of [`Oidn`] and of another filter.
 ///
-/// Filters of different kinds make different errors. With `cluster-regression` on adaptive counts, the mean has less error
-/// than either image at 1 to 8 samples per pixel on nine scenes (docs/results/oidn.md). Above some 64 samples per pixel, the other
-/// filter alone may be better where there is fine detail.
+/// Filters of different kinds have different errors. With `cluster-regression` on adaptive counts, the mean has less error
+/// than either image at 1 to 8 samples per pixel on nine scenes (docs/results/oidn.md). Above some 64 samples per pixel,
+/// the other filter alone may be better where there is fine detail.
 ///
-/// There is no estimate of the mean's error: that of OIDN's image is unknown.
+/// There is no error estimate, since the error of OIDN's image is unknown.
 pub struct Both<F> {
     oidn: Oidn,
     other: F,
@@ -128,7 +128,7 @@ impl<F: Filter> Filter for Both<F> {
         self.oidn.needs().and(self.other.needs())
     }
 
-    /// The filters run one after the other, so that the second runs beside the image of the first.
+    /// The filters run one after the other. The image of the first stays in memory while the second runs.
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
         let [oidn, other] = [self.oidn.memory(frame, needs), self.other.memory(frame, needs)];
         let planes = FilterMemory::new(frame, 0, ImagePlanes::Radiance);

@@ -1,15 +1,15 @@
-//! From a film to the images that OIDN reads, and back.
+//! Conversion of a film to OIDN's inputs, and of OIDN's output to an image.
 
 use dapple_core::{Film, Filtered, film::luminance};
 
-/// The least width and height of an image for OIDN. Below 16 pixels OIDN darkens constants: one pixel to 0.18.
+/// The least width and height of an image for OIDN. Below 16 pixels OIDN darkens constant images: a single pixel to 0.18.
 const LEAST_SIDE: usize = 32;
 
-/// The largest colour that OIDN gets, in units of the image's level. It keeps the light of 4x4 pixels of 10^3 to 1 %, of
-/// 10^4 to 7 %, and doubles that of 10^10.
+/// The largest colour that OIDN gets, in units of the image's level. OIDN preserves the light of 4x4 pixels of 10^3 to 1 %,
+/// of 10^4 to 7 %, and doubles that of 10^10.
 const BRIGHTEST: f64 = 1e4;
 
-/// Radii of the windows in which a pixel without samples looks for others, in pixels.
+/// Radii in pixels of the windows in which a pixel without samples searches for others.
 const REACH: [usize; 3] = [1, 2, 4];
 
 /// Colour, albedo and normal of a pixel.
@@ -43,7 +43,7 @@ impl Inputs {
         Some(inputs)
     }
 
-    /// The film's image from OIDN's output: cut to size, scaled back, with the light that OIDN did not get.
+    /// Converts OIDN's output to the film's image: crops it, scales it back, and adds the light that OIDN did not get.
     pub(crate) fn image(&self, film: &Film, output: &[f32]) -> Filtered {
         let size = film.frame().size();
         let width = size[0] as usize;
@@ -72,7 +72,7 @@ fn scale(film: &Film) -> Option<f64> {
     (lit > 0.0).then(|| 2.0_f64.powi(-(sum / lit).round() as i32))
 }
 
-/// The inputs of the pixel at `at`: its own, or the mean of the nearest pixels with samples.
+/// The inputs of pixel `(x, y)`: its own, or the mean of the nearest pixels with samples.
 fn values(film: &Film, [width, height]: [usize; 2], [x, y]: [usize; 2], scale: f64) -> Values {
     let own = y * width + x;
     if film.count(own) > 0 {
@@ -103,7 +103,7 @@ fn of_samples(film: &Film, i: usize, scale: f64) -> Values {
     [color, albedo, f.normal.map(|v| (v * share).clamp(-1.0, 1.0))]
 }
 
-/// The place in `0..length` at which the mirrored and repeated image shows what lies at `at`.
+/// The index in `0..length` of the value at `at`, if the image is repeated with mirroring.
 fn mirrored(at: usize, length: usize) -> usize {
     let at = at % (2 * length);
     if at < length { at } else { 2 * length - 1 - at }

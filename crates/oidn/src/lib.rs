@@ -23,16 +23,17 @@
 //!
 //! # The library
 //!
-//! OIDN 2 is needed: `pip install pyoidn`, a package of the system, or an archive of <https://www.openimagedenoise.org>. The
-//! variable `DAPPLE_OIDN` names the file, or a folder that holds it. Without the variable, `libOpenImageDenoise.so.2`,
-//! `libOpenImageDenoise.dylib` or `OpenImageDenoise.dll` is looked for on the system's search path, then, for each folder of
-//! programs in `PATH`, in the `lib` beside it and where its Python's pip installs `pyoidn`. The library runs on the CPU, on as many threads as rayon's pool.
+//! OIDN 2 is needed: `pip install pyoidn`, a package of the system, or an archive of <https://www.openimagedenoise.org>.
+//! The variable `DAPPLE_OIDN` names the file, or a folder that holds it. Without the variable, `libOpenImageDenoise.so.2`,
+//! `libOpenImageDenoise.dylib` or `OpenImageDenoise.dll` is searched for on the system's library path. After that, for each
+//! folder in `PATH`, the search covers the `lib` beside it and the place where pip installs `pyoidn`. The library runs on
+//! the CPU, on as many threads as rayon's pool.
 //!
 //! # What OIDN gets
 //!
 //! * Colour: the mean of all samples of a pixel, as high dynamic range, scaled by a power of two to a mean level of
 //!   about 1.
-//! * Albedo and normal: means over first hits, multiplied by the share of samples that hit. With `prefilter`, the
+//! * Albedo and normal: means over first hits, multiplied by the fraction of samples that hit. With `prefilter`, the
 //!   default, OIDN first denoises each of them by itself.
 //! * Pixels without samples: the mean of the nearest samples in a window of up to 9x9 pixels, else black.
 //! * Images with a side below 32 pixels are mirrored up to that side.
@@ -41,19 +42,19 @@
 //!
 //! # Guarantees
 //!
-//! * The same bits on any number of threads: measured with OIDN 2.5.1, not promised by OIDN. Other versions and other
-//!   processors give other bits.
-//! * Light is not clamped. Radiance above 10,000 times the image's mean level (the geometric mean over lit pixels) stays
-//!   in its pixel, and OIDN sees the rest. OIDN by itself brightens a lamp of 10^10 twofold, and turns the whole image
-//!   black beside one of 10^30.
+//! * Bit-identical images on any number of threads: measured with OIDN 2.5.1, not promised by OIDN. Other versions and
+//!   other processors give different bits.
+//! * Light is not clamped. Radiance above 10,000 times the image's mean level (the geometric mean over lit pixels) stays in
+//!   its pixel, and OIDN gets the rest. Without this, OIDN doubles a light source of radiance 10^10, and a source of 10^30
+//!   makes the whole image black.
 //! * An image that is black everywhere stays black.
 //!
 //! # Limits
 //!
-//! * No error estimate: [`Filtered::error`](dapple_core::Filtered::error) is `None`, for [`Both`] as well. OIDN gives
-//!   none, and the errors of the two filters are not independent.
-//! * The image is biased. OIDN takes a single bright pixel for an outlier: of one pixel of 1000 in a wall of 0.5, 0.3 %
-//!   of the light is left. A lamp of 4x4 pixels keeps its light.
+//! * No error estimate: [`Filtered::error`](dapple_core::Filtered::error) is `None`, for [`Both`] as well. OIDN has none,
+//!   and the errors of the two filters are not independent.
+//! * The image is biased. OIDN treats a single bright pixel as an outlier: a pixel of 1000 in a wall of 0.5 keeps 0.3 % of
+//!   its light. A light source of 4x4 pixels keeps its light.
 //! * Constant images change by up to 5 %, and by up to a third where a side is below 64 pixels.
 
 mod error;

@@ -95,8 +95,9 @@ pub struct Library {
 }
 
 impl Library {
-    /// Loads the library: that which [`VARIABLE`] names, the system's, or the first beside the programs of `PATH` and where pip
-    /// installs it. The first call in a process decides for all later ones.
+    /// Loads the library that [`VARIABLE`] names. Without the variable, loads the one on the system's search path, or else
+    /// the first that lies beside the programs of `PATH` or where pip installs it. The first call determines the result of
+    /// all later calls.
     ///
     /// # Errors
     ///
@@ -112,8 +113,8 @@ impl Library {
         loaded.as_ref().map_err(LoadError::clone)
     }
 
-    /// Loads the library from the path `named` (a file or a folder). Without it, or if it is empty, from the system's search path,
-    /// else from what belongs to one of the folders of `programs`.
+    /// Loads the library from the path `named` (a file or a folder). If `named` is `None` or empty, searches the system's
+    /// path, then the folders that belong to `programs`.
     pub(crate) fn search(named: Option<&OsStr>, programs: &[PathBuf]) -> Result<Self, LoadError> {
         if let Some(path) = named.filter(|path| !path.is_empty()) {
             let path = Path::new(path);
@@ -135,7 +136,7 @@ impl Library {
     }
 
     /// Loads the library at `path`, and checks its functions, version and CPU device. The inner error is the system's
-    /// message for a file that is missing or not a library.
+    /// message if the file is missing or not a library.
     fn open(path: &Path) -> Result<Result<Self, String>, LoadError> {
         // SAFETY: loading runs the library's initialisers. The file is named by the user or installed in the system, and
         // trusted like any other library of the process; those of OIDN have no preconditions.
@@ -202,14 +203,15 @@ impl std::fmt::Debug for Library {
     }
 }
 
-/// The path of the library in the folder `path` or its `lib`; `path` itself if it is no folder, or lacks the library.
+/// The path of the library in the folder `path` or its `lib`; `path` itself if it is not a folder, or lacks the library.
 fn in_folder(path: &Path) -> PathBuf {
     let folders = [path.to_owned(), path.join("lib")];
     let files = NAMES.iter().flat_map(|name| folders.iter().map(move |folder| folder.join(name)));
     files.into_iter().find(|file| file.is_file()).unwrap_or_else(|| path.to_owned())
 }
 
-/// Folders that may hold the library if programs are in `folder`: the `lib` beside it, and `pyoidn` in its Python's packages.
+/// Folders that may contain the library if programs are in `folder`: the `lib` beside it, and `pyoidn` in the packages of
+/// its Python.
 fn beside(folder: &Path) -> Vec<PathBuf> {
     let Some(root) = folder.parent() else { return Vec::new() };
     let pythons = std::fs::read_dir(root.join("lib")).into_iter().flatten().flatten().map(|entry| entry.path());
@@ -249,7 +251,7 @@ impl Images<'_> {
     }
 }
 
-/// An object of the library, which is freed with its owner.
+/// An object of the library, which is freed when this value is dropped.
 struct Handle<'l> {
     library: &'l Functions,
     raw: NonNull<c_void>,
@@ -276,7 +278,7 @@ impl<'l> Device<'l> {
         match NonNull::new(raw) {
             Some(raw) => Ok(Self(Handle { library: functions, raw, release: functions.release_device })),
             // Without a device, the error is that of the thread.
-            None => Err(error(functions, ptr::null_mut()).unwrap_or_else(|| "it made no device".into())),
+            None => Err(error(functions, ptr::null_mut()).unwrap_or_else(|| "no device could be created".into())),
         }
     }
 
@@ -331,7 +333,7 @@ impl<'d> Filter<'d> {
         // SAFETY: the device is alive, and the name ends with a zero byte.
         let raw = unsafe { (library.new_filter)(device.0.raw.as_ptr(), c"RT".as_ptr()) };
         let Some(raw) = NonNull::new(raw) else {
-            return Err(RunError::Reported(device.error().unwrap_or_else(|| "it made no filter".into())));
+            return Err(RunError::Reported(device.error().unwrap_or_else(|| "no filter could be created".into())));
         };
         let filter = Self(Handle { library, raw, release: library.release_filter });
         filter.number(c"quality", QUALITY_HIGH);

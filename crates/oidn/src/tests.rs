@@ -75,7 +75,7 @@ fn a_missing_library_is_reported_with_the_variable_and_the_package() {
         assert!(text.contains("cannot be loaded: /nonesuch/libOpenImageDenoise.so: cannot open"), "{text}");
     }
     assert!(text.contains("install Open Image Denoise 2 (`pip install pyoidn`, "), "{text}");
-    assert!(text.ends_with("set DAPPLE_OIDN to the path of its library unless it is found"), "{text}");
+    assert!(text.ends_with("set DAPPLE_OIDN to the path of its library if it is still not found"), "{text}");
 
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("library.so");
@@ -174,7 +174,7 @@ fn parameters_are_described_and_checked() {
     let plain = Oidn::new(stand_in(), OidnOptions::parse("prefilter=false").expect("options"));
     assert_eq!(plain.describe(), "oidn:prefilter=false");
     let wrong = OidnOptions::parse("prefilter=maybe").expect_err("refused").to_string();
-    assert_eq!(wrong, "prefilter = \"maybe\"; give true or false");
+    assert_eq!(wrong, "prefilter = \"maybe\" is not valid; use true or false");
     assert_eq!(Both::new(plain, Gaussian::default()).describe(), "both:prefilter=false,alpha=0.5,radius=4");
     assert_eq!(Both::new(plain, Unfiltered).describe(), "both:prefilter=false");
 }
