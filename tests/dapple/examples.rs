@@ -158,7 +158,7 @@ fn submitted(mistake: impl FnOnce(&mut Tile<'_>, &Draws<'_>, &Tile<'_>)) -> Stri
     samples.iter().for_each(|sample| tile.add(sample, [1.0; 3]));
     mistake(&mut tile, &last, &other);
     let text = round.submit(tile).expect_err("a mistake").to_string();
-    text.split_once("was not taken: ").expect("the tile is named").1.to_owned()
+    text.split_once("was not accepted: ").expect("the tile is named").1.to_owned()
 }
 
 #[test]

@@ -5,9 +5,9 @@
 //! variance), and `f` falls with the count.
 //!
 //! The objective is separable and convex, so handing out samples in the order of their marginal gain (decrease of the
-//! objective) is exactly optimal [Fox 1966]. Most samples are handed out at once, down to a common threshold of the
-//! gain, the rest step by step in that order. Ties go to the smaller count and then by a hash of the pixel's index, so
-//! that no part of the image is preferred.
+//! objective) is exactly optimal [Fox 1966]. Most samples are handed out at once, to all steps whose gain exceeds a common
+//! threshold. The rest follow step by step, in the order of gain. Ties go to the smaller count and then by a hash of the
+//! pixel's index, so that no part of the image is preferred.
 //!
 
 mod ladder;
@@ -26,7 +26,7 @@ use order::{Waiting, hand_out, steps_above};
 pub struct Allocation {
     /// The number of samples of each pixel.
     pub counts: Vec<u32>,
-    /// The number of samples of the budget that fit in no pixel, because all are at the ceiling.
+    /// The number of samples that were not allocated because all pixels are at the ceiling.
     pub unspent: u64,
     /// The number of scores that were replaced: NaN and negative ones by 0, infinite ones by the largest finite score.
     pub replaced: usize,
@@ -60,8 +60,8 @@ impl Steps for EveryCount {
     }
 }
 
-/// Returns the integer counts `n_p` that sum to `total` and minimise `sum_p scores[p] / n_p`. Unrounded, `n_p` is
-/// proportional to the root of the score [Neyman 1934].
+/// Returns the integer counts `n_p` that sum to `total` and minimise `sum_p scores[p] / n_p`. Before rounding, `n_p` is
+/// proportional to the square root of the score [Neyman 1934].
 ///
 /// Counts satisfy `floors[p] <= counts[p] <= ceiling`; a floor above the ceiling wins.
 ///
@@ -83,7 +83,7 @@ pub fn allocate(scores: &[f64], floors: &[u32], ceiling: u32, total: u64) -> Res
     share_out(&demand, ceiling, &EveryCount)
 }
 
-/// A budget, and the pixels that want it.
+/// A budget, and the pixels among which it is divided.
 #[derive(Clone, Copy, Debug)]
 struct Demand<'a> {
     scores: &'a [f64],
@@ -99,13 +99,13 @@ impl<'a> Demand<'a> {
         Self { scores, floors, ceiling, total }
     }
 
-    /// The sum of the counts if each pixel gets `n`, but at least its floor.
+    /// The sum of the counts if each pixel gets `n` samples, or its floor if that is larger.
     fn at(&self, n: u32) -> u64 {
         self.floors.iter().map(|&floor| u64::from(floor.max(n))).sum()
     }
 }
 
-/// Allocates the budget. `rung` is the ceiling unless scores are equal or the budget does not fit below it.
+/// Allocates the budget. `rung` replaces the ceiling, unless all scores are equal or the budget does not fit below `rung`.
 fn share_out(demand: &Demand<'_>, rung: u32, steps: &impl Steps) -> Result<Allocation, Error> {
     let Demand { scores, floors, ceiling, total } = *demand;
     let (range, replaced) = Range::of(scores);
@@ -129,8 +129,8 @@ fn share_out(demand: &Demand<'_>, rung: u32, steps: &impl Steps) -> Result<Alloc
 /// The number of pixels that are summed by one task.
 const SERIAL: usize = 4096;
 
-/// Returns the counts that minimise the total error and sum to `total`. Requires scores above 0, not all equal, and a
-/// total within floors, which sum to `needed`, and ceiling.
+/// Returns the counts that minimise the total error and sum to `total`. Requires scores above 0 that are not all equal. The
+/// total must be at least `needed`, the sum of the floors, and must fit below the ceiling.
 fn share_out_clean(demand: &Demand<'_>, needed: u64, steps: &impl Steps) -> Vec<u32> {
     let Demand { scores, floors, ceiling, total } = *demand;
     let reach = |g: f64, floor: u32, threshold: f64| steps.reach(threshold / g).min(ceiling).max(floor);
@@ -168,10 +168,10 @@ fn share_out_clean(demand: &Demand<'_>, needed: u64, steps: &impl Steps) -> Vec<
     counts
 }
 
-/// The share by which the threshold is first lowered, if samples are left over.
+/// The fraction by which the threshold is first lowered, if samples are left over.
 const LOWER: f64 = 1e-3;
-/// A threshold that every step from a count on the ladder to the next one reaches: steps gain between 1 (scores are
-/// relative to the largest) and 1e-60 (the smallest score) times 2^-128 (the last rung, at the steepest exponent).
+/// A threshold below the gain of every step of a ladder. Scores lie between 1e-60 and 1. A step to the last rung gains
+/// 2^-128 times the score, at the steepest exponent.
 const LEAST: f64 = 1e-120;
 
 /// Returns counts that sum to `total` and are as equal as floors and ceiling allow. A hash of the pixel's index picks
@@ -196,14 +196,14 @@ fn level(floors: &[u32], ceiling: u32, total: u64) -> Vec<u32> {
     counts
 }
 
-/// The range of scores, of which NaN and negative ones count as 0.
+/// The range of the scores. NaN and negative scores count as 0.
 #[derive(Clone, Copy)]
 struct Range {
     /// The smallest score.
     least: f64,
-    /// The largest finite score; 1 if it is 0.
+    /// The largest finite score; 1 if no finite score is above 0.
     most: f64,
-    /// The largest score.
+    /// The largest score, possibly infinite.
     top: f64,
 }
 
@@ -234,8 +234,8 @@ impl Range {
     }
 
     /// The score, divided by the largest and clamped to `[1e-60, 1]`. NaN and negative scores count as 0, infinite ones as
-    /// the largest finite score. A score of 0 becomes 1e-60: such pixels wait until all others are at the ceiling, and
-    /// then get equal shares.
+    /// the largest finite score. A score of 0 becomes 1e-60: such pixels get samples only after all others are at the
+    /// ceiling, and then equally many.
     fn clean_one(&self, g: f64) -> f64 {
         // Relative to the largest, so that scores of 1e300 do not overflow.
         let g = if g.is_nan() || g < 0.0 { 0.0 } else { g.min(self.most) };
@@ -252,7 +252,7 @@ struct Bracket {
     /// A threshold within the budget, and the samples spent there: all steps with at least this gain fit. `None` if only
     /// the floors fit.
     within: Option<(f64, u64)>,
-    /// A threshold beyond the budget: all steps with at least this gain exceed it. 0 if the search met none.
+    /// A threshold beyond the budget: all steps with at least this gain exceed it. 0 if the search found none.
     beyond: f64,
 }
 

@@ -26,7 +26,7 @@ impl Clock {
         Self(None)
     }
 
-    /// The machine's clock. It stands still on `wasm32-unknown-unknown`, which has none.
+    /// The machine's clock. It stands still on `wasm32-unknown-unknown`, a target without a clock.
     pub fn of_machine() -> Self {
         if cfg!(all(target_family = "wasm", target_os = "unknown")) {
             return Self::none();
@@ -40,7 +40,7 @@ impl Clock {
         self.0.is_some()
     }
 
-    /// The reading in seconds.
+    /// The current reading in seconds.
     pub fn seconds(&self) -> f64 {
         self.0.as_ref().map_or(0.0, |seconds| seconds())
     }

@@ -1,40 +1,42 @@
-//! The container of everything that is written: named sections, each with its checksum.
+//! The container format of checkpoints and messages: named sections, each with a checksum.
 //!
-//! Bytes begin with a signature and the version. A section is its name and its bytes, each after its length, and the CRC-32 of both.
-//! Sections may be appended: a program adds what it needs to find a state again.
+//! A container begins with a signature and the version. Each section consists of a name and bytes, both preceded by their
+//! length, and of the CRC-32 of both.
+//!
+//! Sections can be appended: programs add what they need to resume a state.
 
-/// The first bytes.
+/// The signature at the start of every container.
 const MAGIC: &[u8; 8] = b"dapple\r\n";
 /// The version of the container and of the sections of a render's state.
 const VERSION: u32 = 13;
 
-/// The reason why bytes are no container.
+/// The reason why bytes are not a valid container.
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
-    /// They begin otherwise.
+    /// The signature is missing.
     Foreign,
-    /// Another version of Dapple wrote them.
+    /// Another version of Dapple wrote the bytes.
     Version,
-    /// They end within a section.
+    /// The bytes end within a section.
     Short,
     /// The checksum of a section is wrong.
     Checksum,
 }
 
 impl Fault {
-    /// The fault as the end of a sentence.
+    /// The fault in words, to end a sentence about the bytes.
     pub const fn text(self) -> &'static str {
         match self {
-            Self::Foreign => "they are not of Dapple's kind",
+            Self::Foreign => "Dapple did not write them",
             Self::Version => "another version of Dapple wrote them; finish with that version, or render again",
-            Self::Short => "they end too early",
-            Self::Checksum => "a checksum is wrong, so they are damaged",
+            Self::Short => "they are truncated",
+            Self::Checksum => "they are damaged (a checksum is wrong)",
         }
     }
 }
 
-/// A container without sections.
+/// Returns a container without sections, with room for `capacity` bytes of them.
 pub fn begin(capacity: usize) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(capacity + 64);
     bytes.extend(MAGIC);
@@ -42,7 +44,7 @@ pub fn begin(capacity: usize) -> Vec<u8> {
     bytes
 }
 
-/// Appends a section.
+/// Appends a section and its checksum.
 pub fn append(bytes: &mut Vec<u8>, name: &str, section: &[u8]) {
     let mut sum = crc32fast::Hasher::new();
     for part in [name.as_bytes(), section] {
@@ -53,11 +55,11 @@ pub fn append(bytes: &mut Vec<u8>, name: &str, section: &[u8]) {
     bytes.extend(sum.finalize().to_le_bytes());
 }
 
-/// The sections, in order, with their checksums checked.
+/// Reads the names and bytes of all sections, in order, and verifies their checksums.
 ///
 /// # Errors
 ///
-/// [`Fault`] for bytes that are no container of this version, or are damaged.
+/// [`Fault`] for bytes that are not a container of this version, or are damaged.
 ///
 /// ```
 /// use dapple_core::container::{Fault, append, begin, sections};

@@ -30,8 +30,8 @@ impl Block {
         Self(number)
     }
 
-    /// The block for repetition `k` (such as a path vertex), if each repetition owns `stride` blocks. Its number is
-    /// this block's number plus `k * stride`, and wraps past 2^32 blocks, after some 10^8 vertices.
+    /// The block for repetition `k` (such as a path vertex), if each repetition owns `stride` blocks. Its number is this
+    /// block's number plus `k * stride`, modulo 2^32.
     pub const fn at(self, k: u32, stride: u32) -> Self {
         Self(self.0.wrapping_add(k.wrapping_mul(stride)))
     }
@@ -67,7 +67,7 @@ impl Block {
 pub struct Draws<'a> {
     points: Points<'a>,
     id: SampleId,
-    /// The sample's place among those of its pixel in this round.
+    /// The sample's position among its pixel's samples in this round.
     pub(crate) turn: u32,
     needs: Needs,
     requested: Cell<u32>,
@@ -75,7 +75,7 @@ pub struct Draws<'a> {
     cursor: Cell<u32>,
 }
 
-/// A point set, borrowed from its sampler or shared with its host.
+/// A point set, borrowed from its sampler or shared with the host.
 #[derive(Clone)]
 enum Points<'a> {
     Borrowed(&'a dyn PointSet),
@@ -93,8 +93,8 @@ impl Points<'_> {
 }
 
 impl Draws<'static> {
-    /// The random numbers of sample `id` of a point set that the host shares with its sampler. They borrow nothing, so that
-    /// [`Draws::into_rng`] makes a generator which may live in a thread's storage or in an enum of samplers.
+    /// The random numbers of sample `id`, from a point set that the host shares with its sampler. They borrow nothing, so a
+    /// generator made by [`Draws::into_rng`] can be stored in a thread-local variable or in an enum of samplers.
     ///
     /// ```
     /// # use dapple_core::{Draws, PointSet, SampleId};
@@ -123,20 +123,20 @@ impl<'a> Draws<'a> {
         Self { points, id, turn: 0, needs, requested: Cell::new(0), cursor: Cell::new(0) }
     }
 
-    /// Makes these the random numbers of another sample.
+    /// Switches to the random numbers of sample `id`.
     pub(crate) fn start(&mut self, id: SampleId) {
         (self.id, self.turn) = (id, 0);
         self.requested.set(0);
         self.cursor.set(0);
     }
 
-    /// The random numbers of sample `id`, without a request for its first hit.
+    /// The random numbers of sample `id`, without requests for first hits and other statistics.
     #[inline]
     pub fn new(points: &'a dyn PointSet, id: SampleId) -> Self {
         Self::for_film(points, id, Needs::none())
     }
 
-    /// The random numbers of sample `id`, with requests for what a film that records `needs` gets from integrators.
+    /// The random numbers of sample `id`, with requests to the integrator for what a film that records `needs` reads.
     #[inline]
     pub fn for_film(points: &'a dyn PointSet, id: SampleId, needs: Needs) -> Self {
         Self::of(Points::Borrowed(points), id, needs)
@@ -149,15 +149,16 @@ impl<'a> Draws<'a> {
         self.points.get().block(self.copied_id(), block.number())
     }
 
-    /// The coordinates of two blocks, as two calls of [`Draws::block`] return them. Some point sets compute two together
-    /// in less time.
+    /// The coordinates of two blocks, equal to those of two calls of [`Draws::block`]. Some point sets compute two blocks
+    /// together faster.
     #[inline]
     pub fn two_blocks(&self, blocks: [Block; 2]) -> [[f32; 4]; 2] {
         self.requested.set(self.requested.get() + 2);
         self.points.get().two_blocks(self.copied_id(), blocks.map(Block::number))
     }
 
-    /// The identity, copied field by field. A copy of the whole, just after it was written, waits for its unused bytes: 5 ns.
+    /// The identity, copied field by field. A copy of the whole struct right after it was written stalls on its padding for
+    /// 5 ns.
     #[inline]
     fn copied_id(&self) -> SampleId {
         let SampleId { pixel: [column, row], stream, index } = self.id;
@@ -165,28 +166,28 @@ impl<'a> Draws<'a> {
     }
 
     /// A cursor that hands out the sample's numbers one after the other, from the first block on. A second cursor continues
-    /// with blocks that the first has not taken.
+    /// after the blocks that the first has taken.
     ///
-    /// A renderer that also names blocks lets the cursor start behind them, by [`Rng::skip_to`].
+    /// A renderer that also names blocks moves the cursor past them with [`Rng::skip_to`].
     #[inline]
     pub fn rng(&self) -> Rng<'_> {
         Rng::new(self)
     }
 
-    /// A cursor that owns the sample, for renderers whose generator outlives the place where the sample was made. Clone the
-    /// sample before if its result is to be added.
+    /// A cursor that owns the sample, for renderers whose generator outlives the scope of the sample. Clone the sample
+    /// first if its result is added later by [`Tile::add`](crate::Tile::add).
     #[inline]
     pub fn into_rng(self) -> OwnedRng<'a> {
         Cursor::new(self)
     }
 
-    /// The number of the next block for a cursor, which then moves on.
+    /// Returns the next block for a cursor, and advances the cursor.
     #[inline]
     pub(crate) fn next_block(&self) -> Block {
         Block(self.cursor.replace(self.cursor.get().wrapping_add(1)))
     }
 
-    /// Moves the cursor to `block`; `false` if it is beyond.
+    /// Moves the cursor forward to `block`. Returns `false` if the cursor is already beyond.
     pub(crate) fn skip_to(&self, block: Block) -> bool {
         let ahead = block.0 >= self.cursor.get();
         if ahead {
@@ -196,10 +197,9 @@ impl<'a> Draws<'a> {
     }
 
     /// The sample's number among all samples of its pixel, from 0, for renderers that map samples to jitter cells or to
-    /// numbers of their own.
+    /// their own numbers.
     ///
-    /// Samples of the two halves alternate: those of the first have even numbers. Discarded samples are numbered by
-    /// themselves.
+    /// The two halves alternate: samples of the first half have even numbers. Discarded samples are numbered separately.
     #[inline]
     pub fn sample_number(&self) -> u64 {
         let SampleId { stream, index, .. } = self.id;
@@ -240,7 +240,7 @@ impl<'a> Draws<'a> {
         self.needs.emission
     }
 
-    /// Returns `true` if the film records the indirect part of the radiance. If not, leave
+    /// Returns `true` if the film records indirect lighting. If not, leave
     /// [`Estimate::indirect`](crate::Estimate::indirect) at 0.
     #[inline]
     pub fn wants_indirect(&self) -> bool {
@@ -254,7 +254,7 @@ impl<'a> Draws<'a> {
         self.needs.trajectories
     }
 
-    /// The number of calls of [`Draws::block`] so far. An effect that is off requests no block.
+    /// The number of blocks requested so far. An effect that is off requests none.
     #[inline]
     pub fn blocks_requested(&self) -> u32 {
         self.requested.get()

@@ -2,17 +2,18 @@
 
 use crate::{Film, SampleId};
 
-/// The reason why a render, a plan or an allocation fails. Each message says what to do.
+/// The reason why a render, a plan or an allocation fails. Most messages include a remedy.
 #[non_exhaustive]
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// A limit of time without a clock.
-    #[error("a limit of time needs a clock, and this machine has none; pass one to Session::with_clock")]
+    /// A time limit without a clock.
+    #[error("a time limit needs a clock, and this machine has none; pass one to Session::with_clock")]
     NoClock,
-    /// Random numbers of the host that repeat.
+    /// Random numbers of the host that repeat those of an earlier round.
     #[error(
-        "in all {pixels} pixels that were compared, the first samples are those of an earlier round again: seed the generator by pixel and by the \
-         sample's number (Tile::pixels), or go on with one generator"
+        "the random numbers repeat: in all {pixels} pixels compared, the first samples equal those of an \
+         earlier round; seed the generator with the pixel and the sample's number (Tile::pixels), or use one generator for \
+         all rounds"
     )]
     RepeatedNumbers {
         /// The number of pixels that were compared.
@@ -32,7 +33,7 @@ pub enum Error {
     },
     /// A window that is empty or reaches outside the image.
     #[error(
-        "the crop {},{},{},{} is empty or reaches outside the {}x{} image; give X0,Y0,X1,Y1 with X0 < X1 <= width and Y0 < \
+        "the crop {},{},{},{} is empty or reaches outside the {}x{} image; use X0,Y0,X1,Y1 with X0 < X1 <= width and Y0 < \
          Y1 <= height",
         .crop[0], .crop[1], .crop[2], .crop[3], .resolution[0], .resolution[1]
     )]
@@ -42,28 +43,28 @@ pub enum Error {
         /// The full image's width and height.
         resolution: [u32; 2],
     },
-    /// A budget smaller than the sum of all pixels' least counts.
+    /// A budget smaller than the sum of the pixels' minimum sample counts.
     #[error(
         "a budget of {budget} samples is too small: {pixels} pixels need at least {needed}; raise the budget or lower the \
-         floor"
+         minimum per pixel"
     )]
     BudgetTooSmall {
         /// The budget in samples.
         budget: u64,
-        /// The sum of the pixels' least counts.
+        /// The sum of the pixels' minimum sample counts.
         needed: u64,
         /// The number of pixels.
         pixels: usize,
     },
-    /// A budget larger than the sum of all pixels' largest counts.
+    /// A budget larger than the sum of the pixels' maximum sample counts.
     #[error(
-        "a budget of {budget} samples is too large: {pixels} pixels may take at most {most}; lower the budget or raise the \
-         ceiling"
+        "a budget of {budget} samples is too large: {pixels} pixels can take at most {most}; lower the budget or raise the \
+         maximum per pixel"
     )]
     BudgetTooLarge {
         /// The budget in samples.
         budget: u64,
-        /// The sum of the pixels' largest counts.
+        /// The sum of the pixels' maximum sample counts.
         most: u64,
         /// The number of pixels.
         pixels: usize,
@@ -80,7 +81,7 @@ pub enum Error {
     },
     /// A point set with too few samples per pixel.
     #[error(
-        "point set \"{points}\" repeats after {capacity} samples per pixel, and {requested} are planned; take another point \
+        "point set \"{points}\" repeats after {capacity} samples per pixel, and {requested} are planned; use another point \
          set or fewer samples"
     )]
     SequenceExhausted {
@@ -100,16 +101,16 @@ pub enum Error {
         what: String,
     },
     /// A film that lacks statistics that a sampler or filter reads.
-    #[error("{who} reads {what}, which this film does not hold; pass its needs() to Render::needs")]
+    #[error("{who} reads {what}, which this film does not record; pass the needs() of {who} to Render::needs")]
     NotRecorded {
         /// The name of the sampler or filter.
         who: String,
         /// The missing statistics, as a noun phrase.
         what: &'static str,
     },
-    /// A film or session with room for features or first hits, all of whose samples are radiance alone.
+    /// A film or session that should record features or first hits, but whose samples all report radiance only.
     #[error(
-        "{who} reads {what}, but all samples are radiance alone; give estimates with Estimate::with_first_hit (None for a \
+        "{who} reads {what}, but all samples report radiance only; set first hits with Estimate::with_first_hit (None for a \
          miss), in Film::push_estimate or a session, or use a filter that reads no features"
     )]
     NoneReported {
@@ -118,7 +119,7 @@ pub enum Error {
         /// The missing statistics, as a noun phrase.
         what: &'static str,
     },
-    /// A buffer of another program from which no film can be made.
+    /// A buffer of another program that cannot be converted to a film.
     #[error("buffer \"{buffer}\": {what}")]
     BadBuffer {
         /// The buffer's name, such as `normal`.
@@ -134,18 +135,18 @@ pub enum Error {
         /// The difference, and what to do about it.
         what: String,
     },
-    /// A round of a [`Session`](crate::Session) that was given out and of which nothing came back.
+    /// A round of a [`Session`](crate::Session) that was handed out, and of which no tile was submitted.
     #[error(
-        "nothing of this round was submitted, and {left} of its samples are left; pass each traced tile to Round::submit, or \
-         end with Session::finish"
+        "no tile of the last round was submitted, and {left} of its samples are left; pass each traced tile to \
+         Round::submit, or end with Session::finish"
     )]
     NothingSubmitted {
         /// The number of samples left in the round.
         left: u64,
     },
-    /// A tile that its round does not take.
+    /// A tile that its round does not accept.
     #[error(
-        "the tile of columns {}..{} and rows {}..{} was not taken: {what}",
+        "the tile of columns {}..{} and rows {}..{} was not accepted: {what}",
         .area[0], .area[2], .area[1], .area[3]
     )]
     BadTile {
@@ -157,21 +158,19 @@ pub enum Error {
     /// Bytes that are not a snapshot.
     #[error("these bytes are not a snapshot of a render: {what}")]
     BadSnapshot {
-        /// The fault of the bytes, as the end of a sentence.
+        /// The fault, to end a sentence about the bytes.
         what: &'static str,
     },
-    /// A snapshot of a render with other settings than the resumed one.
-    #[error(
-        "the snapshot is of another render: {what}; resume with the settings that it was made with, or start a new render"
-    )]
+    /// A snapshot of a render whose settings differ from those of the resumed render.
+    #[error("the snapshot is of another render: {what}; resume with the settings of that render, or start a new one")]
     OtherRender {
         /// The settings that differ, in words.
         what: String,
     },
     /// A sample that is NaN, infinite or negative, under [`InvalidSample::Fail`](crate::InvalidSample).
     #[error(
-        "sample {} of stream {} in pixel ({}, {}) is {value:?}, with point set \"{points}\"; replay it, or take \
-         InvalidSample::Reject",
+        "sample {} of stream {} in pixel ({}, {}) is {value:?}, with point set \"{points}\"; replay it, or use \
+         InvalidSample::Reject to drop such samples",
         .sample.index, .sample.stream, .sample.pixel[0], .sample.pixel[1]
     )]
     InvalidSample {
@@ -197,7 +196,7 @@ pub enum Error {
         /// The film with the samples finished before the panic.
         film: Box<Film>,
     },
-    /// An error of making a method: its name, its parameters, or its library. For downcasting.
+    /// An error in a method's name, parameters or library, for downcasting.
     #[error(transparent)]
     Method(Box<dyn std::error::Error + Send + Sync>),
     /// An error that a sampler or filter defines itself.

@@ -25,8 +25,8 @@ use crate::{Error, FirstHit, Frame, Needs, SampleId, point_set::streams, recorde
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-/// Running means of a pixel's features (shading normal, albedo, position, depth), and sums of squared deviations of each, over its
-/// channels. After 65,535 samples they count as known and stay.
+/// Running means of a pixel's features (shading normal, albedo, position, depth), and the squared deviations of each
+/// feature, summed over its channels. They no longer change after 65,535 samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct FeatureMoments {
     pub(crate) samples: u16,
@@ -36,7 +36,7 @@ pub(crate) struct FeatureMoments {
 }
 
 impl FeatureMoments {
-    /// Adds normal, albedo, position and depth of a sample, or a miss. Values of a rare path count only if there are none.
+    /// Adds normal, albedo, position and depth of a sample, or a miss. Rare paths count only while the pixel has no samples.
     #[inline]
     pub(crate) fn push(&mut self, values: Option<[f32; 10]>, is_rare: bool) {
         if self.samples > 0 && is_rare || self.samples == u16::MAX {
@@ -57,13 +57,14 @@ impl FeatureMoments {
         }
     }
 
-    /// Returns `true` if samples of features alone would help: there are few, or they vary and there are not many.
+    /// Returns `true` if more feature-only samples would help: there are fewer than `FEW` samples, or fewer than `MANY`
+    /// that vary.
     pub(crate) fn wants_more(&self) -> bool {
         /// The number of samples after which equal features count as those of the whole pixel.
         const FEW: u16 = 4;
         /// The number of samples at which features count as known.
         const MANY: u16 = 12;
-        /// The variances of normal and albedo, summed over channels, below which they count as equal.
+        /// The variances of normal and albedo, summed over channels, below which features count as equal.
         const EQUAL: [f32; 2] = [1e-3, 1e-4];
         let ([normal, albedo, ..], hits) = (self.m2, f32::from(self.hits));
         let varies =
@@ -77,14 +78,13 @@ fn sums([nx, ny, nz, r, g, b, x, y, z, depth]: &[f32; 10]) -> [f32; 4] {
     [nx + ny + nz, r + g + b, x + y + z, *depth]
 }
 
-/// Mean and sample variance of one pixel's [`SurfaceFeatures`](crate::SurfaceFeatures), or of its first hits for samples that
-/// have none. Means are over the samples that hit a surface.
+/// Mean and sample variance of one pixel's [`SurfaceFeatures`](crate::SurfaceFeatures); the first hit replaces them in
+/// samples without. Means are over the samples that hit a surface.
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Features {
-    /// The number of samples of the pixel, at most 65,535: with those of
-    /// [features alone](crate::Integrator::features_alone), without those whose features are left out as
-    /// [rare](crate::SurfaceFeatures::rare).
+    /// The number of samples of the pixel, at most 65,535. It includes [feature-only
+    /// samples](crate::Integrator::features_alone), and excludes those left out as [rare](crate::SurfaceFeatures::rare).
     pub samples: u32,
     /// The number of samples that hit a surface.
     pub hits: u32,
@@ -96,7 +96,8 @@ pub struct Features {
     pub position: [f32; 3],
     /// Mean length of the path to the surface, in the integrator's units.
     pub depth: f32,
-    /// Sample variances of normal, albedo and position, each summed over its three channels, and of depth; `None` below two hits.
+    /// Sample variances of normal, albedo and position, each summed over its three channels, and of depth; `None` for fewer
+    /// than two hits.
     pub variance: Option<[f32; 4]>,
 }
 
@@ -117,7 +118,7 @@ impl From<&FeatureMoments> for Features {
 
 /// Per-pixel statistics of a render, row by row over its window, and its [`Record`].
 ///
-/// Samplers and filters read films. A renderer with a loop of its own fills one by [`Film::push_estimate`]. Tests can push
+/// Samplers and filters read films. A renderer with its own loop fills one with [`Film::push_estimate`]. Tests can push
 /// radiance alone:
 ///
 /// ```
@@ -149,7 +150,8 @@ pub struct Film {
     pub(crate) spread: Spread,
     /// Squared deviations of discarded samples. Empty until samples are discarded.
     pub(crate) discarded_spread: Spread,
-    /// The numbers of discarded samples that were in the image before, for each half. Empty until samples are withdrawn.
+    /// For each half, the number of each pixel's discarded samples that were in the image before. Empty until samples are
+    /// withdrawn.
     pub(crate) withdrawn: Vec<Vec<u32>>,
     pub(crate) beside: Beside,
     pub(crate) lamp_edges: LampEdges,
@@ -159,7 +161,7 @@ pub struct Film {
     pub(crate) record: Record,
     /// The number of samples that report neither a hit nor a miss. Only [`Film::require`] reads it.
     pub(crate) unreported: u64,
-    /// The half of another film that this film holds alone.
+    /// The half of another film that this film was made from ([`Film::half_film`]).
     pub(crate) half_of: Option<usize>,
 }
 
@@ -181,7 +183,7 @@ impl Film {
         film
     }
 
-    /// A film without a pixel in any plane, for code that fills the planes.
+    /// A film with empty planes, for code that fills them.
     pub(crate) fn without_planes(frame: Frame, needs: Needs) -> Self {
         Self {
             frame,
@@ -250,7 +252,7 @@ impl Film {
         &self.record
     }
 
-    /// The rule by which the means of the two halves become the pixel's mean.
+    /// The rule that combines the means of the two halves into the pixel's mean.
     pub fn combine(&self) -> Combine {
         self.combine
     }
@@ -265,14 +267,14 @@ impl Film {
         self.kept.iter().map(|half| u64::from(half.counts[i])).sum()
     }
 
-    /// Returns `true` if pixel `i` has kept samples and all were rejected. Their mean is black;
-    /// [`filled`](crate::filter::filled) images show their neighbours there.
+    /// Returns `true` if pixel `i` has kept samples and all were rejected. Its mean is then black;
+    /// [`filled`](crate::filter::filled) replaces it by a neighbour's.
     pub fn is_rejected(&self, i: usize) -> bool {
         self.count(i) > 0 && self.kept.iter().all(|half| half.counts[i] == 0 || planes::is_none_valid(half.means[i]))
     }
 
-    /// The mean radiance of pixel `i`'s kept samples, linear RGB. Halves are combined by [`Film::combine`]; without
-    /// samples it is black.
+    /// The mean radiance of pixel `i`'s kept samples, linear RGB. Halves are combined by [`Film::combine`]. The mean of a
+    /// pixel without samples is black.
     pub fn mean(&self, i: usize) -> [f64; 3] {
         let [a, b] = match &self.kept[..] {
             [a, b] => [a, b],
@@ -283,13 +285,13 @@ impl Film {
         if self.splats.sums.is_empty() { own } else { plus(own, self.splatted(w, i)) }
     }
 
-    /// The mean radiance that splats add at place `i`, if the first half has weight `w`.
+    /// The mean radiance that splats add to pixel `i`, if the first half has weight `w`.
     fn splatted(&self, w: f64, i: usize) -> [f64; 3] {
         let [a, b] = [0, 1].map(|half| self.splats.mean(half, i));
         std::array::from_fn(|c| w * a[c] + (1.0 - w) * b[c])
     }
 
-    /// The weight, in `[0, 1]`, of the first half in the mean at place `i`. A half without samples has weight 0.
+    /// The weight, in `[0, 1]`, of the first half in the mean of pixel `i`. A half without samples has weight 0.
     fn first_half_weight(&self, i: usize) -> f64 {
         let (a, b) = (f64::from(self.kept[0].counts[i]), f64::from(self.kept[1].counts[i]));
         match self.combine {
@@ -302,9 +304,9 @@ impl Film {
     }
 
     /// Count, mean and sum of squared deviations of all kept samples of pixel `i`, both halves together. Without
-    /// [`Needs::variance`] the deviations are NaN. The mean is without splats.
+    /// [`Needs::variance`] the deviations are NaN. The mean excludes splats.
     ///
-    /// Sums are added up in `f32`: those of a million samples are exact to 1e-4.
+    /// Sums are accumulated in `f32`; those of a million samples are accurate to 1e-4.
     pub fn moments(&self, i: usize) -> RgbMoments {
         self.merged(&self.kept, |half| half.means[i], &self.spread.m2, i)
     }
@@ -319,29 +321,29 @@ impl Film {
         })
     }
 
-    /// Count, mean and sum of squared deviations of the indirect light of all kept samples of pixel `i`. Without
+    /// Count, mean and sum of squared deviations of the indirect lighting in all kept samples of pixel `i`. Without
     /// [`Needs::variance`] the deviations are NaN. `None` without [`Needs::indirect`].
     pub fn indirect(&self, i: usize) -> Option<RgbMoments> {
         let mean = |half: &Half| half.indirect[i].map(f64::from);
         self.needs.indirect.then(|| self.merged(&self.kept, mean, &self.spread.indirect_m2, i))
     }
 
-    /// Count, mean and sum of squared deviations of the indirect light of pixel `i`'s kept samples: of half 0 or 1, or of all
-    /// samples in a film without halves. In a film with halves and without [`Needs::half_variance`] the deviations are NaN. `None`
-    /// without [`Needs::indirect`].
+    /// Count, mean and sum of squared deviations of the indirect lighting in pixel `i`'s kept samples: of half 0 or 1, or
+    /// of all samples in a film without halves. In a film with halves and without [`Needs::half_variance`] the deviations
+    /// are NaN. `None` without [`Needs::indirect`].
     pub fn half_indirect(&self, half: usize, i: usize) -> Option<RgbMoments> {
         let half = half % self.kept.len();
         let (planes, m2) = (&self.kept[half], self.own_m2(&self.spread.indirect_m2, half, i));
         Some(RgbMoments { count: planes.counts[i].into(), mean: planes.indirect.get(i)?.map(f64::from), m2 })
     }
 
-    /// The squared deviations of pixel `i` in a half alone; NaN if they are those of both halves, or not recorded.
+    /// The squared deviations of pixel `i` in one half; NaN if they are recorded for both halves together, or not at all.
     fn own_m2(&self, m2: &[[f32; 3]], half: usize, i: usize) -> [f64; 3] {
         let is_own = self.kept.len() == 1 || self.needs.splits_variance();
         m2.get(self.needs.sum_at(half, i)).filter(|_| is_own).map_or([f64::NAN; 3], |m2| m2.map(f64::from))
     }
 
-    /// The moments of pixel `i` over both halves, from the means of each and squared deviations from them.
+    /// The moments of pixel `i` over both halves, from the mean and the squared deviations of each.
     fn merged(&self, halves: &[Half], mean: impl Fn(&Half) -> [f64; 3], m2: &[[f32; 3]], i: usize) -> RgbMoments {
         let mut all = RgbMoments::default();
         for half in halves {
@@ -404,13 +406,13 @@ impl Film {
         (0..self.frame.pixels()).map(|i| self.count(i)).collect()
     }
 
-    /// Checks that the film records all of `needs` but emission and indirect light, without which filters work too. A filter
-    /// calls this first.
+    /// Checks that the film records `needs`, except emission and indirect lighting, which are optional. A filter calls this
+    /// first.
     ///
     /// # Errors
     ///
-    /// [`Error::NotRecorded`], with the name `who` of the filter and the missing statistics.
-    /// [`Error::NoneReported`] if the film has room for features or first hits, but no sample reports a hit or a miss.
+    /// [`Error::NotRecorded`], with the name `who` of the filter and the missing statistics. [`Error::NoneReported`] if
+    /// `needs` include features or first hits, but no sample reports a hit or a miss.
     pub fn require(&self, who: &str, needs: &Needs) -> Result<(), Error> {
         if let Some(what) = self.needs.lacking(needs) {
             return Err(Error::NotRecorded { who: who.to_owned(), what });
@@ -426,7 +428,7 @@ impl Film {
         Err(Error::NoneReported { who: who.to_owned(), what })
     }
 
-    /// Makes room for discarded samples.
+    /// Allocates the planes of discarded samples.
     pub(crate) fn open_discarded(&mut self) {
         if self.discarded.is_empty() {
             let (pixels, layout) = (self.frame.pixels(), self.layout());
@@ -435,8 +437,8 @@ impl Film {
         }
     }
 
-    /// Takes the samples of the marked pixels out of the image. They count as discarded, and keep their place in the sequence of
-    /// the pixel's points.
+    /// Removes the samples of the marked pixels from the image. They count as discarded, and keep their indices in the
+    /// pixel's point sequence.
     pub(crate) fn withdraw(&mut self, marked: &[bool]) {
         self.open_discarded();
         self.withdrawn.resize(self.kept.len(), vec![0; self.frame.pixels()]);
@@ -450,7 +452,7 @@ impl Film {
         self.spread.exchange(&mut self.discarded_spread, marked);
     }
 
-    /// The index of the next sample of pixel `i`: of the kept or of the discarded ones of a half.
+    /// The index of the next kept or discarded sample of pixel `i` in one half.
     #[inline]
     pub(crate) fn next_index(&self, retention: Retention, half: usize, i: usize) -> u64 {
         let withdrawn = self.withdrawn.get(half).map_or(0, |withdrawn| withdrawn[i].into());

@@ -1,4 +1,4 @@
-//! Images from films.
+//! Filters (denoisers), which make images from films.
 
 mod filled;
 
@@ -20,26 +20,26 @@ pub struct Filtered {
     pub radiance: Vec<[f32; 3]>,
     /// The estimated squared error of each pixel (mean over the channels), if the filter estimates one.
     pub error: Option<Vec<f32>>,
-    /// The pixels with so much light of a few samples that the filter treats them apart.
+    /// The fireflies that the filter handles separately: pixels that get most of their light from a few samples.
     pub fireflies: Fireflies,
 }
 
-/// Pixels with fireflies, and their light.
+/// The number of pixels with fireflies, and their excess light.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Fireflies {
-    /// The number of pixels.
+    /// The number of pixels with fireflies.
     pub pixels: u64,
-    /// The sum over these pixels of the luminance beyond that of their surroundings.
+    /// The luminance by which these pixels exceed their surroundings, summed over the pixels.
     pub light: f64,
-    /// `true` if that light is left out of the image.
+    /// `true` if the excess light is left out of the image.
     pub dropped: bool,
 }
 
 impl fmt::Display for Fireflies {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { pixels, light, dropped } = *self;
-        let place = if dropped { "is left out" } else { "stays there" };
-        write!(f, "fireflies in {pixels} of the pixels: their light, {light:.3e} in all, {place}")
+        let place = if dropped { "is left out of the image" } else { "stays in these pixels" };
+        write!(f, "fireflies in {pixels} pixels: their excess luminance, {light:.3e} in total, {place}")
     }
 }
 
@@ -59,7 +59,7 @@ impl Filtered {
 /// A filter (the denoiser; not the pixel filter): makes an image from a film, and optionally an error estimate per
 /// pixel.
 ///
-/// A filter works on per-pixel means, not on samples at positions, so that unequal sample counts do not move edges.
+/// Filters work on per-pixel means and not on samples with positions, so that unequal sample counts do not move edges.
 /// Implementations must pass `dapple_conformance::filter`.
 ///
 /// ```
@@ -113,8 +113,8 @@ pub trait Filter: Send + Sync {
         FilterMemory::new(frame, 0, ImagePlanes::RadianceAndError)
     }
 
-    /// The number of times that [`Filter::apply`] goes through a film that records `needs` with `spp` samples per pixel. A time
-    /// limit measures the filter on few samples and reserves its time in proportion.
+    /// The number of passes that [`Filter::apply`] makes over a film that records `needs` with `spp` samples per pixel.
+    /// Under a time limit, the filter is timed on few samples. The time reserved for it is proportional to the passes.
     fn runs(&self, needs: &Needs, spp: f64) -> u32 {
         let _ = (needs, spp);
         1

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 /// An image's full resolution and its rendered window.
 ///
-/// Pixels keep their coordinates in the full image, so a crop has the same bits as that part of the full image.
+/// Pixels keep their coordinates in the full image, so a crop is bit-identical to that region of the full image.
 ///
 /// ```
 /// use dapple_core::Frame;
@@ -55,7 +55,7 @@ impl Frame {
     ///
     /// # Errors
     ///
-    /// [`Error::BadCrop`] for no rows or rows beyond the window.
+    /// [`Error::BadCrop`] if `rows` is empty or reaches outside the window.
     pub fn rows(self, rows: std::ops::Range<u32>) -> Result<Self, Error> {
         let ([x, y], [width, height]) = (self.origin, self.size);
         let [first, end] = [rows.start, rows.end].map(|row| y.saturating_add(row));
@@ -85,12 +85,12 @@ impl Frame {
         self.size[0] as usize * self.size[1] as usize
     }
 
-    /// The bytes of a plane over the window with `per_pixel` bytes a pixel; `u64::MAX` beyond 64 bits.
+    /// The bytes of a plane with `per_pixel` bytes for each pixel of the window, at most `u64::MAX`.
     pub const fn bytes(&self, per_pixel: usize) -> u64 {
         (self.size[0] as u64 * self.size[1] as u64).saturating_mul(per_pixel as u64)
     }
 
-    /// Column and row, in the full image, of pixel number `i` of the window, which is numbered row by row.
+    /// Column and row, in the full image, of pixel `i` of the window. Pixels are numbered row by row.
     pub const fn pixel(&self, i: usize) -> [u32; 2] {
         let w = self.size[0] as usize;
         [self.origin[0] + (i % w) as u32, self.origin[1] + (i / w) as u32]
@@ -106,7 +106,7 @@ impl From<Frame> for [[u32; 2]; 3] {
 impl TryFrom<[[u32; 2]; 3]> for Frame {
     type Error = Error;
 
-    /// Makes a frame of resolution, origin and size.
+    /// Makes a frame from resolution, origin and size.
     fn try_from([[width, height], [x, y], [columns, rows]]: [[u32; 2]; 3]) -> Result<Self, Error> {
         Self::new(width, height)?.crop(x, y, x.saturating_add(columns), y.saturating_add(rows))
     }

@@ -11,11 +11,11 @@ use serde::{Deserialize, Serialize};
 /// The cluster label of a camera ray that meets no surface; other rays have the label of the cluster they hit.
 pub const BACKGROUND: u32 = u32::MAX;
 
-/// The first surface that a sample meets. The integrator reports it; clusters and samplers read it, and filters unless
-/// there are [`SurfaceFeatures`].
+/// The first surface that a sample hits, as the integrator reports it. Clusters and samplers read it; filters read it in
+/// samples without [`SurfaceFeatures`].
 ///
-/// Position, normal and depth are enough for every filter. Albedo helps most; the other fields serve clusters and some
-/// samplers (`docs/book/src/your-renderer.md` has a table).
+/// Position, normal and depth are enough for every filter. Of the optional fields, albedo improves images most; the others
+/// serve clusters and some samplers (`docs/book/src/your-renderer.md` has a table).
 ///
 /// ```
 /// use dapple_core::FirstHit;
@@ -41,11 +41,11 @@ pub struct FirstHit {
     pub footprint: f32,
     /// Microfacet roughness in `[0, 1]`: 0 for a mirror, 1 for a diffuse surface.
     pub roughness: f32,
-    /// The material's index, as the integrator counts materials.
+    /// The index of the material, in the integrator's numbering.
     pub material: u32,
-    /// The index of the shape (mesh, sphere, …), as the integrator counts shapes.
+    /// The index of the shape (mesh, sphere, …), in the integrator's numbering.
     pub shape: u32,
-    /// The index of the triangle within the shape; 0 for spheres and other shapes of one piece.
+    /// The index of the triangle within the shape; 0 for spheres and other shapes without triangles.
     pub primitive: u32,
 }
 
@@ -68,7 +68,7 @@ impl FirstHit {
     }
 
     setters! {
-        /// Sets a shading normal that differs from the geometry's.
+        /// Sets a shading normal that differs from the geometric normal.
         with_shading_normal(shading_normal: [f32; 3]);
         /// Sets the albedo, linear RGB in `[0, 1]`.
         with_albedo(albedo: [f32; 3]);
@@ -92,10 +92,11 @@ impl FirstHit {
     }
 }
 
-/// The features of one sample for filters: those of the first rough surface, seen through mirrors, glass and smooth coats.
+/// The features of one sample for filters: those of the first non-specular surface, seen directly or through mirrors, glass
+/// and smooth coats.
 ///
-/// The sample's own path selects between reflection and refraction. The mean over samples is then their blend, in the
-/// shares in which they make the colour.
+/// Each sample's path selects reflection or refraction. The mean over samples then blends both in the same proportions as
+/// the colour.
 ///
 /// ```
 /// use dapple_core::SurfaceFeatures;
@@ -111,15 +112,15 @@ pub struct SurfaceFeatures {
     pub position: [f32; 3],
     /// Unit shading normal, on the side the ray came from.
     pub normal: [f32; 3],
-    /// Fraction of light that the surface reflects towards the camera, linear RGB in `[0, 1]`: its albedo times the share
-    /// that mirrors and glass before it pass on.
+    /// Fraction of light that the surface reflects towards the camera, linear RGB in `[0, 1]`: its albedo times the
+    /// throughput of the mirrors and glass in front of it.
     pub albedo: [f32; 3],
     /// Length of the path from the camera to the surface, in the units of `position`.
     pub depth: f32,
-    /// True if the path took a lobe of little weight, such as the reflection of glass seen head-on.
+    /// True if the path chose a lobe of low probability, such as the reflection of glass seen head-on.
     ///
-    /// Few samples of a pixel do, and their features are noise in its mean. The film leaves them out, unless the pixel has
-    /// no features yet.
+    /// Few samples of a pixel do so, and their features would add noise to the pixel's mean. The film leaves them out,
+    /// unless the pixel has no features yet.
     pub rare: bool,
 }
 
@@ -133,7 +134,7 @@ impl SurfaceFeatures {
     setters! {
         /// Sets the albedo, linear RGB in `[0, 1]`.
         with_albedo(albedo: [f32; 3]);
-        /// Sets whether the path took a lobe of little weight.
+        /// Sets whether the path chose a lobe of low probability.
         with_rare(rare: bool);
     }
 
@@ -150,11 +151,11 @@ impl From<&FirstHit> for SurfaceFeatures {
     }
 }
 
-/// The path of a sample's first hit across the image while the shutter is open, for filters that move samples over lens and
-/// time.
+/// The motion of a sample's first hit across the image while the shutter is open, for filters that reproject samples over
+/// lens and time.
 ///
-/// With the hit's depth `w` along the view direction, and its position `(x, y)` in the image through the centre of the lens,
-/// `(x w, y w, w)` is linear in time for a constant velocity. The image is in pixels, from the top left corner.
+/// Let `w` be the hit's depth along the view direction, and `(x, y)` its projection through the centre of the lens, in
+/// pixels from the top left corner of the image. Then `(x w, y w, w)` is linear in time for a constant velocity.
 ///
 /// ```
 /// use dapple_core::integrator::Trajectory;
@@ -188,26 +189,26 @@ pub struct Trajectory {
 pub struct Estimate {
     /// The radiance, linear RGB, finite and not negative. The film rejects and counts other values.
     pub radiance: [f32; 3],
-    /// The first hit, if [`Draws::wants_first_hit`] requests it and the sample met a surface. A hit with a NaN or an
+    /// The first hit, if [`Draws::wants_first_hit`] requests it and the sample hit a surface. A hit with a NaN or an
     /// infinity counts as a miss.
     pub first_hit: Option<FirstHit>,
-    /// The features, if [`Draws::wants_features`] requests them and they are not those of the first hit. The film records
-    /// the first hit's features if this is `None`, or has a NaN or an infinity.
+    /// The features, if [`Draws::wants_features`] requests them and they differ from those of the first hit. The film
+    /// records the first hit's features if this is `None`, or has a NaN or an infinity.
     pub features: Option<SurfaceFeatures>,
-    /// The trajectory of the first hit, if [`Draws::wants_trajectory`] requests it. `None`, or one with a NaN or an infinity,
-    /// counts as a background at rest.
+    /// The trajectory of the first hit, if [`Draws::wants_trajectory`] requests it. A trajectory that is `None`, or has a
+    /// NaN or an infinity, counts as a static background.
     pub trajectory: Option<Trajectory>,
     /// The part of the radiance that light sources emit towards the camera, if [`Draws::wants_emission`] requests it: seen
     /// by the camera ray itself, through mirrors, or through glass that shows them in almost every sample; else 0.
     ///
-    /// Filters keep bright emission in its pixel. They stay correct without it.
+    /// Filters do not spread bright emission to other pixels. They also work without this value.
     pub emission: [f32; 3],
-    /// The indirect part of the radiance, if [`Draws::wants_indirect`] requests it, else 0: light that two or more rough
-    /// surfaces or points in media have scattered. The rest is what lamps emit, mirrored or not, and what one rough surface
-    /// scatters of it.
+    /// The indirect part of the radiance, if [`Draws::wants_indirect`] requests it, else 0: light scattered by at least two
+    /// non-specular surfaces or points in media. The rest is emission, seen directly or through mirrors, and light
+    /// scattered once.
     ///
-    /// Filters may treat the two apart, since shadows have sharp edges and indirect light has more noise. Any other split is
-    /// correct too, since the sum is what they return.
+    /// Filters may process both parts separately, since direct shadows have sharp edges and indirect lighting has more
+    /// noise. Filters return the sum, so any other split is correct too.
     pub indirect: [f32; 3],
     /// The cost of the sample: the number of rays traced.
     pub cost: u32,
@@ -238,7 +239,7 @@ impl Estimate {
         self.says_hit || self.first_hit.is_some() || self.features.is_some() || self.trajectory.is_some()
     }
 
-    /// Sets the first hit: a [`FirstHit`], or an `Option` of one; `None` says that the sample met no surface.
+    /// Sets the first hit: a [`FirstHit`], or an `Option` of one; `None` means that the sample hit no surface.
     #[inline]
     #[must_use]
     pub fn with_first_hit(mut self, hit: impl Into<Option<FirstHit>>) -> Self {
@@ -301,20 +302,20 @@ impl From<([f32; 3], Option<FirstHit>)> for Estimate {
 /// }
 /// ```
 pub trait Integrator: Sync {
-    /// Estimates the radiance of pixel `draws.pixel()` from one sample. A pure function of the random numbers and of
-    /// what [`Integrator::learn`] has learned so far.
+    /// Estimates the radiance of pixel `draws.pixel()` from one sample. Must be a pure function of the random numbers and
+    /// of what [`Integrator::learn`] has learned so far.
     fn estimate(&self, draws: &Draws<'_>, log: &mut Worker) -> Estimate;
 
-    /// The first hit and the features of one sample without its light, and their cost in rays; `None` if they cannot be had
-    /// for less than a whole sample, which is the default. A pure function of the random numbers.
+    /// Returns the first hit and the features of one sample without its radiance, and their cost in rays. `None`, the
+    /// default, means that they cost as much as a whole sample. Must be a pure function of the random numbers.
     ///
-    /// At few samples per pixel, edges are noisy in the features too. So [`Render`](crate::Render) requests features alone before
-    /// a pixel's first sample: 4 times, and up to 12 times where they vary. Filters then follow edges better.
-    /// With a time limit, it does so before the second round, if that round has 4 samples per pixel at least.
+    /// At few samples per pixel, features are noisy at edges. [`Render`](crate::Render) therefore requests 4 of these
+    /// feature-only samples before a pixel's first sample, and up to 12 where they vary. Filters then follow edges better.
+    /// With a time limit, this happens before the second round, if that round has at least 4 samples per pixel.
     ///
-    /// If [`Draws::wants_emission`] requests it, the estimate may have the emission that [`Integrator::estimate`] reports, with
-    /// the same expected value. Where it differs between these samples, as at the edge of a lamp, 64 more are taken, and filters
-    /// average their emission with that of the samples of light. With an emission of 0 in all of them nothing changes.
+    /// If [`Draws::wants_emission`] returns `true`, the estimate may include emission, with the same expected value as in
+    /// [`Integrator::estimate`]. Where emission varies, as at the edge of a light source, 64 more feature-only samples are
+    /// taken. Filters average their emission with that of ordinary samples. An emission of 0 in all of them changes nothing.
     fn features_alone(&self, draws: &Draws<'_>) -> Option<Estimate> {
         let _ = draws;
         None
@@ -340,13 +341,13 @@ pub trait Integrator: Sync {
     /// The first pass traces one sample per pixel. Each later pass traces as many as all passes before it, at most the
     /// rest of the round: 1, 1, 2, 4, …
     ///
-    /// The learned state must follow from the training passes alone. A render resumed from a
-    /// [`Snapshot`](crate::Snapshot) replays the recorded passes in order, so the learned state is not saved.
+    /// The learned state must depend on the training passes only. A render resumed from a [`Snapshot`](crate::Snapshot)
+    /// replays the recorded passes in order, so the learned state is not saved.
     fn learn(&mut self, pass: &TrainingData) {
         let _ = pass;
     }
 
-    /// The most bytes that this integrator takes by learning in a render of `pixels` pixels, with the training data that the
+    /// The maximum number of bytes that learning takes in a render of `pixels` pixels, including the training data that the
     /// render keeps. The default is 0.
     fn training_memory(&self, pixels: u64) -> u64 {
         let _ = pixels;
@@ -359,18 +360,18 @@ pub trait Integrator: Sync {
         Prepares::Never
     }
 
-    /// Prepares for the samples of a pass, before they are traced: follows light from the lamps, for example, and stores
-    /// it for [`Integrator::estimate`].
+    /// Prepares for a pass before its samples are traced: traces paths from the light sources, for example, and stores them
+    /// for [`Integrator::estimate`].
     ///
-    /// The stored state must follow from `pass` and from the training passes so far alone, with sums in a fixed order.
-    /// A resumed render prepares for its current pass again, so nothing is saved.
+    /// The stored state must depend only on `pass` and on the training passes so far, with sums in a fixed order. A resumed
+    /// render prepares for its current pass again, so nothing is saved.
     fn prepare(&mut self, pass: &Pass<'_>) -> Prepared {
         let _ = pass;
         Prepared::default()
     }
 
-    /// The bytes that this integrator takes for what it prepares for an image, 0 by default. An estimate, made before it
-    /// prepares.
+    /// The estimated bytes of the state that [`Integrator::prepare`] stores for an image, 0 by default. Called before
+    /// preparation.
     fn memory(&self, frame: &Frame) -> u64 {
         let _ = frame;
         0
@@ -413,16 +414,16 @@ impl TrainingSum {
 
 /// The sums of all values that integrators noted in a training pass, sorted by key.
 ///
-/// Blocks of 16x16 pixels are summed first, then rows of blocks, then all rows in order. The sums are the same bits for
-/// any number of threads.
+/// Blocks of 16x16 pixels are summed first, then rows of blocks, then all rows in order. The sums are bit-identical for any
+/// number of threads.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TrainingData {
     pub(crate) entries: Vec<TrainingSum>,
 }
 
 impl TrainingData {
-    /// Merges the sums of an image's parts, given in the order of the image, by sorting them by key. A tree would take several
-    /// times as long.
+    /// Merges the sums of an image's parts, given in the order of the image, by sorting them by key. This is several times
+    /// faster than a tree.
     pub(crate) fn merge(parts: &[Vec<TrainingSum>]) -> Self {
         let mut entries = parts.concat();
         // Equal keys stay in order.
@@ -456,8 +457,8 @@ pub enum Prepares {
     Once,
     /// Before each pass of about two samples per pixel: one for each half of the film.
     ///
-    /// A round in which few pixels get samples has passes of more samples for each, so that passes take about the same
-    /// time. Their lengths follow from the plans alone.
+    /// If few pixels get samples in a round, its passes have more samples per pixel, so that all passes take about the same
+    /// time. Their lengths depend on the plans only.
     EveryPass,
 }
 
@@ -473,9 +474,9 @@ pub struct Pass<'a> {
 }
 
 impl<'a> Pass<'a> {
-    /// The random numbers of one of the pass's paths from the lights, a pure function of point set, pass and path.
+    /// The random numbers of light path `path` in this pass, a pure function of point set, pass and path.
     ///
-    /// Paths of a pass are samples of one pixel of the stream [`streams::LIGHT`], so that they are well distributed
+    /// The paths of a pass are samples of one pixel in the stream [`streams::LIGHT`], so that they are well distributed
     /// together.
     pub fn draws(&self, path: u64) -> Draws<'a> {
         let capacity = self.points.capacity().max(1);

@@ -2,7 +2,7 @@
 //!
 //! | role | trait | decides |
 //! |---|---|---|
-//! | point set (pbrt and Mitsuba call this the sampler) | [`PointSet`] | the random numbers of a sample: a pure function of its name |
+//! | point set (pbrt and Mitsuba call this the sampler) | [`PointSet`] | the random numbers of a sample: a pure function of its identity |
 //! | sampler | [`Sampler`] | the number of samples per pixel, between rounds |
 //! | integrator | [`Integrator`] | the radiance of one sample, and its first hit |
 //! | filter (the denoiser; not the pixel filter) | [`Filter`] | an image from a [`Film`], and its error per pixel |
@@ -44,14 +44,14 @@
 //!
 //! * The image does not depend on the number of threads, on tiles, or on the division of a round into slices.
 //! * Sample counts add up to the budget exactly, or an [`Error`] gives the reason.
-//! * A sample that is NaN, infinite or negative is rejected, counts as zero and in `n`, and can be replayed.
+//! * A sample that is NaN, infinite or negative is rejected: it counts as a black sample, and can be replayed.
 //!
 //! # Limits
 //!
 //! * No geometry, scene or image file: all public items use `[f32; 3]`, slices and numbers.
 //! * No sampling of arbitrary densities. Each use of randomness names its [`Block`], or takes the next number of a cursor,
 //!   [`Draws::rng`].
-//! * One estimate belongs to one pixel: pixel filters wider than a pixel are sampled by the integrator.
+//! * Each estimate belongs to one pixel. An integrator samples pixel filters wider than a pixel itself.
 
 mod allocate;
 mod clock;

@@ -10,14 +10,13 @@ pub enum Budget {
     Samples(u64),
     /// A mean number of samples per pixel, above 0. The total is rounded to a whole number of samples, at least 1.
     PerPixel(f64),
-    /// A time for planning, tracing and the filter, in seconds, met approximately. Between rounds, the render loop converts
-    /// the time to sample budgets, which the film records.
-    /// Each pixel gets its least number of samples, however long that takes.
+    /// A time in seconds for planning, tracing and the filter, met approximately. Between rounds, the render loop converts the
+    /// time to sample budgets, which the film records. Each pixel gets its minimum number of samples, however long that takes.
     Seconds(f64),
-    /// Samples without end, in rounds that double them, for as long as the caller asks for rounds.
+    /// No limit: each round doubles the number of samples, for as long as the caller requests rounds.
     Open,
-    /// The number of samples that an estimated relMSE of at most `relmse` needs, but at most `at_most`. The film then
-    /// also splits each pixel's samples into two halves.
+    /// As many samples as an estimated relMSE of at most `relmse` requires, but no more than `at_most`. The film then also
+    /// splits each pixel's samples into two halves.
     Error {
         /// The largest accepted relMSE: `mean((x - truth)^2 / (truth^2 + 0.01))` over pixels and channels.
         relmse: f64,
@@ -37,7 +36,7 @@ pub enum InvalidSample {
     Fail,
 }
 
-/// The division of work among threads. Changes no bit of the image.
+/// The division of work among threads. The image is bit-identical for all values.
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Schedule {
@@ -97,7 +96,7 @@ pub struct Limits {
 }
 
 impl Budget {
-    /// True for a number of samples: nothing that a render measures adds to it.
+    /// Returns `true` for a number of samples, which no measurement during the render changes.
     pub(crate) fn is_of_samples(&self) -> bool {
         matches!(self, Self::Samples(_) | Self::PerPixel(_))
     }
@@ -112,7 +111,7 @@ impl Budget {
     }
 }
 
-/// The samples per pixel that are assumed under a limit of time, and under none.
+/// The number of samples per pixel assumed for time limits and open budgets.
 const ASSUMED_SPP: u32 = 64;
 
 impl Limits {
@@ -131,7 +130,7 @@ impl Limits {
         Self::new(Budget::Seconds(seconds))
     }
 
-    /// Limits of a render that goes on as long as somebody watches.
+    /// Limits of a render that continues until the caller stops it.
     pub fn open() -> Self {
         Self::new(Budget::Open)
     }
@@ -146,8 +145,8 @@ impl Limits {
         Self { budget, min_spp: 1, max_spp: u32::MAX, invalid: InvalidSample::Reject, schedule: Schedule::default() }
     }
 
-    /// The largest number of samples in an image of this frame. Limits of time and open ones have no such number: 64 samples per pixel are
-    /// assumed, or [`Limits::max_spp`] if it is less.
+    /// The maximum number of samples for an image of this frame. Time limits and open budgets are assumed to trace 64
+    /// samples per pixel, or [`Limits::max_spp`] if that is less.
     pub fn expected_samples(&self, frame: &Frame) -> u64 {
         match &self.budget {
             Budget::Error { at_most, .. } => *at_most,

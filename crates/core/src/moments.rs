@@ -41,7 +41,7 @@ impl Moments {
         self.count += other.count;
     }
 
-    /// The unbiased sample variance; `None` below two values.
+    /// The unbiased sample variance; `None` for fewer than two values.
     pub fn variance(&self) -> Option<f64> {
         (self.count >= 2).then(|| self.m2 / (self.count - 1) as f64)
     }
@@ -88,8 +88,8 @@ impl RgbMoments {
         self.count += other.count;
     }
 
-    /// The unbiased sample variance per channel; `None` below two values, and if the deviations are NaN since they are not
-    /// recorded.
+    /// The unbiased sample variance per channel; `None` for fewer than two values, or if the deviations were not recorded
+    /// and are NaN.
     pub fn variance(&self) -> Option<[f64; 3]> {
         (self.count >= 2 && !self.m2[0].is_nan()).then(|| self.m2.map(|m| m / (self.count - 1) as f64))
     }

@@ -50,8 +50,8 @@ pub enum OptionError {
     },
     /// An unknown name.
     #[error(
-        "there is no parameter \"{name}\"; {} takes {known}",
-        .nearest.map_or("it".to_owned(), |n| format!("did you mean \"{n}\"? It"))
+        "there is no parameter \"{name}\"; {} parameters: {known}",
+        .nearest.map_or("known".to_owned(), |n| format!("did you mean \"{n}\"? Known"))
     )]
     Unknown {
         /// The unknown name.
@@ -68,7 +68,7 @@ pub enum OptionError {
         name: &'static str,
     },
     /// A value that does not parse.
-    #[error("{name} = \"{value}\"; give {wanted}")]
+    #[error("{name} = \"{value}\" is not valid; use {wanted}")]
     Value {
         /// The parameter's name.
         name: &'static str,
@@ -195,9 +195,8 @@ pub fn nearest_name<'k>(name: &str, known: impl IntoIterator<Item = &'k str>) ->
 /// Declares a struct of options: its fields, setters, defaults, ranges, table of [`Parameter`]s, parsing and
 /// description.
 ///
-/// A field is declared as in the example of [`Options`]. The first line of its documentation is also its line of help.
-/// The default comes after `=`, then optionally `=> "text"` with the default as text, needed unless it is a plain
-/// number. A closure that accepts the values in range and a text that describes the range end the line.
+/// The default follows `=`. Unless it is a plain number, `=> "text"` states it as text. The line ends with a closure that
+/// returns `true` for values in range, and a text that describes the range.
 ///
 /// The struct is `non_exhaustive`, and has a setter of the same name for each field.
 #[macro_export]
@@ -390,8 +389,8 @@ crate::choices!(Stopping { Budget = "budget", Threshold = "threshold" });
 
 /// Writes a description `NAME:key=value,key=value` so that it can be the value of a parameter: `NAME/key=value/key=value`.
 ///
-/// Descriptions that are values of this description's own parameters get one more `/` at each separator, so any depth
-/// is unambiguous. [`unnested`] is the inverse.
+/// In a description that is nested inside this one, each separator gets one more `/`, so that any depth is unambiguous.
+/// [`unnested`] is the inverse.
 ///
 /// ```
 /// use dapple_core::options::{nested, unnested};

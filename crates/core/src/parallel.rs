@@ -1,15 +1,15 @@
 //! Loops over pixels, tiles or other tasks on all threads.
 //!
-//! Rayon's generic loops were a third of the code of some crates, since each function got a loop of its own. These loops are
-//! compiled once; a function is called through a pointer for many pixels at a time.
+//! Rayon's generic loops are compiled once per closure, and would be a third of the code of some crates. These loops are
+//! compiled once, and call closures through a pointer for many pixels at a time.
 //!
-//! Without the feature `threads`, the loops run on the thread of their caller, with the same bits.
+//! Without the feature `threads`, the loops run on the caller's thread, with bit-identical results.
 
 #[cfg(feature = "threads")]
 use rayon::prelude::*;
 use std::sync::{Mutex, PoisonError};
 
-/// The pixels of a task.
+/// The number of pixels per task.
 const CHUNK: usize = 1024;
 
 /// Calls `f` with the number and the contents of each part, in any order.
@@ -72,18 +72,18 @@ pub fn chunks<T: Send>(values: &mut [T], length: usize, f: impl Fn(usize, &mut [
     parts(values.chunks_mut(length), |number, part| f(number, part));
 }
 
-/// Sets each value to `f` of its number.
+/// Sets each value to `f` of its index.
 pub fn fill<T: Send>(values: &mut [T], f: impl Fn(usize) -> T + Sync) {
     let each = |number, values: &mut [T]| (number * CHUNK..).zip(values).for_each(|(number, value)| *value = f(number));
     chunks(values, CHUNK, each);
 }
 
-/// Computes the values of all numbers below `n`. They take twice their memory meanwhile.
+/// Computes `f` of all numbers below `n`. Takes twice the memory of the result while it runs.
 pub fn map<T: Send>(n: usize, f: impl Fn(usize) -> T + Sync) -> Vec<T> {
     map_with(n, || (), |(), number| f(number))
 }
 
-/// Computes the values of all numbers below `n`, with memory that `init` makes for each task.
+/// Computes `f` of all numbers below `n`, with working memory that `init` makes for each task.
 pub fn map_with<M, T: Send>(n: usize, init: impl Fn() -> M + Sync, f: impl Fn(&mut M, usize) -> T + Sync) -> Vec<T> {
     let length = (n / 256).clamp(1, CHUNK);
     let mut all: Vec<Vec<T>> = (0..n.div_ceil(length)).map(|_| Vec::new()).collect();

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 pub enum Progress {
     /// The plan holds a round to trace.
     Trace,
-    /// The sampler wants no more samples within this budget; the plan is ignored.
+    /// The sampler needs no more samples within this budget; the plan is ignored.
     Done,
 }
 
@@ -22,8 +22,7 @@ pub enum Retention {
     /// The samples stay in the image. If they also decide later counts, the image is biased [Kirk and Arvo 1991].
     #[default]
     Keep,
-    /// The samples only inform the sampler and do not enter the image: unbiased, but the round's samples are lost to
-    /// it.
+    /// The samples only inform the sampler and do not enter the image: unbiased, but the round's samples are lost to the image.
     Discard,
 }
 
@@ -66,10 +65,10 @@ pub struct Plan {
     pub retention: Retention,
     /// The rule that combines the means of a pixel's two halves from this round on.
     pub combine: Combine,
-    /// A mark per pixel whose kept samples are withdrawn from the image before the round is traced. Withdrawn samples
-    /// count as discarded and stay spent. A withdrawn pixel must get kept samples in this round, whose indices continue
-    /// after the withdrawn ones. It must have no discarded samples yet. Withdrawal that depends on the samples' own values
-    /// is still biased [Kirk and Arvo 1991].
+    /// Marks the pixels whose kept samples are withdrawn from the image before the round is traced. Withdrawn samples count
+    /// as discarded, and remain spent. A marked pixel must get kept samples in this round, whose indices continue after the
+    /// withdrawn ones. It must not have discarded samples yet. Withdrawal that depends on the samples' own values is still
+    /// biased [Kirk and Arvo 1991].
     #[serde(skip)]
     pub withdraw: Option<Vec<bool>>,
 }
@@ -97,19 +96,19 @@ impl Plan {
         [Some(&self.counts[..]), self.second_half.as_deref()].into_iter().flatten()
     }
 
-    /// The counts of [`Plan::halves`], to be changed.
+    /// The counts of [`Plan::halves`], mutable.
     pub(crate) fn halves_mut(&mut self) -> impl Iterator<Item = &mut Vec<u32>> {
         [Some(&mut self.counts), self.second_half.as_mut()].into_iter().flatten()
     }
 
-    /// A plan with other counts that withdraws no samples.
+    /// A copy of the plan with `of(counts)` as counts, which withdraws no samples.
     pub(crate) fn with_counts(&self, of: impl Fn(&[u32]) -> Vec<u32>) -> Self {
         let second_half = self.second_half.as_deref().map(&of);
         Self { counts: of(&self.counts), second_half, withdraw: None, ..*self }
     }
 }
 
-/// The use of pilot samples, which decide the counts, in the image; this determines the image's bias.
+/// The treatment of pilot samples, from which a sampler computes counts. It determines the image's bias.
 ///
 /// A sampler accepts the policies that its documentation names, and refuses the others with
 /// [`Error::OutOfRange`](crate::Error::OutOfRange).
@@ -137,13 +136,13 @@ pub enum PilotPolicy {
     Cross,
     /// All samples stay in the image, and a pixel's count depends on the samples of its neighbours only.
     ///
-    /// A first round after the pilot reads the other colour of a chessboard, a second the pixel's own colour. Then no
-    /// path of decisions leads from a pixel's samples to its count. What remains is the pixel's share in the total of all
-    /// scores: a bias of the order of 1 over the number of pixels.
+    /// Pixels are coloured like a chessboard. The first round after the pilot reads the pixels of the other colour, the second
+    /// round those of the pixel's own colour. So a pixel's samples do not influence its own count, not even indirectly. A bias
+    /// of the order of 1 over the number of pixels remains, since all counts depend on the sum of all scores.
     Neighbours,
 }
 
-/// The point at which samplers that compare an error estimate with a threshold stop.
+/// The stopping rule of samplers that compare an error estimate with a threshold.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Stopping {
     /// Stop when the budget is spent exactly; the threshold only ranks pixels.

@@ -8,8 +8,8 @@ use std::sync::Arc;
 
 /// The identity of one sample of one pixel.
 ///
-/// The identity, a block number and the seed held by the [`PointSet`] determine four coordinates, and nothing else
-/// does. So any sample can be replayed alone.
+/// Four coordinates depend on the identity, a block number and the seed of the [`PointSet`], and on nothing else. So any
+/// sample can be replayed alone.
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct SampleId {
@@ -50,17 +50,17 @@ pub mod streams {
     /// The stream of paths from the lights, which an integrator traces to prepare for samples; see
     /// [`Pass::draws`](crate::integrator::Pass::draws).
     pub const LIGHT: u32 = 7;
-    /// The stream of samples that give features alone; see [`Integrator::features_alone`](crate::Integrator::features_alone).
+    /// The stream of feature-only samples; see [`Integrator::features_alone`](crate::Integrator::features_alone).
     pub const FEATURES: u32 = 8;
-    /// The streams of samples of features alone at the edge of a lamp, one for each half; see
+    /// The streams of feature-only samples at the edge of a light source, one for each half; see
     /// [`Film::emission_alone`](crate::Film::emission_alone).
     pub const EMISSION: [u32; 2] = [9, 10];
 }
 
 /// A pure function from (seed, pixel, stream, index, block) to four coordinates.
 ///
-/// pbrt and Mitsuba call this role the sampler. Implementations hold their seed and nothing that changes; they must
-/// pass `dapple_conformance::point_set`.
+/// pbrt and Mitsuba call this role the sampler. Implementations have a seed and no mutable state. They must pass
+/// `dapple_conformance::point_set`.
 ///
 /// ```
 /// use dapple_core::{PointSet, SampleId};
@@ -102,14 +102,14 @@ pub trait PointSet: Send + Sync {
     /// `index < capacity()`.
     fn block(&self, id: SampleId, block: u32) -> [f32; 4];
 
-    /// Two blocks of one sample, each with the bits that [`block`](Self::block) returns. Point sets that compute two
-    /// together in less time override this.
+    /// Two blocks of one sample, bit-identical to two calls of [`block`](Self::block). Point sets that compute two blocks
+    /// together faster override this.
     #[inline]
     fn two_blocks(&self, id: SampleId, blocks: [u32; 2]) -> [[f32; 4]; 2] {
         blocks.map(|block| self.block(id, block))
     }
 
-    /// The number of samples per pixel and stream before the points repeat. The render loop refuses a longer round with
+    /// The number of samples per pixel and stream before the points repeat. The render loop refuses to trace more, with
     /// [`Error::SequenceExhausted`](crate::Error::SequenceExhausted). `u64::MAX` by default: points never repeat.
     fn capacity(&self) -> u64 {
         u64::MAX
@@ -120,15 +120,14 @@ pub trait PointSet: Send + Sync {
         n
     }
 
-    /// Returns `true` if the numbers of a pixel's samples are independent of each other, so that errors fall as 1/n. In
-    /// point sets that are better distributed they fall faster. `false` by default.
+    /// Returns `true` if the numbers of a pixel's samples are independent of each other, so that squared errors fall as
+    /// 1/n. They fall faster for better distributed point sets. `false` by default.
     fn is_independent(&self) -> bool {
         false
     }
 
-    /// Returns `true` if the numbers of neighbouring pixels are chosen together, so that their errors differ. The numbers
-    /// of pixels 1009 columns or rows apart must be uncorrelated all the same. `false` by default: all pixels are
-    /// independent.
+    /// Returns `true` if the numbers of neighbouring pixels are correlated on purpose, so that their errors differ. The numbers
+    /// of pixels 1009 columns or rows apart must be uncorrelated even then. `false` by default: all pixels are independent.
     fn couples_pixels(&self) -> bool {
         false
     }
@@ -144,11 +143,11 @@ forward!(PointSet for &T, Box<T>, Arc<T>; {
     ref couples_pixels() -> bool;
 });
 
-/// The point set of a renderer that draws random numbers of its own, and asks Dapple for sample counts only.
+/// The point set of a renderer that has its own random numbers, and uses only the sample counts of Dapple.
 ///
-/// Samplers then plan for independent samples. A [`Session`](crate::Session) says how many samples each pixel gets
-/// ([`Tile::pixels`](crate::Tile::pixels)), and takes their results ([`Tile::push`](crate::Tile::push)). Code that asks for
-/// its numbers all the same gets a hash.
+/// Samplers then plan for independent samples. A [`Session`](crate::Session) returns the number of samples for each pixel
+/// ([`Tile::pixels`](crate::Tile::pixels)), and takes the results ([`Tile::push`](crate::Tile::push)). Code that requests
+/// numbers of this point set anyway gets a hash.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct HostNumbers;
 

@@ -1,15 +1,17 @@
-//! Statistics that a method records for itself, beside those of a film.
+//! Statistics that a single method records, besides those of a film.
 
 use crate::{Error, Estimate, Film};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::sync::Arc;
 
-/// Statistics of a sampler's or filter's own: the film keeps a list of words for each pixel, and the recorder fills it.
+/// Statistics that one sampler or filter records for itself. The film stores a list of 32-bit words for each pixel, and the
+/// recorder fills it.
 ///
-/// A film keeps one list per pixel and half, and others for [discarded](crate::plan::Retention::Discard) samples. Lists travel with the
-/// pixel through tiles, checkpoints and machines. [`Sampler::recorders`](crate::Sampler::recorders) and
-/// [`Filter::recorders`](crate::Filter::recorders) name what a method reads; [`Film::recorded`](crate::Film::recorded) finds it.
+/// A film has one list per pixel and half, and separate lists for [discarded](crate::plan::Retention::Discard) samples.
+/// Lists accompany the pixel in tiles and checkpoints, and to other machines.
+/// [`Sampler::recorders`](crate::Sampler::recorders) and [`Filter::recorders`](crate::Filter::recorders) return the
+/// recorders that a method reads; [`Film::recorded`](crate::Film::recorded) returns their words.
 ///
 /// ```
 /// use dapple_core::film::{Recorder, RecordedSample};
@@ -36,25 +38,26 @@ use std::sync::Arc;
 /// }
 /// ```
 pub trait Recorder: Send + Sync {
-    /// The name, with all parameters: recorders of the same name record the same.
+    /// The name, with all parameters. Recorders of the same name must record the same statistics.
     fn name(&self) -> &str;
 
-    /// Adds a sample to the words of its pixel, which are empty at first. Called for every sample, in the pixel's order.
+    /// Adds a sample to the words of its pixel, which are empty at first. Called for every sample, in the order of the
+    /// pixel's samples.
     fn record(&self, words: &mut Vec<u32>, sample: &RecordedSample<'_>);
 
-    /// Makes room for `more` samples of a pixel, before they are traced. The default makes none.
+    /// Reserves room for `more` samples of a pixel, before they are traced. The default does nothing.
     fn reserve(&self, words: &mut Vec<u32>, more: u64) {
         let _ = (words, more);
     }
 
-    /// The bytes of a pixel's words after some samples, for forecasts of memory.
+    /// The bytes of a pixel's words after `samples` samples, for memory forecasts.
     fn bytes(&self, samples: u64) -> u64;
 }
 
-/// A sample as a [`Recorder`] sees it.
+/// A sample that is passed to a [`Recorder`].
 #[non_exhaustive]
 pub struct RecordedSample<'a> {
-    /// The number of samples in the pixel's half, with this one.
+    /// The number of samples in the pixel's half, including this one.
     pub count: u64,
     /// The radiance that enters the film: black for a rejected sample.
     pub radiance: [f32; 3],
@@ -66,13 +69,13 @@ pub struct RecordedSample<'a> {
 #[derive(Clone, Default, Serialize, Deserialize)]
 pub(crate) struct Recorders {
     pub(crate) names: Vec<String>,
-    /// As many as names; none in a film read from bytes, until a render resumes it.
+    /// One recorder per name. Empty in a film read from bytes, until a render resumes it.
     #[serde(skip)]
     pub(crate) active: Vec<Arc<dyn Recorder>>,
 }
 
 impl Recorders {
-    /// Unites recorders; each name occurs once.
+    /// Collects recorders, without repeating a name.
     pub(crate) fn new(all: impl IntoIterator<Item = Arc<dyn Recorder>>) -> Self {
         let mut united = Self::default();
         for one in all {
@@ -90,17 +93,17 @@ impl Recorders {
 }
 
 impl Film {
-    /// Gives the recorders of a film read from bytes, in the order of their names there.
+    /// Sets the recorders of a film read from bytes, in the order of the film's names.
     ///
     /// # Errors
     ///
-    /// [`Error::OtherRender`] if the film has recorders that are not given, or lacks given ones.
+    /// [`Error::OtherRender`] if the names of the film's recorders differ from those of `given`.
     pub(crate) fn resume_recorders(&mut self, given: Vec<Arc<dyn Recorder>>) -> Result<(), Error> {
         let given = Recorders::new(given);
         let found = self.recorders.names.iter().filter_map(|name| Some(given.active[given.position(name)?].clone()));
         let active: Vec<_> = found.collect();
         if active.len() != self.recorders.names.len() || active.len() != given.names.len() {
-            let what = format!("it recorded {:?} for its methods, not {:?}", self.recorders.names, given.names);
+            let what = format!("its recorders are {:?}, not {:?}", self.recorders.names, given.names);
             return Err(Error::OtherRender { what });
         }
         self.recorders.active = active;

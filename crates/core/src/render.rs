@@ -76,7 +76,7 @@ pub struct Render<'a> {
 }
 
 impl<'a> Render<'a> {
-    /// The bytes per pixel of the last filtered image and the halves it was made of, which [`Render::error_of`] keeps.
+    /// The bytes per pixel that [`Render::error_of`] keeps: the last filtered image and the halves from which it was made.
     pub const ERROR_OF_BYTES: usize = 12 + 4 + 2 * (4 + 12);
 
     /// A render of `frame` within `limits`, without a monitor.
@@ -102,14 +102,13 @@ impl<'a> Render<'a> {
         self
     }
 
-    /// Makes an error limit concern the image of this filter instead of the unfiltered one. The film then records what the
-    /// filter needs. A time limit includes the filter's time, which is estimated after the first round. Without either
-    /// limit, nothing changes.
+    /// Applies an error limit to the image of `filter` instead of the unfiltered image. The film then records what the filter
+    /// needs. A time limit includes the filter's time, which is estimated after the first round. Other limits are not affected.
     ///
-    /// At the end of each budget, the film is filtered. The next samples, which that image has not seen, then measure its
-    /// error and correct the filter's own estimate, [`Filtered::error`](crate::Filtered::error).
-    /// [`Record::filtered_relmse`](crate::film::Record::filtered_relmse) holds the last prediction. A filter that has no
-    /// estimate leaves the limit with the unfiltered image.
+    /// The film is filtered when a budget is spent. The next samples, which are not part of that image, measure its error
+    /// and correct the filter's own estimate, [`Filtered::error`](crate::Filtered::error).
+    /// [`Record::filtered_relmse`](crate::film::Record::filtered_relmse) is the last prediction. If the filter has no error
+    /// estimate, the limit applies to the unfiltered image.
     ///
     /// # Precision
     ///
@@ -131,8 +130,8 @@ impl<'a> Render<'a> {
         self.drive(None, integrator, sampler)
     }
 
-    /// Resumes a render from a [`Snapshot`]. The film has the bits of an uninterrupted render, on any number of
-    /// threads. That requires the same frame, and a sampler and an integrator made with the same options.
+    /// Resumes a render from a [`Snapshot`]. The film is bit-identical to that of an uninterrupted render, on any number of
+    /// threads. This requires the same frame, and a sampler and an integrator made with the same options.
     ///
     /// The budget may differ: a larger one continues the render, and a time limit includes the seconds before the
     /// snapshot. All statistics in [`Render::needs`] must have been recorded from the start. The caller must pass the

@@ -7,8 +7,8 @@ use crate::{Block, Draws, SampleId, point_set::mix};
 /// * [`Rng::next_2d`] returns a pair of dimensions that belong together, for a position, a direction or a lens. It skips one
 ///   number if an odd count was taken before.
 /// * [`Rng::next_f32`] returns one number.
-/// * [`Rng::next_u32`] and [`Rng::next_u64`] return whole words: the first 24 bits are the point set's, the others a hash.
-///   So the floats that `rand` makes of such words are as well distributed as the point set.
+/// * [`Rng::next_u32`] and [`Rng::next_u64`] return integers: the upper 24 bits come from the point set, the others from a
+///   hash. Floats that `rand` makes from them are as well distributed as the point set.
 ///
 /// With the features `rand_core_0_10`, `rand_core_0_9` and `rand_core_0_6` it implements the traits of these versions, and
 /// so works as the generator of `rand` 0.10, 0.9 and 0.8.
@@ -31,23 +31,22 @@ use crate::{Block, Draws, SampleId, point_set::mix};
 ///
 /// # Guarantees
 ///
-/// Each number is a function of the sample's identity and of the numbers taken before it. There is no end: a path may take
-/// as many as it likes.
+/// Each number is a function of the sample's identity and of the numbers taken before it. A path may take any count of numbers.
 ///
 /// # Limits
 ///
-/// A dimension means the same thing in all samples only if all samples take numbers in the same order. A loop that takes
-/// a varying count, such as rejection sampling, shifts what comes after it: the result stays correct, and loses the
-/// advantage over independent numbers. [`Rng::skip_to`] restores the order behind such a loop.
+/// A dimension means the same thing in all samples only if all samples take numbers in the same order. A loop that takes a
+/// varying count, such as rejection sampling, shifts all later dimensions. The result stays correct, but loses the
+/// advantage over independent numbers. [`Rng::skip_to`] restores the order after such a loop.
 pub type Rng<'a> = Cursor<&'a Draws<'a>>;
 
-/// A cursor that owns its sample; made by [`Draws::into_rng`]. That of [`Draws::shared`] borrows nothing, for renderers that keep generators
-/// in a thread's storage or in an enum of samplers.
+/// A cursor that owns its sample; made by [`Draws::into_rng`]. With [`Draws::shared`] it borrows nothing, so that renderers
+/// can store it in a thread-local variable or in an enum of samplers.
 pub type OwnedRng<'a> = Cursor<Draws<'a>>;
 
 /// A cursor over the random numbers of a sample: [`Rng`] or [`OwnedRng`].
 pub struct Cursor<D> {
-    /// The sample, borrowed or the cursor's own.
+    /// The sample, borrowed or owned.
     draws: D,
     /// The number of the block that `values` came from.
     block: u32,
@@ -56,7 +55,7 @@ pub struct Cursor<D> {
     taken: usize,
 }
 
-/// The sample of a cursor: borrowed or its own.
+/// The sample of a cursor, borrowed or owned.
 pub trait Held {
     /// The sample.
     fn draws(&self) -> &Draws<'_>;
@@ -77,7 +76,7 @@ impl Held for Draws<'_> {
 }
 
 impl Cursor<Draws<'_>> {
-    /// Begins with the first number of another sample, which a [`Tile`](crate::Tile) names by [`Draws::id`].
+    /// Restarts at the first number of sample `id`. [`Draws::id`] returns the identity of a [`Tile`](crate::Tile)'s sample.
     pub fn start(&mut self, id: SampleId) {
         self.draws.start(id);
         self.taken = 4;
@@ -131,8 +130,8 @@ impl<D: Held> Cursor<D> {
         }
     }
 
-    /// Continues at the first number of this block, so that what follows has the same dimensions in every sample. Does
-    /// nothing if the cursor is beyond it. Each block has four numbers.
+    /// Continues at the first number of this block, so that later numbers have the same dimensions in every sample. Does
+    /// nothing if the cursor is already beyond. Each block has four numbers.
     pub fn skip_to(&mut self, block: Block) {
         if self.draws.draws().skip_to(block) {
             self.taken = 4;
@@ -167,7 +166,7 @@ impl<D: Held> rand_core_0_10::TryRng for Cursor<D> {
     }
 }
 
-/// Implements `RngCore` of an older version of `rand_core`, with the methods that this version has besides.
+/// Implements `RngCore` of an older version of `rand_core`, with additional methods of that version.
 #[cfg(any(feature = "rand_core_0_9", feature = "rand_core_0_6"))]
 macro_rules! rng_core {
     ($version:ident, $($other:item)*) => {

@@ -9,23 +9,23 @@ use crate::{Error, Film, Frame, Limits, Needs, Sampler, container, integrator::T
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize, Serializer};
 
-/// The reason why bytes are not a snapshot, as the end of a sentence.
+/// Returns the error for bytes that are not a snapshot; `what` ends a sentence about the bytes.
 fn broken<T>(what: &'static str) -> Result<T, Error> {
     Err(Error::BadSnapshot { what })
 }
 
-/// A value as about so many bytes.
+/// Serialises a value to bytes, about `size` of them.
 fn encoded(value: &impl Serialize, size: usize) -> Vec<u8> {
     postcard::to_extend(value, Vec::with_capacity(size)).expect("memory takes any state")
 }
 
-/// Reads a value that takes all of the bytes. Memory is made as values are read.
+/// Deserialises a value that takes all of the bytes. Memory is allocated only as values are read.
 fn decoded<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Error> {
     match postcard::take_from_bytes(bytes) {
         Ok((value, [])) => Ok(value),
-        Ok(_) => broken("there are bytes after the end"),
-        Err(postcard::Error::DeserializeUnexpectedEnd) => broken("they end too early"),
-        Err(_) => broken("they hold something else than they should"),
+        Ok(_) => broken("there are extra bytes after the end"),
+        Err(postcard::Error::DeserializeUnexpectedEnd) => broken("they are truncated"),
+        Err(_) => broken("their contents are invalid"),
     }
 }
 
@@ -40,7 +40,7 @@ pub(crate) struct View<'a> {
     pub(crate) seconds: f64,
 }
 
-/// A sampler, or what a snapshot says of it.
+/// A sampler, or its description and state from a snapshot.
 #[derive(Clone, Copy)]
 pub(crate) enum Planner<'a> {
     Sampler(&'a dyn Sampler),
@@ -134,22 +134,22 @@ pub struct Snapshot {
     pub(crate) seconds: f64,
 }
 
-/// The parts of a snapshot besides the film: sampler, bounds, total, seconds, and what [`State`] has.
+/// The parts of a snapshot besides the film: sampler, bounds, total, seconds, and the fields of [`State`].
 type Course =
     (SavedSampler, [u32; 2], u64, f64, u32, Option<OpenRound>, Vec<TrainingData>, Option<FilteredError>, Option<Stage>);
 
 impl Snapshot {
-    /// Reads the bytes of [`Status::snapshot`](crate::render::Status::snapshot). Memory grows with the bytes that are read, even for
-    /// invalid bytes.
+    /// Reads the bytes of [`Status::snapshot`](crate::render::Status::snapshot). Memory use is in proportion to `bytes`,
+    /// even if they are invalid.
     ///
     /// # Errors
     ///
-    /// [`Error::BadSnapshot`] for bytes of another kind or version, truncated or inconsistent.
+    /// [`Error::BadSnapshot`] for bytes that are of another kind or version, truncated or inconsistent.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, Error> {
         let found = container::sections(bytes).or_else(|fault| broken(fault.text()))?;
         let section = |name: &str| found.iter().find(|(known, _)| *known == name).map(|(_, section)| *section);
         let (Some(course), Some(film)) = (section("render"), section("film")) else {
-            return broken("they hold no state of a render");
+            return broken("they do not contain the state of a render");
         };
         let course: Course = decoded(course)?;
         let (sampler, bounds, total, seconds, round, open, passes, filtered_error, stage) = course;
@@ -176,15 +176,16 @@ impl Snapshot {
         &self.state.film
     }
 
-    /// The snapshot, unless it has some rows of a stage alone.
+    /// The snapshot, or an error if it has only some rows of a stage.
     pub(crate) fn of_window(self) -> Result<Self, Error> {
         match self.state.stage {
             None => Ok(self),
-            Some(_) => Err(Error::OtherRender { what: "it has rows of a stage alone; trace and join them".into() }),
+            Some(_) => Err(Error::OtherRender { what: "it has only some rows of a stage; trace and join them".into() }),
         }
     }
 
-    /// Restores the sampler's state, and checks that the snapshot belongs to a render with this sampler, frame and limits, and records these `needs`.
+    /// Restores the sampler's state. Checks that the snapshot belongs to a render with this sampler, frame and limits, and
+    /// records `needs`.
     pub(crate) fn restore_sampler(
         &self,
         sampler: &mut dyn Sampler,
@@ -229,28 +230,28 @@ impl Snapshot {
         require(passes.iter().all(is_ascending), "training data is out of order")?;
         let fits = filtered_error.as_ref().is_none_or(|image| image.fits(film));
         require(fits, "a filtered image has another size")?;
-        require(stage.as_ref().is_none_or(|stage| stage.has(&film.frame)), "a stage is of another window")?;
+        require(stage.as_ref().is_none_or(|stage| stage.has(&film.frame)), "a stage belongs to another window")?;
         open.as_ref().map_or(Ok(()), |open| open.check(film))
     }
 }
 
 impl OpenRound {
-    /// Checks the round beside the film that it came with.
+    /// Checks that the round is consistent with its film.
     fn check(&self, film: &Film) -> Result<(), Error> {
         let ([width, height], pixels) = (film.frame.size(), film.frame.pixels());
         let Self { plan, later, cursor, .. } = self;
         let all = || plan.halves().chain(later.iter().flat_map(Plan::halves));
-        require(all().all(|counts| counts.len() == pixels), "a plan has another number of pixels")?;
+        require(all().all(|counts| counts.len() == pixels), "a plan has the wrong number of pixels")?;
         require(is_sound(plan.combine), "the rule to combine halves is unknown")?;
         let fits = plan.second_half.is_none() || film.kept.len() == 2;
         require(fits, "a plan is for two halves, but the film has one")?;
         let fits = plan.retention == Retention::Keep || !film.discarded.is_empty();
-        require(fits, "a round discards samples, but the film has no place for them")?;
+        require(fits, "a round discards samples, but the film has no planes for them")?;
         let traced = plan.total() - self.rest(width as usize).total();
         let all = self.before.checked_add(self.submitted).and_then(|n| n.checked_add(traced));
         let is_within = cursor.start <= cursor.end && cursor.row < height && all == Some(film.record.samples);
         let is_within = is_within && is_time(self.plan_seconds) && is_time(self.traced_seconds);
-        require(is_within, "the place within a round is out of range")
+        require(is_within, "the position within a round is out of range")
     }
 }
 
@@ -309,7 +310,7 @@ fn check_film(film: &Film) -> Result<(), Error> {
         && beside.is_sound(pixels, &layout)
         && film.lamp_edges.is_sound(&film.frame)
         && film.splats.is_sound(if film.needs.splats { halves } else { 0 });
-    require(is_sound_film, "a statistic is NaN or infinite, or of another number of pixels")?;
+    require(is_sound_film, "a statistic is NaN or infinite, or has the wrong number of pixels")?;
     require(is_sound(film.combine), "the rule to combine halves is unknown")?;
     let mut seconds = record.rounds.iter().flat_map(|round| [round.plan_seconds, round.trace_seconds]);
     require(is_time(record.prepare_seconds) && seconds.all(is_time), "a time is not a number of seconds")?;
@@ -318,9 +319,9 @@ fn check_film(film: &Film) -> Result<(), Error> {
     let samples = counts
         .try_fold(0_u64, |sum, n| sum.checked_add(u64::from(*n)))
         .map_or_else(|| broken("counts overflow"), Ok)?;
-    require(film.unreported <= samples, "more samples report no hits than there are")?;
+    require(film.unreported <= samples, "more samples report no hits than were traced")?;
     let fits = withdrawn.is_empty() || withdrawn.len() == discarded.len();
-    require(fits, "samples are withdrawn, but the film has no place for them")?;
+    require(fits, "samples are withdrawn, but the film has no planes for them")?;
     let mut of_each = withdrawn.iter().zip(discarded);
     let fewer = of_each.all(|(n, planes)| n.len() == pixels && n.iter().zip(&planes.counts).all(|(n, all)| n <= all));
     require(fewer, "more samples are withdrawn than discarded")?;

@@ -33,8 +33,8 @@ pub struct Worker {
 }
 
 impl Worker {
-    /// The task's own value of type `T`: the default at first, then whatever earlier samples left there. Results must not
-    /// depend on what it holds, since tasks share the pixels in any way. Asking for another type starts anew.
+    /// The task's own value of type `T`: the default at first, then the value that earlier samples left. Results must not
+    /// depend on it, since pixels are divided among tasks in any way. A request for another type resets it.
     #[inline]
     pub fn scratch<T: Any + Send + Default>(&mut self) -> &mut T {
         if !self.scratch.as_ref().is_some_and(|s| s.is::<T>()) {
@@ -43,13 +43,13 @@ impl Worker {
         self.scratch.as_mut().and_then(|s| s.downcast_mut()).expect("the value was made above")
     }
 
-    /// Adds light of this sample to another pixel, at column and row of the full image: the light of a path from a lamp,
-    /// for example.
+    /// Adds light of this sample to another pixel, at column and row of the full image: light of a path that starts at a
+    /// light source, for example.
     ///
-    /// The image gets the sum of all splats divided by the mean number of samples per pixel, beside the mean of the pixel's
-    /// own samples. Splats outside the frame's window are dropped. Samples of a window count as if they were shared among all
-    /// pixels of the image, since their light may land anywhere in it. Those that are NaN, infinite, negative or above 9e17 are
-    /// rejected, and the sample is listed. Without [`Needs::splats`](crate::Needs::with_splats), splats are ignored.
+    /// The image gets the sum of all splats divided by the mean number of samples per pixel, beside the mean of the pixel's own
+    /// samples. Splats outside the frame's window are dropped. In a cropped window, the number of samples is divided by all
+    /// pixels of the full image, since splats may land anywhere in it. Splats that are NaN, infinite, negative or above 9e17
+    /// are rejected, and the sample is listed. Without [`Needs::splats`](crate::Needs::with_splats), splats are ignored.
     #[inline]
     pub fn splat(&mut self, pixel: [u32; 2], radiance: [f32; 3]) {
         self.splats.push((pixel, radiance));
@@ -63,7 +63,7 @@ impl Worker {
         }
     }
 
-    /// Returns the sums of the notes by key, added in the order of noting, and clears the log.
+    /// Returns the sums of the notes by key, added in the order of noting, and clears the notes.
     pub(crate) fn summarise(&mut self) -> Vec<TrainingSum> {
         self.notes.sort_by_key(|n| n.0);
         let mut sums: Vec<TrainingSum> = Vec::new();

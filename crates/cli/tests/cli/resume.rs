@@ -273,7 +273,7 @@ fn shards_that_make_no_image_x07() {
             format!("{a} filtered.shard {c}"),
             format!("filtered.shard: it is of another render than {a}: filter: gaussian"),
         ),
-        (format!("{a} more.shard {c}"), "more.shard: the rows are of another stage".into()),
+        (format!("{a} more.shard {c}"), "more.shard: the rows belong to another stage".into()),
     ] {
         folder.says(&format!("merge {shards} -q -o p.pfm"), 1, &[&expected]);
     }

@@ -65,7 +65,7 @@ fn settings_are_refused_before_anything_is_rendered_i06() {
         ("--crop 0,0,25,16", 1, "24x16 image"),
         ("--resolution 4000000000x1 --max-depth 1 --min-spp 0 --memory 8G", 1, "crops (--crop)"),
         ("--sampler nonesuch", 2, "there is no sampler \"nonesuch\"; choose among variance, "),
-        ("--sampler variance:cup=3", 2, "It takes pilot, radius"),
+        ("--sampler variance:cup=3", 2, "Known parameters: pilot, radius"),
         ("--sampler variance:policy=maybe", 2, "one of keep, discard, cross"),
         ("--pixel-filter round", 2, "possible values: scene, box"),
         ("--without nonesuch", 2, "unknown effect \"nonesuch\"; choose among soft-shadows, several-lights, glossy, "),

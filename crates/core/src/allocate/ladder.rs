@@ -55,9 +55,9 @@ impl Ladder {
     /// that falls as `n^-exponent`. The exponent is 1 for independent samples, and about 1.3 for images sampled with
     /// low-discrepancy nets.
     ///
-    /// At most one pixel whose floor is on the ladder gets a count off it, so that the sum is exact. More do only if
-    /// the budget fills every pixel to the last rung below `ceiling`. If all scores are equal, counts differ by at most
-    /// 1 as far as floors allow.
+    /// Among pixels whose floor is on the ladder, at most one gets a count off the ladder, which makes the sum exact. There
+    /// are more only if the budget fills every pixel to the last rung below `ceiling`. If all scores are equal, counts
+    /// differ by at most 1 as far as floors allow.
     ///
     /// # Errors
     ///
@@ -96,10 +96,10 @@ impl Ladder {
     }
 }
 
-/// The counts of a ladder, for a pixel error `f(n) = n^-exponent`.
+/// The counts (rungs) of a ladder and the gains of its steps, for a pixel error `f(n) = n^-exponent`.
 struct Rungs {
     rungs: Vec<u32>,
-    /// For each count (rung), the error decrease per sample of the step up to it; descending.
+    /// For each rung, the error decrease per sample of the step that ends there. Descending.
     gains: Vec<f64>,
     /// For each bucket of thresholds (see [`bucket`]), the number of rungs whose error decrease per sample exceeds
     /// every threshold in the bucket.

@@ -1,4 +1,4 @@
-//! Steps in the order of their gain, and the division of the last samples among them.
+//! Steps sorted by gain, and the distribution of the last samples over them.
 
 use super::{Demand, Steps};
 use crate::point_set::mix;
@@ -23,7 +23,7 @@ impl Waiting {
     }
 }
 
-/// All steps from the present counts whose error decrease per sample is at least `threshold`.
+/// All steps above the current `counts` whose error decrease per sample is at least `threshold`.
 pub(super) fn steps_above(threshold: f64, counts: &[u32], demand: &Demand<'_>, steps: &impl Steps) -> Vec<Waiting> {
     let mut waiting = Vec::new();
     for (k, (&n, &score)) in counts.iter().zip(demand.scores).enumerate() {
@@ -45,8 +45,8 @@ pub(super) fn steps_above(threshold: f64, counts: &[u32], demand: &Demand<'_>, s
     waiting
 }
 
-/// Raises pixels by the `waiting` steps in their order, until none of the `left` samples remains. Returns the samples left
-/// over. A step from a count goes to `end` of it; the last one may end before.
+/// Applies the `waiting` steps in their order until the `left` samples are used up. Returns the number of samples left
+/// over. A step from count `n` raises its pixel to `end(n)`; the last step may stop short.
 pub(super) fn hand_out(mut waiting: Vec<Waiting>, counts: &mut [u32], mut left: u64, end: impl Fn(u32) -> u32) -> u64 {
     let width = |step: &Waiting| u64::from(end(step.count) - step.count);
     if waiting.iter().map(width).sum::<u64>() > left {
@@ -65,8 +65,8 @@ pub(super) fn hand_out(mut waiting: Vec<Waiting>, counts: &mut [u32], mut left: 
     left
 }
 
-/// Drops steps that come after those that take the `left` samples. Halving the list by its middle step finds them in
-/// linear time; few more than needed remain.
+/// Drops the steps that the `left` samples cannot reach, except for a few. Repeated splits of the list at its middle step
+/// take linear time.
 fn first_steps(mut waiting: Vec<Waiting>, left: u64, width: impl Fn(&Waiting) -> u64) -> Vec<Waiting> {
     let (mut first, mut before) = (0, 0);
     while waiting.len() - first > 64 {

@@ -4,8 +4,8 @@ use super::{Allocation, Range, level};
 use crate::{Error, parallel, point_set::mix};
 use std::cmp::Ordering;
 
-/// The binary logarithm of the number of units in a sample. Shares of the budget are integers of these units, so that
-/// sums do not depend on the order.
+/// The binary logarithm of the number of units per sample. The budget of each pixel is an integer number of units, so that
+/// sums do not depend on their order.
 const QUANTUM_BITS: u32 = 20;
 const QUANTA: f64 = (1u64 << QUANTUM_BITS) as f64;
 /// The number of pixels per partial sum. The sum of 2048 shares below 2^52 units fits into 64 bits.
@@ -13,19 +13,19 @@ const CHUNK: usize = 2048;
 /// The largest number of steps in [`find_factor`]'s search; about ten suffice if weights span a few decades.
 const MOST_ROUNDS: u32 = 64;
 
-/// Shares out exactly `total` samples in proportion to `weights`.
+/// Distributes exactly `total` samples in proportion to `weights`.
 ///
-/// Pixel `p` gets `base + factor * weights[p]`, clamped to `floors[p]` and `ceiling` (a floor above the ceiling wins).
-/// The factor is common to all pixels, and such that the counts sum to `total`. Fractions are rounded by largest
-/// remainder. Ties go to the larger weight, then by a hash of the pixel's index.
+/// Pixel `p` gets `base + factor * weights[p]`, clamped to `floors[p]` and `ceiling` (a floor above the ceiling wins). The
+/// factor is the same for all pixels, and makes the counts sum to `total`. Fractions are rounded by the largest-remainder
+/// method. Ties go to the larger weight, then by a hash of the pixel's index.
 ///
-/// [`allocate`](crate::plan::allocate()) takes squared errors and returns counts proportional to their root. This function
-/// takes the proportions of the counts themselves, for samplers that compute priorities rather than variances. Counts
-/// depend on the weights alone: permuted weights give permuted counts, except among equal ones.
+/// [`allocate`](crate::plan::allocate()) takes squared errors and returns counts proportional to their square root. This
+/// function takes the proportions of the counts themselves, for samplers that compute priorities rather than variances.
+/// Counts depend on the weights alone: permuted weights give permuted counts, except among equal weights.
 ///
-/// NaN and negative weights count as 0, infinite ones as the largest finite weight; [`Allocation::replaced`] counts
-/// both. Pixels of weight 0, or below 1e-60 of the largest, wait until all others are at the ceiling, and then get
-/// equal shares. If `total` is less than `base` for every pixel, counts are as equal as the floors allow.
+/// NaN and negative weights count as 0, infinite ones as the largest finite weight; [`Allocation::replaced`] counts both.
+/// Pixels whose weight is 0, or below 1e-60 of the largest weight, get samples only after all others are at the ceiling, and
+/// then equally many. If `total` is too small for `base` samples in every pixel, counts are as equal as the floors allow.
 ///
 /// ```
 /// let counts = dapple_core::plan::share(&[1.0, 2.0, 3.0], 4, &[0; 3], 100, 72)?.counts;
@@ -91,10 +91,10 @@ pub fn share(weights: &[f64], base: u32, floors: &[u32], ceiling: u32, total: u6
     Ok(Allocation { counts, unspent: 0, replaced })
 }
 
-/// Returns nearly the largest factor for which `spend(factor)` does not exceed `goal`.
+/// Returns approximately the largest factor for which `spend(factor)` does not exceed `goal`.
 ///
-/// The search starts at `first` and ends within `close` units below `goal`, unless a step of `spend` is wider. `spend`
-/// grows with the factor.
+/// The search starts at `first` and ends within `close` units below `goal`, unless `spend` jumps by more. `spend` must grow
+/// with the factor.
 fn find_factor(first: f64, goal: u128, close: u128, spend: impl Fn(f64) -> u128) -> f64 {
     let (mut low, mut missing) = (0.0, 0.0);
     let (mut high, mut excess) = (f64::INFINITY, 0.0);

@@ -12,13 +12,14 @@ pub fn luminance([r, g, b]: [f64; 3]) -> f64 {
     0.2126 * r + 0.7152 * g + 0.0722 * b
 }
 
-/// The planes of some pixels of a film that a round of one retention writes. One task writes them.
+/// The planes that one task of a round writes: those of some pixels, for kept or for discarded samples.
 pub(crate) struct Strip<'a> {
     /// The statistics of each half; the second is empty in a film without halves.
     pub(crate) halves: [HalfRows<'a>; 2],
     spread: SpreadRows<'a>,
     pub(crate) beside: BesideRows<'a>,
-    /// The counts of each half's withdrawn samples, whose indices precede those of kept ones; empty without such samples.
+    /// The numbers of withdrawn samples in each half, whose indices precede those of kept samples. Empty if none were
+    /// withdrawn.
     withdrawn: [&'a [u32]; 2],
     retention: Retention,
     needs: Needs,
@@ -26,7 +27,7 @@ pub(crate) struct Strip<'a> {
 }
 
 impl Film {
-    /// Adds a sample as [`Strip::add`] does. Making a strip for one sample takes longer than adding it.
+    /// Adds a sample as [`Strip::add`] does, without the cost of making a strip for one sample.
     #[inline]
     pub(crate) fn add(
         &mut self,
@@ -41,7 +42,7 @@ impl Film {
         rejected
     }
 
-    /// Adds a sample as [`Film::add`] does, without what lies beside.
+    /// Adds a sample as [`Film::add`] does, but not to the statistics in `beside`.
     fn add_to_half(
         &mut self,
         retention: Retention,
@@ -56,7 +57,7 @@ impl Film {
         halves[half].rows().add(local, estimate, &self.recorders.active, (&mut spread.rows(), sum))
     }
 
-    /// All pixels, for a round of this retention.
+    /// The planes of all pixels that a round of this retention writes.
     pub(crate) fn strip(&mut self, retention: Retention) -> Strip<'_> {
         let (halves, spread) = match retention {
             Retention::Keep => (&mut self.kept, &mut self.spread),
@@ -80,7 +81,7 @@ impl Strip<'_> {
         self.halves[0].counts.len()
     }
 
-    /// Splits off the first pixels.
+    /// Splits off the first `first` pixels.
     pub(crate) fn split(self, first: usize) -> (Self, Self) {
         let pixels = self.pixels();
         let ([a, b], [na, nb]) = (self.halves, self.withdrawn);
@@ -110,8 +111,8 @@ impl Strip<'_> {
         })
     }
 
-    /// Adds a sample to a half of the pixel at place `local`, with all that its estimate reports. Returns the reason if its
-    /// radiance is rejected; it then counts as black, and the caller lists it.
+    /// Adds a sample, with all that its estimate reports, to a half of pixel `local`. Returns the reason if its radiance is
+    /// rejected. The sample then counts as black, and the caller lists it.
     #[inline]
     pub(crate) fn add(&mut self, half: usize, local: usize, estimate: &Estimate) -> Option<RejectedReason> {
         let sums = (&mut self.spread, self.needs.sum_at(half, local));
@@ -128,7 +129,7 @@ impl Strip<'_> {
         !self.recorders.is_empty()
     }
 
-    /// Makes room for the words of so many samples of a pixel in each half.
+    /// Reserves room for the recorders' words of `samples` more samples, one number per half, of pixel `local`.
     pub(crate) fn reserve(&mut self, local: usize, samples: [u64; 2]) {
         for (planes, more) in self.halves.iter_mut().zip(samples).filter(|(planes, _)| !planes.counts.is_empty()) {
             let words = &mut planes.words[local * self.recorders.len()..][..self.recorders.len()];
@@ -138,7 +139,7 @@ impl Strip<'_> {
 }
 
 impl BesideRows<'_> {
-    /// Adds what a sample reports besides its radiance. `seen` is the pixel's number of samples before.
+    /// Adds what a sample reports besides its radiance. `seen` is the number of samples that the pixel had before.
     #[inline]
     fn add(&mut self, needs: &Needs, (half, local): (usize, usize), seen: u64, estimate: &Estimate) {
         if needs.wants_first_hit() {
@@ -159,8 +160,8 @@ impl BesideRows<'_> {
 }
 
 impl HalfRows<'_> {
-    /// Adds a sample to the pixel at place `local`, and its squared deviations to sums. A rejected one counts as black; the reason
-    /// is returned.
+    /// Adds a sample to pixel `local`, and its squared deviations to `spread`. A rejected sample counts as black; the
+    /// reason is returned.
     #[inline]
     pub(crate) fn add(
         &mut self,
@@ -194,7 +195,7 @@ impl HalfRows<'_> {
         reason
     }
 
-    /// Passes a sample to the recorders. Outlined because most films have none.
+    /// Passes a sample to the recorders. Not inlined, because most films have none.
     #[inline(never)]
     fn record(&mut self, local: usize, (radiance, estimate): ([f32; 3], &Estimate), recorders: &[Arc<dyn Recorder>]) {
         let sample = RecordedSample { count: self.counts[local].into(), radiance, estimate };
@@ -222,19 +223,19 @@ impl HalfRows<'_> {
     }
 }
 
-/// A sum of squares with another square. It is rounded up or down by chance, so that sums of any number of squares are right in the
-/// mean: rounded to the nearest number, those of a million would lose small squares, and 4e-4 of the sum. The bits of the square are the
-/// chance.
+/// Adds `square` to a sum of squares, rounded stochastically to `f32`, so that the expected sum is exact. Rounding to
+/// nearest would lose small squares: 4e-4 of a sum of a million. A hash of the square decides the direction of rounding.
 #[inline]
 fn with_square(sum: f32, square: f64) -> f32 {
-    /// The bits that `f64` has more than `f32`.
+    /// The number of mantissa bits that `f64` has beyond those of `f32`.
     const MORE: u32 = 29;
     let chance = square.to_bits().wrapping_mul(0x9e37_79b9_7f4a_7c15) >> (64 - MORE);
     let sum = (f64::from(sum) + square).min(f64::from(f32::MAX));
     f64::from_bits((sum.to_bits() + chance) >> MORE << MORE) as f32
 }
 
-/// Adds a part of a sample's radiance to its mean over `count` samples, and to squared deviations, if there are some.
+/// Adds `part` of a sample's `radiance` to its mean over `count` samples, and to the squared deviations `m2` if they are
+/// recorded.
 #[inline]
 fn add_part((mean, mut m2): (&mut [f32; 3], Option<&mut [f32; 3]>), count: u32, part: [f32; 3], radiance: [f32; 3]) {
     let share = 1.0 / count as f32;
@@ -249,13 +250,13 @@ fn add_part((mean, mut m2): (&mut [f32; 3], Option<&mut [f32; 3]>), count: u32, 
     }
 }
 
-/// The values of features in the order of [`FeatureMoments`].
+/// Normal, albedo, position and depth in the order of [`FeatureMoments`].
 #[inline]
 fn values(n: &[f32; 3], a: &[f32; 3], p: &[f32; 3], depth: f32) -> [f32; 10] {
     [n[0], n[1], n[2], a[0], a[1], a[2], p[0], p[1], p[2], depth]
 }
 
-/// Records the features of a sample, and its first hit in place `seen` if there is such a place.
+/// Records the features of a sample, and stores its first hit in `places[seen]` if that exists.
 #[inline(never)]
 pub(crate) fn record_first_hit(
     features: [Option<&mut FeatureMoments>; 2],
@@ -281,9 +282,9 @@ impl Film {
     /// Adds a kept sample to pixel `pixel` with all that its estimate reports, as a render does: radiance, emission,
     /// features or first hit, and cost. The film ignores what it does not record.
     ///
-    /// An estimate without a first hit and without features is a miss: the sample saw the background. The sample's index
-    /// in the stream is the pixel's count so far. NaN, infinite and negative radiances are rejected. `half` is 0 or 1; a
-    /// film without halves ignores it.
+    /// An estimate without a first hit and without features is a miss: the sample reached the background. The sample's
+    /// index in the stream is the pixel's count so far. NaN, infinite and negative radiances are rejected. `half` is 0 or
+    /// 1; a film without halves ignores it.
     ///
     /// ```
     /// use dapple_core::{Estimate, Film, FirstHit, Frame, Needs};
@@ -309,9 +310,9 @@ impl Film {
         self.list_pushed(half, pixel, rejected);
     }
 
-    /// Adds a kept sample as [`Film::push_estimate`] does, of which only the radiance is known.
+    /// Adds a kept sample of which only the radiance is known.
     ///
-    /// Nothing is recorded of what the sample hit. Filters that read features refuse a film filled only like this.
+    /// Nothing is recorded about what the sample hit. Filters that read features refuse a film with such samples only.
     ///
     /// # Panics
     ///
@@ -320,8 +321,8 @@ impl Film {
         self.push_with_emission(pixel, half, radiance, [0.0; 3]);
     }
 
-    /// Adds a kept sample as [`Film::push`] does, with the part of its radiance that light sources seen directly emit. A
-    /// film without [`Needs::emission`](crate::Needs::emission) ignores that part.
+    /// Adds a kept sample as [`Film::push`] does. `emission` is the part of its radiance that light sources seen directly
+    /// emit. A film without [`Needs::emission`](crate::Needs::emission) ignores it.
     ///
     /// # Panics
     ///

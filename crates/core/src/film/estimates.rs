@@ -1,19 +1,19 @@
-//! Means whose emission is refined by samples of features alone, and error estimates from the halves.
+//! Pixel means with emission refined by feature-only samples, and error estimates from the two halves.
 
 use super::Film;
 use crate::film::RgbMoments;
 
 /// Refined means.
 ///
-/// At the edge of a lamp, most of a pixel's noise is that of the lamp's share in the pixel. A sample of
-/// [features alone](crate::Integrator::features_alone) knows its emission for the cost of a ray. So there the mean emission of the
-/// pixel's samples of light is replaced by that of both kinds of samples. The expected value stays, since a pixel's light and
-/// number of samples have no influence on its samples of features alone.
+/// At the edge of a light source, most noise comes from the fraction of the pixel that the light covers. A feature-only
+/// sample ([`features_alone`](crate::Integrator::features_alone)) measures the emission for the cost of a ray. Refined
+/// means therefore average the emission over feature-only and ordinary samples. The expected value does not change, since
+/// feature-only samples do not depend on ordinary ones.
 ///
-/// All other pixels, and films without [`Needs::emission`](crate::Needs::emission), have the plain means.
+/// In all other pixels, and in films without [`Needs::emission`](crate::Needs::emission), refined means equal plain means.
 impl Film {
-    /// The number and the mean emission of pixel `i`'s samples of features alone at the edge of a lamp: of half 0 or 1, or of
-    /// all of them in a film without halves. `None` without such samples.
+    /// The number and the mean emission of pixel `i`'s feature-only samples: of half 0 or 1, or of all in a film without
+    /// halves. `None` if the pixel is not at the edge of a light source.
     pub fn emission_alone(&self, half: usize, i: usize) -> Option<(u32, [f32; 3])> {
         if !self.needs.emission {
             return None;
@@ -23,7 +23,7 @@ impl Film {
         (found.0 > 0).then_some(found)
     }
 
-    /// The difference of the refined and the plain mean emission of a half, or of a film without halves.
+    /// The refined minus the plain mean emission of pixel `i`, in one half or in a film without halves.
     fn refinement(&self, half: usize, i: usize) -> Option<[f64; 3]> {
         let (samples, alone) = self.emission_alone(half, i)?;
         let (plain, count) = (self.emission(half, i)?, self.kept[half % self.kept.len()].counts[i]);
@@ -59,7 +59,7 @@ impl Film {
     }
 }
 
-/// A sum, at least 0, since means are rounded.
+/// The sum of `mean` and `change`, at least 0 in spite of rounding.
 fn changed(mean: [f64; 3], change: [f64; 3]) -> [f64; 3] {
     [0, 1, 2].map(|c| (mean[c] + change[c]).max(0.0))
 }
@@ -68,9 +68,9 @@ impl Film {
     /// The estimated squared error of pixel `i`'s mean, per channel. `None` in a film without halves, or if a half of
     /// the pixel has no samples.
     ///
-    /// The estimate comes from the difference of the means A and B of the two halves, which are scrambled
-    /// independently: `E (A - B)^2 = var A + var B`. That sum is split by sample counts, for a pixel mean of `w A + (1
-    /// - w) B`. Each pixel has one degree of freedom, so average over pixels before use. The error of splats is not in it.
+    /// The estimate comes from the difference of the means A and B of the two halves, which are scrambled independently: `E
+    /// (A - B)^2 = var A + var B`. That sum is split by sample counts, for a pixel mean of `w A + (1 - w) B`. Each pixel
+    /// has one degree of freedom, so average over pixels before use. The error of splats is not included.
     pub fn squared_error(&self, i: usize) -> Option<[f64; 3]> {
         let [a, b] = &self.kept[..] else { return None };
         let (na, nb) = (f64::from(a.counts[i]), f64::from(b.counts[i]));
@@ -97,11 +97,10 @@ impl Film {
         Some((0..self.frame.pixels()).map(|i| self.squared_error(i).map_or(f32::INFINITY, mean)).collect())
     }
 
-    /// The relMSE of the unfiltered image, `mean((x - truth)^2 / (truth^2 + 0.01))` over pixels and channels, as
-    /// estimated from the halves. `None` without halves, and while a pixel lacks a sample in one of them.
+    /// The relMSE of the unfiltered image, `mean((x - truth)^2 / (truth^2 + 0.01))` over pixels and channels, estimated
+    /// from the halves. `None` in a film without halves, or if a pixel has no samples in one half.
     ///
-    /// The mean over 3x3 pixels stands in for the truth. A pixel's own mean is high where its error is, and would hide
-    /// the error.
+    /// The mean over 3x3 pixels replaces the truth. A pixel's own mean would hide its error, since both are high together.
     ///
     /// # Precision
     ///

@@ -1,9 +1,9 @@
-//! The emission of pixels at edges of lamps. Few pixels have such an edge, so each row lists its own.
+//! The emission of pixels at the edges of light sources. Few pixels have such an edge, so each row lists its own.
 
 use crate::Frame;
 use serde::{Deserialize, Serialize};
 
-/// The mean emission of a pixel's samples of features alone, in two parts of independent samples, and their numbers.
+/// The numbers and the mean emission of a pixel's feature-only samples, in two independent halves.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct EmissionAlone {
     pub(super) samples: [u32; 2],
@@ -11,7 +11,7 @@ pub(crate) struct EmissionAlone {
 }
 
 impl EmissionAlone {
-    /// Adds a sample to a part. Negative and infinite channels and those that are NaN count as black.
+    /// Adds a sample to half `part`. Channels that are negative, infinite or NaN count as 0.
     pub(crate) fn push(&mut self, part: usize, emission: [f32; 3]) {
         self.samples[part] += 1;
         let share = 1.0 / self.samples[part] as f32;
@@ -21,7 +21,7 @@ impl EmissionAlone {
         }
     }
 
-    /// Number and mean of all samples.
+    /// Number and mean of the samples of both halves.
     pub(super) fn whole(&self) -> (u32, [f32; 3]) {
         let ([na, nb], [a, b]) = (self.samples, self.mean);
         let all = na.saturating_add(nb);
@@ -30,13 +30,13 @@ impl EmissionAlone {
     }
 }
 
-/// The emission alone of pixels at edges of lamps: for each row of the window their columns in the full image, ascending. No rows
-/// without such pixels.
+/// The emission of pixels at the edges of light sources: for each row of the window, a list sorted by column in the full
+/// image. There are no rows if no pixel has such an edge.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct LampEdges(Vec<Vec<(u32, EmissionAlone)>>);
 
 impl LampEdges {
-    /// Returns `true` for values of a film of `frame`: finite and in order.
+    /// Returns `true` if the values are finite, sorted, and fit a film of `frame`.
     pub(crate) fn is_sound(&self, frame: &Frame) -> bool {
         let is_finite = |alone: &EmissionAlone| alone.mean.iter().flatten().all(|value| value.is_finite());
         let is_row = |row: &Vec<(u32, EmissionAlone)>| {
@@ -45,7 +45,7 @@ impl LampEdges {
         (self.0.is_empty() || self.0.len() == frame.size()[1] as usize) && self.0.iter().all(is_row)
     }
 
-    /// The values of pixel `i` of a film of `frame`; `None` for pixels at no edge.
+    /// The values of pixel `i` of a film of `frame`; `None` for pixels without an edge.
     pub(super) fn get(&self, frame: &Frame, i: usize) -> Option<&EmissionAlone> {
         if self.0.is_empty() {
             return None;
@@ -56,7 +56,7 @@ impl LampEdges {
         row.binary_search_by_key(&column, |(column, _)| *column).ok().map(|place| &row[place].1)
     }
 
-    /// Sets the values of a pixel of the full image, which lies in `frame`.
+    /// Sets the values of a pixel, given by column and row in the full image. The pixel must lie in `frame`.
     pub(crate) fn set(&mut self, frame: &Frame, [column, row]: [u32; 2], alone: EmissionAlone) {
         self.0.resize(frame.size()[1] as usize, Vec::new());
         let row = &mut self.0[(row - frame.origin()[1]) as usize];
@@ -66,13 +66,13 @@ impl LampEdges {
         }
     }
 
-    /// The pixels of a film of `frame` with their values.
+    /// The pixels with values, in a film of `frame`: column and row in the full image, and the values.
     fn list(&self, frame: &Frame) -> impl Iterator<Item = ([u32; 2], EmissionAlone)> {
         let rows = (frame.origin()[1]..).zip(&self.0);
         rows.flat_map(|(row, edges)| edges.iter().map(move |(column, alone)| ([*column, row], *alone)))
     }
 
-    /// Those of a part of the window `whole`.
+    /// The values inside the window `part`, which lies in `whole`.
     pub(super) fn cut(&self, whole: &Frame, part: &Frame) -> Self {
         let ([x, y], [width, height]) = (part.origin(), part.size());
         let mut cut = Self::default();
@@ -82,12 +82,12 @@ impl LampEdges {
         cut
     }
 
-    /// Sets those of a part of the window `whole`.
+    /// Sets the values inside the window `part`, which lies in `whole`.
     pub(super) fn paste(&mut self, whole: &Frame, part: &Frame, edges: &Self) {
         edges.list(part).for_each(|(pixel, alone)| self.set(whole, pixel, alone));
     }
 
-    /// Those of one half: the samples of the other are removed.
+    /// The values of one half, without the samples of the other half.
     pub(super) fn half(mut self, half: usize) -> Self {
         for (_, alone) in self.0.iter_mut().flatten() {
             (alone.samples[1 - half], alone.mean[1 - half]) = (0, [0.0; 3]);

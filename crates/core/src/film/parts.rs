@@ -1,4 +1,4 @@
-//! Films made of others, or of the statistics of another program: some rows, a tile, one half, pixels.
+//! Films made from other films (rows, tiles, halves), or from the statistics of another program.
 
 use super::planes::{NO_SURFACE, Window};
 use super::{Beside, FeatureMoments, Features, Film, Half, Record, Rejected, RgbMoments, Spread};
@@ -7,7 +7,8 @@ use crate::{Error, Frame, Needs, SurfaceFeatures, macros::setters, point_set::st
 use std::ops::Range;
 
 impl Film {
-    /// A film of some rows of this film's window, with its record and their rejected samples. Discarded rounds are left out.
+    /// A film of some rows of this film's window, with this film's record and the rejected samples of the rows. Discarded
+    /// samples are left out.
     ///
     /// ```
     /// use dapple_core::{Film, Frame, Needs};
@@ -21,15 +22,16 @@ impl Film {
     ///
     /// # Errors
     ///
-    /// [`Error::BadCrop`] for no rows or rows beyond the window.
+    /// [`Error::BadCrop`] if `rows` is empty or reaches outside the window.
     pub fn of_rows(&self, rows: Range<u32>) -> Result<Film, Error> {
         let part = self.part(self.frame.rows(rows)?, Retention::Keep);
         let rejected = self.rejected_in(&part.frame);
         Ok(Film { record: self.record.clone(), unreported: self.unreported, rejected, ..part })
     }
 
-    /// The film without the samples of some pixels: those of half 0 or 1 of pixel `i` for which `is_marked(half, i)` is true. `None`
-    /// without such pixels. Where one half is left, its variance is unknown without [`Needs::half_variance`].
+    /// A copy of the film without some samples: those in half 0 or 1 of pixel `i` for which `is_marked(half, i)` is true.
+    /// `None` if nothing is marked. If one half of a pixel remains, its variance is NaN unless the film records
+    /// [`Needs::half_variance`].
     pub fn without_samples(&self, is_marked: impl Fn(usize, usize) -> bool) -> Option<Film> {
         let pixels = self.frame.pixels();
         let marked = |half: usize| (0..pixels).map(|i| is_marked(half, i)).collect::<Vec<_>>();
@@ -56,7 +58,7 @@ impl Film {
         rejected.copied().collect()
     }
 
-    /// A film of the part `frame` of this film's window, with the statistics that a round of this retention reads and writes.
+    /// The part `frame` of this film as a separate film, with the statistics that a round of this retention reads and writes.
     pub(crate) fn part(&self, frame: Frame, retention: Retention) -> Film {
         let window = Window::new(&self.frame, &frame);
         let cut = |halves: &[_], wanted: bool| match wanted {
@@ -79,7 +81,7 @@ impl Film {
         }
     }
 
-    /// Puts back a [`Film::part`] that has gained samples, and adds its record.
+    /// Writes back a [`Film::part`] that has gained samples, and adds its record.
     pub(crate) fn put_back(&mut self, part: Film, retention: Retention) {
         let window = Window::new(&self.frame, &part.frame);
         let ((to, from), (spread, own)) = match retention {
@@ -109,13 +111,13 @@ impl Film {
 
     /// The samples of half 0 or 1 as a film without halves, so that a filter can be applied to one half alone.
     ///
-    /// Counts, means, emission, words of recorders, splats and discarded samples are those of the half. So are variances if the
-    /// film records them [per half](Needs::half_variance); else the new film has none. So are features if the film records them
-    /// [per half](Needs::feature_halves); else they are those of both halves, as first hits and surfaces always are.
-    /// [Emission alone](Film::emission_alone) is that of the half. Costs and the record of rounds are left out. A filter that
-    /// needs halves refuses the film.
+    /// Counts, means, emission, recorders' words, splats and discarded samples are those of the half. Variances are those
+    /// of the half if the film records them [per half](Needs::half_variance); otherwise the new film has none. Features are
+    /// those of the half if the film records them [per half](Needs::feature_halves); otherwise they cover both halves.
+    /// First hits and surfaces always cover both halves. The emission of [feature-only samples](Film::emission_alone) is
+    /// that of the half. Costs and the record of rounds are left out. A filter that needs halves refuses the film.
     ///
-    /// The film takes [`Film::bytes_per_pixel`] of its own [`Needs`].
+    /// The new film takes [`Film::bytes_per_pixel`] of its own [`Needs`].
     ///
     /// ```
     /// use dapple_core::{Film, Frame, Needs};
@@ -194,19 +196,19 @@ pub struct PixelStatistics {
     pub features: Option<SurfaceFeatures>,
     /// Sample variances of normal, albedo and position, each summed over its channels, and of depth.
     pub feature_variance: [f32; 4],
-    /// The share of the samples that hit a surface, 0 to 1.
+    /// The fraction of the samples that hit a surface, 0 to 1.
     pub coverage: f32,
     /// Shape and primitive of the first hit of the pixel's first sample, for filters that read clusters.
     pub surface: Option<[u32; 2]>,
 }
 
 impl PixelStatistics {
-    /// Statistics of a pixel whose samples met no surface.
+    /// Statistics of a pixel whose samples hit no surface.
     pub fn new(halves: [RgbMoments; 2]) -> Self {
         Self { halves, ..Self::default() }
     }
 
-    /// Sets the features, their sample variances, and the share of the samples that they are means over.
+    /// Sets the mean features, their sample variances, and the fraction of samples that hit a surface.
     #[must_use]
     pub fn with_features(self, mean: SurfaceFeatures, variance: [f32; 4], coverage: f32) -> Self {
         Self { features: Some(mean), feature_variance: variance, coverage, ..self }
@@ -246,10 +248,10 @@ impl PixelStatistics {
 }
 
 impl Film {
-    /// A film from statistics of each pixel that another program gathered, row by row from the top.
+    /// A film made from the per-pixel statistics of another program, row by row from the top.
     ///
-    /// The film records variance, halves, features, emission, and surfaces if any pixel has one. Filters
-    /// read it as they read the film of a render. `dapple_denoise::denoise` makes such films from image buffers.
+    /// The film records variance, halves, features, emission, and surfaces if any pixel has one. Filters treat it like the
+    /// film of a render. `dapple_denoise::denoise` makes such films from image buffers.
     ///
     /// ```
     /// use dapple_core::{Film, Frame};
@@ -272,7 +274,7 @@ impl Film {
             let pixel = of(i);
             if !pixel.is_finite() {
                 let [x, y] = frame.pixel(i);
-                let what = format!("pixel ({x}, {y}) has a NaN or an infinity; give finite numbers, or a count of 0");
+                let what = format!("pixel ({x}, {y}) has a NaN or an infinity; use finite numbers, or a count of 0");
                 return Err(Error::BadBuffer { buffer: "pixels", what });
             }
             for (planes, half) in film.kept.iter_mut().zip(pixel.halves) {

@@ -1,10 +1,10 @@
-//! The planes of a film, each declared once: needs, parts, checkpoints and bytes per pixel follow from the declaration.
+//! The planes of a film, each declared once. Allocation, cutting, checkpoints and bytes per pixel follow from the declaration.
 
 use super::FeatureMoments;
 use crate::{FirstHit, Frame, Needs};
 use serde::{Deserialize, Serialize};
 
-/// The statistics that decide which planes a film has, and how many values a pixel has in each.
+/// The settings that determine a film's planes, and the number of values per pixel in each plane.
 #[derive(Clone, Copy)]
 pub(crate) struct Layout {
     pub(crate) needs: Needs,
@@ -23,7 +23,7 @@ macro_rules! planes {
             $($(#[$doc])* pub(crate) $plane: Vec<$Value>,)*
         }
 
-        /// The same planes of some pixels, which one task writes.
+        /// The same planes for a range of pixels, written by one task.
         #[derive(Default)]
         pub(crate) struct $Rows<'a> {
             $(pub(crate) $plane: &'a mut [$Value],)*
@@ -35,7 +35,7 @@ macro_rules! planes {
                 Self { $($plane: vec![$empty; pixels * $each as usize],)* }
             }
 
-            /// The bytes of a pixel in all planes.
+            /// The bytes per pixel of all planes.
             pub(crate) fn bytes_per_pixel($layout: &Layout) -> usize {
                 0 $(+ size_of::<$Value>() * $each as usize)*
             }
@@ -50,7 +50,7 @@ macro_rules! planes {
                 Self { $($plane: window.cut(&self.$plane),)* }
             }
 
-            /// Puts a part back.
+            /// Writes a part back.
             pub(crate) fn paste(&mut self, window: &Window, part: Self) {
                 $(window.paste(&mut self.$plane, part.$plane);)*
             }
@@ -79,13 +79,13 @@ macro_rules! planes {
 planes! {
     /// Statistics of kept or of discarded samples, of one half or of all.
     Half, HalfRows(layout) {
-        /// The number of samples, at most the largest number of its type.
+        /// The number of samples, at most `u32::MAX`.
         counts: u32 = 0, 1;
         /// Mean radiance.
         means: [f64; 3] = [0.0; 3], 1;
         /// Mean emission of lights seen directly.
         emission: [f32; 3] = [0.0; 3], layout.needs.emission;
-        /// Mean indirect light.
+        /// Mean indirect lighting.
         indirect: [f32; 3] = [0.0; 3], layout.needs.indirect;
         /// The words of the recorders.
         words: Vec<u32> = Vec::new(), layout.recorders;
@@ -93,12 +93,12 @@ planes! {
 }
 
 planes! {
-    /// Sums of squared deviations from the means of the halves, of kept or of discarded samples: of both halves together, or of
-    /// each beside the other ([`Needs::half_variance`]).
+    /// Sums of squared deviations from the means of the halves, for kept or for discarded samples. They are summed over
+    /// both halves, or stored side by side with [`Needs::half_variance`].
     Spread, SpreadRows(layout) {
-        /// Those of the radiance.
+        /// Squared deviations of the radiance.
         m2: [f32; 3] = [0.0; 3], layout.needs.sums();
-        /// Those of the indirect light.
+        /// Squared deviations of the indirect lighting.
         indirect_m2: [f32; 3] = [0.0; 3], if layout.needs.indirect { layout.needs.sums() } else { 0 };
     }
 }
@@ -106,7 +106,7 @@ planes! {
 planes! {
     /// Statistics of all samples, kept or discarded, of both halves.
     Beside, BesideRows(layout) {
-        /// Features of the surfaces seen.
+        /// Features of all samples.
         features: FeatureMoments = FeatureMoments::default(), layout.needs.features;
         /// Features of each half's samples: two per pixel, or none.
         half_features: FeatureMoments = FeatureMoments::default(), if layout.needs.feature_halves && layout.needs.halves { 2 } else { 0 };
@@ -114,12 +114,12 @@ planes! {
         surfaces: [u32; 2] = NO_SURFACE, layout.needs.surfaces;
         /// The first hits of the first samples.
         first_hits: Option<FirstHit> = None, layout.needs.first_hits;
-        /// The rays traced.
+        /// The number of rays traced.
         costs: u64 = 0, layout.needs.cost;
     }
 }
 
-/// The surface of a sample that missed or was not traced: the shape has a number that no renderer counts to.
+/// The surface of a sample that missed or was not traced: no renderer has a shape with this index.
 pub(super) const NO_SURFACE: [u32; 2] = [u32::MAX; 2];
 
 /// A value of a plane.
@@ -169,13 +169,13 @@ impl Window {
         Self { first: dy * stride + dx, strides: [stride, width], rows: rows as usize, pixels: whole.pixels() }
     }
 
-    /// The runs of a plane's values inside the rectangle, if the plane has `each` values per pixel.
+    /// The index ranges of the rectangle's rows in a plane with `each` values per pixel.
     pub(crate) fn runs(&self, each: usize) -> impl Iterator<Item = std::ops::Range<usize>> + use<> {
         let (first, [stride, width]) = (self.first, self.strides);
         (0..self.rows).map(move |row| (first + row * stride) * each..(first + row * stride + width) * each)
     }
 
-    /// Values of the rectangle.
+    /// Copies the rectangle's values out of a plane.
     pub(crate) fn cut<T: Clone>(&self, plane: &[T]) -> Vec<T> {
         let each = plane.len() / self.pixels;
         let mut part = Vec::with_capacity(self.rows * self.strides[1] * each);
@@ -183,7 +183,7 @@ impl Window {
         part
     }
 
-    /// Moves values of the rectangle back.
+    /// Moves the rectangle's values back into a plane.
     pub(crate) fn paste<T>(&self, plane: &mut [T], mut part: Vec<T>) {
         let each = plane.len() / self.pixels;
         let rows = part.chunks_exact_mut((self.strides[1] * each).max(1));
@@ -198,10 +198,10 @@ fn exchange<T>(one: &mut [T], other: &mut [T], marked: &[bool]) {
     }
 }
 
-/// The mean of a pixel without a valid sample, all of which count as black. A mean of valid samples is never -0.
+/// The mean of a pixel whose samples were all rejected: -0, which no mean of valid samples is.
 pub(super) const NONE_VALID: [f64; 3] = [-0.0; 3];
 
-/// Returns `true` for [`NONE_VALID`], which equals black.
+/// Returns `true` for [`NONE_VALID`], by its bits, since -0 equals 0.
 pub(super) fn is_none_valid(mean: [f64; 3]) -> bool {
     mean.map(f64::to_bits) == NONE_VALID.map(f64::to_bits)
 }

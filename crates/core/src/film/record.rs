@@ -70,14 +70,13 @@ pub struct Record {
     pub blocks: u64,
     /// The number of times that the integrator was prepared ([`Integrator::prepare`](crate::Integrator::prepare)).
     pub passes: u32,
-    /// The number of rays traced to prepare the integrator, which are among `rays`.
+    /// The number of rays traced to prepare the integrator, included in `rays`.
     pub prepare_rays: u64,
-    /// The wall seconds of preparing the integrator, which are among those of the rounds.
+    /// The wall seconds of preparing the integrator, included in those of the rounds.
     pub prepare_seconds: f64,
     /// The number of samples rejected as NaN, infinite or negative.
     pub rejected: u64,
-    /// The relMSE of the filtered image, as an error limit with [`Render::error_of`](crate::Render::error_of) last
-    /// predicted it.
+    /// The last predicted relMSE of the filtered image, for an error limit with [`Render::error_of`](crate::Render::error_of).
     #[serde(skip)]
     pub filtered_relmse: Option<f64>,
     /// `true` if a monitor stopped the render before its limits.

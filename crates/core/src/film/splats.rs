@@ -3,14 +3,14 @@
 use crate::{Frame, film::RejectedReason};
 use serde::{Deserialize, Serialize};
 
-/// The unit of the sums: 2^-64.
+/// The number of units per 1.0: sums are in units of 2^-64.
 const UNIT: f64 = 18_446_744_073_709_551_616.0;
-/// Splats from here on count as infinite. Sums stay exact for some 10^19 times as many.
+/// The largest valid splat; larger splats count as infinite. Sums saturate at ten times this value.
 const LARGEST: f32 = 9.0e17;
 
 /// The sums of all splats per pixel, for each half of the samples.
 ///
-/// Sums are whole numbers of 2^-64, so that they have the same bits in whatever order splats arrive.
+/// Sums are integers in units of 2^-64, so that they do not depend on the order of splats.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Splats {
     /// The window of the planes; `None` without planes.
@@ -26,7 +26,7 @@ impl Splats {
         Self { frame: Some(frame), sums: vec![vec![[0; 3]; frame.pixels()]; halves], samples: [0; 2] }
     }
 
-    /// Returns `true` for so many planes of the window's pixels.
+    /// Returns `true` if there are `planes` planes, each with one sum per pixel of the window.
     pub(crate) fn is_sound(&self, planes: usize) -> bool {
         let pixels = self.frame.map_or(0, |frame| frame.pixels());
         self.sums.len() == planes && self.sums.iter().all(|sums| sums.len() == pixels)
@@ -37,7 +37,7 @@ impl Splats {
         self.frame.map_or(Self::default(), |frame| Self::new(frame, self.sums.len()))
     }
 
-    /// The splats of one half, as those of all.
+    /// The splats of one half, as those of a film without halves.
     pub(super) fn half(&self, half: usize) -> Self {
         let sums = self.sums.get(half).cloned().into_iter().collect();
         Self { frame: self.frame, sums, samples: [self.samples[half], 0] }
@@ -77,9 +77,9 @@ impl Splats {
         }
     }
 
-    /// The mean radiance that splats add to pixel `i` in one half: their sum over the samples per pixel.
+    /// The mean radiance that splats add to pixel `i` in one half: their sum divided by the number of samples per pixel.
     ///
-    /// Samples of a window throw light at the whole image, so they are shared among all its pixels.
+    /// Samples of a cropped window splat onto the whole image, so their number is divided by all of its pixels.
     pub(super) fn mean(&self, half: usize, i: usize) -> [f64; 3] {
         match (self.frame, self.sums.get(half)) {
             (Some(frame), Some(sums)) if self.samples[half] > 0 => {

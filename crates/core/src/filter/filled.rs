@@ -1,10 +1,10 @@
-//! Pixels without valid samples.
+//! Filling of pixels without valid samples.
 
 use crate::{Error, Film, Filter, Filtered};
 use std::collections::VecDeque;
 
-/// The filtered image of a film. Pixels without valid samples show the nearest pixel that has some, by steps along rows and
-/// columns.
+/// Applies `filter` to `film`, and fills each pixel without valid samples from the nearest pixel that has some. Distances
+/// are steps along rows and columns.
 ///
 /// # Errors
 ///

@@ -1,13 +1,13 @@
-//! The record of a path that a renderer's own loop follows, so that no ray is traced twice.
+//! A record of the path that a renderer's own loop traces, so that no ray is traced twice.
 
 use super::{Estimate, FirstHit, SurfaceFeatures};
 
-/// A path as a renderer's own loop follows it: the first hit, the features of what mirrors and glass show, the light, and which part of it
-/// is emission seen directly and which is indirect.
+/// A path recorded by a renderer's own loop: the first hit, the features seen through mirrors and glass, and the radiance
+/// with its emitted and indirect portions.
 ///
 /// The loop reports each surface, then the light that the surface emits and the light that reaches it. A surface whose
-/// [roughness](FirstHit::with_roughness) is 0 is a mirror, clear glass, or the smooth coat that reflected the path. All others are rough,
-/// lamps too.
+/// [roughness](FirstHit::with_roughness) is 0 is specular: a mirror, clear glass, or the smooth coat that reflected the
+/// path. All others are non-specular, including light sources.
 ///
 /// ```
 /// use dapple_core::{FirstHit, PathRecord};
@@ -32,48 +32,48 @@ pub struct PathRecord {
     features: Option<SurfaceFeatures>,
     /// The length of the path so far.
     depth: f32,
-    /// The numbers of rough surfaces before the last surface, and with it.
+    /// The number of non-specular surfaces before the last surface, and the number including it.
     rough: [u32; 2],
     radiance: [f32; 3],
     emission: [f32; 3],
     indirect: [f32; 3],
-    /// True after a smooth lobe below [`CERTAIN_LOBE`], and after one below [`RARE_LOBE`].
+    /// True after a specular lobe of a probability below [`CERTAIN_LOBE`]; `is_rare`: below [`RARE_LOBE`].
     is_uncertain: bool,
     is_rare: bool,
 }
 
-/// The probability below which a smooth lobe of glass is left out of features.
+/// The probability below which a specular lobe of glass is left out of features.
 ///
-/// Features are then those of what glass shows best. With all lobes, four scenes with glass keep 3 % more error at 8 spp
-/// and 1 % more at 32.
+/// Features then show what is seen most clearly in the glass. With all lobes, four scenes with glass have 3 % more error at
+/// 8 spp and 1 % more at 32.
 pub const RARE_LOBE: f32 = 0.1;
 
-/// The least probability of a smooth lobe through which light sources count as seen directly. Their emission is then
-/// almost free of noise within a pixel.
+/// The minimum probability of a specular lobe through which light sources count as seen directly. At this probability,
+/// their emission has almost no noise within a pixel.
 pub const CERTAIN_LOBE: f32 = 0.9;
 
 impl PathRecord {
-    /// A path that has met nothing.
+    /// A path without surfaces.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Notes the probability with which the path took the last surface's smooth lobe, where it had a choice, as between reflection and
-    /// refraction by glass.
+    /// Records the probability with which the path chose the specular lobe of the last surface: reflection or refraction at
+    /// glass, for example.
     ///
-    /// Below [`CERTAIN_LOBE`], lamps that are seen in it are no emission; below [`RARE_LOBE`], features are
-    /// [`rare`](SurfaceFeatures::rare).
+    /// Below [`CERTAIN_LOBE`], light sources seen through the lobe do not count as emission. Below [`RARE_LOBE`], features
+    /// are [`rare`](SurfaceFeatures::rare).
     #[inline]
     pub fn lobe(&mut self, probability: f32) {
         self.is_uncertain |= self.rough[1] == 0 && probability < CERTAIN_LOBE;
         self.is_rare |= self.rough[1] == 0 && probability < RARE_LOBE;
     }
 
-    /// Notes the next surface, with the share of its light that reaches the camera, linear RGB: the product of the weights of all surfaces
-    /// before it.
+    /// Records the next surface. `weight` is the path's throughput before this surface, linear RGB: the product of the
+    /// weights of all earlier surfaces.
     ///
-    /// The features are those of the first rough surface, or of a mirror that shows the background. `depth` is the distance from the last
-    /// surface.
+    /// The features are those of the first non-specular surface, or of a mirror that reflects the background. `hit.depth`
+    /// is the distance from the previous surface.
     #[inline]
     pub fn surface(&mut self, hit: FirstHit, weight: [f32; 3]) {
         self.depth += hit.depth;
@@ -88,25 +88,26 @@ impl PathRecord {
         self.rough = [self.rough[1], self.rough[1] + u32::from(is_rough)];
     }
 
-    /// Adds the light that the last surface emits, times the weight of the path before it.
+    /// Adds the radiance `light` that the last surface emits, times the path's throughput before this surface.
     #[inline]
     pub fn emits(&mut self, weight: [f32; 3], light: [f32; 3]) {
         self.add(weight, light, self.rough[0]);
     }
 
-    /// Adds light of a lamp or of the background that was sampled at the last surface, times the weight of the path with it.
+    /// Adds light that was sampled at the last surface, from a light source or the background, times the path's throughput
+    /// after this surface.
     #[inline]
     pub fn receives(&mut self, weight: [f32; 3], light: [f32; 3]) {
         self.add(weight, light, self.rough[1].max(1));
     }
 
-    /// Adds the background that the path's last ray meets, times the weight of the path.
+    /// Adds the radiance of the background that the path's last ray reaches, times the path's throughput.
     #[inline]
     pub fn background(&mut self, weight: [f32; 3], light: [f32; 3]) {
         self.add(weight, light, self.rough[1]);
     }
 
-    /// Adds light that this number of rough surfaces have scattered.
+    /// Adds light that was scattered by `scattered` non-specular surfaces.
     #[inline]
     fn add(&mut self, weight: [f32; 3], light: [f32; 3], scattered: u32) {
         let is_seen = scattered == 0 && !self.is_uncertain;
@@ -118,7 +119,7 @@ impl PathRecord {
         }
     }
 
-    /// The sample of this path. Without a surface it is a miss.
+    /// The estimate of this path's sample. A path without surfaces is a miss.
     #[inline]
     pub fn estimate(&self) -> Estimate {
         let light = Estimate::new(self.radiance).with_emission(self.emission).with_indirect(self.indirect);

@@ -1,4 +1,4 @@
-//! Conversion of budgets of time and error into numbers of samples, and the time that a render takes.
+//! Conversion of time and error limits into numbers of samples, and the measurement of a render's time.
 
 use super::feature_samples::Turn;
 use super::filtered_error::Prediction;
@@ -12,21 +12,20 @@ pub(super) struct Meter {
     min_spp: u32,
     max_spp: u32,
     total: u64,
-    /// The seconds of a time limit that are reserved for the filter, and that samples do not get; `None` before they are measured.
+    /// The seconds of a time limit that are reserved for the filter; `None` before they are measured.
     pub(super) filter_seconds: Option<f64>,
 }
 
 /// The fraction of the remaining time that the plan after the first round reserves for a last round, when the sampling
 /// rate is known better.
 const RESERVE: f64 = 0.1;
-/// The least remaining time for which another round is planned, as a fraction of the time limit.
+/// The minimum remaining time for which another round is planned, as a fraction of the time limit.
 const ENOUGH: f64 = 0.03;
 
-/// The least samples per pixel that a time limit must leave beside samples of features alone. It is an
-/// assumption; other values were not measured.
+/// The minimum samples per pixel that a time limit must allow besides feature-only samples. Other values were not measured.
 const BESIDE_FEATURES: u64 = 4;
-/// The rays that samples of features alone are assumed to take per pixel, by which a time limit reserves their time: the
-/// mean of the 4 and 12 samples that pixels get.
+/// The assumed number of rays per pixel for feature-only samples, from which a time limit reserves their time. Pixels get 4
+/// to 12 such samples; this is the mean.
 const FEATURE_RAYS: u64 = 8;
 
 impl Meter {
@@ -34,7 +33,7 @@ impl Meter {
         let Limits { min_spp, max_spp, .. } = *limits;
         if min_spp > max_spp || max_spp == 0 {
             let value = format!("{min_spp} .. {max_spp}");
-            let allowed = "the least count must not exceed the largest, which must be at least 1";
+            let allowed = "the minimum must not exceed the maximum, which must be at least 1";
             return Err(Error::OutOfRange { name: "samples per pixel", value, allowed });
         }
         let out = |name, value: f64, allowed| Err(Error::OutOfRange { name, value: value.to_string(), allowed });
@@ -67,7 +66,7 @@ impl Meter {
         Needs { halves: self.goal().is_some(), ..Needs::none() }
     }
 
-    /// The relMSE of an error limit.
+    /// The relMSE of an error limit; `None` for other limits.
     pub(super) fn goal(&self) -> Option<f64> {
         if let Budget::Error { relmse, .. } = self.budget { Some(relmse) } else { None }
     }
@@ -76,8 +75,8 @@ impl Meter {
         if let Budget::Seconds(seconds) = self.budget { Some(seconds) } else { None }
     }
 
-    /// Returns when features are sampled alone. A time limit sees the cost of samples first: the second round begins with
-    /// features if it allows enough samples.
+    /// Returns when feature-only samples are taken. With a time limit, the first round measures the cost of samples. The
+    /// second round begins with features if the limit allows enough samples.
     pub(super) fn features(&self, round: u32) -> Turn {
         match round {
             _ if self.seconds().is_none() => Turn::First,
@@ -86,13 +85,13 @@ impl Meter {
         }
     }
 
-    /// Restores the budget from a snapshot. A budget of time or error continues with the sample total at the snapshot.
+    /// Restores the budget from a snapshot. A time or error limit continues with the snapshot's sample total.
     pub(super) fn restore(&mut self, total: u64, planned: u64) -> Result<(), Error> {
         if !self.budget.is_of_samples() {
             self.total = total;
         }
         if self.total < planned {
-            let what = format!("{planned} samples are traced or planned already, and the budget is {}", self.total);
+            let what = format!("{planned} samples are traced or planned already, but the budget is {}", self.total);
             return Err(Error::OtherRender { what });
         }
         Ok(())
@@ -119,8 +118,8 @@ impl Meter {
         self.left(film)
     }
 
-    /// Raises the sample total after the sampler is done, if the budget allows. Returns `true` if another plan may
-    /// follow. An error limit takes the predicted error.
+    /// Raises the sample total after the sampler is done, if the budget allows. Returns `true` if another plan may follow.
+    /// `predicted` is the predicted error, for an error limit.
     pub(super) fn extend(&mut self, film: &Film, seconds: f64, predicted: Option<Prediction>) -> bool {
         let spent = film.record().samples;
         let before = self.total;
@@ -154,16 +153,16 @@ impl Meter {
         spent >= before && self.total > spent
     }
 
-    /// The number of samples that take as long as samples of features alone in all pixels, by their rays; 0 if the film
-    /// records no features.
+    /// The number of samples that take as many rays as the feature-only samples of all pixels; 0 if the film records no
+    /// features.
     fn samples_for_features(&self, film: &Film) -> u64 {
         let record = film.record();
         let rays = if film.needs().features { FEATURE_RAYS * self.pixels } else { 0 };
         (rays as f64 * record.samples as f64 / record.rays.max(1) as f64) as u64
     }
 
-    /// The total number of samples that `left` more seconds allow, at the mean rate of the rounds so far. Rounds do not
-    /// contain the timing of the filter.
+    /// The total number of samples that `left` more seconds allow, at the mean rate of the rounds so far. The time to
+    /// measure the filter is not part of any round.
     fn affordable(&self, film: &Film, left: f64) -> u64 {
         let spent = film.record().samples;
         let seconds: f64 = film.record().rounds.iter().map(|round| round.plan_seconds + round.trace_seconds).sum();
@@ -189,16 +188,16 @@ impl Stopwatch {
         self.clock.seconds() - self.zero
     }
 
-    /// Takes back the time since the stopwatch showed `seconds`.
+    /// Subtracts the time since the stopwatch showed `seconds`.
     pub(super) fn leave_out_since(&mut self, seconds: f64) {
         self.zero += self.seconds() - seconds;
     }
 }
 
-/// The part of an image, as a fraction of its rows, on which a filter is timed.
+/// The number of image rows for each row on which a filter is timed.
 const PART: u32 = 16;
-/// The least number of pixels on which a filter is timed; smaller images are filtered whole. More would take a large part
-/// of a short limit.
+/// The minimum number of pixels on which a filter is timed; smaller images are filtered whole. A larger number would take
+/// much of a short time limit.
 const LEAST: u32 = 1 << 12;
 
 /// The rows of the window, in the middle of the image, on which a filter is timed.
@@ -210,9 +209,9 @@ pub(super) fn timed_rows(frame: &Frame) -> Range<u32> {
 }
 
 /// Estimates the wall seconds that a filter takes on an image of some height: the time that it takes on some rows, in
-/// proportion to the pixels. 0 if the filter refuses them.
+/// proportion to the pixels. 0 if the filter fails.
 ///
-/// A quarter of the rows is filtered before, untimed: the first run may start threads or load a library.
+/// A quarter of the rows is filtered first, untimed, since the first run may start threads or load a library.
 pub(super) fn time_of(filter: &dyn Filter, part: &Film, height: u32, clock: &Clock) -> f64 {
     let rows = part.frame.size()[1];
     if part.of_rows(0..rows.div_ceil(4)).and_then(|quarter| filter.apply(&quarter)).is_err() {

@@ -1,27 +1,28 @@
-//! Samples of features alone, before samples of each pixel.
+//! Feature-only samples, taken before a pixel's ordinary samples.
 //!
-//! The features of a pixel at an edge are as noisy as its colour, and with the same noise: filters then keep it. A sample of
-//! features costs one ray, or a few behind glass, where a sample of light takes several.
+//! At an edge, a pixel's features are as noisy as its colour, and the noise is the same: filters then preserve it. A
+//! feature-only sample costs one ray, or a few behind glass; an ordinary sample costs several.
 //!
-//! So does the emission of lamps seen directly: at their edges, more samples of it alone take most of the noise away.
+//! The same holds for the emission of light sources seen directly: at their edges, more feature-only samples remove most of
+//! the noise.
 
 use crate::film::{EmissionAlone, FeatureMoments, record_first_hit};
 use crate::{Draws, Estimate, Needs, PointSet, SampleId, plan::Retention, point_set::streams};
 
-/// The largest number of samples of features alone in a pixel.
+/// The maximum number of feature-only samples in a pixel, besides those for emission.
 const MOST: u64 = 16;
 
-/// The rays of samples of features alone, and the blocks of random numbers that they took.
+/// The rays and the blocks of random numbers that feature-only samples took.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Cost {
     pub(super) rays: u64,
     pub(super) blocks: u64,
 }
 
-/// The place of samples of features alone in a render.
+/// The time at which a pixel gets feature-only samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Turn {
-    /// Before a pixel's first kept sample, in whatever round.
+    /// Before a pixel's first kept sample, in any round.
     First,
     /// Before a pixel's samples of this round.
     Now,
@@ -30,15 +31,15 @@ pub(super) enum Turn {
 }
 
 impl Turn {
-    /// This turn, or never if a film that records this gets no samples of features alone. Features that are recorded by half
-    /// stay those of the samples.
+    /// Returns `self`, or `Never` if a film that records `needs` gets no feature-only samples. Features recorded per half
+    /// come from ordinary samples only.
     pub(super) fn of_film(self, needs: &Needs, retention: Retention) -> Self {
         let wanted = needs.features && !needs.feature_halves && retention == Retention::Keep;
         if wanted { self } else { Self::Never }
     }
 
-    /// Returns `true` if it is the turn of a pixel with these features and this number of kept samples, at the begin of its
-    /// samples of a round or later. A pixel gets samples of features alone once.
+    /// Returns `true` if a pixel with these features gets feature-only samples now. `kept` is the pixel's number of kept
+    /// samples. `begins` is `true` at the start of its samples in a round. A pixel gets feature-only samples once.
     pub(super) fn is_now(self, moments: &FeatureMoments, kept: u64, begins: bool) -> bool {
         match self {
             Self::First => kept == 0,
@@ -48,18 +49,20 @@ impl Turn {
     }
 }
 
-/// The number of samples of features alone that each half of a pixel at the edge of a lamp gets for its emission.
+/// The number of feature-only samples for emission that each half of a pixel gets at the edge of a light source.
 const EMISSION: u64 = 32;
-/// The ratio of two samples' emission from which on a pixel counts as one at the edge of a lamp. Skies vary by less.
+/// The ratio of two samples' emission above which a pixel counts as at the edge of a light source. Skies vary by less.
 const EDGE: f32 = 2.0;
 
-/// Adds samples of features alone to the features of a pixel, for a film that records `needs`. Returns their cost, and their emission
-/// at the edge of a lamp.
+/// Adds feature-only samples to the features of a pixel, for a film that records `needs`. Returns their cost, and their
+/// emission if the pixel is at the edge of a light source.
 ///
-/// Their number follows from themselves, so that it depends on no plan, and a render with a larger budget goes on from one
-/// with a smaller one. Samples whose emission is averaged have streams of their own. Those by which an edge is found are not among
-/// them: with them, and with later ones of the same stream, which fill their gaps, a lamp that covers little of a pixel would lose
-/// light.
+/// The number of samples depends on the samples alone and not on the plan, so that a render can continue one with a smaller
+/// budget.
+///
+/// The samples whose emission is averaged have streams of their own. The samples that detect an edge are excluded, and so
+/// are later samples of their stream, which fill the gaps between them. Including either would lose light if a light source
+/// covers little of the pixel.
 pub(super) fn add(
     moments: &mut FeatureMoments,
     points: &dyn PointSet,

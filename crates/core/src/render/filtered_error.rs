@@ -1,9 +1,11 @@
 //! The relMSE of a filtered image, measured with samples that the filter has not seen.
 //!
 //! Let `F` be the filtered image of the samples so far, and `X`, `Y` the means of the next round's samples in the two
-//! halves. If they are independent, `E (F - X)(F - Y)` is the squared error of `F`: without a bias, whatever the filter
-//! did. [`Points`] corrects for the dependence within a low-discrepancy sequence. The filter's own estimate sees only samples that the filter has fitted. The ratio of both estimates
-//! changes slowly as samples are added, and corrects the filter's estimate for the image of all samples.
+//! halves. If they are independent, `E (F - X)(F - Y)` is the squared error of `F`, without bias for any filter. [`Points`]
+//! corrects for the dependence within a low-discrepancy sequence.
+//!
+//! The filter's own estimate uses only samples that the filter has fitted. The ratio of the measured error to this estimate
+//! changes slowly as samples are added. Multiplied by it, the filter's estimate predicts the error of the image of all samples.
 
 use crate::{Error, Film, Filter};
 use serde::{Deserialize, Serialize};
@@ -12,23 +14,24 @@ use serde::{Deserialize, Serialize};
 const EPSILON: f64 = 0.01;
 /// The width of a block in pixels. The variance of a measurement comes from the differences between blocks.
 const BLOCK: usize = 8;
-/// The least number of blocks with a measurement.
+/// The minimum number of blocks with a measurement.
 const FEWEST: usize = 4;
-/// The standard deviation of the true error over a filter's own estimate, before anything is measured.
+/// The standard deviation of the ratio (the true error divided by the filter's own estimate) before it is measured.
 const PRIOR: f64 = 0.6;
-/// The relative standard deviation by which that ratio changes when the samples are doubled.
+/// The relative standard deviation by which the ratio changes when the number of samples doubles.
 const DRIFT: f64 = 0.2;
-/// The least relative standard deviation of a measurement.
+/// The minimum relative standard deviation of a measurement.
 const LEAST: f64 = 0.2;
-/// The factor on the variance of a measurement below the present ratio. Blocks without the rare bright paths are low and
-/// look exact.
+/// The factor on the variance of a measurement that lies below the current ratio. Blocks without the rare bright paths give
+/// low measurements that seem precise.
 const LOW: f64 = 3.0;
-/// The standard deviations of the ratio that are added to it. Without them, a limit that ends at the first low
-/// prediction would end too early on average.
+/// The number of standard deviations that are added to the ratio. Without them, renders would on average stop too early, at
+/// the first low prediction.
 const CAUTION: f64 = 0.3;
-/// The range of the ratio.
+/// The range to which the ratio is clamped.
 const RATIOS: [f64; 2] = [0.2, 5.0];
-/// The range of the exponent by which errors of filtered images fall with samples, and the one assumed at first.
+/// The range of the exponent with which the error of filtered images falls with the number of samples; `FALL` is its
+/// initial value.
 const FALLS: [f64; 2] = [0.4, 1.2];
 const FALL: f64 = 0.8;
 
@@ -36,27 +39,27 @@ const FALL: f64 = 0.8;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Prediction {
     pub(super) relmse: f64,
-    /// The exponent by which the error falls with the number of samples.
+    /// The exponent with which the error falls with the number of samples.
     pub(super) fall: f64,
-    /// True if samples that the image does not contain have confirmed it.
+    /// True if samples that are not in the image have confirmed the prediction.
     pub(super) confirmed: bool,
 }
 
 impl Prediction {
-    /// The prediction for the unfiltered image. Its error falls about as n^-1.2 in images.
+    /// The prediction for the unfiltered image. Its error falls approximately as n^-1.2.
     pub(super) fn unfiltered(film: &Film) -> Self {
         Self { relmse: film.predicted_relmse().unwrap_or(f64::INFINITY), fall: 1.2, confirmed: true }
     }
 }
 
-/// The filtered image at the last prediction, the halves it was made of, and the ratio measured so far.
+/// The filtered image at the last prediction, the halves from which it was made, and the ratio measured so far.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct FilteredError {
     samples: u64,
-    /// The relMSE by the filter's own estimate.
+    /// The relMSE according to the filter's own estimate.
     own: f64,
     pub(super) prediction: Prediction,
-    /// The true error over the filter's own estimate, and the variance of this ratio.
+    /// The true error divided by the filter's own estimate; `variance` is the variance of this ratio.
     ratio: f64,
     variance: f64,
     image: Vec<[f32; 3]>,
@@ -98,8 +101,8 @@ impl FilteredError {
         Ok(Some(Self { samples, own, prediction, ratio, variance, image, error, counts, means }))
     }
 
-    /// The true error of the image over the filter's own estimate, by the samples that the film has gained since, and
-    /// the variance of this ratio. `None` if too few pixels have new samples in both halves.
+    /// Measures the image's true error divided by the filter's own estimate, with the samples that the film has gained
+    /// since. Returns this ratio and its variance; `None` if too few blocks have new samples in both halves.
     fn measure(&self, film: &Film, size: [usize; 2]) -> Option<(f64, f64)> {
         let [width, height] = size;
         let columns = width.div_ceil(BLOCK);
@@ -131,7 +134,8 @@ impl FilteredError {
         spread.is_finite().then_some((ratio, spread))
     }
 
-    /// The mean of the samples that a half of pixel `i` has gained. `None` if it gained none, lost some, or had none.
+    /// The mean of the new samples in a half of pixel `i`. `None` if the half has no new samples, has lost samples, or had
+    /// none before.
     fn fresh(&self, film: &Film, half: usize, i: usize) -> Option<[f64; 3]> {
         let planes = &film.kept[half];
         let before = f64::from(self.counts[half][i]);
@@ -141,7 +145,7 @@ impl FilteredError {
         (gained > 0.0 && before > 0.0).then(|| [of(0), of(1), of(2)])
     }
 
-    /// Returns `true` if all planes have the film's pixels.
+    /// Returns `true` if all planes have as many values as the film has pixels.
     pub(crate) fn fits(&self, film: &Film) -> bool {
         let pixels = film.frame().pixels();
         let [counts, means] = [self.counts.each_ref().map(Vec::len), self.means.each_ref().map(Vec::len)];
@@ -149,12 +153,12 @@ impl FilteredError {
     }
 }
 
-/// Sums over pixels for the dependence between a point set's successive samples.
+/// Sums over pixels that correct for the dependence between a point set's successive samples.
 ///
-/// Low-discrepancy samples fill the gaps of those before them. So the new mean `X` is low where the old one `A` of the
-/// same half is high, `F` follows `A`, and `(F - X)(F - Y)` would be too large. With `C` the covariance of `A` and `X`,
-/// and `g` the weight of each half's pixel mean in `F`, the product's mean is the squared error less `2 g C`. Halves
-/// are independent, so `E (A - B)(X - Y) = 2 C`, and `E (F - X)((A + B) / 2 - Y) = g var A - C / 2 - g C`.
+/// Low-discrepancy samples fill the gaps between earlier ones. So the new mean `X` of a half is low where its old mean `A`
+/// is high. Since `F` follows `A`, `(F - X)(F - Y)` is too large. Let `C` be the covariance of `A` and `X`, and `g` the
+/// weight of each half's pixel mean in `F`. Then the product's mean is the squared error minus `2 g C`. Halves are
+/// independent, so `E (A - B)(X - Y) = 2 C`, and `E (F - X)((A + B) / 2 - Y) = g var A - C / 2 - g C`.
 #[derive(Default)]
 struct Points {
     /// The sum of `(F - X)((A + B) / 2 - Y)`.
@@ -174,15 +178,15 @@ impl Points {
     }
 }
 
-/// The relMSE of an image by a squared error per pixel.
+/// The relMSE of an image, from the squared error of each pixel.
 fn own_relmse(image: &[[f32; 3]], error: &[f32], size: [usize; 2]) -> f64 {
     let mut sum = 0.0;
     each_weight(image, size, |i, weight| sum += weight.iter().sum::<f64>() * f64::from(error[i]));
     sum / (3 * image.len()) as f64
 }
 
-/// Calls `f` with each pixel and the weights of its channels in relMSE. The mean of 3x3 pixels stands in for the truth,
-/// as in [`Film::predicted_relmse`].
+/// Calls `f` with each pixel and the weights of its channels in relMSE. The mean of 3x3 pixels replaces the truth, as in
+/// [`Film::predicted_relmse`].
 fn each_weight(image: &[[f32; 3]], [width, height]: [usize; 2], mut f: impl FnMut(usize, [f64; 3])) {
     for y in 0..height {
         let rows = y.saturating_sub(1)..(y + 2).min(height);

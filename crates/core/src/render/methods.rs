@@ -22,7 +22,7 @@ use std::sync::Arc;
 pub struct Methods<'a> {
     /// The sampler, which holds its point set.
     pub sampler: Box<dyn Sampler + 'a>,
-    /// The filter; `None` leaves each pixel the mean of its own samples.
+    /// The filter; with `None`, each pixel is the mean of its own samples.
     pub filter: Option<Box<dyn Filter + 'a>>,
     /// The statistics that the film records besides those that sampler and filter need.
     pub needs: Needs,

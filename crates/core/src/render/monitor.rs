@@ -12,7 +12,7 @@ pub struct Status<'a> {
     pub round: u32,
     /// The number of samples traced so far.
     pub samples: u64,
-    /// The number of samples to trace in all, as far as known; a limit of time or error may change it.
+    /// The total number of samples to trace, as far as known; a time or error limit may change it.
     pub expected: u64,
     /// Wall seconds of planning and tracing so far, without the monitor's own time.
     pub seconds: f64,
@@ -24,8 +24,8 @@ pub struct Status<'a> {
 }
 
 impl Status<'_> {
-    /// The state of the render as bytes for [`Snapshot::from_bytes`](crate::Snapshot::from_bytes), about as many as the film takes in memory. A
-    /// render resumed from them ends with the same bits as this one.
+    /// The state of the render as bytes for [`Snapshot::from_bytes`](crate::Snapshot::from_bytes), about as many as the
+    /// film has in memory. A render resumed from them ends bit-identical to this one.
     pub fn snapshot(&self) -> Vec<u8> {
         self.view.write()
     }
@@ -43,8 +43,8 @@ pub enum Control {
 
 /// An observer of a render, called about five times a second: for progress, previews, checkpoints and Ctrl-C.
 ///
-/// A closure `FnMut(&Status) -> Control` is a monitor too. This one keeps an image and the bytes of a checkpoint at every doubling
-/// of the samples:
+/// A closure `FnMut(&Status) -> Control` is a monitor too. This closure keeps an image and the bytes of a checkpoint at
+/// every doubling of the samples:
 ///
 /// ```
 /// use dapple_core::{Filter, Unfiltered};

@@ -1,4 +1,4 @@
-//! Checks of plans, and rounds that begin with one.
+//! Checks of plans, and the start of rounds.
 
 use super::state::{Cursor, OpenRound};
 use super::turns::{Order, Turns};
@@ -36,29 +36,29 @@ pub(super) fn check(plan: &Plan, film: &Film, sampler: &dyn Sampler, budget: &Bu
         return bad(format!("it has {} counts for {pixels} pixels", plan.counts.len()));
     }
     if second.is_some() && film.kept.len() != 2 {
-        return bad("it has a second half, but needs() has no halves".into());
+        return bad("it has counts for a second half, but the sampler's needs() have no halves".into());
     }
     match plan.total() {
         0 => return bad("it has no samples".into()),
         total if total > budget.left() => {
-            return bad(format!("it has {total} samples, but {} are left", budget.left()));
+            return bad(format!("it has {total} samples, but only {} are left in the budget", budget.left()));
         }
         _ => {}
     }
     let kept = plan.retention == Retention::Keep;
     let withdraw = plan.withdraw.as_deref();
     if withdraw.is_some_and(|w| w.len() != pixels || !kept) {
-        return bad("it withdraws samples without a mark for each pixel, or in a round that is not kept".into());
+        return bad("its withdrawals have the wrong number of pixels, or the round discards its samples".into());
     }
     if withdraw.is_some_and(|w| (0..pixels).any(|i| w[i] && film.discarded(i).count > 0)) {
-        return bad("it withdraws samples of a pixel that has discarded ones".into());
+        return bad("it withdraws samples of a pixel that already has discarded samples".into());
     }
     let mut deepest = 0;
     for i in 0..pixels {
         let more = u64::from(plan.counts[i]) + second.map_or(0, |s| u64::from(s[i]));
         let withdrawn = withdraw.is_some_and(|w| w[i]);
         if withdrawn && more == 0 {
-            return bad("it withdraws all samples of a pixel and traces none".into());
+            return bad("it withdraws the samples of a pixel and plans no new ones there".into());
         }
         let before = if withdrawn { 0 } else { film.count(i) };
         if kept && more > 0 && before + more > u64::from(budget.max_spp) {

@@ -55,7 +55,7 @@ impl<'s> Round<'s> {
         self.points
     }
 
-    /// The number of samples that were not submitted yet.
+    /// The number of samples that are not submitted yet.
     pub fn left(&self) -> u64 {
         self.lock().state.open.as_ref().map_or(0, |open| open.plan.total())
     }
@@ -63,7 +63,7 @@ impl<'s> Round<'s> {
     /// The next tile with samples to trace; `None` if all were handed out.
     ///
     /// Tiles are squares of [`Session::with_tile_side`](crate::Session::with_tile_side) pixels, row by row. A tile that was
-    /// handed out and lost is in the round that [`Session::next_round`](crate::Session::next_round) returns next.
+    /// handed out but not submitted is part of the round that [`Session::next_round`](crate::Session::next_round) returns next.
     pub fn next_tile(&self) -> Option<Tile<'s>> {
         let mut shared = self.lock();
         loop {
@@ -76,8 +76,8 @@ impl<'s> Round<'s> {
         }
     }
 
-    /// The tile of columns `x0..x1` and rows `y0..y1` of the full image, for renderers with tiles of their own. It may have
-    /// no samples.
+    /// The tile of columns `x0..x1` and rows `y0..y1` of the full image, for renderers with their own tiles. The tile may
+    /// have no samples.
     ///
     /// # Errors
     ///
@@ -96,7 +96,7 @@ impl<'s> Round<'s> {
         }
     }
 
-    /// The whole window as one tile, for renderers that trace waves of samples all over the image.
+    /// The whole window as one tile, for wavefront renderers, which trace samples of the whole image together.
     pub fn whole(&self) -> Tile<'s> {
         let shared = self.lock();
         let open = shared.state.open.as_ref().expect("a round is open as long as it is borrowed");
@@ -107,12 +107,12 @@ impl<'s> Round<'s> {
         Tile::new(self.points, film, (open, self.features), frame)
     }
 
-    /// Takes the results of a tile, all of them.
+    /// Adds the results of a tile, which must be complete.
     ///
     /// # Errors
     ///
-    /// [`Error::BadTile`] for a tile with missing samples, a wrong use of it, and pixels that were submitted already.
-    /// [`Error::InvalidSample`] under [`InvalidSample::Fail`]. The round is unchanged then.
+    /// [`Error::BadTile`] for a tile with missing samples or incorrect use, and for pixels that are already submitted.
+    /// [`Error::InvalidSample`] under [`InvalidSample::Fail`]. In both cases the round is unchanged.
     pub fn submit(&self, tile: Tile<'_>) -> Result<(), Error> {
         let area = tile.area();
         let bad = |what: String| Err(Error::BadTile { area, what });
@@ -130,13 +130,13 @@ impl<'s> Round<'s> {
         let State { film, open, repeats, .. } = &mut *shared.state;
         let Some(open) = open else { return bad("its round is over".into()) };
         if tile.planned.owner != std::ptr::from_ref(&*open).addr() {
-            return bad("it is of another session; submit a tile to the round that it came from".into());
+            return bad("it belongs to another session; submit each tile to the round that it came from".into());
         }
         let pixels: Vec<_> = Window::new(&film.frame, &tile.film.frame).runs(1).flatten().collect();
         let all = tile.tally.total();
         let of = |counts: &[u32]| pixels.iter().map(|&i| u64::from(counts[i])).sum::<u64>();
         if open.plan.halves().map(of).sum::<u64>() != all {
-            return bad("some of its pixels were submitted already; trace each pixel once in a round".into());
+            return bad("some of its pixels were submitted already; trace each pixel only once per round".into());
         }
         for counts in open.plan.halves_mut() {
             pixels.iter().for_each(|&i| counts[i] = 0);
@@ -159,8 +159,8 @@ impl<'s> Round<'s> {
         parallel::map_parts(areas, |area| self.trace_tile(area, &trace)).into_iter().collect()
     }
 
-    /// Traces the rest of columns `x0..x1` and rows `y0..y1` of the full image on this thread, for renderers with threads and blocks
-    /// of their own.
+    /// Traces the rest of columns `x0..x1` and rows `y0..y1` of the full image on this thread, for renderers with their own
+    /// threads and tiles.
     ///
     /// # Errors
     ///
@@ -175,8 +175,8 @@ impl<'s> Round<'s> {
         self.submit(tile)
     }
 
-    /// Traces the rest of the round in batches of at most `most` samples, for renderers that trace waves of rays. `trace` returns a
-    /// result for each sample of a batch, in the same order.
+    /// Traces the rest of the round in batches of at most `most` samples, for wavefront renderers. `trace` returns a result
+    /// for each sample of a batch, in the same order.
     ///
     /// # Errors
     ///
@@ -195,8 +195,8 @@ impl<'s> Round<'s> {
         self.submit(tile)
     }
 
-    /// The image of the tiles submitted so far, as [`Session::image`](crate::Session::image) makes it. It changes no bit of what
-    /// follows, and takes the memory of another film meanwhile.
+    /// The image of the tiles submitted so far; see [`Session::image`](crate::Session::image). It does not affect the
+    /// render. It takes the memory of a second film while it is made.
     ///
     /// # Errors
     ///
@@ -207,8 +207,8 @@ impl<'s> Round<'s> {
         filled(self.filter, &film)
     }
 
-    /// The state of the render as bytes for [`Snapshot::from_bytes`](crate::Snapshot::from_bytes): all tiles submitted so
-    /// far. Tiles that are still being traced will be traced again by the render that continues.
+    /// The state of the render as bytes for [`Snapshot::from_bytes`](crate::Snapshot::from_bytes), with all tiles submitted
+    /// so far. A resumed render traces all other tiles again.
     pub fn snapshot(&self) -> Vec<u8> {
         let shared = self.lock();
         let (sampler, bounds) = (Planner::Saved(&self.sampler), [self.limits.min_spp, self.limits.max_spp]);

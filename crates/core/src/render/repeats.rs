@@ -1,14 +1,15 @@
-//! Detection of hosts that draw the same random numbers in every part of a round.
+//! Detection of hosts that repeat the same random numbers in every part of a round.
 
 use crate::{Frame, point_set::mix};
 use std::collections::BTreeMap;
 
-/// The number of first samples of a pixel that are kept of each part.
+/// The number of samples that are kept from the start of each part, per watched pixel.
 pub(super) const KEPT: u32 = 4;
-/// So many pixels of an image are watched, or up to half as many. A power of two: no sample waits for a division.
+/// The maximum number of watched pixels in an image; at least half as many are watched. The selection is by a power of two,
+/// so that no sample needs a division.
 const WATCHED: u64 = 512;
-/// The number of pixels that must repeat, and none of them differ. Two samples of a pixel, one lit and one not, are the same again by
-/// chance in one of 4 cases.
+/// The minimum number of pixels whose samples repeat, while those of no other pixel differ. Two samples of a pixel, one lit
+/// and one not, repeat by chance in 1 of 4 cases.
 const ENOUGH: u32 = 16;
 
 /// The first samples of some pixels in one part of a round.
@@ -23,7 +24,7 @@ pub(super) fn watch(firsts: &mut Firsts, frame: &Frame, pixel: [u32; 2], radianc
     }
 }
 
-/// The first samples of watched pixels, and how many of them came again.
+/// The first samples of watched pixels, and the number of pixels whose samples repeat.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Repeats {
     firsts: Firsts,
@@ -32,7 +33,7 @@ pub(crate) struct Repeats {
 }
 
 impl Repeats {
-    /// Compares the first samples of a part with those of earlier parts. Pixels whose samples are all equal tell nothing.
+    /// Compares the first samples of a part with those of earlier parts. Pixels whose samples are all equal are ignored.
     pub(super) fn add(&mut self, part: Firsts) {
         for (pixel, values) in part {
             let before = self.firsts.entry(pixel).or_default();
@@ -47,7 +48,7 @@ impl Repeats {
         }
     }
 
-    /// The number of pixels of which all repeat; `None` if samples differ.
+    /// The number of pixels if the samples of all compared pixels repeat; `None` if any differ or too few were compared.
     pub(super) fn found(&self) -> Option<u32> {
         Some(self.equal).filter(|equal| *equal >= ENOUGH && *equal == self.compared)
     }

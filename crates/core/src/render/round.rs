@@ -1,4 +1,4 @@
-//! Tracing one round: slices of bands of rows.
+//! Tracing of one round, in slices that consist of bands of rows.
 
 use super::feature_samples::{self, Turn};
 use super::state::{Cursor, OpenRound, State, Stopped};
@@ -35,7 +35,7 @@ struct Inputs<'a> {
     needs: Needs,
     features: Turn,
     wants_training: bool,
-    /// Workers that no task holds, so that their memory lasts longer than a band.
+    /// Workers that no task holds. Later bands reuse their memory.
     workers: Mutex<Vec<Worker>>,
 }
 
@@ -48,7 +48,7 @@ impl Inputs<'_> {
     }
 }
 
-/// The report of one band of a slice.
+/// The results of one band of a slice, besides the film.
 struct Traced {
     tally: Tally,
     training: Vec<(usize, Vec<TrainingSum>)>,
@@ -121,17 +121,18 @@ pub(super) fn learn(
     passes.push(pass);
 }
 
-/// The error of a panic, which takes the film and leaves none in its place.
+/// The error of a panic, with the film, which is replaced by an empty one.
 fn panicked((sample, message): (SampleId, String), film: &mut Film, points: &dyn PointSet) -> Error {
     let film = Box::new(std::mem::replace(film, Film::without_planes(film.frame, Needs::none())));
     Error::Panicked { sample, message, points: points.describe(), film }
 }
 
-/// Samples per pixel of an integrator's pass from sample `start`; `None` if it has no passes. Follows from the plans alone, not
-/// from time.
+/// Samples per pixel of an integrator's pass from sample `start`; `None` if the integrator has no passes. Depends on the
+/// plans only, not on time.
 ///
-/// A training pass has the mean number of all samples before, so that passes double in length. Before a pass of [`PREPARED`]
-/// samples per pixel of the image, handed to those that still have samples in the round, an integrator may prepare.
+/// A training pass has as many samples per pixel as all passes before it have on average, so that passes double in length.
+/// For an integrator that prepares for every pass, a pass has [`PREPARED`] samples per pixel of the image, divided among
+/// the pixels that still have samples in the round.
 pub(super) fn pass_length(integrator: &dyn Integrator, open: &OpenRound, start: u32, pixels: usize) -> Option<u32> {
     match (integrator.wants_training(), integrator.prepares()) {
         (true, _) => {
@@ -148,12 +149,12 @@ pub(super) fn pass_length(integrator: &dyn Integrator, open: &OpenRound, start: 
     }
 }
 
-/// Samples per pixel of a pass of an integrator that prepares for each: one for each half of the film, so that the halves can
-/// have preparations of their own.
+/// Samples per pixel of a pass, for an integrator that prepares for every pass: one for each half of the film, so that each
+/// half can have its own preparation.
 const PREPARED: usize = 2;
 
-/// Prepares the integrator for the slice at the cursor, unless it is prepared for it. Rays and seconds go to the record,
-/// but for the repetition after a resumption.
+/// Prepares the integrator for the slice at the cursor, unless it already is prepared. The record counts rays and seconds,
+/// except when a resumed render repeats a preparation.
 fn prepare(
     integrator: &mut dyn Integrator,
     (points, clock): (&dyn PointSet, &Clock),
@@ -199,10 +200,9 @@ const GROWTH: f64 = 8.0;
 
 /// The size of the next slice: samples per pixel, and rows of pixels.
 ///
-/// Both follow from the sampling rate of this round, which took `seconds` so far. If one sample in every pixel takes
-/// longer than a slice should, the slice covers only some rows. The samples per pixel then belong to the whole pass
-/// over the rows.
-/// `pass` are the samples per pixel of a training pass or of an integrator's pass, if there is one.
+/// Both follow from the sampling rate of this round, which took `seconds` so far. If one sample in every pixel takes longer
+/// than a slice should, the slice covers only some rows. The samples per pixel then belong to the whole pass over the rows.
+/// `pass` is the number of samples per pixel in a training pass or in an integrator's pass, if there is one.
 fn next_slice(
     open: &OpenRound,
     film: &Film,
@@ -230,8 +230,8 @@ fn next_slice(
     (length, if wants_training { rows.next_multiple_of(BLOCK as u32) } else { rows })
 }
 
-/// Traces a slice in parallel: what is traced between two calls of the monitor, the samples at the cursor in some rows. Returns
-/// what its bands report, from the top.
+/// Traces a slice in parallel: the samples at the cursor in some rows, between two calls of the monitor. Returns the
+/// results of its bands, from top to bottom.
 fn slice(
     integrator: &dyn Integrator,
     points: &dyn PointSet,
@@ -387,11 +387,11 @@ fn trace_pixel(
     }
 }
 
-/// Adds what a slice's bands report to the film, in their order.
+/// Adds the results of a slice's bands to the film, in their order.
 ///
 /// # Errors
 ///
-/// For a panic, and for a rejected sample if the limits refuse such.
+/// For a panic, and for a rejected sample under [`InvalidSample::Fail`].
 fn add_up(
     film: &mut Film,
     bands: Vec<Traced>,

@@ -1,4 +1,4 @@
-//! The engine of a render: rounds planned by a sampler, traced by whoever asks for them.
+//! The engine of a render: rounds that a sampler plans and the caller traces.
 
 use super::budget;
 use super::budget::{Meter, Stopwatch};
@@ -15,11 +15,11 @@ use crate::plan::{Feedback, Plan, Progress, Retention};
 use crate::snapshot::{Planner, View};
 use crate::{Clock, Error, Film, Filter, Filtered, Frame, Integrator, Limits, Needs, Sampler, Snapshot, Unfiltered};
 
-/// A render whose loop belongs to the caller: it asks for rounds, traces their samples where and how it likes, and gives
-/// the results back.
+/// A render whose loop belongs to the caller. The caller requests rounds, traces their samples in any way, and submits the
+/// results.
 ///
-/// It is the engine of [`Render`](crate::Render), without threads and integrator. The image has the same bits as that of
-/// `Render`, in whatever order samples come back.
+/// It is the engine of [`Render`](crate::Render), without threads and integrator. The image is bit-identical to that of
+/// `Render`, for any order of results.
 ///
 /// ```
 /// # use dapple_core::{PointSet, SampleId};
@@ -58,8 +58,8 @@ use crate::{Clock, Error, Film, Filter, Filtered, Frame, Integrator, Limits, Nee
 /// # Ok::<(), dapple_core::Error>(())
 /// ```
 ///
-/// Images and states on the way need no callback, since the loop is the host's. Rounds end at every doubling of the samples.
-/// [`Round::image`] and [`Round::snapshot`] do the same between tiles, for hosts that look every few seconds.
+/// Intermediate images and checkpoints need no callback, since the loop belongs to the host. A round ends at every doubling
+/// of the samples. [`Round::image`] and [`Round::snapshot`] do the same between tiles, for previews every few seconds.
 ///
 /// ```
 /// # use dapple_core::{PointSet, SampleId, samplers::Uniform, Frame, Limits, Methods, Session, Snapshot};
@@ -83,24 +83,24 @@ use crate::{Clock, Error, Film, Filter, Filtered, Frame, Integrator, Limits, Nee
 ///
 /// # Guarantees
 ///
-/// * The first round has one sample in each pixel that gets any, and no other has more than all before it; under a limit
-///   of time, none has more than a quarter of the rest. So [`Session::image`] shows something early, and then at every
-///   doubling.
-/// * Looking changes no bit: [`Session::image`], [`Round::image`] during a round, and snapshots.
-/// * A round counts only what is submitted. A tile that is lost or dropped is traced again by whoever asks for it.
+/// * The first round has one sample in each pixel that gets any. A later round has at most as many samples as all before
+///   it; under a time limit, at most a quarter of the remaining ones. So [`Session::image`] is available early, and then at
+///   every doubling.
+/// * [`Session::image`], [`Round::image`] and snapshots do not change the result.
+/// * Only submitted tiles count. A tile that is lost or dropped is handed out again.
 /// * Sample counts add up to the budget exactly, as in [`Render`](crate::Render).
-/// * What is done here runs in the rayon pool that calls it: `pool.install(|| session.finish())`.
-/// * [`Session::snapshot`] and [`Round::snapshot`] save the state; [`Session::resume`] continues with the same bits.
+/// * All computations run in the caller's rayon pool: `pool.install(|| session.finish())`.
+/// * [`Session::snapshot`] and [`Round::snapshot`] save the state; [`Session::resume`] continues from it, bit-identically.
 ///
 /// # Limits
 ///
-/// * There are no training passes: a renderer that learns does so by itself.
+/// * There are no training passes; a renderer that learns organises its own.
 pub struct Session<'a> {
     pub(super) state: State,
     pub(super) limits: Limits,
     pub(super) sampler: Box<dyn Sampler + 'a>,
     pub(super) filter: Option<Box<dyn Filter + 'a>>,
-    /// True while an error limit concerns the image of `filter`.
+    /// True while an error limit applies to the filtered image.
     pub(super) judged: bool,
     pub(super) meter: Meter,
     pub(super) clock: Stopwatch,
@@ -108,15 +108,15 @@ pub struct Session<'a> {
     pub(super) began: f64,
     /// True when no round is left.
     pub(super) over: bool,
-    /// The samples that were left in the open round when it was last given out.
+    /// The number of samples that were left in the open round when it was last handed out.
     given_out: Option<u64>,
     tile_side: u32,
 }
 
 impl<'a> Session<'a> {
-    /// A session for `frame` within `limits`: with a sampler, a pair of sampler and filter, or [`Methods`].
+    /// A session for `frame` within `limits`. `methods` is a sampler, a pair of sampler and filter, or [`Methods`].
     ///
-    /// The film records what both need. An error limit concerns the filter's image.
+    /// The film records what sampler and filter need. An error limit applies to the filtered image.
     ///
     /// # Errors
     ///
@@ -140,7 +140,8 @@ impl<'a> Session<'a> {
         Self::of_render(frame, &limits, methods.into().with_filter_needs(), Some(snapshot.of_window()?))
     }
 
-    /// The session of a render. It records what the methods ask for, and what sampler, limits and an error limit's filter need.
+    /// Makes the session of a new or resumed render. The film records what `methods`, the limits and the filter of an error
+    /// limit need.
     pub(super) fn of_render(
         frame: Frame,
         limits: &Limits,
@@ -181,9 +182,9 @@ impl<'a> Session<'a> {
     ///
     /// # Errors
     ///
-    /// [`Error::NothingSubmitted`] if the last round was given out and nothing of it was submitted. For limits that the
-    /// sampler cannot meet, an invalid plan, and an exhausted point set. [`Error::NoneReported`] if the filter reads
-    /// features and no sample of the first round reports a hit or a miss.
+    /// [`Error::NothingSubmitted`] if no tile of the last round was submitted. Also for limits that the sampler cannot
+    /// meet, an invalid plan, and an exhausted point set. [`Error::NoneReported`] if the filter reads features and no
+    /// sample of the first round reports a hit or a miss.
     pub fn next_round(&mut self) -> Result<Option<Round<'_>>, Error> {
         if let Some(open) = &mut self.state.open {
             open.keep_rest(self.state.film.frame.size()[0] as usize);
@@ -217,8 +218,8 @@ impl<'a> Session<'a> {
         Ok(Some(Round::new(state, (&**sampler, filter), limits, clock, (total, *tile_side, features))))
     }
 
-    /// Ends a part of the open round, and with the last one the round. Refuses samples that report neither hits nor misses if the
-    /// filter reads hits.
+    /// Ends a part of the open round; the last part ends the round. Fails if the filter reads first hits and no sample
+    /// reports a hit or a miss.
     fn finish_part(&mut self) -> Result<(), Error> {
         self.given_out = None;
         match &mut self.state.open {
@@ -235,8 +236,8 @@ impl<'a> Session<'a> {
         Self { tile_side: side.max(1), ..self }
     }
 
-    /// Sets the clock by which [`Limits::seconds`] and the seconds of the film's [`Record`](crate::film::Record) are measured. Without it, a
-    /// limit of time takes [`Clock::of_machine`], and other limits never ask for the time: the record's seconds are 0.
+    /// Sets the clock for [`Limits::seconds`], and for the seconds in the film's [`Record`](crate::film::Record). By
+    /// default, a time limit uses [`Clock::of_machine`]. Other limits use no clock, and the record's seconds are 0.
     #[must_use]
     pub fn with_clock(self, clock: Clock) -> Self {
         Self { clock: Stopwatch::start(clock, self.clock.seconds()), ..self }
@@ -247,9 +248,9 @@ impl<'a> Session<'a> {
         &self.state.film
     }
 
-    /// The image of the samples submitted so far, filtered if the session has a filter. Pixels without samples, and pixels of
-    /// which [all were rejected](Film::is_rejected), show the nearest one that has some. [`Round::image`] does the same during
-    /// a round.
+    /// The image of the samples submitted so far, filtered if the session has a filter. Pixels without samples, and pixels
+    /// whose samples [were all rejected](Film::is_rejected), are filled from the nearest pixel that has some.
+    /// [`Round::image`] does the same during a round.
     ///
     /// # Errors
     ///
@@ -259,7 +260,7 @@ impl<'a> Session<'a> {
     }
 
     /// Traces all rounds with `trace` and returns the image: [`Session::next_round`] until the limits are met, then
-    /// [`Session::finish`]. [`Limits::open`] are never met.
+    /// [`Session::finish`]. With [`Limits::open`], it does not return.
     ///
     /// # Errors
     ///
@@ -271,7 +272,7 @@ impl<'a> Session<'a> {
         self.finish()
     }
 
-    /// Ends the session and returns its image. Before the limits are met it is the image of the samples so far.
+    /// Ends the session and returns its image. If the limits are not met yet, this is the image of the samples so far.
     ///
     /// # Errors
     ///
@@ -280,14 +281,14 @@ impl<'a> Session<'a> {
         self.image()
     }
 
-    /// Ends the session and returns its film, marked as interrupted before the limits are met.
+    /// Ends the session and returns its film, marked as interrupted if the limits are not met yet.
     pub fn into_film(mut self) -> Film {
         self.state.film.record.interrupted |= !self.over;
         self.state.film
     }
 
-    /// The state of the session as bytes for [`Snapshot::from_bytes`]. A session that continues the end plans the last round
-    /// again, so the budget shown for it is left out.
+    /// The state of the session as bytes for [`Snapshot::from_bytes`]. A session resumed from the end plans the last round
+    /// again, so that round's budget is left out.
     pub fn snapshot(&mut self) -> Vec<u8> {
         let shown = if self.over { self.state.film.record.budgets.pop() } else { None };
         let bytes = self.view(self.clock.seconds()).write();
@@ -302,7 +303,7 @@ impl<'a> Session<'a> {
         View { state, sampler, bounds, total, seconds }
     }
 
-    /// Makes an integrator learn the training passes so far.
+    /// Replays the training passes so far to an integrator.
     pub fn teach(&self, integrator: &mut dyn Integrator) {
         self.state.passes.iter().for_each(|pass| integrator.learn(pass));
     }
@@ -340,7 +341,7 @@ impl<'a> Session<'a> {
         Ok(stopped == Stopped::AtEnd)
     }
 
-    /// Calls the monitor between two slices. Its time is not the render's.
+    /// Calls the monitor between two slices. The monitor's time does not count as time of the render.
     fn show<T>(&mut self, monitor: &mut dyn Monitor, show: impl FnOnce(&mut dyn Monitor, &Status<'_>) -> T) -> T {
         let seconds = self.clock.seconds();
         let view = self.view(seconds);
@@ -359,13 +360,13 @@ impl<'a> Session<'a> {
         answer
     }
 
-    /// Shows the state of the session to a monitor, as a render does after a slice.
+    /// Passes the state of the session to [`Monitor::slice`], as a render does after a slice.
     pub fn show_to(&mut self, monitor: &mut dyn Monitor) -> Control {
         self.show(monitor, |monitor, status| monitor.slice(status))
     }
 
-    /// Shows the end of the render to the monitor. A resumed render plans the last round again, so the snapshot has no
-    /// budget for it.
+    /// Passes the final state of the render to [`Monitor::end`]. A resumed render plans the last round again, so the
+    /// snapshot omits that round's budget.
     pub fn show_end_to(&mut self, monitor: &mut dyn Monitor) {
         let shown = self.state.film.record.budgets.pop();
         self.show(monitor, |monitor, status| monitor.end(status));
@@ -422,8 +423,8 @@ impl Session<'_> {
         Ok(())
     }
 
-    /// Predicts the error that an error limit concerns; `None` without such a limit. A filter without an estimate leaves the
-    /// limit with the unfiltered image.
+    /// Predicts the error of the image that an error limit applies to; `None` without such a limit. If the filter has no
+    /// error estimate, the limit applies to the unfiltered image.
     pub(super) fn predict(&mut self) -> Result<Option<Prediction>, Error> {
         if self.meter.goal().is_none() {
             return Ok(None);
@@ -442,11 +443,11 @@ impl Session<'_> {
     }
 }
 
-/// The largest part of the samples left in a round under a limit of time.
+/// Under a time limit, the number of remaining samples in a round for each sample of its next part.
 const TIMED: u64 = 4;
 
-/// The samples per pixel of the next part of a round after `traced` samples: no part is more than all before, but the first is one
-/// sample in each pixel.
+/// The samples per pixel of the next part of a round, after `traced` samples. A part has at most as many samples as were
+/// traced before; the first part has one sample per pixel.
 fn part_of(open: &OpenRound, traced: u64, is_timed: bool) -> u32 {
     let most = if is_timed { traced.min(open.plan.total() / TIMED) } else { traced };
     let (mut depth, mut above) = (1, open.longest() + 1);
@@ -457,7 +458,7 @@ fn part_of(open: &OpenRound, traced: u64, is_timed: bool) -> u32 {
     depth
 }
 
-/// The state of a snapshot, checked against the render that continues it, and the seconds that it took.
+/// The state of a snapshot and the seconds before it, checked against the render that continues it.
 fn continued(
     snapshot: Snapshot,
     sampler: &mut dyn Sampler,

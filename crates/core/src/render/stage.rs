@@ -1,7 +1,7 @@
-//! Stages of a render: the samples between two barriers, whose rows may be traced apart and joined.
+//! Stages of a render: the samples between two barriers, whose rows can be traced separately and joined.
 //!
-//! At a barrier all pixels meet: a sampler plans the next round, or an integrator learns from a training pass. Between two
-//! barriers, rows of the image have nothing to do with each other, so that any machine may trace any of them.
+//! A barrier needs the samples of all pixels: a sampler plans the next round, or an integrator learns from a training pass.
+//! Between two barriers, the rows of the image are independent, so that any machine can trace any of them.
 
 use super::repeats::Repeats;
 use super::round::{BLOCK, learn, pass_length, trace};
@@ -10,15 +10,15 @@ use super::{Methods, Monitor, NoMonitor, Render, Session};
 use crate::{Clock, Error, Film, Frame, Integrator, Sampler, Snapshot, film::Record, film::keep_first, snapshot::View};
 use std::ops::Range;
 
-/// The training passes that an integrator has learned and the pass that it is prepared for, from one [`Render::trace_rows`]
-/// to the next. New for a new integrator.
+/// The state of an integrator between two calls of [`Render::trace_rows`]: how many training passes it has learned, and the
+/// pass that it is prepared for. A new integrator needs a new value.
 #[derive(Clone, Debug, Default)]
 pub struct Readiness {
     learned: usize,
     prepared: Option<u32>,
 }
 
-/// Rows of a stage that are traced, for [`Session::join`].
+/// Traced rows of a stage, for [`Session::join`].
 #[derive(Clone, Debug)]
 pub struct TracedRows(State);
 
@@ -27,7 +27,7 @@ impl TracedRows {
     ///
     /// # Errors
     ///
-    /// [`Error::BadSnapshot`] for bytes of another kind or version, damaged or inconsistent ones.
+    /// [`Error::BadSnapshot`] for bytes that are of another kind or version, damaged or inconsistent.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, Error> {
         Ok(Self(Snapshot::from_bytes(bytes)?.state))
     }
@@ -65,7 +65,7 @@ impl Session<'_> {
         Ok(Some(Stage { frame: film.frame, rows: [row, height], ends }))
     }
 
-    /// Divides the rows of a stage into at most `parts` runs with about as many samples each. Follows from the plan alone.
+    /// Divides the rows of a stage into at most `parts` runs with about equal numbers of samples. Depends on the plan only.
     pub fn deal(&self, stage: &Stage, parts: u32) -> Vec<Range<u32>> {
         let Some(open) = &self.state.open else { return Vec::new() };
         let samples = |band: &Range<u32>| planned(open, stage, band);
@@ -124,7 +124,7 @@ impl Session<'_> {
         Ok(View { state: &self.part(stage, rows)?, ..self.view(0.0) }.write())
     }
 
-    /// Traces some rows of a stage here; `None` if the monitor stopped it. The monitor sees the film of these rows.
+    /// Traces some rows of a stage in this process; `None` if the monitor stopped it. The monitor gets the film of these rows.
     ///
     /// # Errors
     ///
@@ -144,18 +144,18 @@ impl Session<'_> {
         Ok((traced? == Stopped::No).then_some(TracedRows(part)))
     }
 
-    /// Adds traced rows. Their order does not matter. Returns the rows.
+    /// Adds traced rows to the film, in any order. Returns the range of the rows.
     ///
     /// # Errors
     ///
-    /// [`Error::OtherRender`] for rows of another stage, and rows that were not traced to its end.
+    /// [`Error::OtherRender`] for rows of another stage, and for rows that were not traced to the end of the stage.
     pub fn join(&mut self, stage: &Stage, rows: TracedRows) -> Result<Range<u32>, Error> {
         let other = |what: &str| Err(Error::OtherRender { what: what.into() });
         let State { film: mut part, round, open: Some(traced), stage: of, .. } = rows.0 else {
-            return other("no round is open in the rows");
+            return other("the rows belong to no open round");
         };
         if of.as_ref() != Some(stage) || round != self.state.round {
-            return other("the rows are of another stage");
+            return other("the rows belong to another stage");
         }
         if traced.cursor.start != stage.end() {
             return other("the rows are not traced to the end of their stage");
@@ -163,13 +163,13 @@ impl Session<'_> {
         let Some(open) = self.state.open.as_mut() else { return other("no round is open") };
         let film = &mut self.state.film;
         if part.needs != film.needs || part.recorders != film.recorders {
-            return other("the rows have other statistics");
+            return other("the rows record other statistics");
         }
         let top = part.frame.origin()[1] - stage.frame.origin()[1];
         let rows = top..top + part.frame.size()[1];
         let (had, new) = (samples_in(film, part.frame), planned(open, stage, &rows));
         if part.record.samples != had + new {
-            return other("the rows are joined already");
+            return other("the rows were joined already");
         }
         let record = std::mem::take(&mut part.record);
         part.record = Record {
@@ -217,12 +217,12 @@ impl Session<'_> {
         Ok(())
     }
 
-    /// The samples of the budget that are not traced yet.
+    /// The number of samples of the budget that are not traced yet.
     pub fn samples_left(&self) -> u64 {
         self.meter.left(&self.state.film).left()
     }
 
-    /// The samples that a stage traces.
+    /// The number of samples that a stage traces.
     pub fn samples_in(&self, stage: &Stage) -> u64 {
         let Some(open) = &self.state.open else { return 0 };
         open.before(stage.end()) - open.before(open.cursor.start)
@@ -230,10 +230,11 @@ impl Session<'_> {
 }
 
 impl Render<'_> {
-    /// Traces rows that [`Session::rows_of`] has cut out, to the end of their stage. Returns them for [`Session::join`]; `None`
-    /// if the monitor stopped it.
+    /// Traces rows from [`Session::rows_of`] to the end of their stage. Returns the traced rows for [`Session::join`];
+    /// `None` if the monitor stopped the render.
     ///
-    /// The integrator learns the training passes that `ready` lacks, and is prepared unless it is for this pass.
+    /// The integrator learns the training passes that are new according to `ready`, and is prepared for the pass unless it
+    /// already is.
     ///
     /// # Errors
     ///
@@ -264,7 +265,7 @@ impl Render<'_> {
     }
 }
 
-/// The samples of some rows in a stage.
+/// The number of samples of a stage in some rows.
 fn planned(open: &OpenRound, stage: &Stage, rows: &Range<u32>) -> u64 {
     let width = stage.frame.size()[0] as usize;
     let own = open.plan.halves().flat_map(|counts| &counts[rows.start as usize * width..rows.end as usize * width]);
@@ -272,10 +273,10 @@ fn planned(open: &OpenRound, stage: &Stage, rows: &Range<u32>) -> u64 {
 }
 
 fn no_round() -> Error {
-    Error::OtherRender { what: "no round is open; take the stage from Session::next_stage".into() }
+    Error::OtherRender { what: "no round is open; use a stage from Session::next_stage".into() }
 }
 
-/// The kept and discarded samples in some rows of a film.
+/// The number of kept and discarded samples in some rows of a film.
 fn samples_in(film: &Film, rows: Frame) -> u64 {
     let first = (rows.origin()[1] - film.frame.origin()[1]) as usize * film.frame.size()[0] as usize;
     let halves = film.kept.iter().chain(&film.discarded);
@@ -283,7 +284,7 @@ fn samples_in(film: &Film, rows: Frame) -> u64 {
 }
 
 impl Film {
-    /// The rows of a window as a film of their own, with the record of a render that begins there.
+    /// The rows `frame` as a separate film, with the record of a render that begins there.
     fn rows_of(&self, frame: Frame) -> Self {
         let mut film = self.part(frame, crate::plan::Retention::Keep);
         if film.discarded.is_empty() && !self.discarded.is_empty() {

@@ -1,4 +1,4 @@
-//! The state of a render between slices: the film, the open round, and what of it one machine traces.
+//! The state of a render between slices: the film, the open round, and the stage that a machine traces.
 
 use super::filtered_error::FilteredError;
 use super::repeats::Repeats;
@@ -22,11 +22,12 @@ pub(crate) struct State {
     pub(crate) prepared: Option<u32>,
     /// The stage of which the film has some rows; `None` for a film of the whole window.
     pub(crate) stage: Option<Stage>,
-    /// The search for random numbers that repeat. It begins anew after a resumption.
+    /// The search for repeated random numbers. It restarts after a resumption.
     pub(crate) repeats: Repeats,
 }
 
-/// The progress within a round. Pixels in rows before `row` have `end` samples of the round traced, the others `start`.
+/// The progress within a round. In rows before `row`, the first `end` samples of each pixel are traced; in the others, the
+/// first `start`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Cursor {
     pub(crate) start: u32,
@@ -38,7 +39,7 @@ pub(crate) struct Cursor {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct OpenRound {
     pub(crate) plan: Plan,
-    /// The samples that come after those of `plan`: a session gives a round out in parts.
+    /// The samples that follow those of `plan`, since a session hands out a round in parts.
     pub(crate) later: Option<Plan>,
     pub(crate) cursor: Cursor,
     /// The sums of the unfinished training pass. For each traced row of 16x16-pixel blocks: the index of the row of
@@ -59,7 +60,7 @@ impl OpenRound {
         self.plan.halves().flatten().copied().max().unwrap_or(0)
     }
 
-    /// The samples among the first `start` of each pixel.
+    /// The sum over pixels of the samples among the first `start`.
     pub(crate) fn before(&self, start: u32) -> u64 {
         self.plan.halves().flatten().map(|&count| u64::from(count.min(start))).sum()
     }
@@ -84,14 +85,14 @@ impl OpenRound {
         (self.plan, self.cursor) = (rest, Cursor::default());
     }
 
-    /// Leaves the first `depth` samples of each pixel in the plan, and the others for later.
+    /// Keeps the first `depth` samples of each pixel in `plan`, and moves the others to `later`.
     pub(super) fn split(&mut self, depth: u32) {
         let rest = self.plan.with_counts(|counts| counts.iter().map(|n| n.saturating_sub(depth)).collect());
         self.plan = self.plan.with_counts(|counts| counts.iter().map(|n| *n.min(&depth)).collect());
         self.later = Some(rest).filter(|rest| rest.total() > 0);
     }
 
-    /// Makes the plan all that is left of the round.
+    /// Moves the samples of `later` back to `plan`.
     pub(crate) fn join(&mut self) {
         let Some(later) = self.later.take() else { return };
         let all = self.plan.halves_mut().zip(later.halves());
@@ -112,9 +113,9 @@ impl OpenRound {
 pub struct Stage {
     /// The window of the render.
     pub(crate) frame: Frame,
-    /// The first row to trace, and the one after the last. The rows above them are traced already.
+    /// The first row to trace, and the row after the last. The rows above are already traced.
     pub(crate) rows: [u32; 2],
-    /// The samples of each pixel at which the integrator's passes end, ascending; the last is the end of the stage.
+    /// The numbers of samples per pixel at which the integrator's passes end, ascending. The last one is the end of the stage.
     pub(crate) ends: Vec<u32>,
 }
 
@@ -134,7 +135,7 @@ impl Stage {
         self.ends.len()
     }
 
-    /// Returns `true` if `film` is the frame of some rows of the window, for a stage with rows and passes.
+    /// Returns `true` if `film` covers some rows of the window, and the stage has rows and passes.
     pub(crate) fn has(&self, film: &Frame) -> bool {
         let top = film.origin()[1].checked_sub(self.frame.origin()[1]);
         let rows = top.and_then(|top| self.frame.rows(top..top + film.size()[1]).ok());
@@ -151,7 +152,7 @@ impl Stage {
     }
 }
 
-/// The result of tracing a round: stopped by a monitor, and where, or not stopped.
+/// The result of tracing a round: whether and where a monitor stopped it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Stopped {
     No,

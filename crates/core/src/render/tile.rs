@@ -39,7 +39,7 @@ impl<'r> Planned<'r> {
         inside.then(|| (row - y0) as usize * (x1 - x0) as usize + (column - x0) as usize)
     }
 
-    /// The half and the identity of a sample of a pixel, whose number in the tile is `local`.
+    /// The half and the identity of sample `turn` of `pixel`, whose number in the tile is `local`.
     #[inline]
     fn sample(&self, pixel: [u32; 2], local: usize, turn: u32) -> (usize, SampleId) {
         let (half, index) = self.pixels[local].sample(self.order, turn);
@@ -51,10 +51,10 @@ impl<'r> Planned<'r> {
     }
 }
 
-/// Some pixels of a [`Round`](crate::Round), with the samples to trace in them and the results so far.
+/// A rectangle of pixels of a [`Round`](crate::Round), with the samples to trace and the results so far.
 ///
-/// Samples may be added in any order: the film gets them in the order of [`Tile::samples`]. Results that come early wait
-/// in the tile. Nothing counts before [`Round::submit`](crate::Round::submit) takes the tile back, complete.
+/// Results may be added in any order. Early ones wait in the tile, since the film gets them in the order of
+/// [`Tile::samples`]. Results count only after [`Round::submit`](crate::Round::submit) has accepted the complete tile.
 pub struct Tile<'r> {
     pub(super) planned: Arc<Planned<'r>>,
     pub(super) retention: Retention,
@@ -67,18 +67,18 @@ pub struct Tile<'r> {
     pub(super) tally: Tally,
     /// The first samples of watched pixels.
     pub(super) firsts: Firsts,
-    /// The first wrong use of the tile.
+    /// The first incorrect use of the tile, in words.
     pub(super) fault: Option<String>,
 }
 
-/// A result that came before an earlier one of its pixel, and the blocks it took.
+/// A result that was added before that of an earlier sample, and the number of blocks it took.
 struct Waiting {
     estimate: Estimate,
     blocks: u32,
 }
 
 impl<'r> Tile<'r> {
-    /// Takes the part of the film that `frame` covers.
+    /// Makes the tile `frame` of a round, with a copy of that part of the film.
     pub(super) fn new(
         points: &'r dyn PointSet,
         film: &Film,
@@ -122,11 +122,11 @@ impl<'r> Tile<'r> {
         Samples { planned: self.planned.clone(), pixel: [x, y], local: 0, turn: 0 }
     }
 
-    /// Column and row of each pixel in the full image, and the numbers of the samples to trace in it.
+    /// Column and row of each pixel in the full image, and the range of sample numbers to trace in it.
     ///
-    /// Renderers with random numbers of their own trace these samples and pass them to [`Tile::push`]. A generator that is seeded
-    /// takes the sample's number into its seed. A sequence goes on at the first number: they count the samples of a pixel over all
-    /// rounds. Samples that count only for planning have numbers from 2^32 on.
+    /// Renderers with their own random numbers trace these samples and pass the results to [`Tile::push`]. The seed of a
+    /// generator must include the sample's number. A sequence continues at the first number, since numbers count a pixel's
+    /// samples over all rounds. Samples that are used only for planning have numbers from 2^32 on.
     pub fn pixels(&self) -> impl Iterator<Item = ([u32; 2], Range<u64>)> + use<'r> {
         let (planned, discarded) = (self.planned.clone(), self.retention == Retention::Discard);
         (0..planned.pixels.len()).map(move |local| {
@@ -136,12 +136,12 @@ impl<'r> Tile<'r> {
         })
     }
 
-    /// The number of samples that were not added yet.
+    /// The number of samples that are not added yet.
     pub fn left(&self) -> u64 {
         self.left
     }
 
-    /// The number of samples without a result. Results that wait for earlier ones are there.
+    /// The number of samples without a result. Waiting results count as present.
     pub(super) fn missing(&self) -> u64 {
         self.left - self.waiting.len() as u64
     }
@@ -178,7 +178,7 @@ impl<'r> Tile<'r> {
         }
     }
 
-    /// The film, and what is counted beside it.
+    /// The film, and the counts that accompany it.
     #[inline]
     fn books(&mut self) -> (&mut Film, Books<'_>) {
         let Self { film, tally, firsts, taken, left, planned, .. } = self;
@@ -186,14 +186,14 @@ impl<'r> Tile<'r> {
         (film, books)
     }
 
-    /// Samples features without light where it is their turn, as [`Render`](crate::Render) does with
-    /// [`Integrator::features_alone`](crate::Integrator::features_alone). `sample` returns a first hit, features and the emission
-    /// seen directly, or `None` to end those of the pixel.
+    /// Takes feature-only samples where they are due, as [`Render`](crate::Render) does with
+    /// [`Integrator::features_alone`](crate::Integrator::features_alone). `sample` returns a first hit, features and the
+    /// emission seen directly. If it returns `None`, the pixel gets no more feature-only samples.
     ///
-    /// It is the turn of pixels that have no kept sample yet; with a time limit, of all pixels of the second round, if the
-    /// limit allows enough samples.
+    /// They are due in pixels without kept samples. With a time limit, they are due in all pixels of the second round, if
+    /// the limit allows enough samples.
     ///
-    /// Call it once, before samples are added. It may be left out: filters then keep more noise at edges.
+    /// Call this once, before samples are added, or not at all: filters then leave more noise at edges.
     pub fn sample_features(&mut self, mut sample: impl FnMut(&Draws<'_>) -> Option<Estimate>) {
         let planned = self.planned.clone();
         if self.left < planned.total() {
@@ -224,7 +224,7 @@ impl<'r> Tile<'r> {
 
     /// Adds the results of a batch of samples, in the order of the samples.
     ///
-    /// Another number of results than samples is a mistake that [`Round::submit`](crate::Round::submit) reports.
+    /// If the numbers of results and samples differ, [`Round::submit`](crate::Round::submit) reports the mistake.
     pub fn add_all<E: Into<Estimate>>(&mut self, samples: &[Draws<'_>], estimates: impl IntoIterator<Item = E>) {
         // One more than fits, so that an endless iterator is a mistake like any other.
         let estimates: Vec<E> = estimates.into_iter().take(samples.len() + 1).collect();
@@ -232,17 +232,17 @@ impl<'r> Tile<'r> {
         samples.iter().zip(estimates).for_each(|(sample, estimate)| self.add(sample, estimate));
         if wanted != given {
             let what = format!(
-                "a batch has {wanted} samples and {given} results{}; give one result for each",
+                "a batch has {wanted} samples and {given} results{}; return one result per sample",
                 if given > wanted { " or more" } else { "" }
             );
             self.fault.get_or_insert(what);
         }
     }
 
-    /// Adds the result of the pixel's next sample, for renderers with random numbers of their own. `pixel` is column and
-    /// row in the full image.
+    /// Adds the result of the pixel's next sample, for renderers with their own random numbers. `pixel` is column and row
+    /// in the full image.
     ///
-    /// More samples than [`Tile::pixels`] asks for are a mistake that [`Round::submit`](crate::Round::submit) reports.
+    /// More samples than [`Tile::pixels`] requests are a mistake that [`Round::submit`](crate::Round::submit) reports.
     #[inline]
     pub fn push(&mut self, pixel: [u32; 2], estimate: impl Into<Estimate>) {
         let local = self.planned.local(pixel);
@@ -255,14 +255,14 @@ impl<'r> Tile<'r> {
                 let [column, row] = pixel;
                 let asked = local.map_or(0, |local| self.planned.pixels[local].total());
                 let what = format!(
-                    "pixel ({column}, {row}) got more than the {asked} samples asked for; trace as many as Tile::pixels says"
+                    "pixel ({column}, {row}) got more than the {asked} requested samples; trace as many as Tile::pixels returns"
                 );
                 self.fault.get_or_insert(what);
             }
         }
     }
 
-    /// Records a result, or keeps it until the pixel's earlier ones are there.
+    /// Records a result, or keeps it until the pixel's earlier results are recorded.
     #[inline]
     fn place(&mut self, (local, turn): (usize, u32), named: (usize, SampleId), estimate: &Estimate, blocks: u32) {
         if turn != self.taken[local] {
@@ -303,7 +303,7 @@ impl<'r> Tile<'r> {
     }
 }
 
-/// The counts of a tile, which go on with each sample.
+/// The counts of a tile, updated with each sample.
 struct Books<'a> {
     frame: crate::Frame,
     tally: &'a mut Tally,
@@ -314,7 +314,7 @@ struct Books<'a> {
 }
 
 impl Books<'_> {
-    /// Enters a sample that the film has got.
+    /// Counts a sample that was added to the film.
     #[inline]
     fn enter(
         &mut self,

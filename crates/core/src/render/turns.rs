@@ -1,4 +1,4 @@
-//! The order of a pixel's samples in a round, and what a task counts while it traces them.
+//! The order of a pixel's samples in a round, and the counts of the task that traces them.
 
 use super::feature_samples::Cost;
 use crate::film::{EmissionAlone, REJECTED_LISTED, Splats, Strip, keep_first};
@@ -20,9 +20,9 @@ pub(super) fn streams_of(retention: Retention, halves: bool) -> [u32; 2] {
 pub(super) enum Order {
     /// There is one half.
     Whole,
-    /// Samples go to the half with fewer of them, and alternate when both are level.
+    /// Samples go to the half that has fewer, and alternate once both have equally many.
     Alternating,
-    /// Each half has its count. Samples alternate until the smaller count is reached.
+    /// Each half has its own count. Samples alternate until the smaller count is reached.
     Counts,
 }
 
@@ -39,16 +39,16 @@ impl Order {
 /// The samples of one pixel that a task traces, in order.
 #[derive(Clone, Copy)]
 pub(super) struct Turns {
-    /// The number of samples, and the number for the second half if halves have counts of their own.
+    /// The number of samples, and the number for the second half if each half has its own count.
     pub(super) counts: [u32; 2],
     /// The index of the next sample in each stream.
     pub(super) next: [u64; 2],
-    /// The lead of the first half before these samples.
+    /// The number of samples by which the first half leads before these.
     pub(super) lead: i64,
 }
 
 impl Turns {
-    /// The samples of the plan's pixel `i`, at place `local` of the strip: those from `start` to below `end`.
+    /// Samples `start..end` of pixel `i` of the plan, which is pixel `local` of the strip.
     #[inline]
     pub(super) fn new(plan: &Plan, i: usize, [start, end]: [u32; 2], strip: &Strip<'_>, local: usize) -> Self {
         let planned = [plan.counts[i], plan.second_half.as_ref().map_or(0, |second| second[i])];
@@ -117,12 +117,12 @@ pub(super) struct Tally {
     pub(super) first_rejected: Option<(SampleId, [f32; 3])>,
     /// Half, pixel and radiance of splats.
     splats: Vec<(usize, [u32; 2], [f32; 3])>,
-    /// Pixel and emission at edges of lamps.
+    /// Pixel and emission at the edges of light sources.
     lamp_edges: Vec<([u32; 2], EmissionAlone)>,
 }
 
 impl Tally {
-    /// Keeps a splat of a sample that enters the image.
+    /// Keeps a splat of a kept sample, or rejects it.
     #[cold]
     pub(super) fn splat(&mut self, sample: SampleId, half: usize, pixel: [u32; 2], radiance: [f32; 3]) {
         match Splats::reason_to_reject(radiance) {
@@ -157,7 +157,7 @@ impl Tally {
         self.blocks += cost.blocks;
     }
 
-    /// Adds samples of features alone of a pixel.
+    /// Adds the cost and the emission of a pixel's feature-only samples.
     pub(super) fn add_features(&mut self, pixel: [u32; 2], (cost, alone): (Cost, Option<EmissionAlone>)) {
         self.add_cost(&cost);
         self.lamp_edges.extend(alone.map(|alone| (pixel, alone)));
@@ -167,7 +167,7 @@ impl Tally {
         self.samples.iter().sum()
     }
 
-    /// Adds all to a film.
+    /// Adds all counts to a film.
     pub(super) fn add_to(self, film: &mut Film, retention: Retention) {
         film.record.samples += self.total();
         film.record.rays += self.rays;

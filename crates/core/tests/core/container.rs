@@ -104,7 +104,10 @@ fn a_state_cut_short_or_with_any_bit_changed_is_refused_x03() {
     for state in states() {
         for length in 0..state.len() {
             let fault = fault(&state[..length]);
-            assert!(fault == Fault::Short.text() || fault == "they hold no state of a render", "{length}: {fault}");
+            assert!(
+                fault == Fault::Short.text() || fault == "they do not contain the state of a render",
+                "{length}: {fault}"
+            );
         }
         assert_eq!(fault(&[&state[..], &[0]].concat()), Fault::Short.text());
         assert!(fault(&[&state[..8], &[0; 4], &state[12..]].concat()).contains("another version"));
@@ -162,9 +165,9 @@ fn no_memory_is_made_for_statistics_that_are_not_there() {
     let counts = plain[1].1.windows(7).position(|bytes| bytes == [0x80, 0x80, 4, 1, 1, 1, 1]).unwrap();
     let (names, pixels) = ([&[0x80, 0x20][..], &[0; 4096]].concat(), [&[0xff; 9][..], &[1]].concat());
     for (at, length, lie, reason) in [
-        (place(none.with_first_hits(1), vec![]), 1, vec![0xff], "of another number of pixels"),
-        (place(none, vec![reds(3)]), 1, names, "of another number of pixels"),
-        (counts, 3, pixels, "they end too early"),
+        (place(none.with_first_hits(1), vec![]), 1, vec![0xff], "has the wrong number of pixels"),
+        (place(none, vec![reds(3)]), 1, names, "has the wrong number of pixels"),
+        (counts, 3, pixels, "they are truncated"),
     ] {
         let mut parts = plain.clone();
         parts[1].1.splice(at..at + length, lie);

@@ -121,9 +121,9 @@ fn invalid_withdrawals_are_refused() {
             other => panic!("{other:?}"),
         }
     };
-    assert!(refused(Some(vec![true]), KEEP, [1, 1]).contains("mark for each pixel"));
-    assert!(refused(Some(vec![true; 2]), DISCARD, [1, 1]).contains("not kept"));
-    assert!(refused(Some(vec![true; 2]), KEEP, [2, 0]).contains("traces none"));
+    assert!(refused(Some(vec![true]), KEEP, [1, 1]).contains("wrong number of pixels"));
+    assert!(refused(Some(vec![true; 2]), DISCARD, [1, 1]).contains("discards its samples"));
+    assert!(refused(Some(vec![true; 2]), KEEP, [2, 0]).contains("plans no new ones"));
     // A pixel withdraws once, and before it has discarded samples.
     for plan in
         [[(1, KEEP, false), (1, KEEP, true), (1, KEEP, true)], [(1, DISCARD, false), (1, KEEP, false), (1, KEEP, true)]]

@@ -142,8 +142,8 @@ fn wrong_words_are_refused_with_what_there_is() {
     assert!(refusal(dapple_job::registry::points("sobel", SETTING)).contains("Choose among sobol"));
     assert!(sampler("").contains("variance, uniform"));
     assert!(refusal(check_filter("nune")).contains("none"));
-    assert!(sampler("uniform:x=1").contains("it takes none"));
-    assert!(sampler("variance:pilots=4").contains("It takes pilot, radius"));
+    assert!(sampler("uniform:x=1").contains("known parameters: none"));
+    assert!(sampler("variance:pilots=4").contains("Known parameters: pilot, radius"));
     assert!(sampler("variance:pilot=4,pilot=4").contains("given twice"));
     assert!(sampler("variance:pilot").contains("key=value"));
     assert!(sampler("variance:pilot=four").contains("a number"));

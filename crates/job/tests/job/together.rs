@@ -237,7 +237,7 @@ fn plans_and_parts_of_another_render_are_refused_with_a_list() {
     }
     let joined = |paths: &[PathBuf]| listed(job(&prepared, &here).next_plan(&mine, &rows(paths)).err());
     assert!(joined(std::slice::from_ref(&first)).contains("are missing"));
-    assert!(joined(&[first.clone(), first]).contains("the rows are joined already"));
+    assert!(joined(&[first.clone(), first]).contains("the rows were joined already"));
     let early = job(&prepared, &here).finish_plan(&mine).err().expect("samples are left").to_string();
     assert!(early.contains("samples are left"), "{early}");
 }

@@ -125,7 +125,11 @@ fn what_photons_lack_is_refused() {
     let motion = "photons: the scene has motion blur, and photons have no time; use \"path\"";
     let mut cases = vec![
         (&moving, "photons".to_owned(), motion),
-        (&still, "photons:what=nothing".to_owned(), "photons: what = \"nothing\"; give \"caustics\" or \"all\""),
+        (
+            &still,
+            "photons:what=nothing".to_owned(),
+            "photons: what = \"nothing\" is not valid; use \"caustics\" or \"all\"",
+        ),
     ];
     let radius = |radius: &str| format!("photons:radius={radius}");
     cases.extend(["1e-30", "1e-9", "100", "1e30"].map(|r| (&floor, radius(r), "does not fit the scene")));
