@@ -63,7 +63,7 @@ impl Steps for EveryCount {
 /// Returns the integer counts `n_p` that sum to `total` and minimise `sum_p scores[p] / n_p`. Before rounding, `n_p` is
 /// proportional to the square root of the score [Neyman 1934].
 ///
-/// Counts satisfy `floors[p] <= counts[p] <= ceiling`; a floor above the ceiling wins.
+/// Counts satisfy `floors[p] <= counts[p] <= ceiling`; a floor above the ceiling takes precedence.
 ///
 /// ```
 /// let counts = dapple_core::plan::allocate(&[1.0, 4.0, 9.0], &[1; 3], 100, 60)?.counts;
@@ -228,7 +228,7 @@ impl Range {
         (range, replaced)
     }
 
-    /// True if all scores are equal.
+    /// Returns `true` if all scores are equal.
     fn is_point(&self) -> bool {
         self.clean_one(self.least) == self.clean_one(self.top)
     }

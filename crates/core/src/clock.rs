@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-/// A function that reads wall time. The clock of [`Clock::none`] stands still.
+/// A function that reads wall time. [`Clock::none`] always reads 0.
 ///
 /// ```
 /// use dapple_core::Clock;
@@ -21,12 +21,12 @@ impl Clock {
         Self(Some(Arc::new(seconds)))
     }
 
-    /// A clock that stands still at 0.
+    /// A clock that always reads 0.
     pub fn none() -> Self {
         Self(None)
     }
 
-    /// The machine's clock. It stands still on `wasm32-unknown-unknown`, a target without a clock.
+    /// The machine's clock; [`Clock::none`] on `wasm32-unknown-unknown`, a target without a clock.
     pub fn of_machine() -> Self {
         if cfg!(all(target_family = "wasm", target_os = "unknown")) {
             return Self::none();
@@ -35,7 +35,7 @@ impl Clock {
         Self::new(move || start.elapsed().as_secs_f64())
     }
 
-    /// Returns `false` for a clock that stands still.
+    /// Returns `false` for [`Clock::none`].
     pub fn runs(&self) -> bool {
         self.0.is_some()
     }

@@ -25,13 +25,13 @@ pub enum Fault {
 }
 
 impl Fault {
-    /// The fault in words, to end a sentence about the bytes.
+    /// The fault as a clause for error messages.
     pub const fn text(self) -> &'static str {
         match self {
-            Self::Foreign => "Dapple did not write them",
-            Self::Version => "another version of Dapple wrote them; finish with that version, or render again",
-            Self::Short => "they are truncated",
-            Self::Checksum => "they are damaged (a checksum is wrong)",
+            Self::Foreign => "Dapple did not write the data",
+            Self::Version => "another version of Dapple wrote the data; finish with that version, or render again",
+            Self::Short => "the data are truncated",
+            Self::Checksum => "the data are damaged (a checksum is wrong)",
         }
     }
 }

@@ -108,7 +108,7 @@ pub enum Error {
         /// The missing statistics, as a noun phrase.
         what: &'static str,
     },
-    /// A film or session that should record features or first hits, but whose samples all report radiance only.
+    /// A film or session that records features or first hits, but whose samples all report radiance only.
     #[error(
         "{who} reads {what}, but all samples report radiance only; set first hits with Estimate::with_first_hit (None for a \
          miss), in Film::push_estimate or a session, or use a filter that reads no features"
@@ -158,7 +158,7 @@ pub enum Error {
     /// Bytes that are not a snapshot.
     #[error("these bytes are not a snapshot of a render: {what}")]
     BadSnapshot {
-        /// The fault, to end a sentence about the bytes.
+        /// The fault, as a clause.
         what: &'static str,
     },
     /// A snapshot of a render whose settings differ from those of the resumed render.

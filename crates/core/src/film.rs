@@ -36,7 +36,8 @@ pub(crate) struct FeatureMoments {
 }
 
 impl FeatureMoments {
-    /// Adds normal, albedo, position and depth of a sample, or a miss. Rare paths count only while the pixel has no samples.
+    /// Adds normal, albedo, position and depth of a sample, or a miss (`None`). Rare paths count only while the pixel has
+    /// no samples.
     #[inline]
     pub(crate) fn push(&mut self, values: Option<[f32; 10]>, is_rare: bool) {
         if self.samples > 0 && is_rare || self.samples == u16::MAX {
@@ -78,8 +79,8 @@ fn sums([nx, ny, nz, r, g, b, x, y, z, depth]: &[f32; 10]) -> [f32; 4] {
     [nx + ny + nz, r + g + b, x + y + z, *depth]
 }
 
-/// Mean and sample variance of one pixel's [`SurfaceFeatures`](crate::SurfaceFeatures); the first hit replaces them in
-/// samples without. Means are over the samples that hit a surface.
+/// Mean and sample variance of one pixel's [`SurfaceFeatures`](crate::SurfaceFeatures). A sample without them contributes
+/// those of its first hit. Means are over the samples that hit a surface.
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Features {
@@ -209,7 +210,7 @@ impl Film {
         Layout { needs: self.needs, recorders: self.recorders.names.len() }
     }
 
-    /// The bytes per pixel of a film that records `needs`, before any sample is discarded and without the words of recorders.
+    /// The bytes per pixel of a film that records `needs`, before any sample is discarded, and without the recorders' words.
     pub fn bytes_per_pixel(needs: &Needs) -> usize {
         let halves = if needs.halves { 2 } else { 1 };
         let splats = if needs.splats { halves * size_of::<[i128; 3]>() } else { 0 };
@@ -232,7 +233,7 @@ impl Film {
         &self.recorders.names
     }
 
-    /// The words that the recorder of this name has recorded; `None` if the film has no such recorder.
+    /// The 32-bit words that the recorder called `name` has recorded; `None` if the film has no such recorder.
     pub fn recorded(&self, name: &str) -> Option<Recorded<'_>> {
         Some(Recorded { film: self, number: self.recorders.position(name)? })
     }
@@ -322,15 +323,15 @@ impl Film {
     }
 
     /// Count, mean and sum of squared deviations of the indirect lighting in all kept samples of pixel `i`. Without
-    /// [`Needs::variance`] the deviations are NaN. `None` without [`Needs::indirect`].
+    /// [`Needs::variance`] the deviations are NaN. `None` if the film lacks [`Needs::indirect`].
     pub fn indirect(&self, i: usize) -> Option<RgbMoments> {
         let mean = |half: &Half| half.indirect[i].map(f64::from);
         self.needs.indirect.then(|| self.merged(&self.kept, mean, &self.spread.indirect_m2, i))
     }
 
-    /// Count, mean and sum of squared deviations of the indirect lighting in pixel `i`'s kept samples: of half 0 or 1, or
-    /// of all samples in a film without halves. In a film with halves and without [`Needs::half_variance`] the deviations
-    /// are NaN. `None` without [`Needs::indirect`].
+    /// Count, mean and sum of squared deviations of the indirect lighting in pixel `i`'s kept samples: of half 0 or 1, or of
+    /// all samples in a film without halves. In a film with halves and without [`Needs::half_variance`] the deviations are NaN.
+    /// `None` if the film lacks [`Needs::indirect`].
     pub fn half_indirect(&self, half: usize, i: usize) -> Option<RgbMoments> {
         let half = half % self.kept.len();
         let (planes, m2) = (&self.kept[half], self.own_m2(&self.spread.indirect_m2, half, i));
@@ -357,8 +358,8 @@ impl Film {
         all
     }
 
-    /// The mean emission of light sources that pixel `i`'s kept samples saw directly: of half 0 or 1, or of all samples in
-    /// a film without halves. `None` without [`Needs::emission`].
+    /// The mean emission of light sources that pixel `i`'s kept samples saw directly: of half 0 or 1, or of all samples in a
+    /// film without halves. `None` if the film lacks [`Needs::emission`].
     pub fn emission(&self, half: usize, i: usize) -> Option<[f32; 3]> {
         self.kept[half % self.kept.len()].emission.get(i).copied()
     }
@@ -372,7 +373,7 @@ impl Film {
         }
     }
 
-    /// Mean and variance of normal, albedo, position and depth of pixel `i`'s samples; `None` without
+    /// Mean and variance of normal, albedo, position and depth of pixel `i`'s samples; `None` if the film lacks
     /// [`Needs::features`].
     pub fn features(&self, i: usize) -> Option<Features> {
         self.beside.features.get(i).map(Into::into)
@@ -391,7 +392,7 @@ impl Film {
         self.beside.surfaces.get(i).copied().filter(|surface| *surface != planes::NO_SURFACE)
     }
 
-    /// The number of rays traced for pixel `i`; `None` without [`Needs::cost`].
+    /// The number of rays traced for pixel `i`; `None` if the film lacks [`Needs::cost`].
     pub fn cost(&self, i: usize) -> Option<u64> {
         self.beside.costs.get(i).copied()
     }

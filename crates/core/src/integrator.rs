@@ -8,7 +8,7 @@ use crate::macros::{forward, setters};
 use crate::{Draws, Frame, Needs, PointSet, SampleId, Worker, point_set::streams};
 use serde::{Deserialize, Serialize};
 
-/// The cluster label of a camera ray that meets no surface; other rays have the label of the cluster they hit.
+/// The cluster label of a camera ray that hits no surface; other rays have the label of the cluster they hit.
 pub const BACKGROUND: u32 = u32::MAX;
 
 /// The first surface that a sample hits, as the integrator reports it. Clusters and samplers read it; filters read it in
@@ -248,7 +248,7 @@ impl Estimate {
         self
     }
 
-    /// Sets the features of a surface behind the first hit: [`SurfaceFeatures`], or an `Option` of them.
+    /// Sets the features of a surface seen through or in the first hit: [`SurfaceFeatures`], or an `Option` of them.
     #[inline]
     #[must_use]
     pub fn with_features(mut self, features: impl Into<Option<SurfaceFeatures>>) -> Self {
@@ -309,7 +309,7 @@ pub trait Integrator: Sync {
     /// Returns the first hit and the features of one sample without its radiance, and their cost in rays. `None`, the
     /// default, means that they cost as much as a whole sample. Must be a pure function of the random numbers.
     ///
-    /// At few samples per pixel, features are noisy at edges. [`Render`](crate::Render) therefore requests 4 of these
+    /// At few samples per pixel, features are noisy at edges. [`Render`](crate::Render) therefore requests 4 such
     /// feature-only samples before a pixel's first sample, and up to 12 where they vary. Filters then follow edges better.
     /// With a time limit, this happens before the second round, if that round has at least 4 samples per pixel.
     ///

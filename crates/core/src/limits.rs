@@ -85,9 +85,9 @@ impl Schedule {
 pub struct Limits {
     /// The amount of work: a number of samples, a time, or an error to reach.
     pub budget: Budget,
-    /// The least number of samples per pixel, 1 by default. A sampler's own floor may be higher.
+    /// The minimum number of samples per pixel, 1 by default. A sampler's own floor may be higher.
     pub min_spp: u32,
-    /// The largest number of samples per pixel, 2^32 - 1 by default.
+    /// The maximum number of samples per pixel, 2^32 - 1 by default.
     pub max_spp: u32,
     /// The treatment of samples that are NaN, infinite or negative.
     pub invalid: InvalidSample,
@@ -155,9 +155,9 @@ impl Limits {
     }
 
     setters! {
-        /// Sets the least number of samples per pixel.
+        /// Sets the minimum number of samples per pixel.
         with_min_spp(min_spp: u32);
-        /// Sets the largest number of samples per pixel.
+        /// Sets the maximum number of samples per pixel.
         with_max_spp(max_spp: u32);
         /// Sets the treatment of samples that are NaN, infinite or negative.
         with_invalid(invalid: InvalidSample);

@@ -9,7 +9,7 @@ use std::sync::Arc;
 /// recorder fills it.
 ///
 /// A film has one list per pixel and half, and separate lists for [discarded](crate::plan::Retention::Discard) samples.
-/// Lists accompany the pixel in tiles and checkpoints, and to other machines.
+/// Lists stay with their pixel in tiles, in checkpoints and on other machines.
 /// [`Sampler::recorders`](crate::Sampler::recorders) and [`Filter::recorders`](crate::Filter::recorders) return the
 /// recorders that a method reads; [`Film::recorded`](crate::Film::recorded) returns their words.
 ///

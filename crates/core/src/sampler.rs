@@ -18,12 +18,12 @@ use std::sync::Arc;
 pub struct BudgetLeft {
     /// The number of samples traced so far, discarded ones included.
     pub spent: u64,
-    /// The number of samples that may be spent in all, as far as known. Under a time or error limit the render loop may
+    /// The total number of samples that may be spent, as far as known. Under a time or error limit, the render loop may
     /// raise it after a sampler reports [`Progress::Done`], and plan again.
     pub total: u64,
-    /// The least number of samples per pixel in the image, discarded ones not counted.
+    /// The minimum number of samples per pixel in the image, discarded ones not counted.
     pub min_spp: u32,
-    /// The largest number of samples per pixel in the image, discarded ones not counted.
+    /// The maximum number of samples per pixel in the image, discarded ones not counted.
     pub max_spp: u32,
 }
 
@@ -36,9 +36,9 @@ impl BudgetLeft {
     setters! {
         /// Sets the number of samples traced so far, discarded ones included.
         with_spent(spent: u64);
-        /// Sets the least number of samples per pixel in the image, discarded ones not counted.
+        /// Sets the minimum number of samples per pixel in the image, discarded ones not counted.
         with_min_spp(min_spp: u32);
-        /// Sets the largest number of samples per pixel in the image, discarded ones not counted.
+        /// Sets the maximum number of samples per pixel in the image, discarded ones not counted.
         with_max_spp(max_spp: u32);
     }
 
@@ -170,7 +170,7 @@ pub trait Sampler: Send {
     fn points(&self) -> &dyn PointSet;
 
     /// Plans the next round (batch of samples). Fills `plan`, whose counts are 0, and returns [`Progress::Trace`], or
-    /// returns [`Progress::Done`] if no more samples are wanted. The film is empty in round 0.
+    /// returns [`Progress::Done`] if no more samples are needed. The film is empty in round 0.
     ///
     /// A plan may have at most `seen.budget.left()` samples. A sampler that spends the budget exactly plans until
     /// nothing is left. One that stops at a threshold may stop earlier.
@@ -195,7 +195,7 @@ pub trait Sampler: Send {
     fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
         match saved {
             [] => Ok(()),
-            _ => Err(Error::BadSnapshot { what: "they contain the state of a sampler, but this sampler has none" }),
+            _ => Err(Error::BadSnapshot { what: "the data contain the state of a sampler, but this sampler has none" }),
         }
     }
 }

@@ -9,7 +9,7 @@ use crate::{Error, Film, Frame, Limits, Needs, Sampler, container, integrator::T
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize, Serializer};
 
-/// Returns the error for bytes that are not a snapshot; `what` ends a sentence about the bytes.
+/// Returns the error for bytes that are not a snapshot; `what` is the fault as a clause.
 fn broken<T>(what: &'static str) -> Result<T, Error> {
     Err(Error::BadSnapshot { what })
 }
@@ -24,8 +24,8 @@ fn decoded<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Error> {
     match postcard::take_from_bytes(bytes) {
         Ok((value, [])) => Ok(value),
         Ok(_) => broken("there are extra bytes after the end"),
-        Err(postcard::Error::DeserializeUnexpectedEnd) => broken("they are truncated"),
-        Err(_) => broken("their contents are invalid"),
+        Err(postcard::Error::DeserializeUnexpectedEnd) => broken("the data are truncated"),
+        Err(_) => broken("the contents are invalid"),
     }
 }
 
@@ -149,7 +149,7 @@ impl Snapshot {
         let found = container::sections(bytes).or_else(|fault| broken(fault.text()))?;
         let section = |name: &str| found.iter().find(|(known, _)| *known == name).map(|(_, section)| *section);
         let (Some(course), Some(film)) = (section("render"), section("film")) else {
-            return broken("they do not contain the state of a render");
+            return broken("the state of a render is missing");
         };
         let course: Course = decoded(course)?;
         let (sampler, bounds, total, seconds, round, open, passes, filtered_error, stage) = course;

@@ -75,7 +75,7 @@ pub fn rows_of_part(session: &Session<'_>, stage: &Stage, index: u32, parts: u32
 ///
 /// # Errors
 ///
-/// Those of [`Render::run`](dapple_core::Render::run), and [`Error::Other`] with the message of a process that failed.
+/// The errors of [`Render::run`](dapple_core::Render::run), and [`Error::Other`] with the message of a process that failed.
 pub fn coordinate(
     session: &mut Session<'_>,
     integrator: &mut dyn Integrator,
@@ -175,7 +175,7 @@ pub fn serve(
 ///
 /// # Errors
 ///
-/// Those of [`serve`].
+/// The errors of [`serve`].
 pub fn refuse(why: &str, processes: &mut dyn Processes) -> Result<(), Error> {
     serve(|_| Err(Error::other("preparing for the render", why)), processes)
 }

@@ -34,7 +34,7 @@
 //! * Colour: the mean of all samples of a pixel, as high dynamic range, scaled by a power of two to a mean level of
 //!   about 1.
 //! * Albedo and normal: means over first hits, multiplied by the fraction of samples that hit. With `prefilter`, the
-//!   default, OIDN first denoises each of them by itself.
+//!   default, OIDN first denoises each of them in a separate run.
 //! * Pixels without samples: the mean of the nearest samples in a window of up to 9x9 pixels, else black.
 //! * Images with a side below 32 pixels are mirrored up to that side.
 //!

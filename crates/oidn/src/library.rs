@@ -32,13 +32,13 @@ const MAJOR: c_int = 2;
 const DEVICE_CPU: c_int = 1;
 const FORMAT_FLOAT3: c_int = 3;
 const QUALITY_HIGH: c_int = 6;
-/// The memory in MiB above which OIDN cuts the image into overlapping tiles. It is fixed, so that neither the bits nor the
-/// forecast depend on the machine's memory: images above some 5 million pixels are cut.
+/// The memory in MiB above which OIDN cuts the image into overlapping tiles. It is fixed, so that neither the image nor the
+/// memory forecast depends on the machine's memory. Images above some 5 million pixels are cut.
 pub(crate) const MEMORY_LIMIT_MB: u64 = 3000;
 /// The code of "no error".
 const NO_ERROR: c_int = 0;
 
-/// `OIDNDevice` and `OIDNFilter`: pointers to types that only the library knows.
+/// `OIDNDevice` and `OIDNFilter`: pointers to opaque types of the library.
 type Raw = *mut c_void;
 
 /// Declares the table of C functions, and loads each by its name.

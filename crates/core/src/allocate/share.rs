@@ -15,9 +15,9 @@ const MOST_ROUNDS: u32 = 64;
 
 /// Distributes exactly `total` samples in proportion to `weights`.
 ///
-/// Pixel `p` gets `base + factor * weights[p]`, clamped to `floors[p]` and `ceiling` (a floor above the ceiling wins). The
-/// factor is the same for all pixels, and makes the counts sum to `total`. Fractions are rounded by the largest-remainder
-/// method. Ties go to the larger weight, then by a hash of the pixel's index.
+/// Pixel `p` gets `base + factor * weights[p]`, clamped to `floors[p]` and `ceiling` (a floor above the ceiling takes
+/// precedence). The factor is the same for all pixels, and makes the counts sum to `total`. Fractions are rounded by the
+/// largest-remainder method. Ties go to the larger weight, then by a hash of the pixel's index.
 ///
 /// [`allocate`](crate::plan::allocate()) takes squared errors and returns counts proportional to their square root. This
 /// function takes the proportions of the counts themselves, for samplers that compute priorities rather than variances.

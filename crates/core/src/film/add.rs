@@ -129,7 +129,7 @@ impl Strip<'_> {
         !self.recorders.is_empty()
     }
 
-    /// Reserves room for the recorders' words of `samples` more samples, one number per half, of pixel `local`.
+    /// Reserves room for the recorders' words of pixel `local`, for `samples[half]` more samples in each half.
     pub(crate) fn reserve(&mut self, local: usize, samples: [u64; 2]) {
         for (planes, more) in self.halves.iter_mut().zip(samples).filter(|(planes, _)| !planes.counts.is_empty()) {
             let words = &mut planes.words[local * self.recorders.len()..][..self.recorders.len()];

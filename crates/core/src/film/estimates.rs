@@ -31,8 +31,8 @@ impl Film {
         (count > 0).then(|| [0, 1, 2].map(|c| share * (f64::from(alone[c]) - f64::from(plain[c]))))
     }
 
-    /// The refined mean emission of pixel `i`: of half 0 or 1, or of all samples in a film without halves. `None` without
-    /// [`Needs::emission`](crate::Needs::emission).
+    /// The refined mean emission of pixel `i`: of half 0 or 1, or of all samples in a film without halves. `None` if the film
+    /// lacks [`Needs::emission`](crate::Needs::emission).
     pub fn refined_emission(&self, half: usize, i: usize) -> Option<[f32; 3]> {
         let plain = self.emission(half, i)?;
         let Some(change) = self.refinement(half, i) else { return Some(plain) };

@@ -103,7 +103,7 @@ impl Film {
         }
     }
 
-    /// Mean and variance of the features of pixel `i`'s samples in half 0 or 1; `None` without
+    /// Mean and variance of the features of pixel `i`'s samples in half 0 or 1; `None` if the film lacks
     /// [`Needs::feature_halves`].
     pub fn half_features(&self, half: usize, i: usize) -> Option<Features> {
         self.beside.half_features.get(2 * i + (half & 1)).map(Into::into)

@@ -106,7 +106,7 @@ planes! {
 planes! {
     /// Statistics of all samples, kept or discarded, of both halves.
     Beside, BesideRows(layout) {
-        /// Features of all samples.
+        /// Features of the first surfaces.
         features: FeatureMoments = FeatureMoments::default(), layout.needs.features;
         /// Features of each half's samples: two per pixel, or none.
         half_features: FeatureMoments = FeatureMoments::default(), if layout.needs.feature_halves && layout.needs.halves { 2 } else { 0 };

@@ -79,7 +79,8 @@ impl Splats {
 
     /// The mean radiance that splats add to pixel `i` in one half: their sum divided by the number of samples per pixel.
     ///
-    /// Samples of a cropped window splat onto the whole image, so their number is divided by all of its pixels.
+    /// Samples of a cropped window splat onto the whole image, so the number of samples per pixel is over all pixels of the
+    /// full image.
     pub(super) fn mean(&self, half: usize, i: usize) -> [f64; 3] {
         match (self.frame, self.sums.get(half)) {
             (Some(frame), Some(sums)) if self.samples[half] > 0 => {

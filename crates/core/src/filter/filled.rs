@@ -8,7 +8,7 @@ use std::collections::VecDeque;
 ///
 /// # Errors
 ///
-/// Those of [`Filter::apply`].
+/// The errors of [`Filter::apply`].
 pub fn filled(filter: &dyn Filter, film: &Film) -> Result<Filtered, Error> {
     let valid = film.without_samples(|_, i| film.is_rejected(i));
     let film = valid.as_ref().unwrap_or(film);

@@ -194,7 +194,7 @@ impl Stopwatch {
     }
 }
 
-/// The number of image rows for each row on which a filter is timed.
+/// The inverse of the fraction of image rows on which a filter is timed.
 const PART: u32 = 16;
 /// The minimum number of pixels on which a filter is timed; smaller images are filtered whole. A larger number would take
 /// much of a short time limit.

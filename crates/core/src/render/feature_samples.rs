@@ -51,7 +51,7 @@ impl Turn {
 
 /// The number of feature-only samples for emission that each half of a pixel gets at the edge of a light source.
 const EMISSION: u64 = 32;
-/// The ratio of two samples' emission above which a pixel counts as at the edge of a light source. Skies vary by less.
+/// The ratio of two samples' emission above which a pixel counts as lying at the edge of a light source. Skies vary by less.
 const EDGE: f32 = 2.0;
 
 /// Adds feature-only samples to the features of a pixel, for a film that records `needs`. Returns their cost, and their

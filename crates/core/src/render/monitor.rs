@@ -43,8 +43,8 @@ pub enum Control {
 
 /// An observer of a render, called about five times a second: for progress, previews, checkpoints and Ctrl-C.
 ///
-/// A closure `FnMut(&Status) -> Control` is a monitor too. This closure keeps an image and the bytes of a checkpoint at
-/// every doubling of the samples:
+/// A closure `FnMut(&Status) -> Control` is a monitor too. The closure below keeps an image and the bytes of a checkpoint
+/// at every doubling of the samples:
 ///
 /// ```
 /// use dapple_core::{Filter, Unfiltered};

@@ -36,7 +36,7 @@ pub(super) fn check(plan: &Plan, film: &Film, sampler: &dyn Sampler, budget: &Bu
         return bad(format!("it has {} counts for {pixels} pixels", plan.counts.len()));
     }
     if second.is_some() && film.kept.len() != 2 {
-        return bad("it has counts for a second half, but the sampler's needs() have no halves".into());
+        return bad("it has counts for a second half, but the sampler's needs() do not include halves".into());
     }
     match plan.total() {
         0 => return bad("it has no samples".into()),

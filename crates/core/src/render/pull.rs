@@ -195,8 +195,8 @@ impl<'s> Round<'s> {
         self.submit(tile)
     }
 
-    /// The image of the tiles submitted so far; see [`Session::image`](crate::Session::image). It does not affect the
-    /// render. It takes the memory of a second film while it is made.
+    /// The image of the tiles submitted so far; see [`Session::image`](crate::Session::image). The render is not affected.
+    /// A second film is in memory while the image is made.
     ///
     /// # Errors
     ///

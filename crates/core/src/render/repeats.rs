@@ -48,7 +48,7 @@ impl Repeats {
         }
     }
 
-    /// The number of pixels if the samples of all compared pixels repeat; `None` if any differ or too few were compared.
+    /// The number of compared pixels if the samples of all repeat; `None` if any differ or too few were compared.
     pub(super) fn found(&self) -> Option<u32> {
         Some(self.equal).filter(|equal| *equal >= ENOUGH && *equal == self.compared)
     }

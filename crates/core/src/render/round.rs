@@ -130,9 +130,9 @@ fn panicked((sample, message): (SampleId, String), film: &mut Film, points: &dyn
 /// Samples per pixel of an integrator's pass from sample `start`; `None` if the integrator has no passes. Depends on the
 /// plans only, not on time.
 ///
-/// A training pass has as many samples per pixel as all passes before it have on average, so that passes double in length.
-/// For an integrator that prepares for every pass, a pass has [`PREPARED`] samples per pixel of the image, divided among
-/// the pixels that still have samples in the round.
+/// A training pass has as many samples per pixel as were traced before it on average, so that each pass doubles the
+/// samples. For an integrator that prepares for every pass, a pass has [`PREPARED`] samples per pixel of the image, divided
+/// among the pixels that still have samples in the round.
 pub(super) fn pass_length(integrator: &dyn Integrator, open: &OpenRound, start: u32, pixels: usize) -> Option<u32> {
     match (integrator.wants_training(), integrator.prepares()) {
         (true, _) => {

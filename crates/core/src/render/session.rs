@@ -83,9 +83,9 @@ use crate::{Clock, Error, Film, Filter, Filtered, Frame, Integrator, Limits, Nee
 ///
 /// # Guarantees
 ///
-/// * The first round has one sample in each pixel that gets any. A later round has at most as many samples as all before
-///   it; under a time limit, at most a quarter of the remaining ones. So [`Session::image`] is available early, and then at
-///   every doubling.
+/// * The first round has one sample in each pixel that gets any. A later round has at most as many samples as all rounds
+///   before it; under a time limit, at most a quarter of the remaining samples. So [`Session::image`] is available early,
+///   and then at every doubling.
 /// * [`Session::image`], [`Round::image`] and snapshots do not change the result.
 /// * Only submitted tiles count. A tile that is lost or dropped is handed out again.
 /// * Sample counts add up to the budget exactly, as in [`Render`](crate::Render).
@@ -443,7 +443,7 @@ impl Session<'_> {
     }
 }
 
-/// Under a time limit, the number of remaining samples in a round for each sample of its next part.
+/// The inverse of the largest fraction of a round's remaining samples that its next part may have under a time limit.
 const TIMED: u64 = 4;
 
 /// The samples per pixel of the next part of a round, after `traced` samples. A part has at most as many samples as were

@@ -34,12 +34,12 @@ impl TracedRows {
 }
 
 impl Session<'_> {
-    /// The next stage: the rest of the open round, or of its training pass; `None` at the end of the render. Plans a round if
-    /// none is open.
+    /// The next stage: the rest of the open round, or of its training pass. Plans a round if none is open. `None` at the
+    /// end of the render.
     ///
     /// # Errors
     ///
-    /// Those of [`Session::next_round`].
+    /// The errors of [`Session::next_round`].
     pub fn next_stage(&mut self, integrator: &dyn Integrator) -> Result<Option<Stage>, Error> {
         if let Some(open) = &mut self.state.open {
             open.join();
@@ -128,7 +128,7 @@ impl Session<'_> {
     ///
     /// # Errors
     ///
-    /// Those of [`Render::run`].
+    /// The errors of [`Render::run`].
     pub fn trace_rows_here(
         &mut self,
         stage: &Stage,
@@ -238,7 +238,7 @@ impl Render<'_> {
     ///
     /// # Errors
     ///
-    /// Those of [`Render::resume`].
+    /// The errors of [`Render::resume`].
     pub fn trace_rows(
         mut self,
         rows: &[u8],

@@ -16,7 +16,7 @@ pub(crate) struct State {
     pub(crate) open: Option<OpenRound>,
     /// The data of all training passes so far, to replay on resuming.
     pub(crate) passes: Vec<TrainingData>,
-    /// The filtered image of the last prediction, if an error limit concerns a filtered image.
+    /// The filtered image of the last prediction, if an error limit applies to a filtered image.
     pub(crate) filtered_error: Option<FilteredError>,
     /// The number of the pass that the integrator is prepared for; `None` before the first and after a resumption.
     pub(crate) prepared: Option<u32>,

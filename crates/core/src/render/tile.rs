@@ -188,7 +188,7 @@ impl<'r> Tile<'r> {
 
     /// Takes feature-only samples where they are due, as [`Render`](crate::Render) does with
     /// [`Integrator::features_alone`](crate::Integrator::features_alone). `sample` returns a first hit, features and the
-    /// emission seen directly. If it returns `None`, the pixel gets no more feature-only samples.
+    /// emission seen directly. If `sample` returns `None`, the pixel gets no more feature-only samples.
     ///
     /// They are due in pixels without kept samples. With a time limit, they are due in all pixels of the second round, if
     /// the limit allows enough samples.

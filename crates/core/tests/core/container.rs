@@ -104,10 +104,7 @@ fn a_state_cut_short_or_with_any_bit_changed_is_refused_x03() {
     for state in states() {
         for length in 0..state.len() {
             let fault = fault(&state[..length]);
-            assert!(
-                fault == Fault::Short.text() || fault == "they do not contain the state of a render",
-                "{length}: {fault}"
-            );
+            assert!(fault == Fault::Short.text() || fault == "the state of a render is missing", "{length}: {fault}");
         }
         assert_eq!(fault(&[&state[..], &[0]].concat()), Fault::Short.text());
         assert!(fault(&[&state[..8], &[0; 4], &state[12..]].concat()).contains("another version"));
@@ -167,7 +164,7 @@ fn no_memory_is_made_for_statistics_that_are_not_there() {
     for (at, length, lie, reason) in [
         (place(none.with_first_hits(1), vec![]), 1, vec![0xff], "has the wrong number of pixels"),
         (place(none, vec![reds(3)]), 1, names, "has the wrong number of pixels"),
-        (counts, 3, pixels, "they are truncated"),
+        (counts, 3, pixels, "the data are truncated"),
     ] {
         let mut parts = plain.clone();
         parts[1].1.splice(at..at + length, lie);
