@@ -81,7 +81,7 @@ impl<Make> Entry<Make> {
 
 /// The seed and the budget for making a point set, besides its parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Setting {
+pub struct PointSettings {
     /// The seed of all random numbers.
     pub seed: u64,
     /// The mean number of samples per pixel; `None` if unknown. Some point sets need it in advance.
@@ -136,7 +136,7 @@ fn clustering(p: &Parameters) -> Result<ClusterParams, RegistryError> {
 /// # Errors
 ///
 /// [`RegistryError`] for an unknown name or key, listing the known ones, and for a value out of range.
-pub fn points(description: &str, setting: Setting) -> Result<AnyPoints, RegistryError> {
+pub fn points(description: &str, setting: PointSettings) -> Result<AnyPoints, RegistryError> {
     let (entry, parameters) = parameters::find("point set", POINTS, description)?;
     (entry.make)(&parameters, setting)
 }
@@ -205,7 +205,7 @@ pub fn default_pair_with(points: impl PointSet + 'static) -> Methods<'static> {
 ///
 /// [`RegistryError`] for an unknown name or key, listing the known ones, and for a value out of range.
 pub fn check_sampler(description: &str) -> Result<(), RegistryError> {
-    let points = points("random", Setting { seed: 0, spp: None })?;
+    let points = points("random", PointSettings { seed: 0, spp: None })?;
     without_scene(sampler(description, points, &HostClusters::none()))
 }
 
@@ -215,7 +215,7 @@ pub fn check_sampler(description: &str) -> Result<(), RegistryError> {
 ///
 /// [`RegistryError`] for an unknown name or key, listing the known ones, and for a value out of range.
 pub fn check_points(description: &str) -> Result<(), RegistryError> {
-    points(description, Setting { seed: 0, spp: None }).map(|_| ())
+    points(description, PointSettings { seed: 0, spp: None }).map(|_| ())
 }
 
 /// Checks the description of a filter as far as possible without a scene.

@@ -2,7 +2,7 @@
 
 use crate::support::frame;
 use dapple_adaptive::{Adaptive, AdaptiveOptions, Cycles, CyclesOptions, Then};
-use dapple_conformance::toys::{Field, Independent, Planned};
+use dapple_conformance::toys::{Field, Independent, ToySampler};
 use dapple_conformance::{bits, sampler, threshold_sampler};
 use dapple_core::film::RgbMoments;
 use dapple_core::limits::Schedule;
@@ -44,7 +44,7 @@ fn uneven() -> impl Sampler {
         }
         if plan.total() == 0 { Progress::Done } else { Progress::Trace }
     };
-    Planned { points: POINTS(), needs: Needs::none(), plan }
+    ToySampler { points: POINTS(), needs: Needs::none(), plan }
 }
 
 /// A quiet left half and a noisy right half.
@@ -107,7 +107,7 @@ fn uniform_levels_what_another_sampler_left_uneven_or_discarded() {
             (plan.retention, plan.counts) = (Retention::Discard, vec![2; seen.pixels()]);
             if seen.round == 0 { Progress::Trace } else { Progress::Done }
         };
-        Planned { points: POINTS(), needs: Needs::none(), plan }
+        ToySampler { points: POINTS(), needs: Needs::none(), plan }
     };
     let film = rendered(Then::new(discarding(), 3, Uniform::new(POINTS())).unwrap(), 7.0);
     assert_eq!((film.counts(), film.discarded(3).count, film.record().samples), (vec![5; 19 * 12], 2, 7 * 19 * 12));
@@ -124,7 +124,7 @@ fn the_first_stage_ends_at_its_share() {
             plan.counts.fill(1);
             Progress::Trace
         };
-        let first = Planned { points: POINTS(), needs: Needs::none(), plan };
+        let first = ToySampler { points: POINTS(), needs: Needs::none(), plan };
         let limits = Limits::samples(9 * 8 + 3).with_max_spp(50).with_min_spp(min_spp);
         let mut sequence = Then::new(first, 3, Uniform::new(POINTS())).unwrap();
         let film = Render::new(frame(4, 2), &limits).run(&mut Field(noise), &mut sequence).unwrap();

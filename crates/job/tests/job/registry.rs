@@ -4,15 +4,15 @@
 use dapple_core::{PointSet as _, SampleId, Sampler as _};
 use dapple_job::WorldTriangles;
 use dapple_job::registry::{
-    AnyPoints, FILTERS, MethodInputs, NOT_BUILT, POINTS, Parameter, RegistryError, SAMPLERS, Setting, check_filter,
-    check_sampler, film_points, filter, points, sampler,
+    AnyPoints, FILTERS, MethodInputs, NOT_BUILT, POINTS, Parameter, PointSettings, RegistryError, SAMPLERS,
+    check_filter, check_sampler, film_points, filter, points, sampler,
 };
 use dapple_renderer::World;
 use dapple_scene::pbrt::{ReadOptions, read_scene_from};
 use dapple_scene::{Effect, Scene, bundled};
 use std::sync::Arc;
 
-const SETTING: Setting = Setting { seed: 5, spp: Some(16) };
+const SETTING: PointSettings = PointSettings { seed: 5, spp: Some(16) };
 
 /// A scene in which all methods can be made: light scatters once, from a point light, and the camera has a lens.
 fn inputs() -> MethodInputs {
@@ -417,7 +417,7 @@ fn tlfr_moves_samples_to_where_the_renderer_sees_them() {
     for moves in [false, true] {
         let world = World::with_resolution(&blurred(moves), SIZE).unwrap();
         let world = Arc::new(world);
-        let sobol = |seed| points("sobol", Setting { seed, spp: Some(16) }).unwrap();
+        let sobol = |seed| points("sobol", PointSettings { seed, spp: Some(16) }).unwrap();
         let render = |seed, spp, of: Option<&dyn Filter>, reports: bool| -> Film {
             let frame = Frame::new(SIZE[0], SIZE[1]).unwrap();
             let (limits, mut tracer) = (Limits::spp(spp), Tracer(dapple_renderer::integrator(&world), reports));

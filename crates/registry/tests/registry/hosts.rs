@@ -5,10 +5,10 @@ use dapple_core::samplers::Uniform;
 use dapple_core::{Block, Draws, Estimate, Film, FirstHit, Frame, Integrator, Limits, Render, Worker};
 use dapple_registry::{
     AnyPoints, ClusterProbes, DEFAULT_FILTER, DEFAULT_POINTS, DEFAULT_SAMPLER, FILTERS, HostClusters, POINTS,
-    RegistryError, SAMPLERS, Setting, check_filter, check_sampler, default_pair, filter, points, sampler,
+    PointSettings, RegistryError, SAMPLERS, check_filter, check_sampler, default_pair, filter, points, sampler,
 };
 
-const SETTING: Setting = Setting { seed: 5, spp: Some(16) };
+const SETTING: PointSettings = PointSettings { seed: 5, spp: Some(16) };
 
 fn refusal<T>(made: Result<T, RegistryError>) -> String {
     made.err().map(|e| e.to_string()).unwrap_or_default()
@@ -21,7 +21,7 @@ fn sobol() -> AnyPoints {
 #[test]
 fn the_default_pair_is_made_of_the_defaults_by_name() {
     let (none, pair) = (HostClusters::none(), default_pair(9));
-    let points = points(DEFAULT_POINTS, Setting { seed: 9, spp: None }).expect("points");
+    let points = points(DEFAULT_POINTS, PointSettings { seed: 9, spp: None }).expect("points");
     let sampler = sampler(DEFAULT_SAMPLER, points, &none).expect("a sampler").sampler;
     assert_eq!(pair.sampler.describe(), sampler.describe());
     assert_eq!(pair.sampler.points().describe(), sampler.points().describe());
