@@ -37,7 +37,7 @@
 //! | `denoise` (default) | [`denoise()`] and what it takes |
 //! | `threads` (default) | loops on all threads, by rayon; without it on the thread of their caller, with the same bits |
 //! | `classics` | published methods of adaptive sampling and reconstruction, by name |
-//! | `oidn` | the filters `oidn` and `both`: Intel Open Image Denoise, found at run time |
+//! | `oidn` | the filters `oidn` and `oidn-blend`: Intel Open Image Denoise, found at run time |
 //! | `rand_core_0_10`, `rand_core_0_9`, `rand_core_0_6` | [`Rng`] is a generator of `rand` 0.10, 0.9, 0.8 |
 //!
 //! # Crates

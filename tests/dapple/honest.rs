@@ -270,7 +270,7 @@ const UNBIASED: [&str; 9] = [
     "mitchell-pbrt:policy=discard",
     "cluster-thesis",
     "fourier-dof:force=1",
-    "then:first=cluster-thesis,spp=2,second=adaptive/epsilon=0.01/policy=discard",
+    "sequence:first=cluster-thesis,spp=2,second=adaptive/epsilon=0.01/policy=discard",
 ];
 
 /// Samplers without an unbiased mode, as published. In Cycles the difference between the two halves of the image decides; others
@@ -362,7 +362,7 @@ fn every_sampler_names_its_policy() {
         let sampler = sampler(words, "sobol", 1, 8, &inputs);
         let policies = entry.parameters.iter().flat_map(|p| p.iter()).filter(|p| p.name == "policy").count();
         let says = sampler.describe().contains("policy=");
-        let own = policies == usize::from(entry.name != "then");
+        let own = policies == usize::from(entry.name != "sequence");
         assert!(sampler.a_priori() || (own && says), "{} has no policy", sampler.describe());
         let unbiased = UNBIASED.iter().any(|words| words.split(':').next() == Some(entry.name));
         if BIASED.contains(&entry.name) {

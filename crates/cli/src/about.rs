@@ -149,7 +149,7 @@ fn list<T>(
 fn describe(option: &str, method: &Described) -> Result<()> {
     tell(format!("{}: {}", method.name, method.about))?;
     if !method.aliases.is_empty() {
-        tell(format!("former names: {}", method.aliases.join(", ")))?;
+        tell(format!("aliases: {}", method.aliases.join(", ")))?;
     }
     for (what, text) in [("source", method.source), ("weakness", method.weakness)] {
         if !text.is_empty() {

@@ -1,7 +1,7 @@
 //! Intel Open Image Denoise (OIDN), a neural denoiser, as a filter of Dapple.
 //!
 //! * [`Oidn`]: OIDN on the film's means, guided by the albedo and normals of first hits.
-//! * [`Both`]: the plain mean of OIDN's image and that of another filter.
+//! * [`OidnBlend`]: the plain mean of OIDN's image and that of another filter.
 //! * [`Library`]: the shared library, loaded at run time. The crate builds without it.
 //!
 //! ```
@@ -50,7 +50,7 @@
 //!
 //! # Limits
 //!
-//! * No error estimate: [`Filtered::error`](dapple_core::Filtered::error) is `None`, for [`Both`] as well. OIDN gives
+//! * No error estimate: [`Filtered::error`](dapple_core::Filtered::error) is `None`, for [`OidnBlend`] as well. OIDN gives
 //!   none, and the errors of the two filters are not independent.
 //! * The image is biased. OIDN takes a single bright pixel for an outlier: of one pixel of 1000 in a wall of 0.5, 0.3 %
 //!   of the light is left. A lamp of 4x4 pixels keeps its light.
@@ -65,7 +65,7 @@ mod library;
 mod tests;
 
 pub use error::{LoadError, RunError};
-pub use filter::{Both, Oidn, OidnOptions};
+pub use filter::{Oidn, OidnBlend, OidnOptions};
 pub use library::{Library, VARIABLE};
 
 /// Runs the README's example as a documentation test.

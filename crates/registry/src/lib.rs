@@ -28,7 +28,7 @@ use dapple_low_discrepancy::Sobol;
 pub struct Entry<Make> {
     /// The entry's name on the command line and in descriptions.
     pub name: &'static str,
-    /// Former names of the entry, which are still accepted.
+    /// Other names of the entry, which are accepted as well.
     pub aliases: &'static [&'static str],
     /// A one-line description of the entry, for lists.
     pub about: &'static str,
@@ -73,7 +73,7 @@ impl<Make> Entry<Make> {
         self.parameters.iter().copied().flatten()
     }
 
-    /// Returns `true` if `name` is the entry's present name or a former one.
+    /// Returns `true` if `name` is the entry's name or one of its aliases.
     pub fn is_called(&self, name: &str) -> bool {
         self.name == name || self.aliases.contains(&name)
     }
@@ -161,7 +161,10 @@ pub fn sampler(description: &str, points: AnyPoints, inputs: &dyn ClusterInputs)
 /// missing. [`RegistryError::NeedsWorld`] if the filter cannot do without clusters and `inputs` has none.
 pub fn filter(description: &str, inputs: &dyn ClusterInputs) -> Result<Box<dyn Filter>, RegistryError> {
     let description = if description.trim() == "best" { best_filter() } else { description };
-    let name = description.split(':').next().unwrap_or_default().trim();
+    let name = match description.split(':').next().unwrap_or_default().trim() {
+        "both" => "oidn-blend",
+        name => name,
+    };
     if let Some(&(of, feature)) = NOT_BUILT.iter().find(|(absent, _)| *absent == name) {
         return Err(RegistryError::NotBuilt { of, feature });
     }

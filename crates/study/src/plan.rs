@@ -597,7 +597,7 @@ mod tests {
     /// Plans mean the same in programs with and without the feature.
     #[test]
     fn an_external_filter_may_have_the_name_of_an_optional_filter() {
-        for name in ["oidn", "both"] {
+        for name in ["oidn", "oidn-blend"] {
             let text = format!(
                 "filters = [\"{name}\"]\n[[external]]\nname = \"{name}\"\ncommand = \"p {{input}} {{output}}\""
             );

@@ -81,11 +81,14 @@ fn every_entry_is_made_by_its_name() {
 }
 
 #[test]
-fn the_former_name_of_adaptive_is_understood_and_the_library_has_the_same_defaults() {
+fn aliases_are_understood_and_the_library_has_the_same_defaults() {
     let describe = |name: &str| sampler(name, sobol(), &MethodInputs::default()).unwrap().sampler.describe();
     assert_eq!(describe("cluster"), describe("adaptive"));
     assert_eq!(dapple_adaptive::Adaptive::new(sobol()).describe(), describe("adaptive"));
     assert_eq!(describe("adaptive:epsilon=0.2"), describe("adaptive"));
+    assert_eq!(describe("then:spp=3,first=then"), describe("sequence:spp=3,first=sequence"));
+    let [blend, alias] = ["oidn-blend", "both"].map(|name| refusal(check_filter(&format!("{name}:alpha"))));
+    assert!(blend.contains("oidn-blend") && blend == alias, "{alias}");
 }
 
 /// Counts that follow a filter's own error: the sampler asks for what the filter reads, and says its name.
@@ -157,7 +160,7 @@ fn wrong_words_are_refused_with_what_there_is() {
 /// Without the feature, the error names it; with it, the error of a missing library comes before that of a missing world.
 #[test]
 fn optional_filters_are_there_or_name_their_feature() {
-    for name in ["oidn", "both"] {
+    for name in ["oidn", "oidn-blend"] {
         let built = FILTERS.iter().any(|entry| entry.name == name && entry.feature == Some("oidn"));
         assert_eq!((built, NOT_BUILT.is_empty()), (cfg!(feature = "oidn"), cfg!(feature = "oidn")), "{name}");
         let refused = refusal(check_filter(&format!("{name}:prefilter=false")));
