@@ -135,6 +135,7 @@ fn a_method_is_described_by_name() {
         let out = folder.done(&format!("samplers {alias}"));
         assert!(out.starts_with(&format!("{name}: ")) && out.contains(&format!("\naliases: {alias}\n")), "{out}");
     }
+    assert_eq!(folder.done("denoisers"), folder.done("filters"));
     assert!(folder.done("points random").contains("no parameters"));
     assert!(folder.done("filters cluster-regression").contains("source: Dapple, after Moon"));
     assert!(folder.done("integrators ambient-occlusion").contains("distance=inf"));
