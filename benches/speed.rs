@@ -7,7 +7,7 @@
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use dapple_clustering::{ClusterParams, cluster};
 use dapple_core::{Film, Frame, Limits, Render};
-use dapple_job::registry::{self, MethodInputs, Setting};
+use dapple_job::registry::{self, MethodInputs, PointSettings};
 use dapple_job::{WorldClusters, WorldTriangles};
 use dapple_renderer::{World, integrator};
 use dapple_scene::bundled;
@@ -42,7 +42,7 @@ fn clustering(criterion: &mut Criterion) {
 
 /// A film of the world, recorded for the filter.
 fn film(world: &Arc<World>, sampler: &str, filter: &str, side: u32, spp: u64) -> Film {
-    let points = registry::points("sobol", Setting { seed: SEED, spp: Some(spp) }).expect("points");
+    let points = registry::points("sobol", PointSettings { seed: SEED, spp: Some(spp) }).expect("points");
     let mut inputs = MethodInputs::of(world.clone());
     let made = registry::sampler(sampler, points, &inputs).expect("a sampler");
     let mut sampler = made.sampler;

@@ -12,7 +12,7 @@
 use dapple_core::samplers::Uniform;
 use dapple_core::{Film, Filter, Filtered, Frame, Limits, Needs, Render};
 use dapple_denoise::{ClusterRegression, Denoise, SampleBuffers, Variance, denoise, denoise_whole};
-use dapple_job::registry::{self, Setting};
+use dapple_job::registry::{self, PointSettings};
 use dapple_metrics::{Pixels, compare};
 use dapple_renderer::{World, integrator};
 use dapple_scene::bundled;
@@ -160,7 +160,7 @@ fn main() -> Result<()> {
         let world = World::with_resolution(&scene, size)?;
         let frame = Frame::new(width, height)?;
         let film = |seed, spp: u64, needs| -> Result<Film> {
-            let points = registry::points(&points, Setting { seed, spp: None })?;
+            let points = registry::points(&points, PointSettings { seed, spp: None })?;
             let limits = Limits::samples(spp * frame.pixels() as u64);
             Ok(Render::new(frame, &limits).needs(needs).run(&mut *integrator(&world), &mut Uniform::new(points))?)
         };

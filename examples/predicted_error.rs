@@ -12,7 +12,7 @@
 #![expect(clippy::print_stdout, reason = "a program whose table is its result")]
 
 use dapple_core::{Film, Frame, Limits, Needs, Render};
-use dapple_job::registry::{self, MethodInputs, Setting};
+use dapple_job::registry::{self, MethodInputs, PointSettings};
 use dapple_metrics::{RELATIVE_EPSILON, geometric_mean_interval, student_t_quantile};
 use dapple_renderer::{World, integrator};
 use dapple_scene::bundled;
@@ -99,7 +99,7 @@ impl Course {
     }
 
     fn film(&self, sampler: &str, points: &str, seed: u64, limits: Limits, needs: Needs) -> Result<Film> {
-        let points = registry::points(points, Setting { seed, spp: None })?;
+        let points = registry::points(points, PointSettings { seed, spp: None })?;
         let mut sampler = registry::sampler(sampler, points, &MethodInputs::of(self.world.clone()))?.sampler;
         Ok(Render::new(self.frame, &limits).needs(needs).run(&mut *integrator(&self.world), &mut *sampler)?)
     }

@@ -109,7 +109,7 @@ fn row(name: &str, file: &Path, reference: &Path, spp: u64, seeds: u64, images: 
 
 fn image(world: &World, size: [u32; 2], spp: u64, seed: u64) -> Result<Vec<[f32; 3]>> {
     let mut integrator = integrator(world);
-    let points = registry::points("sobol", registry::Setting { seed, spp: Some(spp) })?;
+    let points = registry::points("sobol", registry::PointSettings { seed, spp: Some(spp) })?;
     let mut sampler = registry::sampler("uniform", points, &MethodInputs::default())?.sampler;
     let frame = Frame::new(size[0], size[1])?;
     let limits = Limits::samples(spp * u64::from(size[0]) * u64::from(size[1]));

@@ -37,7 +37,7 @@
 //! | `denoise` (default) | [`denoise()`] and the types of its arguments |
 //! | `threads` (default) | loops on all threads, with rayon; without it, on the caller's thread, with bit-identical results |
 //! | `classics` | published methods of adaptive sampling and reconstruction, by name |
-//! | `oidn` | the filters `oidn` and `both`: Intel Open Image Denoise, found at run time |
+//! | `oidn` | the filters `oidn` and `oidn-blend`: Intel Open Image Denoise, found at run time |
 //! | `rand_core_0_10`, `rand_core_0_9`, `rand_core_0_6` | [`Rng`] is a generator of `rand` 0.10, 0.9, 0.8 |
 //!
 //! # Crates

@@ -1,7 +1,7 @@
 //! Samplers, point sets and filters by name, for hosts without clusters.
 
 use dapple_core::{Error, Filter, PointSet, Sampler};
-use dapple_registry::{HostClusters, Setting};
+use dapple_registry::{HostClusters, PointSettings};
 
 /// Makes a point set (where samples lie) from its description: `NAME` or `NAME:key=value,…`.
 ///
@@ -17,7 +17,7 @@ use dapple_registry::{HostClusters, Setting};
 ///
 /// [`Error::Method`] for an unknown name or key, listing the known ones, and for a value out of range.
 pub fn points(description: &str, seed: u64) -> Result<Box<dyn PointSet>, Error> {
-    Ok(dapple_registry::points(description, Setting { seed, spp: None })?)
+    Ok(dapple_registry::points(description, PointSettings { seed, spp: None })?)
 }
 
 /// Makes a sampler (how many samples each pixel gets) from its description: `NAME` or `NAME:key=value,…`.

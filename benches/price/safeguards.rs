@@ -6,7 +6,7 @@ use dapple_core::render::{Control, Monitor, NoMonitor, Status};
 use dapple_core::samplers::Uniform;
 use dapple_core::{Block, Draws, Estimate, Film, Frame, Integrator, Limits, Needs, Render, SampleId, Snapshot, Worker};
 use dapple_geometry::{Disk, Geometry, Mesh, Ray, Shape, Sphere};
-use dapple_job::checkpoint::{Identity, Kind, StateFile, Store};
+use dapple_job::checkpoint::{Identity, StateFile, StateKind, Store};
 use dapple_low_discrepancy::Sobol;
 use dapple_renderer::{Space, World, integrator};
 use dapple_scene::{Geometry as Described, Scene};
@@ -412,7 +412,7 @@ impl Monitor for Middle<'_> {
         if self.seconds == 0.0 {
             self.seconds = seconds(|| {
                 let identity = Identity::new([("scene", Image::NAME)]);
-                self.saved = self.store.save(&StateFile::new(Kind::Checkpoint, identity, status.snapshot()));
+                self.saved = self.store.save(&StateFile::new(StateKind::Checkpoint, identity, status.snapshot()));
             });
         }
         if self.stop { Control::Stop } else { Control::Continue }
@@ -423,7 +423,7 @@ impl Monitor for Middle<'_> {
 fn killed(image: &Image, store: &Store) -> Result<Break> {
     let stopped = Middle::new(store, true).render(image)?.record().samples;
     let whole = image.render(Needs::none(), &mut NoMonitor)?;
-    let found = Store::read(store.path(), Kind::Checkpoint)?;
+    let found = Store::read(store.path(), StateKind::Checkpoint)?;
     let snapshot = Snapshot::from_bytes(found.contents.bytes())?;
     let saved = snapshot.film().record().samples;
     let limits = image.limits();

@@ -8,7 +8,7 @@ use dapple_conformance::statistics::{
     Calibration, FAMILY, Mean, Pixels, count_trend, image_mean, images, power, sidak, two_sided,
 };
 use dapple_core::{Block, Draws, Estimate, Film, Frame, Integrator, Limits, Needs, Render, Sampler, Worker};
-use dapple_job::registry::{self, MethodInputs, SAMPLERS, Setting};
+use dapple_job::registry::{self, MethodInputs, PointSettings, SAMPLERS};
 use dapple_metrics::{ratio_interval, student_t_quantile};
 use dapple_renderer::{World, integrator};
 use dapple_scene::bundled;
@@ -18,7 +18,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 fn sampler(words: &str, points: &str, seed: u64, spp: u64, inputs: &MethodInputs) -> Box<dyn Sampler> {
-    let points = registry::points(points, Setting { seed, spp: Some(spp) }).expect("points");
+    let points = registry::points(points, PointSettings { seed, spp: Some(spp) }).expect("points");
     registry::sampler(words, points, inputs).unwrap_or_else(|e| panic!("{e}")).sampler
 }
 
@@ -270,7 +270,7 @@ const UNBIASED: [&str; 9] = [
     "mitchell-pbrt:policy=discard",
     "cluster-thesis",
     "fourier-dof:force=1",
-    "then:first=cluster-thesis,spp=2,second=adaptive/epsilon=0.01/policy=discard",
+    "sequence:first=cluster-thesis,spp=2,second=adaptive/epsilon=0.01/policy=discard",
 ];
 
 /// Samplers without an unbiased mode, as published. In Cycles the difference between the two halves of the image decides; others
@@ -362,13 +362,13 @@ fn every_sampler_names_its_policy() {
         let sampler = sampler(words, "sobol", 1, 8, &inputs);
         let policies = entry.parameters.iter().flat_map(|p| p.iter()).filter(|p| p.name == "policy").count();
         let says = sampler.describe().contains("policy=");
-        let own = policies == usize::from(entry.name != "then");
+        let own = policies == usize::from(entry.name != "sequence");
         assert!(sampler.a_priori() || (own && says), "{} has no policy", sampler.describe());
         let unbiased = UNBIASED.iter().any(|words| words.split(':').next() == Some(entry.name));
         if BIASED.contains(&entry.name) {
             // The sampler has no other policy, and its description names the one that it has.
             let chosen = ["discard", "cross", "refined"].map(|policy| {
-                let points = registry::points("sobol", Setting { seed: 1, spp: Some(8) }).expect("points");
+                let points = registry::points("sobol", PointSettings { seed: 1, spp: Some(8) }).expect("points");
                 registry::sampler(&format!("{}:policy={policy}", entry.name), points, &inputs).is_ok()
             });
             assert!(chosen == [false; 3] && sampler.describe().contains("policy=keep"), "{}", sampler.describe());

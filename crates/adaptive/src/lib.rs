@@ -6,8 +6,8 @@ mod options;
 mod pilot;
 mod plan;
 mod pool;
+mod sequence;
 mod similar_pool;
-mod then;
 
 pub use adaptive::Adaptive;
 pub use cycles::{Cycles, CyclesOptions};
@@ -15,4 +15,4 @@ pub use dapple_core::plan::{PilotPolicy, Stopping};
 pub use options::{AdaptiveOptions, ErrorMap, MapErrors, VarianceOptions};
 pub use pilot::{Pilot, PilotRound};
 pub use pool::{PoolShape, Pooling, Sources, relative_variance};
-pub use then::Then;
+pub use sequence::Sequence;

@@ -7,7 +7,7 @@ use crate::{Arguments, Failure, Outcome, Result, failure};
 use clap::{Command, CommandFactory};
 use clap_complete::Shell;
 use dapple_core::{PointSet, SampleId, options::Parameter};
-use dapple_job::registry::{self, Entry, FILTERS, NOT_BUILT, POINTS, SAMPLERS, Setting};
+use dapple_job::registry::{self, Entry, FILTERS, NOT_BUILT, POINTS, PointSettings, SAMPLERS};
 use dapple_scene::image::write_file;
 use std::path::{Path, PathBuf};
 
@@ -70,7 +70,7 @@ pub(crate) fn points(args: &PointsArgs) -> Result<Outcome> {
 /// Prints the first `count` points of each pixel: eight dimensions, of which Dapple's integrators use the first two for
 /// the place in the pixel, the next two for the lens, and the others for light.
 fn print_points(name: &str, count: u64, [width, height]: [u32; 2]) -> Result<Outcome> {
-    let points = registry::points(name, Setting { seed: PRINTED_SEED, spp: Some(count) });
+    let points = registry::points(name, PointSettings { seed: PRINTED_SEED, spp: Some(count) });
     let points = points.map_err(|e| Failure::new(failure::points(name, &e)))?;
     if count > points.capacity() {
         return Err(Failure::new(format!("\"{name}\" has {} points per pixel; lower --csv", points.capacity())));
@@ -149,7 +149,7 @@ fn list<T>(
 fn describe(option: &str, method: &Described) -> Result<()> {
     tell(format!("{}: {}", method.name, method.about))?;
     if !method.aliases.is_empty() {
-        tell(format!("former names: {}", method.aliases.join(", ")))?;
+        tell(format!("aliases: {}", method.aliases.join(", ")))?;
     }
     for (what, text) in [("source", method.source), ("weakness", method.weakness)] {
         if !text.is_empty() {

@@ -4,7 +4,7 @@ use crate::output::{tell, warn};
 use crate::{Failure, Outcome, Result};
 use dapple_metrics::{Better, Comparison, METRICS, Measurement, Metric, Pixels, WorstBlock};
 use dapple_scene::files::{Disk, Files};
-use dapple_scene::image::{Encoding, Image, ImageError, ImageFile, Wanted, Window, read_image_file};
+use dapple_scene::image::{Encoding, Image, ImageError, ImageFile, LayerQuery, Window, read_image_file};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
@@ -34,9 +34,9 @@ pub(crate) struct CompareArgs {
 
 pub(crate) fn run(options: &CompareArgs) -> Result<Outcome> {
     let layer = options.layer.as_deref();
-    let image = read(&options.image, Wanted { layer, view: None })?;
+    let image = read(&options.image, LayerQuery { layer, view: None })?;
     let view = Some(image.view.as_str()).filter(|view| !view.is_empty());
-    let reference = read(&options.reference, Wanted { layer, view })?;
+    let reference = read(&options.reference, LayerQuery { layer, view })?;
     let (image, reference) = paired(options, image, reference)?;
     let [x, r] = [pixels(&image)?, pixels(&reference)?];
     let found = Measurement::new(x, r, None).map_err(Failure::new)?;
@@ -55,7 +55,7 @@ fn pixels(image: &Image) -> Result<Pixels<'_>> {
     Pixels::new(image.size, &image.pixels).map_err(Failure::new)
 }
 
-fn read(path: &Path, wanted: Wanted<'_>) -> Result<ImageFile> {
+fn read(path: &Path, wanted: LayerQuery<'_>) -> Result<ImageFile> {
     let name = path.display().to_string();
     let bytes = Disk
         .read(path)

@@ -11,7 +11,7 @@ use dapple_core::render::{Control, Status};
 use dapple_job::{
     BudgetSpec, CropSpec, JobError, JobMonitor, LoadOptions, LoadedScene, PreparedScene, RenderSpec, Warning,
 };
-use dapple_metrics::{Measured, Pixels, difference};
+use dapple_metrics::{MeasuredValue, Pixels, difference};
 use dapple_renderer::light::LightSelection;
 use dapple_scene::{Effect, Effects, Scene, bundled};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -238,11 +238,11 @@ fn first_line(problems: impl ToString) -> String {
 }
 
 /// The mean of at least two `values`, with its standard error.
-fn mean(values: &[f64]) -> Measured {
+fn mean(values: &[f64]) -> MeasuredValue {
     let n = values.len() as f64;
     let mean = values.iter().sum::<f64>() / n;
     let squares: f64 = values.iter().map(|x| (x - mean).powi(2)).sum();
-    Measured { value: mean, standard_error: (squares / (n - 1.0) / n).sqrt() }
+    MeasuredValue { value: mean, standard_error: (squares / (n - 1.0) / n).sqrt() }
 }
 
 impl JobMonitor for Studio {

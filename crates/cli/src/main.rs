@@ -87,6 +87,7 @@ enum Command {
     /// List the integrators, which compute the radiance of a sample, or describe one
     Integrators(about::ListArgs),
     /// List the filters (denoisers), which make the image from the samples, or describe one
+    #[command(visible_alias = "denoisers")]
     Filters(about::ListArgs),
     Completions(about::CompletionsArgs),
     Man(about::ManArgs),

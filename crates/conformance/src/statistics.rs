@@ -8,7 +8,7 @@
 //! | a mean is *proven* close to a value | [`Mean::equals`] |
 //! | one of two methods has less error at equal budget | `ratio_interval` and `log_log_fit` of dapple-metrics |
 //! | error estimates are calibrated | [`Calibration`] |
-//! | adaptive counts do not bias the image | [`kept`], [`refined`], [`Bernoulli`], [`Naive`], [`count_trend`] |
+//! | adaptive counts do not bias the image | [`kept`], [`refined`], [`Bernoulli`], [`BiasedSampler`], [`count_trend`] |
 //! | two images are the same bits | [`bits`](crate::bits), and the checks of samplers and filters |
 //!
 //! Seeds are fixed. A family of tests raises a false alarm with probability [`FAMILY`] at most: each test runs at the
@@ -35,7 +35,7 @@ mod image;
 mod levels;
 
 pub use image::{
-    Bernoulli, Calibration, ImageTest, Naive, Pixels, count_trend, image, image_mean, images, kept, refined,
+    Bernoulli, BiasedSampler, Calibration, ImageTest, Pixels, count_trend, image, image_mean, images, kept, refined,
 };
 pub use levels::{
     FAMILY, adjusted, chi_square, critical, integrate, normal_tail, power, sidak, student_tail, two_sided,

@@ -118,7 +118,7 @@ impl<F: Fn(&[TrainingData], &Draws<'_>, &mut Worker) -> Estimate + Sync> Integra
 }
 
 /// A sampler from a closure that plans each round.
-pub struct Planned<F> {
+pub struct ToySampler<F> {
     /// The points.
     pub points: Independent,
     /// The statistics that the closure reads.
@@ -127,7 +127,7 @@ pub struct Planned<F> {
     pub plan: F,
 }
 
-impl<F: FnMut(&Feedback<'_>, &mut Plan) -> Progress + Send> Sampler for Planned<F> {
+impl<F: FnMut(&Feedback<'_>, &mut Plan) -> Progress + Send> Sampler for ToySampler<F> {
     fn name(&self) -> &str {
         "planned"
     }
@@ -150,17 +150,17 @@ pub fn one_round(
     points: Independent,
     retention: Retention,
     counts: Vec<u32>,
-) -> Planned<impl FnMut(&Feedback<'_>, &mut Plan) -> Progress + Send> {
+) -> ToySampler<impl FnMut(&Feedback<'_>, &mut Plan) -> Progress + Send> {
     let plan = move |seen: &Feedback<'_>, plan: &mut Plan| {
         plan.counts.clone_from(&counts);
         plan.retention = retention;
         if seen.round == 0 { Progress::Trace } else { Progress::Done }
     };
-    Planned { points, needs: Needs::none(), plan }
+    ToySampler { points, needs: Needs::none(), plan }
 }
 
 /// A filter from a closure of the film.
-pub struct Made<F> {
+pub struct ToyFilter<F> {
     /// The filter's name.
     pub name: &'static str,
     /// The statistics that the closure reads.
@@ -169,7 +169,7 @@ pub struct Made<F> {
     pub apply: F,
 }
 
-impl<F: Fn(&Film) -> Filtered + Send + Sync> Filter for Made<F> {
+impl<F: Fn(&Film) -> Filtered + Send + Sync> Filter for ToyFilter<F> {
     fn name(&self) -> &str {
         self.name
     }

@@ -245,7 +245,7 @@ fn the_naive_rule_is_rejected_as_biased() {
         let films: Vec<Film> = (0..64).map(|seed| lit(&mut *make(seed), 32, 64)).collect();
         (films.iter().map(image_mean).collect(), films.iter().map(Pixels::of).collect())
     };
-    let (mean, pixels) = films(&|seed| Box::new(Naive { points: Independent::new(seed), pilot: 4, total: 64 }));
+    let (mean, pixels) = films(&|seed| Box::new(BiasedSampler { points: Independent::new(seed), pilot: 4, total: 64 }));
     assert!(mean.against(P).p() < 1e-12, "{mean:?}");
     assert!(mean.against(closed).p() > FAMILY, "{mean:?} for {closed}");
     assert!(two_sided(count_trend(&pixels)) < 1e-12, "counts tell of values");

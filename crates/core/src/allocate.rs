@@ -79,20 +79,20 @@ impl Steps for EveryCount {
 ///
 /// If `scores` and `floors` differ in length, or have more than 2^32 - 1 elements.
 pub fn allocate(scores: &[f64], floors: &[u32], ceiling: u32, total: u64) -> Result<Allocation, Error> {
-    let demand = Demand::new(scores, floors, ceiling, total);
+    let demand = PixelDemand::new(scores, floors, ceiling, total);
     share_out(&demand, ceiling, &EveryCount)
 }
 
 /// A budget, and the pixels among which it is divided.
 #[derive(Clone, Copy, Debug)]
-struct Demand<'a> {
+struct PixelDemand<'a> {
     scores: &'a [f64],
     floors: &'a [u32],
     ceiling: u32,
     total: u64,
 }
 
-impl<'a> Demand<'a> {
+impl<'a> PixelDemand<'a> {
     fn new(scores: &'a [f64], floors: &'a [u32], ceiling: u32, total: u64) -> Self {
         assert_eq!(scores.len(), floors.len(), "one floor per score");
         assert!(u32::try_from(scores.len()).is_ok(), "pixels are numbered with 32 bits");
@@ -106,8 +106,8 @@ impl<'a> Demand<'a> {
 }
 
 /// Allocates the budget. `rung` replaces the ceiling, unless all scores are equal or the budget does not fit below `rung`.
-fn share_out(demand: &Demand<'_>, rung: u32, steps: &impl Steps) -> Result<Allocation, Error> {
-    let Demand { scores, floors, ceiling, total } = *demand;
+fn share_out(demand: &PixelDemand<'_>, rung: u32, steps: &impl Steps) -> Result<Allocation, Error> {
+    let PixelDemand { scores, floors, ceiling, total } = *demand;
     let (range, replaced) = Range::of(scores);
     let [needed, most, room] = [0, ceiling, rung].map(|n| demand.at(n));
     if needed > total {
@@ -122,7 +122,7 @@ fn share_out(demand: &Demand<'_>, rung: u32, steps: &impl Steps) -> Result<Alloc
     }
     let scores = range.clean(scores);
     let ceiling = if room >= total { rung } else { ceiling };
-    let demand = Demand { scores: &scores, ceiling, ..*demand };
+    let demand = PixelDemand { scores: &scores, ceiling, ..*demand };
     Ok(Allocation { counts: share_out_clean(&demand, needed, steps), unspent: 0, replaced })
 }
 
@@ -131,8 +131,8 @@ const SERIAL: usize = 4096;
 
 /// Returns the counts that minimise the total error and sum to `total`. Requires scores above 0 that are not all equal. The
 /// total must be at least `needed`, the sum of the floors, and must fit below the ceiling.
-fn share_out_clean(demand: &Demand<'_>, needed: u64, steps: &impl Steps) -> Vec<u32> {
-    let Demand { scores, floors, ceiling, total } = *demand;
+fn share_out_clean(demand: &PixelDemand<'_>, needed: u64, steps: &impl Steps) -> Vec<u32> {
+    let PixelDemand { scores, floors, ceiling, total } = *demand;
     let reach = |g: f64, floor: u32, threshold: f64| steps.reach(threshold / g).min(ceiling).max(floor);
     let spend = |threshold: f64| -> u64 {
         let part = |number: usize| {
@@ -258,8 +258,8 @@ struct Bracket {
 
 /// Estimates, from some of the pixels, the gain (error decrease) per sample at which the budget runs out. The search over
 /// all pixels starts there, which saves most of its dozen steps.
-fn threshold_of_some(demand: &Demand<'_>, reach: impl Fn(f64, u32, f64) -> u32, steps: &impl Steps) -> f64 {
-    let Demand { scores, floors, total, .. } = *demand;
+fn threshold_of_some(demand: &PixelDemand<'_>, reach: impl Fn(f64, u32, f64) -> u32, steps: &impl Steps) -> f64 {
+    let PixelDemand { scores, floors, total, .. } = *demand;
     let pixels = scores.len();
     let some: Vec<(f64, u32)> = (0..pixels).step_by((pixels / SOME).max(1)).map(|k| (scores[k], floors[k])).collect();
     let share = some.len() as f64 / pixels as f64;

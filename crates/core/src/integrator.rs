@@ -365,9 +365,9 @@ pub trait Integrator: Sync {
     ///
     /// The stored state must depend only on `pass` and on the training passes so far, with sums in a fixed order. A resumed
     /// render prepares for its current pass again, so nothing is saved.
-    fn prepare(&mut self, pass: &Pass<'_>) -> Prepared {
+    fn prepare(&mut self, pass: &Pass<'_>) -> PreparationCost {
         let _ = pass;
-        Prepared::default()
+        PreparationCost::default()
     }
 
     /// The estimated bytes of the state that [`Integrator::prepare`] stores for an image, 0 by default. Called before
@@ -387,7 +387,7 @@ forward!(Integrator for &mut T, Box<T>; {
     ref prepares() -> Prepares;
     ref memory(frame: &Frame) -> u64;
     mut learn(pass: &TrainingData);
-    mut prepare(pass: &Pass<'_>) -> Prepared;
+    mut prepare(pass: &Pass<'_>) -> PreparationCost;
 });
 
 /// The sums of all values noted under one key in one training pass.
@@ -487,7 +487,7 @@ impl<'a> Pass<'a> {
 
 /// The cost of one preparation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Prepared {
+pub struct PreparationCost {
     /// The number of rays traced.
     pub rays: u64,
 }

@@ -56,19 +56,19 @@ pub struct Cursor<D> {
 }
 
 /// The sample of a cursor, borrowed or owned.
-pub trait Held {
+pub trait CursorDraws {
     /// The sample.
     fn draws(&self) -> &Draws<'_>;
 }
 
-impl Held for &Draws<'_> {
+impl CursorDraws for &Draws<'_> {
     #[inline]
     fn draws(&self) -> &Draws<'_> {
         self
     }
 }
 
-impl Held for Draws<'_> {
+impl CursorDraws for Draws<'_> {
     #[inline]
     fn draws(&self) -> &Draws<'_> {
         self
@@ -83,7 +83,7 @@ impl Cursor<Draws<'_>> {
     }
 }
 
-impl<D: Held> Cursor<D> {
+impl<D: CursorDraws> Cursor<D> {
     pub(crate) fn new(draws: D) -> Self {
         Self { draws, block: 0, values: [0.0; 4], taken: 4 }
     }
@@ -147,7 +147,7 @@ impl<D: Held> Cursor<D> {
 }
 
 #[cfg(feature = "rand_core_0_10")]
-impl<D: Held> rand_core_0_10::TryRng for Cursor<D> {
+impl<D: CursorDraws> rand_core_0_10::TryRng for Cursor<D> {
     type Error = std::convert::Infallible;
 
     #[inline]
@@ -170,7 +170,7 @@ impl<D: Held> rand_core_0_10::TryRng for Cursor<D> {
 #[cfg(any(feature = "rand_core_0_9", feature = "rand_core_0_6"))]
 macro_rules! rng_core {
     ($version:ident, $($other:item)*) => {
-        impl<D: Held> $version::RngCore for Cursor<D> {
+        impl<D: CursorDraws> $version::RngCore for Cursor<D> {
             #[inline]
             fn next_u32(&mut self) -> u32 {
                 Self::next_u32(self)

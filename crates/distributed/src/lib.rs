@@ -2,7 +2,7 @@
 
 mod local;
 
-pub use local::{Local, local};
+pub use local::{LocalProcess, local};
 
 use dapple_core::render::{Control, Monitor, Stage, Status, TracedRows};
 use dapple_core::{Error, Integrator, Session, container};

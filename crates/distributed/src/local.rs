@@ -5,19 +5,19 @@ use dapple_core::Error;
 use std::sync::mpsc::{Receiver, Sender, channel};
 
 /// One of the processes that [`local`] connects.
-pub struct Local {
+pub struct LocalProcess {
     rank: u32,
     to: Vec<Sender<(u32, Vec<u8>)>>,
     from: Receiver<(u32, Vec<u8>)>,
 }
 
 /// Connects `size` processes that are threads of one program, for tests and for hosts with many devices.
-pub fn local(size: u32) -> Vec<Local> {
+pub fn local(size: u32) -> Vec<LocalProcess> {
     let (to, from): (Vec<_>, Vec<_>) = (0..size).map(|_| channel()).unzip();
-    from.into_iter().zip(0..).map(|(from, rank)| Local { rank, to: to.clone(), from }).collect()
+    from.into_iter().zip(0..).map(|(from, rank)| LocalProcess { rank, to: to.clone(), from }).collect()
 }
 
-impl Processes for Local {
+impl Processes for LocalProcess {
     fn rank(&self) -> u32 {
         self.rank
     }

@@ -1,10 +1,10 @@
 //! Any cut of the rows at any stage, by any number of processes, gives the film of one machine.
 
 use dapple_adaptive::{Adaptive, PilotPolicy, VarianceOptions};
-use dapple_conformance::toys::{Independent, Made, Planned};
+use dapple_conformance::toys::{Independent, ToyFilter, ToySampler};
 use dapple_conformance::{bits, on_threads};
 use dapple_core::film::{RecordedSample, Recorder};
-use dapple_core::integrator::{Pass, Prepared, Prepares, TrainingData};
+use dapple_core::integrator::{Pass, PreparationCost, Prepares, TrainingData};
 use dapple_core::limits::Schedule;
 use dapple_core::plan::{Feedback, Plan, Progress, Retention};
 use dapple_core::point_set::mix;
@@ -62,11 +62,11 @@ impl Integrator for Toy {
         self.prepares
     }
 
-    fn prepare(&mut self, pass: &Pass<'_>) -> Prepared {
+    fn prepare(&mut self, pass: &Pass<'_>) -> PreparationCost {
         let light = (0..10).map(|path| pass.draws(path).block(Block::new(0))[0]).sum::<f32>();
         self.prepared = 0.1 * light + pass.frame.size()[1] as f32;
         self.preparations += 1;
-        Prepared { rays: 10 }
+        PreparationCost { rays: 10 }
     }
 
     fn features_alone(&self, draws: &Draws<'_>) -> Option<Estimate> {
@@ -113,7 +113,7 @@ fn every_kind(withdraws: bool) -> Box<dyn Sampler> {
         }
         Progress::Trace
     };
-    Box::new(Planned { points: Independent::new(7), needs: needs(), plan })
+    Box::new(ToySampler { points: Independent::new(7), needs: needs(), plan })
 }
 
 fn points() -> Independent {
@@ -175,7 +175,7 @@ fn blur() -> impl Filter {
         let error = (0..image.len()).map(|i| near(i).map(|j| errors[j]).sum::<f32>() / 81.0).collect::<Vec<_>>();
         Filtered::new(film.frame().size(), (0..image.len()).map(mean).collect()).with_error(Some(error))
     };
-    Made { name: "blur", needs: Needs::none().with_halves(), apply }
+    ToyFilter { name: "blur", needs: Needs::none().with_halves(), apply }
 }
 
 /// A render and its methods, made anew for each process.

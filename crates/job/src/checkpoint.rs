@@ -10,5 +10,5 @@
 mod state_file;
 mod store;
 
-pub use state_file::{Damage, Error, Identity, Kind, ROWS, StateFile};
-pub use store::{Disk, FileSystem, Found, Store};
+pub use state_file::{Error, Identity, ROWS, StateDamage, StateFile, StateKind};
+pub use store::{Disk, FileSystem, LoadedState, Store};

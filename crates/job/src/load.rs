@@ -1,7 +1,7 @@
 //! Reading of scenes, and building of worlds (scenes ready for tracing).
 
 use crate::memory::{MemoryEstimate, MemoryLimit, resident};
-use crate::registry::{self, Setting};
+use crate::registry::{self, PointSettings};
 use crate::{
     BudgetSpec, ContentHash, CropSpec, DEFAULT_INTEGRATOR, DEFAULT_SPP, ERROR_SPP, Job, JobError, PixelFilterSpec,
     RenderSpec, Warning,
@@ -12,7 +12,7 @@ use dapple_scene::bundled::{self, Bundle};
 use dapple_scene::files::{Disk, Files};
 use dapple_scene::model::ModelOptions;
 use dapple_scene::pbrt::ReadOptions;
-use dapple_scene::{AnyOptions, Called, Effect, Effects, Geometry, PixelFilter, Scene, Shape, read_any_from};
+use dapple_scene::{AnyOptions, CalledEffect, Effect, Effects, Geometry, PixelFilter, Scene, Shape, read_any_from};
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -278,14 +278,14 @@ pub(crate) fn frame(spec: &RenderSpec, scene: &Scene) -> Result<Frame, JobError>
 }
 
 /// The settings of a point set: the seed, and the mean samples per pixel (`None` for budgets of error or time).
-pub(crate) fn setting(spec: &RenderSpec, frame: Frame) -> Setting {
+pub(crate) fn setting(spec: &RenderSpec, frame: Frame) -> PointSettings {
     let spp = match spec.budget {
         BudgetSpec::Scene => Some(DEFAULT_SPP as u64),
         BudgetSpec::Spp(spp) => Some(spp.ceil() as u64),
         BudgetSpec::Samples(samples) => Some(samples.div_ceil(frame.pixels() as u64)),
         BudgetSpec::Error(_) | BudgetSpec::Seconds(_) => None,
     };
-    Setting { seed: spec.seed, spp }
+    PointSettings { seed: spec.seed, spp }
 }
 
 /// The budget in samples, error or seconds, and the bounds of samples per pixel, from a description.
@@ -330,7 +330,7 @@ pub fn check_integrator(request: &str) -> Result<(), IntegratorError> {
 ///
 /// The default takes photons for a scene with [caustics that paths find by chance only](Effects::found_by_chance). Motion
 /// blur and shards leave it with path tracing, since photons have no time and a shard would trace those of the whole image.
-pub(crate) fn chosen_integrator(spec: &RenderSpec, scene: &Scene) -> (String, Option<Called>) {
+pub(crate) fn chosen_integrator(spec: &RenderSpec, scene: &Scene) -> (String, Option<CalledEffect>) {
     if spec.integrator != DEFAULT_INTEGRATOR {
         return (spec.integrator.clone(), None);
     }

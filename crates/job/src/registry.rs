@@ -2,7 +2,7 @@
 
 pub use dapple_registry::{
     AnyPoints, Entry, FILTERS, MakeFilter, MakePoints, MakeSampler, NOT_BUILT, POINTS, Parameter, Parameters,
-    RegistryError, SAMPLERS, Setting, best_filter, check_filter, check_points, check_sampler, open_image_denoise,
+    PointSettings, RegistryError, SAMPLERS, best_filter, check_filter, check_points, check_sampler, open_image_denoise,
     points, verdicts,
 };
 
@@ -14,7 +14,7 @@ use dapple_clustering::ClusterParams;
 use dapple_core::{Filter, PointSet, Sampler};
 use dapple_denoise::ClusterLookup;
 use dapple_registry::{ClusterInputError, ClusterInputs, ClusterProbes, LensProbes};
-use dapple_renderer::{Lanes, World};
+use dapple_renderer::{BlockDimensions, World};
 use std::cell::RefCell;
 use std::sync::Arc;
 
@@ -161,7 +161,8 @@ impl ClusterInputs for OnWorld<'_> {
 /// The dimensions in which the world's samples have a meaning; `None` for pixel filters other than a box of one pixel.
 fn domain(world: &World) -> Option<Domain> {
     let found = world.sample_dimensions()?;
-    let axes = |(role, (block, lanes)): (Role, Lanes)| lanes.map(move |lane| Axis::new(role, block.number(), lane));
+    let axes =
+        |(role, (block, lanes)): (Role, BlockDimensions)| lanes.map(move |lane| Axis::new(role, block.number(), lane));
     let roles =
         [(Role::Place, found.place), (Role::Lens, found.lens), (Role::Time, found.time), (Role::Light, found.light)];
     let domain = Domain::new(roles.into_iter().flat_map(axes)).ok()?;

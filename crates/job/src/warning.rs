@@ -2,7 +2,7 @@
 
 use dapple_core::film::Rejected;
 use dapple_core::point_set::streams;
-use dapple_scene::{Called, Effect, Notice, Source};
+use dapple_scene::{CalledEffect, Effect, Notice, Source};
 
 /// A condition that a user should know about, but that does not stop the render.
 #[derive(Clone, Debug, thiserror::Error)]
@@ -17,15 +17,15 @@ pub enum Warning {
         /// The effect that is left out.
         effect: Effect,
         /// The first object in the scene that uses the effect; `None` if unknown.
-        by: Option<Called>,
+        by: Option<CalledEffect>,
     },
     /// A light that a path tracer finds by chance only, such as a small lamp behind glass.
     #[error("{}: {}", .0.source, found_by_chance(.0))]
-    FoundByChance(Called),
+    FoundByChance(CalledEffect),
     /// A light that a path tracer finds by chance only, and that photons carry instead: the default integrator is
     /// `photons`.
     #[error("{}: {}; photons carry it (--integrator path leaves specks)", .0.source, .0.because)]
-    Photons(Called),
+    Photons(CalledEffect),
     /// A lamp whose triangles have no area, so that it gives off no light.
     #[error("{0}: this lamp has no area and gives off no light; make it larger, or remove it")]
     LampWithoutArea(Source),
@@ -127,7 +127,7 @@ pub enum Warning {
 }
 
 /// The object that calls for an effect, as the end of a sentence.
-fn caller(by: Option<&Called>) -> String {
+fn caller(by: Option<&CalledEffect>) -> String {
     by.map_or_else(String::new, |by| format!("; {} calls for it ({})", by.source, by.because))
 }
 
@@ -169,7 +169,7 @@ fn rounded(seconds: f64) -> String {
 }
 
 /// Describes in a sentence how a light that is found by chance only shows in the image: as specks.
-pub fn found_by_chance(called: &Called) -> String {
+pub fn found_by_chance(called: &CalledEffect) -> String {
     let others = match called.objects {
         1 => String::new(),
         2 => " (and one more light like it)".into(),

@@ -54,8 +54,8 @@ pub use discrepancy::{l2_star_discrepancy, star_discrepancy};
 pub use flip::{Flip, PIXELS_PER_DEGREE, flip};
 pub use metric::{Better, METRICS, Measurement, Metric, ReferenceNoise};
 pub use noise::{
-    Corrected, CorrectedError, Difference, LEAST_RENDERS, Measured, NoisyReference, REFERENCE_LIMIT, compare_corrected,
-    difference,
+    Corrected, CorrectedError, Difference, LEAST_RENDERS, MeasuredValue, NoisyReference, REFERENCE_LIMIT,
+    compare_corrected, difference,
 };
 pub use spectrum::{SpectrumRing, image_spectrum, point_spectrum};
 pub use statistics::{

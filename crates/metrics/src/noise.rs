@@ -129,7 +129,7 @@ pub const LEAST_RENDERS: usize = 4;
 
 /// An estimate from independent renders, with its standard error.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Measured {
+pub struct MeasuredValue {
     /// The estimated value.
     pub value: f64,
     /// The standard error of `value` by the jackknife over n renders, with n - 1 degrees of freedom [after Tukey 1958].
@@ -142,9 +142,9 @@ pub struct Measured {
 pub struct Difference {
     /// Mean of `(b - a)^2 / (a^2 + 0.01)` over pixels and channels: relMSE of the noiseless `b` against the noiseless
     /// `a`. The numerator is unbiased, so the estimate can be below 0 if the images hardly differ.
-    pub rel_mse: Measured,
+    pub rel_mse: MeasuredValue,
     /// The fraction of the mean radiance of `a`, over all channels, that is missing in `b`; below 0 if `b` is brighter.
-    pub mean_lost: Measured,
+    pub mean_lost: MeasuredValue,
 }
 
 /// Estimates the difference of images `a` and `b` from independent renders of each.
@@ -225,10 +225,10 @@ fn pairs(n: usize, skip: usize) -> impl Iterator<Item = (usize, usize)> {
 
 /// The jackknife estimate and its standard error [after Tukey 1958]. The last of `estimates` uses all renders; each of
 /// the others leaves out one render.
-fn jackknife(estimates: &[f64]) -> Measured {
+fn jackknife(estimates: &[f64]) -> MeasuredValue {
     let (without, all) = (&estimates[..estimates.len() - 1], estimates[estimates.len() - 1]);
     let n = without.len() as f64;
     let mean = without.iter().sum::<f64>() / n;
     let squares: f64 = without.iter().map(|x| (x - mean).powi(2)).sum();
-    Measured { value: all, standard_error: ((n - 1.0) / n * squares).sqrt() }
+    MeasuredValue { value: all, standard_error: ((n - 1.0) / n * squares).sqrt() }
 }

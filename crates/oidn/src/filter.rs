@@ -1,4 +1,4 @@
-//! The filters `oidn` and `both`.
+//! The filters `oidn` and `oidn-blend`.
 
 use crate::images::{Inputs, padded};
 use crate::library::{Images, MEMORY_LIMIT_MB};
@@ -100,28 +100,28 @@ fn memory(frame: &Frame) -> u64 {
 /// the other filter alone may be better where there is fine detail.
 ///
 /// There is no error estimate, since the error of OIDN's image is unknown.
-pub struct Both<F> {
+pub struct OidnBlend<F> {
     oidn: Oidn,
     other: F,
 }
 
-impl<F: Filter> Both<F> {
+impl<F: Filter> OidnBlend<F> {
     /// The mean of the images of `oidn` and `other`.
     pub const fn new(oidn: Oidn, other: F) -> Self {
         Self { oidn, other }
     }
 }
 
-impl<F: Filter> Filter for Both<F> {
+impl<F: Filter> Filter for OidnBlend<F> {
     fn name(&self) -> &str {
-        "both"
+        "oidn-blend"
     }
 
     /// The name, the parameters of OIDN, then those of the other filter.
     fn describe(&self) -> String {
         let parameters = [self.oidn.describe(), self.other.describe()];
         let parameters: Vec<&str> = parameters.iter().filter_map(|d| d.split_once(':')).map(|d| d.1).collect();
-        format!("both:{}", parameters.join(","))
+        format!("oidn-blend:{}", parameters.join(","))
     }
 
     fn needs(&self) -> Needs {

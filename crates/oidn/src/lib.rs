@@ -1,7 +1,7 @@
 //! Intel Open Image Denoise (OIDN), a neural denoiser, as a filter of Dapple.
 //!
 //! * [`Oidn`]: OIDN on the film's means, guided by the albedo and normals of first hits.
-//! * [`Both`]: the plain mean of OIDN's image and that of another filter.
+//! * [`OidnBlend`]: the plain mean of OIDN's image and that of another filter.
 //! * [`Library`]: the shared library, loaded at run time. The crate builds without it.
 //!
 //! ```
@@ -51,7 +51,7 @@
 //!
 //! # Limits
 //!
-//! * No error estimate: [`Filtered::error`](dapple_core::Filtered::error) is `None`, for [`Both`] as well. OIDN has none,
+//! * No error estimate: [`Filtered::error`](dapple_core::Filtered::error) is `None`, for [`OidnBlend`] as well. OIDN has none,
 //!   and the errors of the two filters are not independent.
 //! * The image is biased. OIDN treats a single bright pixel as an outlier: a pixel of 1000 in a wall of 0.5 keeps 0.3 % of
 //!   its light. A light source of 4x4 pixels keeps its light.
@@ -66,7 +66,7 @@ mod library;
 mod tests;
 
 pub use error::{LoadError, RunError};
-pub use filter::{Both, Oidn, OidnOptions};
+pub use filter::{Oidn, OidnBlend, OidnOptions};
 pub use library::{Library, VARIABLE};
 
 /// Runs the README's example as a documentation test.

@@ -3,7 +3,7 @@
 #![allow(clippy::print_stderr, reason = "tests say when they skip")]
 
 use crate::library::Images;
-use crate::{Both, Library, LoadError, Oidn, OidnOptions, RunError, VARIABLE};
+use crate::{Library, LoadError, Oidn, OidnBlend, OidnOptions, RunError, VARIABLE};
 use dapple_core::options::Options as _;
 use dapple_core::{Error, Estimate, Film, Filter, Frame, Needs, Unfiltered, filter::ImagePlanes};
 use dapple_denoise::Gaussian;
@@ -175,28 +175,28 @@ fn parameters_are_described_and_checked() {
     assert_eq!(plain.describe(), "oidn:prefilter=false");
     let wrong = OidnOptions::parse("prefilter=maybe").expect_err("refused").to_string();
     assert_eq!(wrong, "prefilter = \"maybe\" is not valid; use true or false");
-    assert_eq!(Both::new(plain, Gaussian::default()).describe(), "both:prefilter=false,alpha=0.5,radius=4");
-    assert_eq!(Both::new(plain, Unfiltered).describe(), "both:prefilter=false");
+    assert_eq!(OidnBlend::new(plain, Gaussian::default()).describe(), "oidn-blend:prefilter=false,alpha=0.5,radius=4");
+    assert_eq!(OidnBlend::new(plain, Unfiltered).describe(), "oidn-blend:prefilter=false");
 }
 
 #[test]
 fn oidn_conforms_with_a_stand_in() {
     dapple_conformance::filter(|| Box::new(copying()));
     dapple_conformance::filter(|| Box::new(Oidn::new(stand_in(), OidnOptions::default().prefilter(false))));
-    dapple_conformance::filter(|| Box::new(Both::new(copying(), Gaussian::default())));
+    dapple_conformance::filter(|| Box::new(OidnBlend::new(copying(), Gaussian::default())));
 }
 
 #[test]
 fn both_is_the_plain_mean_of_two_images() {
     let film = film(40, 33, |i| 8.0 * noise(i));
     let gaussian = Gaussian::default().apply(&film).expect("an image");
-    let mean = Both::new(copying(), Gaussian::default()).apply(&film).expect("an image");
+    let mean = OidnBlend::new(copying(), Gaussian::default()).apply(&film).expect("an image");
     assert_eq!((mean.size, mean.error), ([40, 33], None));
     for ((mean, a), b) in mean.radiance.iter().zip(&gaussian.radiance).zip(film.image()) {
         assert!((0..3).all(|c| (mean[c] - 0.5 * (a[c] + b[c])).abs() <= 1e-6 * mean[c]), "{mean:?} {a:?} {b:?}");
     }
     let [oidn, gaussian] = [copying().needs(), Gaussian::default().needs()];
-    assert_eq!(Both::new(copying(), Gaussian::default()).needs(), oidn.and(gaussian));
+    assert_eq!(OidnBlend::new(copying(), Gaussian::default()).needs(), oidn.and(gaussian));
 }
 
 #[test]
@@ -204,14 +204,14 @@ fn the_memory_of_both_covers_each_filter_beside_the_others_image() {
     let frame = frame(100, 50);
     let needs = Needs::none().with_features();
     let oidn = copying().memory(&frame, &needs);
-    let both = Both::new(copying(), Unfiltered).memory(&frame, &needs);
+    let both = OidnBlend::new(copying(), Unfiltered).memory(&frame, &needs);
     assert_eq!(oidn.applying, 5000 * (48 + 700) + (64 << 20));
     assert_eq!(copying().memory(&self::frame(1, 1), &needs).applying, 1024 * (48 + 700) + (64 << 20));
     let huge = copying().memory(&self::frame(65535, 65535), &needs).applying;
     assert_eq!(huge, 65535 * 65535 * 48 + (3064 << 20), "the library's own memory is limited");
     assert_eq!(both.applying, oidn.applying + frame.bytes(12));
     assert_eq!((oidn.image, both.image), (frame.bytes(12), frame.bytes(12)));
-    let heavy = Both::new(copying(), Heavy).memory(&frame, &needs);
+    let heavy = OidnBlend::new(copying(), Heavy).memory(&frame, &needs);
     assert_eq!(heavy.applying, u64::MAX);
 }
 
@@ -246,7 +246,7 @@ fn oidn_itself_removes_noise() {
     let error = |image: &[[f32; 3]]| image.iter().map(|p| (p[1] - 1.0) * (p[1] - 1.0)).sum::<f32>();
     let [before, after] = [film.image(), oidn.apply(&film).expect("an image").radiance].map(|image| error(&image));
     assert!(after < 0.05 * before, "{after} of {before}");
-    let mean = Both::new(oidn, Unfiltered).apply(&film).expect("an image").radiance;
+    let mean = OidnBlend::new(oidn, Unfiltered).apply(&film).expect("an image").radiance;
     let half = error(&mean) / before;
     assert!((0.2..0.35).contains(&half), "{half}");
 }

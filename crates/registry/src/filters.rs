@@ -15,7 +15,7 @@ use dapple_denoise::{
     ClusterRegressionOptions, Gaussian, GaussianOptions, NlMeans, NlMeansOptions,
 };
 #[cfg(feature = "oidn")]
-use dapple_oidn::{Both, Library, Oidn, OidnOptions};
+use dapple_oidn::{Library, Oidn, OidnBlend, OidnOptions};
 use std::sync::Arc;
 
 /// The constructor of a filter.
@@ -177,13 +177,14 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
     #[cfg(feature = "oidn")]
     Entry {
         feature: Some(OIDN),
+        aliases: &["both"],
         ..Entry::new(
-            "both",
+            "oidn-blend",
             "the mean of oidn and cluster-regression",
             "Dapple; the mean with Intel Open Image Denoise (docs/results/oidn.md)",
             "no estimate of its error; the default filter alone may be better at many samples",
             &[OidnOptions::PARAMETERS, ClusterRegressionOptions::PARAMETERS, CLUSTERING],
-            both,
+            oidn_blend,
         )
     },
     #[cfg(feature = "classics")]
@@ -232,7 +233,8 @@ fn james_stein(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Box<dyn Fil
 const OIDN: &str = "oidn";
 
 /// Filters that this program was built without, each with its Cargo feature.
-pub const NOT_BUILT: &[(&str, &str)] = if cfg!(feature = "oidn") { &[] } else { &[("oidn", OIDN), ("both", OIDN)] };
+pub const NOT_BUILT: &[(&str, &str)] =
+    if cfg!(feature = "oidn") { &[] } else { &[("oidn", OIDN), ("oidn-blend", OIDN)] };
 
 #[cfg(feature = "oidn")]
 fn oidn(p: &Parameters) -> Result<Oidn, RegistryError> {
@@ -243,18 +245,18 @@ fn oidn(p: &Parameters) -> Result<Oidn, RegistryError> {
 
 /// The library is loaded first, so that its absence is reported before a scene is read.
 #[cfg(feature = "oidn")]
-fn both(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Box<dyn Filter>, RegistryError> {
+fn oidn_blend(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Box<dyn Filter>, RegistryError> {
     let oidn = oidn(p)?;
-    Ok(Box::new(Both::new(oidn, cluster_regression(p, inputs)?)))
+    Ok(Box::new(OidnBlend::new(oidn, cluster_regression(p, inputs)?)))
 }
 
 /// The filter `best`: of those that this program and this machine have, the one with the least error in the race.
 pub fn best_filter() -> &'static str {
     let found = open_image_denoise().is_some_and(|library| library.is_ok());
-    if found { "both" } else { crate::DEFAULT_FILTER }
+    if found { "oidn-blend" } else { crate::DEFAULT_FILTER }
 }
 
-/// The library that `oidn` and `both` use: its path and version, or how to get it. `None` without the feature `oidn`.
+/// The library that `oidn` and `oidn-blend` use: its path and version, or how to get it. `None` without the feature `oidn`.
 pub fn open_image_denoise() -> Option<Result<String, String>> {
     #[cfg(feature = "oidn")]
     return Some(Library::load().map(ToString::to_string).map_err(|e| e.to_string()));

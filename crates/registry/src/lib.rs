@@ -28,7 +28,7 @@ use dapple_low_discrepancy::Sobol;
 pub struct Entry<Make> {
     /// The entry's name on the command line and in descriptions.
     pub name: &'static str,
-    /// Former names of the entry, which are still accepted.
+    /// Other names of the entry, which are accepted as well.
     pub aliases: &'static [&'static str],
     /// A one-line description of the entry, for lists.
     pub about: &'static str,
@@ -73,7 +73,7 @@ impl<Make> Entry<Make> {
         self.parameters.iter().copied().flatten()
     }
 
-    /// Returns `true` if `name` is the entry's present name or a former one.
+    /// Returns `true` if `name` is the entry's name or one of its aliases.
     pub fn is_called(&self, name: &str) -> bool {
         self.name == name || self.aliases.contains(&name)
     }
@@ -81,7 +81,7 @@ impl<Make> Entry<Make> {
 
 /// The seed and the budget for making a point set, besides its parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Setting {
+pub struct PointSettings {
     /// The seed of all random numbers.
     pub seed: u64,
     /// The mean number of samples per pixel; `None` if unknown. Some point sets need it in advance.
@@ -136,7 +136,7 @@ fn clustering(p: &Parameters) -> Result<ClusterParams, RegistryError> {
 /// # Errors
 ///
 /// [`RegistryError`] for an unknown name or key, listing the known ones, and for a value out of range.
-pub fn points(description: &str, setting: Setting) -> Result<AnyPoints, RegistryError> {
+pub fn points(description: &str, setting: PointSettings) -> Result<AnyPoints, RegistryError> {
     let (entry, parameters) = parameters::find("point set", POINTS, description)?;
     (entry.make)(&parameters, setting)
 }
@@ -161,7 +161,10 @@ pub fn sampler(description: &str, points: AnyPoints, inputs: &dyn ClusterInputs)
 /// missing. [`RegistryError::NeedsWorld`] if the filter cannot do without clusters and `inputs` has none.
 pub fn filter(description: &str, inputs: &dyn ClusterInputs) -> Result<Box<dyn Filter>, RegistryError> {
     let description = if description.trim() == "best" { best_filter() } else { description };
-    let name = description.split(':').next().unwrap_or_default().trim();
+    let name = match description.split(':').next().unwrap_or_default().trim() {
+        "both" => "oidn-blend",
+        name => name,
+    };
     if let Some(&(of, feature)) = NOT_BUILT.iter().find(|(absent, _)| *absent == name) {
         return Err(RegistryError::NotBuilt { of, feature });
     }
@@ -205,7 +208,7 @@ pub fn default_pair_with(points: impl PointSet + 'static) -> Methods<'static> {
 ///
 /// [`RegistryError`] for an unknown name or key, listing the known ones, and for a value out of range.
 pub fn check_sampler(description: &str) -> Result<(), RegistryError> {
-    let points = points("random", Setting { seed: 0, spp: None })?;
+    let points = points("random", PointSettings { seed: 0, spp: None })?;
     without_scene(sampler(description, points, &HostClusters::none()))
 }
 
@@ -215,7 +218,7 @@ pub fn check_sampler(description: &str) -> Result<(), RegistryError> {
 ///
 /// [`RegistryError`] for an unknown name or key, listing the known ones, and for a value out of range.
 pub fn check_points(description: &str) -> Result<(), RegistryError> {
-    points(description, Setting { seed: 0, spp: None }).map(|_| ())
+    points(description, PointSettings { seed: 0, spp: None }).map(|_| ())
 }
 
 /// Checks the description of a filter as far as possible without a scene.

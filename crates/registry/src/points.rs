@@ -1,6 +1,6 @@
 //! The point sets.
 
-use crate::{Entry, Parameter, Parameters, RegistryError, Setting};
+use crate::{Entry, Parameter, Parameters, PointSettings, RegistryError};
 use dapple_core::PointSet;
 use dapple_core::options::Options as _;
 use dapple_low_discrepancy::{
@@ -12,7 +12,7 @@ use dapple_low_discrepancy::{
 pub type AnyPoints = Box<dyn PointSet>;
 
 /// The constructor of a point set.
-pub type MakePoints = fn(&Parameters, Setting) -> Result<AnyPoints, RegistryError>;
+pub type MakePoints = fn(&Parameters, PointSettings) -> Result<AnyPoints, RegistryError>;
 
 /// All point sets of the registry.
 pub const POINTS: &[Entry<MakePoints>] = &[
@@ -164,13 +164,13 @@ dapple_core::options! {
 }
 
 /// The given count, or the mean budget for 0.
-fn count(p: &Parameters, s: Setting) -> Result<u32, RegistryError> {
+fn count(p: &Parameters, s: PointSettings) -> Result<u32, RegistryError> {
     let given = p.options::<CountOptions>()?.count;
     let count = if given == 0 { s.spp.unwrap_or(16) } else { given };
     Ok(u32::try_from(count.max(1)).unwrap_or(u32::MAX))
 }
 
-fn blue_noise(p: &Parameters, s: Setting) -> Result<AnyPoints, RegistryError> {
+fn blue_noise(p: &Parameters, s: PointSettings) -> Result<AnyPoints, RegistryError> {
     let of = p.value("of");
     if p.options::<BlueNoiseOptions>()?.keys == Keys::Optimised {
         return match of {
@@ -185,7 +185,7 @@ fn blue_noise(p: &Parameters, s: Setting) -> Result<AnyPoints, RegistryError> {
     Ok(Box::new(BlueNoise::new(s.seed, inner)))
 }
 
-fn pmj02(p: &Parameters, s: Setting) -> Result<AnyPoints, RegistryError> {
+fn pmj02(p: &Parameters, s: PointSettings) -> Result<AnyPoints, RegistryError> {
     let points = Pmj02::new(s.seed);
     Ok(match p.options::<Pmj02Options>()?.pixels {
         Pixels::BlueNoise => Box::new(points),
@@ -193,7 +193,7 @@ fn pmj02(p: &Parameters, s: Setting) -> Result<AnyPoints, RegistryError> {
     })
 }
 
-fn stratified(p: &Parameters, s: Setting) -> Result<AnyPoints, RegistryError> {
+fn stratified(p: &Parameters, s: PointSettings) -> Result<AnyPoints, RegistryError> {
     let strata = match p.options::<StratifiedOptions>()?.strata {
         0 => s.spp.map_or(4, |n| (n as f64).sqrt().ceil().clamp(1.0, 4096.0) as u32),
         strata => strata,

@@ -3,8 +3,7 @@
 use crate::{
     AnyPoints, CLUSTERING, ClusterInputs, ClusterProbes, Entry, Parameter, Parameters, RegistryError, clustering,
 };
-use dapple_adaptive::Then;
-use dapple_adaptive::{Adaptive, AdaptiveOptions, Cycles, CyclesOptions, ErrorMap, VarianceOptions};
+use dapple_adaptive::{Adaptive, AdaptiveOptions, Cycles, CyclesOptions, ErrorMap, Sequence, VarianceOptions};
 #[cfg(feature = "classics")]
 use dapple_classics::{
     Awr, AwrOptions, CosineOptions, DctOptions, Divergence, DivergenceOptions, Ears, EarsOptions, FourierDofOptions,
@@ -142,14 +141,17 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
         &[PerceptualOptions::PARAMETERS],
         |p, points, _| Ok(Perceptual::with_options(points, p.options()?)?.into()),
     ),
-    Entry::new(
-        "then",
-        "one sampler for the first samples, then another, which sees them as its pilot",
-        "Lan, Implementation and Optimization of Monte Carlo Ray Tracing, 2016, as future work (docs/THESIS.md)",
-        "a first stage that puts samples in the wrong place takes them from the second",
-        &[THEN],
-        then,
-    ),
+    Entry {
+        aliases: &["then"],
+        ..Entry::new(
+            "sequence",
+            "one sampler for the first samples, then another, which sees them as its pilot",
+            "Lan, Implementation and Optimization of Monte Carlo Ray Tracing, 2016, as future work (docs/THESIS.md)",
+            "a first stage that puts samples in the wrong place takes them from the second",
+            &[SEQUENCE],
+            sequence,
+        )
+    },
     #[cfg(feature = "classics")]
     Entry::classic(
         "variance-threshold",
@@ -243,7 +245,7 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
     ),
 ];
 
-const THEN: &[Parameter] = &[
+const SEQUENCE: &[Parameter] = &[
     Parameter::new("first", "uniform", "The first sampler, with / for : and , (cluster-thesis/k=9/clamp=16)."),
     Parameter::new("spp", "4", "Samples per pixel that the first sampler spends at most, on average."),
     Parameter::new("second", "adaptive", "The second sampler, with / for : and , (// in a sampler inside that one)."),
@@ -271,12 +273,12 @@ fn adaptive(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs) -> Re
 }
 
 /// Both samplers take their samples from the same points, as one sequence.
-fn then(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs) -> Result<MadeSampler, RegistryError> {
+fn sequence(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs) -> Result<MadeSampler, RegistryError> {
     let points: Arc<dyn PointSet> = Arc::from(points);
     let of = |key: &str| p.nested(key, |inner| crate::sampler(inner, Box::new(points.clone()), inputs));
     let spp = p.number("spp")?;
     let (first, second) = (of("first")?, of("second")?);
-    let sampler = p.made(Then::new(first.sampler, spp, second.sampler))?;
+    let sampler = p.made(Sequence::new(first.sampler, spp, second.sampler))?;
     // The last samples are the second sampler's.
     Ok(MadeSampler {
         sampler: Box::new(sampler),

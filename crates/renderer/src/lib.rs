@@ -29,4 +29,4 @@ pub use integrator::{
 pub use material::{MaterialError, Surface, without};
 pub use space::Space;
 pub use texture::{TexturePoint, Textures};
-pub use world::{Emitter, Interaction, Lanes, SampleDimensions, SceneError, World, WorldError};
+pub use world::{BlockDimensions, Emitter, Interaction, SampleDimensions, SceneError, World, WorldError};

@@ -9,7 +9,7 @@ mod segment;
 mod tests;
 
 pub use build::{SceneError, WorldError};
-pub use first_hit::{Lanes, SampleDimensions};
+pub use first_hit::{BlockDimensions, SampleDimensions};
 pub(crate) use segment::{MOST_PASSED, PassedThrough};
 
 use crate::blocks;

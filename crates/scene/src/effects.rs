@@ -38,7 +38,7 @@ macro_rules! effects {
                 match self { $(Self::$variant => $left_out,)* }
             }
 
-            fn find(self) -> fn(&Visible<'_>) -> Found {
+            fn find(self) -> fn(&Visible<'_>) -> FirstCause {
                 match self { $(Self::$variant => $find,)* }
             }
 
@@ -130,7 +130,7 @@ impl FromStr for Effect {
 /// An effect that a scene calls for, and the reason.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
-pub struct Called {
+pub struct CalledEffect {
     /// The effect that the scene calls for.
     pub effect: Effect,
     /// The reason, as a short phrase about the first object that calls for the effect.
@@ -142,10 +142,10 @@ pub struct Called {
 }
 
 /// The first object that calls for an effect, as the reason and its place, and the number of all such objects.
-type Found = Option<(String, Source, usize)>;
+type FirstCause = Option<(String, Source, usize)>;
 
 /// Counts the objects that call for an effect. `describe` returns the reason and the place of the first.
-fn found<T>(objects: impl IntoIterator<Item = T>, describe: impl FnOnce(T) -> (String, Source)) -> Found {
+fn found<T>(objects: impl IntoIterator<Item = T>, describe: impl FnOnce(T) -> (String, Source)) -> FirstCause {
     let mut objects = objects.into_iter();
     let (because, source) = describe(objects.next()?);
     Some((because, source, 1 + objects.count()))
@@ -168,7 +168,7 @@ fn found<T>(objects: impl IntoIterator<Item = T>, describe: impl FnOnce(T) -> (S
 /// ```
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Effects {
-    called: Vec<Called>,
+    called: Vec<CalledEffect>,
     max_depth: Option<u32>,
 }
 
@@ -178,7 +178,7 @@ impl Effects {
         let visible = Visible::of(scene);
         let find = |effect: Effect| {
             let (because, source, objects) = effect.find()(&visible)?;
-            Some(Called { effect, because, source, objects })
+            Some(CalledEffect { effect, because, source, objects })
         };
         Self { called: Effect::ALL.into_iter().filter_map(find).collect(), max_depth: scene.max_depth }
     }
@@ -189,7 +189,7 @@ impl Effects {
     }
 
     /// Returns the effects that the scene calls for with their reasons, in the order of [`Effect::ALL`].
-    pub fn called(&self) -> &[Called] {
+    pub fn called(&self) -> &[CalledEffect] {
         &self.called
     }
 
@@ -213,7 +213,7 @@ impl Effects {
     /// The solid angle is the upper bound `area / distance^2`, a quarter of this for a sphere. Small bright parts of an
     /// environment map are not searched. The reason in the result names the first such lamp; its `objects` is the
     /// number of such lamps.
-    pub fn found_by_chance(scene: &Scene) -> Option<Called> {
+    pub fn found_by_chance(scene: &Scene) -> Option<CalledEffect> {
         lights::found_by_chance(&Visible::of(scene))
     }
 }

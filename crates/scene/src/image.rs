@@ -44,10 +44,10 @@ pub use exr_write::{EncodedExr, ExrHeader, Layer, encode_exr, encode_exr_with, r
 pub use file::{Format, check_writable, write_file};
 pub use info::{ImageInfo, image_info, is_image};
 pub use layers::{ChosenImage, FoundLayer, KNOWN_LAYERS, LayerKind, Layers, NoImage, Purpose};
-pub use openexr::{Each, Plane};
+pub use openexr::{ComputedFloats, Plane};
 pub use pfm::encode_pfm;
 pub use png::{encode_png, encode_png_gray, encode_png_rgb, srgb_decode, srgb_encode};
-pub use read::{Encoding, ImageFile, Wanted, read_image, read_image_file, read_texture};
+pub use read::{Encoding, ImageFile, LayerQuery, read_image, read_image_file, read_texture};
 pub use window::Window;
 
 use std::path::PathBuf;

@@ -17,6 +17,6 @@ mod scene_reader;
 pub mod text;
 
 pub use description::*;
-pub use effects::{Albedo, Called, Effect, Effects, UnknownEffect, WithoutError};
+pub use effects::{Albedo, CalledEffect, Effect, Effects, UnknownEffect, WithoutError};
 pub use readers::{READERS, read_any, read_any_from};
 pub use scene_reader::{AnyOptions, Problem, ProblemKind, ReadError, SceneReader};

@@ -3,7 +3,7 @@
 use crate::scene::name_of;
 use crate::{External, Method, StudyError};
 use dapple_core::PointSet;
-use dapple_job::registry::{self, Setting};
+use dapple_job::registry::{self, PointSettings};
 use dapple_renderer::light::LightSelection;
 use serde::de::Error;
 use serde::{Deserialize, Deserializer};
@@ -455,7 +455,8 @@ fn check_method(method: &Method, spp: u64, external: &[External]) -> Result<(), 
         registry::check_filter(filter).map_err(|e| PlanError::of_value("filters", filter, e))?;
     }
     let refuse = |message: String| PlanError::of_value("points", points, message);
-    let made = registry::points(points, Setting { seed: 0, spp: Some(spp) }).map_err(|e| refuse(e.to_string()))?;
+    let made =
+        registry::points(points, PointSettings { seed: 0, spp: Some(spp) }).map_err(|e| refuse(e.to_string()))?;
     let capacity = made.capacity();
     let needs = || refuse(format!("\"{points}\" has {capacity} points per pixel, and {spp} spp need more; lower spp"));
     if spp <= capacity { Ok(()) } else { Err(needs()) }
@@ -596,7 +597,7 @@ mod tests {
     /// Plans mean the same in programs with and without the feature.
     #[test]
     fn an_external_filter_may_have_the_name_of_an_optional_filter() {
-        for name in ["oidn", "both"] {
+        for name in ["oidn", "oidn-blend"] {
             let text = format!(
                 "filters = [\"{name}\"]\n[[external]]\nname = \"{name}\"\ncommand = \"p {{input}} {{output}}\""
             );

@@ -5,7 +5,7 @@
 //! traces on what the bound took [after Kollig and Keller 2004], so that no light is lost.
 
 use crate::walk::{Arrival, Onwards, Sources, draws_of_half, is_rough, leaks, refuse, scattered_from, turned, visible};
-use dapple_core::integrator::{Pass, Prepared, Prepares};
+use dapple_core::integrator::{Pass, PreparationCost, Prepares};
 use dapple_core::options::Options as _;
 use dapple_core::{Draws, Frame, Integrator, Worker};
 use dapple_geometry::SurfacePoint;
@@ -159,8 +159,8 @@ impl VertexLight for VirtualLights<'_> {
         Prepares::EveryPass
     }
 
-    fn prepare(&mut self, pass: &Pass<'_>) -> Prepared {
-        let mut prepared = Prepared::default();
+    fn prepare(&mut self, pass: &Pass<'_>) -> PreparationCost {
+        let mut prepared = PreparationCost::default();
         for half in 0..2 {
             let (paths, draws) = (0..self.options.paths, draws_of_half(pass, half, self.options.paths));
             let (set, rays) = self.sources.trace(self.world, paths, draws, |arrival, set| self.arrive(arrival, set));

@@ -15,7 +15,7 @@ pub use bdpt::{Bdpt, BdptOptions};
 pub use instant::InstantOptions;
 pub use lightcuts::LightcutOptions;
 pub use metropolis::{Metropolis, MetropolisOptions};
-pub use photons::{PhotonOptions, What};
+pub use photons::{PhotonOptions, PhotonScope};
 pub use radiosity::RadiosityOptions;
 
 use dapple_core::{Integrator, options::Options};

@@ -9,7 +9,7 @@ mod tree;
 use crate::patches::{Division, Patches};
 use crate::walk::{LIGHT, TOWARDS, first_hit, grid, is_rough, refuse, scattered_from, visible};
 use common::CommonCuts;
-use dapple_core::integrator::{Pass, Prepared, Prepares};
+use dapple_core::integrator::{Pass, PreparationCost, Prepares};
 use dapple_core::options::Options as _;
 use dapple_core::{Draws, Frame, Integrator, Worker};
 use dapple_renderer::light::{SelectedLight, Target};
@@ -355,7 +355,7 @@ impl VertexLight for CutLight<'_> {
         Prepares::Once
     }
 
-    fn prepare(&mut self, pass: &Pass<'_>) -> Prepared {
+    fn prepare(&mut self, pass: &Pass<'_>) -> PreparationCost {
         self.trees = self.trees(pass);
         let (floor, mut rays) = self.mean(&pass.frame);
         self.floor = FLOOR * floor;
@@ -363,7 +363,7 @@ impl VertexLight for CutLight<'_> {
             let (common, more) = self.common_cuts(Patches::new(self.world, division), &pass.frame);
             (self.common, rays) = (Some(common), rays + more);
         }
-        Prepared { rays }
+        PreparationCost { rays }
     }
 
     fn memory(&self, _: &Frame) -> u64 {

@@ -4,7 +4,7 @@ mod chain;
 
 use crate::bdpt::{Bdpt, BdptOptions};
 use chain::{Chains, Deposit, Target};
-use dapple_core::integrator::{Pass, Prepared, Prepares};
+use dapple_core::integrator::{Pass, PreparationCost, Prepares};
 use dapple_core::options::Options as _;
 use dapple_core::{Block, Draws, Estimate, Frame, Integrator, Worker, parallel, point_set::mix};
 use dapple_renderer::{MakeError, World};
@@ -181,11 +181,11 @@ impl Integrator for Metropolis<'_> {
         if self.depth < 2 { Prepares::Never } else { Prepares::EveryPass }
     }
 
-    fn prepare(&mut self, pass: &Pass<'_>) -> Prepared {
+    fn prepare(&mut self, pass: &Pass<'_>) -> PreparationCost {
         let numbers = pass.draws(0).block(Block::new(0));
         let key = numbers.iter().fold(u64::from(pass.number), |key, x| mix(key ^ u64::from(x.to_bits())));
         let target = Indirect { world: self.world, paths: &self.indirect, frame: pass.frame };
-        let mut prepared = Prepared::default();
+        let mut prepared = PreparationCost::default();
         self.images = [0, 1].map(|number| {
             let found = image_of(&target, &pass.frame, mix(key ^ (number + 1)), &self.options);
             prepared.rays += found.rays;

@@ -10,7 +10,7 @@ use crate::walk::{
     Arrival, MOST_TURNED, Onwards, Sources, draws_of_half, emitted, first_hit, grid, is_rough, probe, refuse,
     scattered_from, walk,
 };
-use dapple_core::integrator::{Pass, Prepared, Prepares};
+use dapple_core::integrator::{Pass, PreparationCost, Prepares};
 use dapple_core::options::Options as _;
 use dapple_core::{Draws, Frame, Integrator, Worker};
 use dapple_renderer::{GatherPoint, MakeError, VertexLight, World, path_tracer_with};
@@ -20,20 +20,20 @@ use map::{Photon, PhotonMap, shrunk};
 
 /// The light that photons carry. The rest is left to path tracing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum What {
+pub enum PhotonScope {
     /// Light of small lamps that reaches rough surfaces by mirrors and clear glass only.
     Caustics,
     /// All indirect light at the first rough surface of a path.
     All,
 }
 
-dapple_core::choices!(What { Caustics = "caustics", All = "all" });
+dapple_core::choices!(PhotonScope { Caustics = "caustics", All = "all" });
 
 dapple_core::options! {
     /// The parameters of the integrator `photons`.
     pub struct PhotonOptions {
         /// The light that photons carry: caustics (of small lamps), or all indirect light.
-        pub what: What = What::Caustics => "caustics", |_what| true, "\"caustics\" or \"all\"";
+        pub what: PhotonScope = PhotonScope::Caustics => "caustics", |_what| true, "\"caustics\" or \"all\"";
         /// Photons per pass and half of the samples; 0 takes one per pixel.
         pub photons: u32 = 0, |photons| photons <= 1 << 24, "0 to 16777216";
         /// The radius of the first pass, in units of the scene file; 0 takes a pixel at the median first hit.
@@ -53,7 +53,7 @@ pub(crate) fn make<'w>(parameters: &str, world: &'w World) -> Result<Box<dyn Int
     let blur = "motion blur, and photons have no time; use \"path\", or render without motion-blur";
     let medium = "a medium that scatters light, and photons are stored on surfaces only; use \"path\" or what=caustics";
     let lacking = [(Effect::MotionBlur, blur), (Effect::ScatteringMedia, medium)];
-    refuse(world, if options.what == What::All { &lacking } else { &lacking[..1] })?;
+    refuse(world, if options.what == PhotonScope::All { &lacking } else { &lacking[..1] })?;
     let light = PhotonLight::new(world, options);
     light.check_radius()?;
     Ok(path_tracer_with(world, light))
@@ -108,7 +108,7 @@ impl<'w> PhotonLight<'w> {
     fn new(world: &'w World, options: PhotonOptions) -> Self {
         let lights = world.lights();
         let is_small = |light| match lights.light_sphere(light) {
-            _ if options.what == What::All => true,
+            _ if options.what == PhotonScope::All => true,
             _ if lights.is_delta(light) => true,
             Some((_, radius)) => {
                 let distance = f64::from(lights.scene_sphere().1);
@@ -143,7 +143,7 @@ impl<'w> PhotonLight<'w> {
     /// Learns which rays of the lamps become caustics: the few that meet glass or mirrors.
     fn guide(&mut self) -> u64 {
         self.is_guided = true;
-        if self.options.what == What::All {
+        if self.options.what == PhotonScope::All {
             return 0;
         }
         let mut sources = self.sources.clone();
@@ -163,7 +163,7 @@ impl<'w> PhotonLight<'w> {
 
     /// The photons that a path stores, for the estimate of memory: with what=all by tracing some.
     fn stored(&self) -> f64 {
-        if self.options.what == What::Caustics {
+        if self.options.what == PhotonScope::Caustics {
             return if self.sources.is_empty() { 0.0 } else { STORED_CAUSTICS };
         }
         let (photons, _) = self.trace(PROBES, |number| probe([number, 0]));
@@ -172,7 +172,7 @@ impl<'w> PhotonLight<'w> {
 
     /// Stores a photon that arrives, if it is not direct light, and returns how its path continues.
     fn arrive(&self, arrival: &Arrival<'_, '_>, photons: &mut Vec<Photon>) -> Onwards {
-        let caustics = self.options.what == What::Caustics;
+        let caustics = self.options.what == PhotonScope::Caustics;
         if caustics && !arrival.is_specular {
             return Onwards::Stop;
         }
@@ -217,7 +217,7 @@ impl VertexLight for PhotonLight<'_> {
         if !is_rough(vertex.bsdf) || self.sources.is_empty() {
             return (Vec3::ZERO, 0);
         }
-        let all = self.options.what == What::All && state.vertices >= self.options.gather;
+        let all = self.options.what == PhotonScope::All && state.vertices >= self.options.gather;
         state.next = Next { has_chains: true, ends: all };
         (self.density(vertex, &self.maps[(draws.sample_number() & 1) as usize], !all), 0)
     }
@@ -234,7 +234,7 @@ impl VertexLight for PhotonLight<'_> {
     }
 
     fn replaces(&self, state: &Gathered, light: u32, specular: bool) -> bool {
-        let all = self.options.what == What::All;
+        let all = self.options.what == PhotonScope::All;
         specular && state.now.has_chains && self.replaced.get(light as usize).copied().unwrap_or(all)
     }
 
@@ -246,10 +246,10 @@ impl VertexLight for PhotonLight<'_> {
         if self.sources.is_empty() { Prepares::Never } else { Prepares::EveryPass }
     }
 
-    fn prepare(&mut self, pass: &Pass<'_>) -> Prepared {
+    fn prepare(&mut self, pass: &Pass<'_>) -> PreparationCost {
         let emitted = emitted(self.options.photons, &pass.frame);
         let radius = self.radius_of(pass);
-        let mut prepared = Prepared::default();
+        let mut prepared = PreparationCost::default();
         if !self.is_guided {
             let rays = self.guide();
             // A resumed render guides again, which was counted before.

@@ -5,7 +5,7 @@
 
 use crate::patches::{Division, Patches};
 use crate::walk::{Arrival, MOST_TURNED, Onwards, Sources, draws_of_half, emitted, refuse, turned};
-use dapple_core::integrator::{Pass, Prepared, Prepares};
+use dapple_core::integrator::{Pass, PreparationCost, Prepares};
 use dapple_core::options::Options as _;
 use dapple_core::{Draws, Frame, Integrator, Worker};
 use dapple_renderer::shading::Bsdf;
@@ -175,12 +175,12 @@ impl VertexLight for PatchLight<'_> {
         if self.sources.is_empty() { Prepares::Never } else { Prepares::EveryPass }
     }
 
-    fn prepare(&mut self, pass: &Pass<'_>) -> Prepared {
+    fn prepare(&mut self, pass: &Pass<'_>) -> PreparationCost {
         if self.patches.areas.is_empty() {
             self.patches = Patches::new(self.world, &self.division);
         }
         let emitted = emitted(self.options.particles, &pass.frame);
-        let mut prepared = Prepared::default();
+        let mut prepared = PreparationCost::default();
         for half in 0..2 {
             let (flux, rays) = self.trace(pass, half, emitted);
             self.irradiance[half] = self.solution(&flux, emitted);

@@ -3,8 +3,10 @@
 
 use crate::support::*;
 use dapple_adaptive::{Adaptive, AdaptiveOptions, PilotPolicy, PoolShape, VarianceOptions};
-use dapple_conformance::statistics::{Bernoulli, FAMILY, Mean, Naive, Verdict, critical, image_mean, kept, power};
-use dapple_conformance::toys::{Field, Independent, Planned};
+use dapple_conformance::statistics::{
+    Bernoulli, BiasedSampler, FAMILY, Mean, Verdict, critical, image_mean, kept, power,
+};
+use dapple_conformance::toys::{Field, Independent, ToySampler};
 use dapple_core::plan::{Feedback, Plan, Progress, Retention};
 use dapple_core::{Block, Draws, Estimate, Integrator, Limits, Needs, Render, Sampler, SurfaceFeatures, Worker};
 use dapple_low_discrepancy::Random;
@@ -134,7 +136,7 @@ fn variance_sampler(policy: PilotPolicy, radius: u32, seed: u64) -> Adaptive<Ran
 fn the_naive_rule_is_caught_and_meets_its_closed_form_a01() {
     let closed = kept(P.into(), 4, 64);
     assert!((closed - 0.038575).abs() < 1e-6, "{closed}");
-    let naive = |seed| Naive { points: Random::new(300 + seed), pilot: 4, total: 64 };
+    let naive = |seed| BiasedSampler { points: Random::new(300 + seed), pilot: 4, total: 64 };
     let mean = means_of(&mut Bernoulli(P), Needs::none(), naive, (64, SIDE));
     assert!(mean.against(P.into()).p() < 1e-12, "the naive rule is not caught: {mean:?}");
     assert!(mean.against(closed).p() > FAMILY, "{mean:?} instead of {closed}");
@@ -166,7 +168,7 @@ fn heavy_tails_stop_early_a02() {
             }
             if plan.total() > 0 { Progress::Trace } else { Progress::Done }
         };
-        Planned { points: Independent::new(600 + seed), needs: Needs::none().with_variance(), plan }
+        ToySampler { points: Independent::new(600 + seed), needs: Needs::none().with_variance(), plan }
     };
     let naive = means_of(&mut Field(lognormal), Needs::none(), stops, (200, 16));
     assert!((0.85..0.95).contains(&naive.mean) && naive.deviation(1.0) < -10.0, "{naive:?}");
@@ -230,7 +232,7 @@ fn crossing_with_weights_by_count_is_caught_a01() {
             plan.combine = dapple_core::plan::Combine::ByCount;
             progress
         };
-        Planned { points: Independent::new(400 + seed), needs, plan }
+        ToySampler { points: Independent::new(400 + seed), needs, plan }
     };
     let got = means_of(&mut Bernoulli(P), Needs::none(), by_count, (10, SIDE));
     assert!(got.deviation(P.into()).abs() > 10.0, "{got:?}");

@@ -3,5 +3,5 @@
 mod bias;
 mod conformance;
 mod decisions;
+mod sequence;
 mod support;
-mod then;

@@ -16,7 +16,7 @@ fn the_squared_error_is_below_that_of_the_noise_for_any_bias() {
     let film = noisy_film([64, 64], 32, NEEDS, 3, |_, _| 100.0, |_, _| 4.0);
     for (bias, expected) in [(0.0, 0.0), (0.5, 0.18), (1.0, 0.375), (3.0, 0.495), (30.0, 0.5)] {
         let image_of = move |film: &Film| Filtered::new(film.frame().size(), vec![[100.0 + bias; 3]; 64 * 64]);
-        let biased = toys::Made { name: "biased", needs: Needs::none(), apply: image_of };
+        let biased = toys::ToyFilter { name: "biased", needs: Needs::none(), apply: image_of };
         let options = JamesSteinOptions::default().window(5).noise(NoiseEstimate::Samples);
         let found = error(&image(&JamesStein::with_options(biased, options).unwrap(), &film), |_| 100.0);
         assert!((found - expected).abs() < 0.03, "{bias}: {found}, not {expected}");

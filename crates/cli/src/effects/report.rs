@@ -1,8 +1,8 @@
 //! The rows of effects and measurements, as a table and as JSON.
 
 use dapple_job::found_by_chance;
-use dapple_metrics::{Difference, Measured, student_t_quantile};
-use dapple_scene::{Called, Effect, Effects, Scene, Source};
+use dapple_metrics::{Difference, MeasuredValue, student_t_quantile};
+use dapple_scene::{CalledEffect, Effect, Effects, Scene, Source};
 use serde::Serialize;
 use std::path::Path;
 
@@ -25,14 +25,14 @@ pub(super) struct Report<'a> {
     /// the scene sets no limit, or no path is long enough to be cut.
     pub(super) beyond_depth: Option<Figures>,
     #[serde(skip)]
-    by_chance: Option<&'a Called>,
+    by_chance: Option<&'a CalledEffect>,
 }
 
 /// An effect of the scene, its first object, and its measurement if there is one.
 #[derive(Serialize)]
 pub(super) struct Row<'a> {
     #[serde(skip)]
-    pub(super) called: &'a Called,
+    pub(super) called: &'a CalledEffect,
     effect: &'static str,
     #[serde(flatten)]
     reason: Reason<'a>,
@@ -71,9 +71,9 @@ struct Figure {
 impl Figures {
     /// Makes the figures of an effect from the logarithm of the ratio of tracing times and the difference of the images,
     /// each by this number of seeds.
-    pub(super) fn new(log_time: Measured, image: Difference, seeds: u32) -> Self {
+    pub(super) fn new(log_time: MeasuredValue, image: Difference, seeds: u32) -> Self {
         let student = student(seeds - 1);
-        let figure = |m: Measured| Figure { value: m.value, noise: student * m.standard_error };
+        let figure = |m: MeasuredValue| Figure { value: m.value, noise: student * m.standard_error };
         let log = figure(log_time);
         let ratio = log.value.exp();
         // The noise is propagated with the derivatives of exp(x) and 1 - exp(-x).
@@ -93,8 +93,8 @@ fn student(freedom: u32) -> f64 {
 
 impl<'a> Report<'a> {
     /// Makes a report without measurements.
-    pub(super) fn new(scene: &'a Scene, effects: &'a Effects, by_chance: Option<&'a Called>) -> Self {
-        let row = |called: &'a Called| Row {
+    pub(super) fn new(scene: &'a Scene, effects: &'a Effects, by_chance: Option<&'a CalledEffect>) -> Self {
+        let row = |called: &'a CalledEffect| Row {
             called,
             effect: called.effect.name(),
             reason: reason(called),
@@ -165,7 +165,7 @@ impl<'a> Report<'a> {
 
 impl Row<'_> {
     fn cells(&self) -> [String; 6] {
-        let Called { effect, because, source, objects, .. } = self.called;
+        let CalledEffect { effect, because, source, objects, .. } = self.called;
         // For several lights, all of them together are the cause, and no others are counted.
         let others = match objects {
             n if *n > 1 && *effect != Effect::SeveralLights => format!(", and {} more", n - 1),
@@ -184,7 +184,7 @@ impl Row<'_> {
     }
 }
 
-fn reason(called: &Called) -> Reason<'_> {
+fn reason(called: &CalledEffect) -> Reason<'_> {
     let Source { file, line } = &called.source;
     Reason { because: &called.because, file, line: *line, objects: called.objects }
 }

@@ -48,7 +48,7 @@ pub(crate) struct RenderArgs {
     #[arg(help_heading = "Method")]
     pub(crate) points: String,
 
-    /// Filter (the denoiser); `best` is `both` where Open Image Denoise is found, `none` makes each pixel the mean of its own
+    /// Filter (the denoiser); `best` is `oidn-blend` where Open Image Denoise is found, `none` makes each pixel the mean of its own
     /// samples. `dapple filters` lists all
     #[arg(long, visible_alias = "denoiser", value_name = "NAME[:…]", value_parser = filter)]
     #[arg(default_value = dapple_job::DEFAULT_FILTER, help_heading = "Method")]

@@ -131,7 +131,11 @@ fn a_method_is_described_by_name() {
     ] {
         assert!(out.contains(part), "{part}: {out}");
     }
-    assert!(folder.done("samplers cluster").contains("former names: cluster\n"));
+    for [alias, name] in [["cluster", "adaptive"], ["then", "sequence"]] {
+        let out = folder.done(&format!("samplers {alias}"));
+        assert!(out.starts_with(&format!("{name}: ")) && out.contains(&format!("\naliases: {alias}\n")), "{out}");
+    }
+    assert_eq!(folder.done("denoisers"), folder.done("filters"));
     assert!(folder.done("points random").contains("no parameters"));
     assert!(folder.done("filters cluster-regression").contains("source: Dapple, after Moon"));
     assert!(folder.done("integrators ambient-occlusion").contains("distance=inf"));

@@ -7,11 +7,11 @@ use dapple_job::registry::{FILTERS, NOT_BUILT, SAMPLERS};
 use dapple_scene::bundled;
 use std::time::{Duration, Instant};
 
-/// `oidn` and `both` need a feature of the build and a library; each is named before the scene is read.
+/// `oidn` and `oidn-blend` need a feature of the build and a library; each is named before the scene is read.
 #[test]
 fn optional_filters_name_what_is_missing() {
     let folder = Folder::new();
-    for filter in ["oidn", "both:prefilter=false"] {
+    for filter in ["oidn", "oidn-blend:prefilter=false"] {
         let mut command = folder.command(&format!("render nonesuch.pbrt --filter {filter}"));
         let output = command.env("DAPPLE_OIDN", "/nonesuch/oidn.so").output().expect("the program starts");
         let error = String::from_utf8_lossy(&output.stderr);

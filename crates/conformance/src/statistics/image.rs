@@ -228,7 +228,7 @@ impl Integrator for Bernoulli {
 /// A deliberately biased sampler, the negative control of every test of bias. A pixel stops if its pilot's samples are
 /// all equal, and all samples are kept.
 #[derive(Clone, Copy, Debug)]
-pub struct Naive<P> {
+pub struct BiasedSampler<P> {
     /// The point set that supplies the samples' random numbers.
     pub points: P,
     /// The number of pilot samples per pixel.
@@ -237,7 +237,7 @@ pub struct Naive<P> {
     pub total: u32,
 }
 
-impl<P: PointSet> Sampler for Naive<P> {
+impl<P: PointSet> Sampler for BiasedSampler<P> {
     fn name(&self) -> &str {
         "naive"
     }

@@ -1,6 +1,6 @@
 //! The ladder: sample counts at which low-discrepancy points are well stratified.
 
-use super::{Allocation, Demand, Steps, share_out};
+use super::{Allocation, PixelDemand, Steps, share_out};
 use crate::{Error, Needs};
 
 /// The ladder: sample counts 1, 2, 3, 4, 6, 8, 12, 16, 24, …, at which low-discrepancy points are well distributed.
@@ -78,7 +78,7 @@ impl Ladder {
         if !(exponent > 0.0 && exponent <= 3.0) {
             return Err(Error::out_of_range("exponent", exponent, "the rate at which errors fall lies in (0, 3]"));
         }
-        let demand = Demand::new(scores, floors, ceiling, total);
+        let demand = PixelDemand::new(scores, floors, ceiling, total);
         share_out(&demand, self.floor(ceiling), &Rungs::new(exponent, self))
     }
 

@@ -1,6 +1,6 @@
 //! Steps sorted by gain, and the distribution of the last samples over them.
 
-use super::{Demand, Steps};
+use super::{PixelDemand, Steps};
 use crate::point_set::mix;
 use std::cmp::Ordering;
 
@@ -24,7 +24,12 @@ impl Waiting {
 }
 
 /// All steps above the current `counts` whose error decrease per sample is at least `threshold`.
-pub(super) fn steps_above(threshold: f64, counts: &[u32], demand: &Demand<'_>, steps: &impl Steps) -> Vec<Waiting> {
+pub(super) fn steps_above(
+    threshold: f64,
+    counts: &[u32],
+    demand: &PixelDemand<'_>,
+    steps: &impl Steps,
+) -> Vec<Waiting> {
     let mut waiting = Vec::new();
     for (k, (&n, &score)) in counts.iter().zip(demand.scores).enumerate() {
         // Rounding must not hide a step, so the quick test is a little lower.

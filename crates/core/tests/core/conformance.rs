@@ -1,6 +1,6 @@
 //! The samplers and the filter of this crate pass what every other must pass; broken ones do not.
 
-use crate::common::{Independent, Made, Planned, Points, mix};
+use crate::common::{Independent, Points, ToyFilter, ToySampler, mix};
 use dapple_conformance as conformance;
 use dapple_core::plan::{Feedback, Plan, Progress, Retention};
 use dapple_core::samplers::Uniform;
@@ -30,8 +30,8 @@ fn failure(work: impl FnOnce()) -> String {
     text.or_else(|| caught.downcast_ref::<&str>().map(|s| (*s).to_owned())).unwrap_or_default()
 }
 
-fn planned<F: FnMut(&Feedback<'_>, &mut Plan) -> Progress + Send>(plan: F) -> Planned<F> {
-    Planned { points: Independent::new(1), needs: Needs::none(), plan }
+fn planned<F: FnMut(&Feedback<'_>, &mut Plan) -> Progress + Send>(plan: F) -> ToySampler<F> {
+    ToySampler { points: Independent::new(1), needs: Needs::none(), plan }
 }
 
 /// Levels all pixels to `total` in all, at least the floor and at most the ceiling.
@@ -167,7 +167,7 @@ fn unfiltered(film: &Film) -> Filtered {
 #[test]
 fn broken_filters_are_rejected() {
     let rejected = |filter: fn(&Film) -> Filtered, needs: Needs, expected: &str| {
-        let made = || Made { name: "made", needs, apply: filter };
+        let made = || ToyFilter { name: "made", needs, apply: filter };
         let message = failure(|| conformance::filter(|| Box::new(made())));
         assert!(message.contains(expected), "rejected for {message:?}, not for {expected:?}");
     };

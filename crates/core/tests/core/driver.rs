@@ -352,7 +352,7 @@ fn a_plan_for_halves_needs_halves() {
         plan.second_half = Some(vec![1; 4]);
         Progress::Trace
     };
-    let mut sampler = Planned { points: Independent::new(1), needs: Needs::none(), plan };
+    let mut sampler = ToySampler { points: Independent::new(1), needs: Needs::none(), plan };
     let answer = run(&mut Field(noise), &mut sampler, Needs::none(), frame(2, 2), &Limits::samples(40));
     assert!(matches!(answer, Err(Error::BadPlan { .. })));
     let mut sampler = one_round(Independent::new(1), Retention::Keep, vec![0; 4]);

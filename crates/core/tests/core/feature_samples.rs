@@ -1,6 +1,6 @@
 //! Samples of features alone, halves of films as films, and features per half.
 
-use crate::common::{Independent, Planned, Points, Traced, everything, frame, numbers, on_threads, run, uniform};
+use crate::common::{Independent, Points, ToySampler, Traced, everything, frame, numbers, on_threads, run, uniform};
 use dapple_core::limits::Schedule;
 use dapple_core::plan::{Combine, Feedback, Plan, Progress, Retention};
 use dapple_core::point_set::streams;
@@ -75,7 +75,7 @@ fn films_without_features_or_with_those_of_halves_get_none() {
 /// Slices cut both rounds.
 #[test]
 fn a_later_round_samples_no_features_alone() {
-    let mut sampler = Planned {
+    let mut sampler = ToySampler {
         points: Independent::new(5),
         needs: Needs::none().with_features(),
         plan: |seen: &Feedback<'_>, plan: &mut Plan| {
@@ -329,7 +329,7 @@ fn half_films_hold_what_the_half_discarded() {
         plan.retention = if seen.round == 0 { Retention::Discard } else { Retention::Keep };
         Progress::Trace
     };
-    let mut sampler = Planned { points, needs: all(), plan };
+    let mut sampler = ToySampler { points, needs: all(), plan };
     let film = run(&mut Traced(trace), &mut sampler, all(), frame(9, 7), &Limits::spp(20.0)).unwrap();
     for (half, kept, discarded) in [(0, 6, 1), (1, 2, 3)] {
         let part = film.half_film(half).unwrap();

@@ -1,6 +1,6 @@
 //! Errors that a film predicts of itself, and its size.
 
-use crate::common::{Field, Independent, Planned, frame, run};
+use crate::common::{Field, Independent, ToySampler, frame, run};
 use dapple_core::plan::{Combine, Feedback, Plan, Progress};
 use dapple_core::{Film, Frame, Limits, Needs};
 use rand::{RngExt, SeedableRng};
@@ -45,7 +45,7 @@ fn squared_error_is_that_of_the_combined_mean() {
             plan.combine = combine;
             if seen.round == 0 { Progress::Trace } else { Progress::Done }
         };
-        let mut sampler = Planned { points: Independent::new(5), needs, plan };
+        let mut sampler = ToySampler { points: Independent::new(5), needs, plan };
         let limits = Limits::samples(8 * u64::from(pixels));
         let film = run(&mut Field(|_, u: [f32; 4]| [u[0]; 3]), &mut sampler, needs, frame(pixels, 1), &limits).unwrap();
         let average = |f: &dyn Fn(usize) -> f64| (0..pixels as usize).map(f).sum::<f64>() / f64::from(pixels);

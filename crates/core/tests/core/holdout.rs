@@ -27,7 +27,7 @@ fn blur(claim: Option<f32>) -> impl Filter {
         });
         Filtered::new(size, radiance).with_error(error)
     };
-    Made { name: "blur", needs: Needs::none().with_halves(), apply }
+    ToyFilter { name: "blur", needs: Needs::none().with_halves(), apply }
 }
 
 fn field(_: [u32; 2], u: [f32; 4]) -> [f32; 3] {

@@ -67,7 +67,7 @@ fn descriptions_of_any_depth_are_read_back() {
         let value = nested(&description);
         assert!(!value.contains([':', ',']), "{value} cannot be the value of a parameter");
         assert_eq!(unnested(&value), description, "depth {depth}");
-        description = format!("then:first={value},spp={depth},second=adaptive/by=nlm/pilot=4");
+        description = format!("sequence:first={value},spp={depth},second=adaptive/by=nlm/pilot=4");
     }
 }
 

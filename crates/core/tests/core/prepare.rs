@@ -2,7 +2,7 @@
 
 use crate::common::{Field, Independent, Keeper, bits, cut, frame, noise, numbers, on_threads, snapshot, uniform};
 use dapple_adaptive::Adaptive;
-use dapple_core::integrator::{Pass, Prepared, Prepares};
+use dapple_core::integrator::{Pass, PreparationCost, Prepares};
 use dapple_core::{Block, Draws, Error, Estimate, Film, Integrator, Limits, Needs, Render, Sampler, Snapshot, Worker};
 
 /// Prepares one number per pass, and adds it to noise.
@@ -30,11 +30,11 @@ impl Integrator for PassNumber {
         self.when
     }
 
-    fn prepare(&mut self, pass: &Pass<'_>) -> Prepared {
+    fn prepare(&mut self, pass: &Pass<'_>) -> PreparationCost {
         let sum: f32 = (0..10).map(|path| pass.draws(path).block(Block::new(0))[0]).sum();
         self.state = Some((pass.number, sum));
         self.numbers.push(pass.number);
-        Prepared { rays: 10 }
+        PreparationCost { rays: 10 }
     }
 }
 
@@ -131,7 +131,7 @@ fn a_panic_while_preparing_is_an_error() {
         fn prepares(&self) -> Prepares {
             Prepares::Once
         }
-        fn prepare(&mut self, _: &Pass<'_>) -> Prepared {
+        fn prepare(&mut self, _: &Pass<'_>) -> PreparationCost {
             panic!("no photons")
         }
     }

@@ -70,7 +70,7 @@ fn rounds(needs: Needs, withdraws: bool) -> impl Sampler {
         }
         Progress::Trace
     };
-    Planned { points: Independent::new(4), needs, plan }
+    ToySampler { points: Independent::new(4), needs, plan }
 }
 
 fn cases() -> impl Iterator<Item = (Needs, bool)> {

@@ -41,7 +41,7 @@ fn every_kind(withdraws: bool) -> impl Sampler {
         }
         Progress::Trace
     };
-    Planned { points: Independent::new(7), needs: everything(), plan }
+    ToySampler { points: Independent::new(7), needs: everything(), plan }
 }
 
 const LIMIT: u64 = 100_000;
@@ -313,7 +313,7 @@ fn the_film_records_what_the_filter_needs() {
         film.require("wants", &needs).unwrap();
         Unfiltered.apply(film).unwrap()
     };
-    let wants = Made { name: "wants", needs, apply };
+    let wants = ToyFilter { name: "wants", needs, apply };
     let mut session = Session::new(frame(4, 4), Limits::spp(4.0), Methods::from((uniform(1), wants))).unwrap();
     while let Some(round) = session.next_round().unwrap() {
         round.trace(|_| [0.5; 3]).unwrap();
@@ -393,7 +393,7 @@ fn splats_add_their_mean_to_the_image() {
 #[test]
 fn samples_that_say_nothing_of_hits_are_refused_by_name() {
     let needs = Needs::none().with_features();
-    let guided = || Made { name: "guided", needs, apply: |film: &Film| Unfiltered.apply(film).unwrap() };
+    let guided = || ToyFilter { name: "guided", needs, apply: |film: &Film| Unfiltered.apply(film).unwrap() };
     let ends = |trace: &(dyn Fn(&Draws<'_>) -> Estimate + Sync)| -> Result<(), Error> {
         let mut session = Session::new(frame(4, 4), Limits::spp(4.0), (uniform(1), guided())).unwrap();
         while let Some(round) = session.next_round()? {

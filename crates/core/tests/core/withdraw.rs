@@ -1,6 +1,6 @@
 //! Samples that are withdrawn from the image pixel by pixel: nothing is lost, nothing restarts.
 
-use crate::common::{self, Field, Independent, Planned, everything, frame, noise, numbers, on_threads, run};
+use crate::common::{self, Field, Independent, ToySampler, everything, frame, noise, numbers, on_threads, run};
 use dapple_core::film::RgbMoments;
 use dapple_core::plan::{Feedback, Plan, Progress, Retention};
 use dapple_core::point_set::streams;
@@ -18,7 +18,7 @@ fn rounds(rounds: Vec<Round>, needs: Needs) -> impl Sampler {
         plan.withdraw = withdraw.then(|| (0..plan.counts.len()).map(|i| i == 1).collect());
         Progress::Trace
     };
-    Planned { points: Independent::new(5), needs, plan }
+    ToySampler { points: Independent::new(5), needs, plan }
 }
 
 /// Stream, index and radiance of a sample.
@@ -115,7 +115,7 @@ fn invalid_withdrawals_are_refused() {
             (plan.withdraw, plan.retention) = (mark.clone(), retention);
             Progress::Trace
         };
-        let mut sampler = Planned { points: Independent::new(1), needs: Needs::none(), plan };
+        let mut sampler = ToySampler { points: Independent::new(1), needs: Needs::none(), plan };
         match run(&mut Field(noise), &mut sampler, Needs::none(), frame(2, 1), &Limits::samples(2)) {
             Err(Error::BadPlan { what, .. }) => what,
             other => panic!("{other:?}"),
@@ -142,7 +142,7 @@ fn withdrawn_samples_use_up_points_but_no_ceiling() {
             plan.withdraw = (seen.round == 1).then(|| vec![true, false]);
             if seen.round < 2 { Progress::Trace } else { Progress::Done }
         };
-        let mut sampler = Planned { points: Independent { seed: 1, capacity }, needs, plan };
+        let mut sampler = ToySampler { points: Independent { seed: 1, capacity }, needs, plan };
         let mut limits = Limits::samples(12);
         (limits.min_spp, limits.max_spp) = (0, max_spp);
         run(&mut Field(noise), &mut sampler, needs, frame(2, 1), &limits)

@@ -13,7 +13,7 @@ const HEADER: &str = "header";
 /// The kind of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Kind {
+pub enum StateKind {
     /// The state of a render, from which it resumes.
     Checkpoint,
     /// The state of a render with a planned stage.
@@ -22,7 +22,7 @@ pub enum Kind {
     Rows,
 }
 
-impl Kind {
+impl StateKind {
     /// The kind in words.
     pub const fn name(self) -> &'static str {
         match self {
@@ -68,7 +68,7 @@ impl Identity {
 
 #[derive(Serialize, Deserialize)]
 struct Header {
-    kind: Kind,
+    kind: StateKind,
     identity: Identity,
 }
 
@@ -76,7 +76,7 @@ struct Header {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StateFile {
     /// The kind of the file.
-    pub kind: Kind,
+    pub kind: StateKind,
     /// The settings that the state depends on.
     pub identity: Identity,
     bytes: Vec<u8>,
@@ -84,7 +84,7 @@ pub struct StateFile {
 
 /// The reason why a file holds no such state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Damage {
+pub enum StateDamage {
     /// A fault of the container.
     Container(Fault),
     /// A file without a header that can be read.
@@ -93,7 +93,7 @@ pub enum Damage {
     Kind,
 }
 
-impl Damage {
+impl StateDamage {
     /// The fault in words, and the remedy.
     const fn words(self) -> [&'static str; 2] {
         const RESTORE: &str = "restore it from a copy, or render it again";
@@ -111,7 +111,7 @@ impl Damage {
     }
 }
 
-impl std::fmt::Display for Damage {
+impl std::fmt::Display for StateDamage {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(self.words()[0])
     }
@@ -119,7 +119,7 @@ impl std::fmt::Display for Damage {
 
 impl StateFile {
     /// Gives a state, as the core writes it, a header.
-    pub fn new(kind: Kind, identity: Identity, mut state: Vec<u8>) -> Self {
+    pub fn new(kind: StateKind, identity: Identity, mut state: Vec<u8>) -> Self {
         let header = Header { kind, identity };
         let json = serde_json::to_vec(&header).unwrap_or_default();
         append(&mut state, HEADER, &json);
@@ -146,12 +146,12 @@ impl StateFile {
     ///
     /// # Errors
     ///
-    /// [`Damage`] for bytes that are no state with a header.
-    pub fn from_bytes(bytes: Vec<u8>) -> Result<Self, Damage> {
-        let found = sections(&bytes).map_err(Damage::Container)?;
+    /// [`StateDamage`] for bytes that are no state with a header.
+    pub fn from_bytes(bytes: Vec<u8>) -> Result<Self, StateDamage> {
+        let found = sections(&bytes).map_err(StateDamage::Container)?;
         // The header comes last, so that a file without one is cut short.
-        let (_, json) = found.last().filter(|(name, _)| *name == HEADER).ok_or(Damage::Container(Fault::Short))?;
-        let Header { kind, identity } = serde_json::from_slice(json).map_err(|_| Damage::Nonsense)?;
+        let (_, json) = found.last().filter(|(name, _)| *name == HEADER).ok_or(StateDamage::Container(Fault::Short))?;
+        let Header { kind, identity } = serde_json::from_slice(json).map_err(|_| StateDamage::Nonsense)?;
         Ok(Self { kind, identity, bytes })
     }
 
@@ -160,7 +160,7 @@ impl StateFile {
     /// # Errors
     ///
     /// [`Error::Missing`], [`Error::Read`], and [`Error::Damaged`] for another kind or a damaged file.
-    pub fn read(path: &Path, kind: Kind) -> Result<Self, Error> {
+    pub fn read(path: &Path, kind: StateKind) -> Result<Self, Error> {
         let read = || match std::fs::metadata(path)?.is_file() {
             true => std::fs::read(path),
             false => Err(io::Error::new(io::ErrorKind::InvalidInput, "not a regular file")),
@@ -171,7 +171,7 @@ impl StateFile {
         })?;
         let damaged = |damage| Error::Damaged { path: path.to_owned(), damage };
         let file = Self::from_bytes(bytes).map_err(damaged)?;
-        if file.kind == kind { Ok(file) } else { Err(damaged(Damage::Kind)) }
+        if file.kind == kind { Ok(file) } else { Err(damaged(StateDamage::Kind)) }
     }
 }
 
@@ -217,7 +217,7 @@ pub enum Error {
         /// The path of the damaged file.
         path: PathBuf,
         /// The damage that was found.
-        damage: Damage,
+        damage: StateDamage,
     },
     /// A file whose newest and previous versions are both unusable.
     #[error("{}; and {older}", newer.fault())]

@@ -5,7 +5,7 @@
 //! processes hold the lock.
 
 use super::Error;
-use super::{Kind, StateFile};
+use super::{StateFile, StateKind};
 use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, ErrorKind, Write};
@@ -21,7 +21,7 @@ pub struct Store {
 
 /// The result of [`Store::read`].
 #[derive(Debug)]
-pub struct Found {
+pub struct LoadedState {
     /// The decoded contents of the file.
     pub contents: StateFile,
     /// The error of reading the newest version, if the contents come from the previous one; `None` for those of the newest.
@@ -125,13 +125,13 @@ impl Store {
     ///
     /// [`Error::Missing`] if neither version exists, [`Error::NoGeneration`] if neither can be used. Without a previous
     /// version, the error of the newest one.
-    pub fn read(path: &Path, kind: Kind) -> Result<Found, Error> {
+    pub fn read(path: &Path, kind: StateKind) -> Result<LoadedState, Error> {
         let newer = match StateFile::read(path, kind) {
-            Ok(contents) => return Ok(Found { contents, trouble: None }),
+            Ok(contents) => return Ok(LoadedState { contents, trouble: None }),
             Err(newer) => newer,
         };
         match StateFile::read(&beside(path, "previous"), kind) {
-            Ok(contents) => Ok(Found { contents, trouble: Some(newer) }),
+            Ok(contents) => Ok(LoadedState { contents, trouble: Some(newer) }),
             Err(Error::Missing { .. }) => Err(newer),
             Err(older) => Err(Error::NoGeneration { newer: Box::new(newer), older: Box::new(older) }),
         }

@@ -3,7 +3,7 @@
 use super::JobMonitor;
 use super::identity::{compared, same_render};
 use super::monitor::TimeWatch;
-use crate::checkpoint::{Error, Identity, Kind, StateFile, Store};
+use crate::checkpoint::{Error, Identity, StateFile, StateKind, Store};
 use crate::output::FileIdentity;
 use crate::{JobError, Warning};
 use dapple_core::render::{Control, Monitor, Status};
@@ -74,7 +74,7 @@ impl Checkpoints {
     /// The file to resume from, if there is one and it belongs to this render.
     pub(super) fn state(&self, here: &Identity, monitor: &mut dyn JobMonitor) -> Result<Option<StateFile>, JobError> {
         let Some(path) = &self.resume else { return Ok(None) };
-        let found = Store::read(path, Kind::Checkpoint)?;
+        let found = Store::read(path, StateKind::Checkpoint)?;
         if let Some(trouble) = &found.trouble {
             monitor.warn(Warning::PreviousCheckpoint(trouble.fault()));
         }
@@ -218,7 +218,7 @@ impl Writer {
     }
 
     fn contents(&self, status: &Status<'_>) -> StateFile {
-        StateFile::new(Kind::Checkpoint, self.identity.clone(), status.snapshot())
+        StateFile::new(StateKind::Checkpoint, self.identity.clone(), status.snapshot())
     }
 
     fn wait(&mut self, monitor: &mut dyn JobMonitor) {

@@ -3,7 +3,7 @@
 use super::checkpoints::Watched;
 use super::identity::{PART, PLAN, SPEC, common, compared, joined, same_render};
 use super::{Checkpoints, Job, JobMonitor, Traced};
-use crate::checkpoint::{Identity, Kind, ROWS, StateFile};
+use crate::checkpoint::{Identity, ROWS, StateFile, StateKind};
 use crate::files::path::{of_text, to_text};
 use crate::memory::MemoryEstimate;
 use crate::{JobError, RenderSpec, Shard};
@@ -35,7 +35,7 @@ impl PlanFile {
     ///
     /// [`JobError::Checkpoint`] for a file that cannot be read, is damaged or of another kind.
     pub fn read(path: &Path) -> Result<Self, JobError> {
-        let file = StateFile::read(path, Kind::Plan)?;
+        let file = StateFile::read(path, StateKind::Plan)?;
         let spec = RenderSpec::from_json(file.identity.value(SPEC).unwrap_or_default())?;
         Ok(Self { path: path.to_owned(), spec, file })
     }
@@ -55,7 +55,7 @@ impl RowsFiles {
     pub fn read(paths: &[PathBuf]) -> Result<Self, JobError> {
         let (mut files, mut troubles): (Vec<(PathBuf, StateFile)>, Vec<String>) = (Vec::new(), Vec::new());
         for path in paths {
-            match StateFile::read(path, Kind::Rows) {
+            match StateFile::read(path, StateKind::Rows) {
                 Ok(file) => {
                     if let Some((first, known)) = files.first() {
                         let (path, first) = (path.display(), first.display());
@@ -106,7 +106,7 @@ impl Job {
         let identity = self.identity()?;
         let (mut session, integrator) = self.open(None)?;
         session.next_stage(&*integrator)?;
-        Ok(StateFile::new(Kind::Plan, identity, session.snapshot()).into_bytes())
+        Ok(StateFile::new(StateKind::Plan, identity, session.snapshot()).into_bytes())
     }
 
     /// Traces a part of the rows of a plan's stage, or of the only stage of a render without a plan (a shard). Returns the
@@ -148,10 +148,10 @@ impl Job {
             let Some(rows) = self.traced(run, &mut ready, &mut *integrator, &mut watched)? else { return Ok(None) };
             done.push(rows);
             if let Some(checkpoints) = &checkpoints {
-                checkpoints.save(&rows_file(Kind::Checkpoint, &identity, &done))?;
+                checkpoints.save(&rows_file(StateKind::Checkpoint, &identity, &done))?;
             }
         }
-        Ok(Some(rows_file(Kind::Rows, &identity, &done).into_bytes()))
+        Ok(Some(rows_file(StateKind::Rows, &identity, &done).into_bytes()))
     }
 
     /// Joins the rows of a stage and plans the next one. Returns the bytes of a plan file, and `true` if no stage is left.
@@ -165,7 +165,7 @@ impl Job {
         let (mut session, mut integrator) = self.open(Some(plan))?;
         join(&mut session, &mut *integrator, rows)?;
         let is_done = session.next_stage(&*integrator)?.is_none();
-        Ok((StateFile::new(Kind::Plan, identity, session.snapshot()).into_bytes(), is_done))
+        Ok((StateFile::new(StateKind::Plan, identity, session.snapshot()).into_bytes(), is_done))
     }
 
     /// The film of a plan that is done.
@@ -302,7 +302,7 @@ impl Job {
 }
 
 /// A file of traced runs of rows.
-fn rows_file(kind: Kind, identity: &Identity, runs: &[Vec<u8>]) -> StateFile {
+fn rows_file(kind: StateKind, identity: &Identity, runs: &[Vec<u8>]) -> StateFile {
     let mut bytes = container::begin(runs.iter().map(Vec::len).sum());
     runs.iter().for_each(|run| container::append(&mut bytes, ROWS, run));
     StateFile::new(kind, identity.clone(), bytes)

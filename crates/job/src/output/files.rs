@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 
 /// The kind of image in a file: the rendered image or one of the maps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Contents {
+enum FileContents {
     Image(Format),
     Samples,
     Error,
@@ -22,7 +22,7 @@ enum Contents {
     Clusters,
 }
 
-impl Contents {
+impl FileContents {
     /// The peak memory in bytes for writing one file of this kind, besides film and image. `filtered` states that a
     /// filter made the image.
     fn memory(self, frame: &Frame, needs: &Needs, filtered: bool) -> u64 {
@@ -50,7 +50,7 @@ impl Contents {
 /// The image files that a render writes.
 #[derive(Clone, Debug, Default)]
 pub struct OutputFiles {
-    files: Vec<(Contents, PathBuf)>,
+    files: Vec<(FileContents, PathBuf)>,
     maps: Option<PathBuf>,
     /// Exposure of PNG images in stops; one stop doubles the brightness.
     pub exposure: f32,
@@ -76,11 +76,11 @@ impl OutputFiles {
     /// sampler is `uniform`.
     pub fn defaults(scene: &str, sampler: &str) -> Self {
         let mut files = vec![
-            (Contents::Image(Format::Exr), PathBuf::from(format!("{scene}.exr"))),
-            (Contents::Image(Format::Png), PathBuf::from(format!("{scene}.png"))),
+            (FileContents::Image(Format::Exr), PathBuf::from(format!("{scene}.exr"))),
+            (FileContents::Image(Format::Png), PathBuf::from(format!("{scene}.png"))),
         ];
         if sampler.split(':').next().is_none_or(|name| name.trim() != "uniform") {
-            files.push((Contents::Samples, PathBuf::from(format!("{scene}-samples.png"))));
+            files.push((FileContents::Samples, PathBuf::from(format!("{scene}-samples.png"))));
         }
         Self { files, ..Self::default() }
     }
@@ -91,7 +91,7 @@ impl OutputFiles {
     ///
     /// [`ImageError`] for an unknown extension.
     pub fn images(paths: &[PathBuf]) -> Result<Self, ImageError> {
-        let image = |path: &PathBuf| Ok((Contents::Image(Format::from_path(path)?), path.clone()));
+        let image = |path: &PathBuf| Ok((FileContents::Image(Format::from_path(path)?), path.clone()));
         Ok(Self { files: paths.iter().map(image).collect::<Result<_, ImageError>>()?, ..Self::default() })
     }
 
@@ -131,9 +131,9 @@ impl OutputFiles {
     /// The per-pixel statistics that the film must record for these files. `clusters` states that the render groups
     /// triangles into clusters.
     pub fn needs(&self, clusters: bool) -> Needs {
-        let shown = |(what, _): &(Contents, PathBuf)| match what {
-            Contents::Clusters => true,
-            Contents::Image(Format::Exr) => self.has_layer("cluster"),
+        let shown = |(what, _): &(FileContents, PathBuf)| match what {
+            FileContents::Clusters => true,
+            FileContents::Image(Format::Exr) => self.has_layer("cluster"),
             _ => false,
         };
         let named = |name: &str| self.layers.is_some() && self.has_layer(name);
@@ -146,11 +146,11 @@ impl OutputFiles {
         let mut needs = Needs::none();
         needs.surfaces = clusters && self.files.iter().any(shown);
         self.files.iter().fold(needs, |needs, (what, _)| match what {
-            Contents::Image(Format::Exr) => {
+            FileContents::Image(Format::Exr) => {
                 let needs = LAYERS.iter().filter(asked).fold(needs, |needs, layer| (layer.needs)(needs));
                 if features { needs.with_features() } else { needs }
             }
-            Contents::Albedo | Contents::Normals | Contents::Depth => needs.with_features(),
+            FileContents::Albedo | FileContents::Normals | FileContents::Depth => needs.with_features(),
             _ => needs,
         })
     }
@@ -215,7 +215,7 @@ impl OutputFiles {
     /// `None` if the film lacks the statistics for it.
     fn encode<'a>(
         &'a self,
-        what: Contents,
+        what: FileContents,
         path: &Path,
         report: &'a Report<'a>,
         warnings: &mut Vec<Warning>,
@@ -223,9 +223,9 @@ impl OutputFiles {
         let filtered = &report.image.filtered;
         let image = || Image::new(filtered.size, filtered.radiance.clone());
         let encoded = match what {
-            Contents::Image(Format::Exr) => return Ok(Some(self.exr(path, report, warnings))),
-            Contents::Image(Format::Pfm) => Some((encode_pfm(&image()?)?, "the image".into())),
-            Contents::Image(Format::Png) => Some((encode_png(&image()?, self.exposure)?, "the image, sRGB".into())),
+            FileContents::Image(Format::Exr) => return Ok(Some(self.exr(path, report, warnings))),
+            FileContents::Image(Format::Pfm) => Some((encode_pfm(&image()?)?, "the image".into())),
+            FileContents::Image(Format::Png) => Some((encode_png(&image()?, self.exposure)?, "the image, sRGB".into())),
             _ => map(what, report).transpose()?,
         };
         let write = |bytes: Vec<u8>| -> Write<'a> { Box::new(move |path| write_file(path, &bytes).map(|()| 0)) };
@@ -257,27 +257,29 @@ impl OutputFiles {
 type Write<'a> = Box<dyn Fn(&Path) -> Result<u64, ImageError> + 'a>;
 
 /// Encodes a map; `None` if the film lacks the statistics for it.
-fn map(what: Contents, report: &Report<'_>) -> Option<Result<Named, ImageError>> {
+fn map(what: FileContents, report: &Report<'_>) -> Option<Result<Named, ImageError>> {
     let (film, filtered) = (&report.image.film, &report.image.filtered);
     let gray = |map: &GrayMap, about: String| map.png().map(|png| (png, about));
     let known = |png: Result<Vec<u8>, ImageError>, about: &str| png.map(|png| (png, about.to_owned()));
     Some(match what {
-        Contents::Image(_) => return None,
-        Contents::Samples => {
+        FileContents::Image(_) => return None,
+        FileContents::Samples => {
             let map = output::sample_map(film);
             gray(&map, format!("the sample map; white is {} samples per pixel", map.white))
         }
-        Contents::Clusters => known(output::cluster_map(filtered.size, &report.clusters()?), "clusters, a colour each"),
-        Contents::Error => {
+        FileContents::Clusters => {
+            known(output::cluster_map(filtered.size, &report.clusters()?), "clusters, a colour each")
+        }
+        FileContents::Error => {
             let map = output::error_map(filtered)?;
             gray(&map, format!("the predicted relative error over 5x5 pixels; white is {:.3}", map.white))
         }
-        Contents::Depth => {
+        FileContents::Depth => {
             let map = output::depth_map(film, report.unit())?;
             gray(&map, format!("distances; white is {:.4}, or nothing hit", map.white))
         }
-        Contents::Albedo => known(output::albedo_map(film)?, "albedo, sRGB"),
-        Contents::Normals => known(output::normal_map(film)?, "shading normals; -1 is black, 1 is white"),
+        FileContents::Albedo => known(output::albedo_map(film)?, "albedo, sRGB"),
+        FileContents::Normals => known(output::normal_map(film)?, "shading normals; -1 is black, 1 is white"),
     })
 }
 
@@ -316,11 +318,11 @@ impl Report<'_> {
 type Named = (Vec<u8>, String);
 
 /// The maps and their file names; the map of clusters is written only if the render has clusters.
-const MAPS: [(Contents, &str); 6] = [
-    (Contents::Samples, "samples.png"),
-    (Contents::Error, "error.png"),
-    (Contents::Albedo, "albedo.png"),
-    (Contents::Normals, "normals.png"),
-    (Contents::Depth, "depth.png"),
-    (Contents::Clusters, "clusters.png"),
+const MAPS: [(FileContents, &str); 6] = [
+    (FileContents::Samples, "samples.png"),
+    (FileContents::Error, "error.png"),
+    (FileContents::Albedo, "albedo.png"),
+    (FileContents::Normals, "normals.png"),
+    (FileContents::Depth, "depth.png"),
+    (FileContents::Clusters, "clusters.png"),
 ];

@@ -2,7 +2,7 @@
 
 use crate::fuzz_corpus::mix;
 use dapple_core::container::{self, Fault as Broken};
-use dapple_job::checkpoint::{Damage, Disk, Error, FileSystem, Identity, Kind, StateFile, Store};
+use dapple_job::checkpoint::{Disk, Error, FileSystem, Identity, StateDamage, StateFile, StateKind, Store};
 use std::fs::File;
 use std::io::{self, ErrorKind, Write};
 use std::path::{Path, PathBuf};
@@ -13,7 +13,7 @@ fn contents(body: impl AsRef<[u8]>) -> StateFile {
     let identity = Identity::new([("scene", "teapot"), ("seed", "7")]);
     let mut state = container::begin(0);
     container::append(&mut state, "body", body.as_ref());
-    StateFile::new(Kind::Checkpoint, identity, state)
+    StateFile::new(StateKind::Checkpoint, identity, state)
 }
 
 /// Longer than a piece, so that several writes make a file.
@@ -107,12 +107,12 @@ fn third(newest: &StateFile, at: usize, fault: Fault, links: bool) -> (StateFile
     let store = Store::lock_on(&path, Box::new(Faulty { at, fault, calls: calls.clone(), links })).unwrap();
     let outcome = store.save(newest);
     let calls = calls.load(Ordering::Relaxed);
-    let found = Store::read(&path, Kind::Checkpoint).unwrap().contents;
+    let found = Store::read(&path, StateKind::Checkpoint).unwrap().contents;
     drop(store);
     // Whatever was left behind, the next sitting writes on.
     let store = Store::lock(&path).unwrap();
     store.save(&contents([4])).unwrap();
-    assert!(Store::read(&path, Kind::Checkpoint).unwrap().contents == contents([4]));
+    assert!(Store::read(&path, StateKind::Checkpoint).unwrap().contents == contents([4]));
     let left: Vec<PathBuf> = std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().path()).collect();
     assert!(left.len() <= 3, "{left:?}");
     (found, outcome, calls)
@@ -156,7 +156,7 @@ fn writing_in_place_would_not_pass_x02() {
     let faulty = Faulty { at: 1, fault: Fault::KilledWithin, calls: Arc::default(), links: true };
     let mut file = faulty.create(&path).unwrap();
     faulty.write(&mut file, contents(body(3)).bytes()).unwrap_err();
-    assert!(matches!(Store::read(&path, Kind::Checkpoint), Err(Error::Damaged { .. })));
+    assert!(matches!(Store::read(&path, StateKind::Checkpoint), Err(Error::Damaged { .. })));
 }
 
 #[test]
@@ -170,12 +170,12 @@ fn damage_is_found_and_the_previous_generation_used_x03() {
         damage(&bytes);
     }
     for length in 0..bytes.len() {
-        assert_eq!(damage(&bytes[..length]), Damage::Container(Broken::Short), "{length}");
+        assert_eq!(damage(&bytes[..length]), StateDamage::Container(Broken::Short), "{length}");
     }
-    assert_eq!(damage(b"PK\x03\x04 something else"), Damage::Container(Broken::Foreign));
+    assert_eq!(damage(b"PK\x03\x04 something else"), StateDamage::Container(Broken::Foreign));
     let mut old = bytes.clone();
     old[8] = 0;
-    assert_eq!(damage(&old), Damage::Container(Broken::Version));
+    assert_eq!(damage(&old), StateDamage::Container(Broken::Version));
     // 10^4 bit flips, one or several, in a large one.
     let large = contents(body(1)).bytes().to_vec();
     for k in 0..10_000_u64 {
@@ -201,16 +201,16 @@ fn damage_is_found_and_the_previous_generation_used_x03() {
     let newest = std::fs::read(&path).unwrap();
     for broken in [&newest[..newest.len() / 2], &[], b"something else"] {
         std::fs::write(&path, broken).unwrap();
-        let found = Store::read(&path, Kind::Checkpoint).unwrap();
+        let found = Store::read(&path, StateKind::Checkpoint).unwrap();
         assert!(found.contents == contents(body(1)));
         assert!(found.trouble.unwrap().to_string().contains("/a: it is "));
     }
     std::fs::write(folder.path().join("a.previous"), b"dapple").unwrap();
-    let said = Store::read(&path, Kind::Checkpoint).unwrap_err().to_string();
+    let said = Store::read(&path, StateKind::Checkpoint).unwrap_err().to_string();
     for part in ["a: it is not a file of Dapple's; and ", "a.previous: it is cut short"] {
         assert!(said.contains(part), "{said}");
     }
-    let said = Store::read(&folder.path().join("b"), Kind::Checkpoint).unwrap_err().to_string();
+    let said = Store::read(&folder.path().join("b"), StateKind::Checkpoint).unwrap_err().to_string();
     assert!(said.ends_with("b: there is no such file; check the name of the checkpoint"), "{said}");
 }
 
@@ -218,10 +218,10 @@ fn damage_is_found_and_the_previous_generation_used_x03() {
 fn nonsense_with_a_right_checksum_x03() {
     let mut bytes = contents([7; 30]).bytes().to_vec();
     container::append(&mut bytes, "header", b"{\"kind\":\"checkpoint\"}");
-    assert_eq!(StateFile::from_bytes(bytes.clone()), Err(Damage::Nonsense));
+    assert_eq!(StateFile::from_bytes(bytes.clone()), Err(StateDamage::Nonsense));
     // Without a header at its end, a file is cut short.
     container::append(&mut bytes, "body", b"");
-    assert_eq!(StateFile::from_bytes(bytes), Err(Damage::Container(Broken::Short)));
+    assert_eq!(StateFile::from_bytes(bytes), Err(StateDamage::Container(Broken::Short)));
 }
 
 /// CRC-32 bit by bit, after IEEE 802.3: what the container's must be.
@@ -244,7 +244,7 @@ fn what_differs_is_listed_x04() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a");
     Store::lock(&path).unwrap().save(&contents([])).unwrap();
-    let said = Store::read(&path, Kind::Rows).unwrap_err().to_string();
+    let said = Store::read(&path, StateKind::Rows).unwrap_err().to_string();
     assert!(said.contains("of another kind"), "{said}");
 }
 

@@ -13,7 +13,7 @@ use dapple_core::{
     Block, Draws, Estimate, Film, FirstHit, Frame, Integrator, Limits, Methods, Needs, PointSet, Render, SampleId,
     Sampler, Session, Worker,
 };
-use dapple_job::checkpoint::{Identity, Kind, StateFile};
+use dapple_job::checkpoint::{Identity, StateFile, StateKind};
 use std::path::Path;
 
 /// SplitMix64's finaliser.
@@ -91,7 +91,7 @@ fn seeds() -> Vec<(&'static str, Vec<u8>)> {
     let (_, snapshot) = rendered(&mut Uniform::new(Hashed), everything);
     let (_, plain) = rendered(&mut Uniform::new(Hashed), Needs::none());
     let identity = Identity::new([("scene", "teapot"), ("seed", "7")]);
-    let file = StateFile::new(Kind::Checkpoint, identity, plain.clone()).bytes().to_vec();
+    let file = StateFile::new(StateKind::Checkpoint, identity, plain.clone()).bytes().to_vec();
     let unsigned = file[..file.len() - 4].to_vec();
     let (frame, limits) = (Frame::new(3, 2).unwrap(), Limits::samples(19));
     let mut sampler = Uniform::new(Hashed);

@@ -4,15 +4,15 @@
 use dapple_core::{PointSet as _, SampleId, Sampler as _};
 use dapple_job::WorldTriangles;
 use dapple_job::registry::{
-    AnyPoints, FILTERS, MethodInputs, NOT_BUILT, POINTS, Parameter, RegistryError, SAMPLERS, Setting, check_filter,
-    check_sampler, film_points, filter, points, sampler,
+    AnyPoints, FILTERS, MethodInputs, NOT_BUILT, POINTS, Parameter, PointSettings, RegistryError, SAMPLERS,
+    check_filter, check_sampler, film_points, filter, points, sampler,
 };
 use dapple_renderer::World;
 use dapple_scene::pbrt::{ReadOptions, read_scene_from};
 use dapple_scene::{Effect, Scene, bundled};
 use std::sync::Arc;
 
-const SETTING: Setting = Setting { seed: 5, spp: Some(16) };
+const SETTING: PointSettings = PointSettings { seed: 5, spp: Some(16) };
 
 /// A scene in which all methods can be made: light scatters once, from a point light, and the camera has a lens.
 fn inputs() -> MethodInputs {
@@ -81,11 +81,14 @@ fn every_entry_is_made_by_its_name() {
 }
 
 #[test]
-fn the_former_name_of_adaptive_is_understood_and_the_library_has_the_same_defaults() {
+fn aliases_are_understood_and_the_library_has_the_same_defaults() {
     let describe = |name: &str| sampler(name, sobol(), &MethodInputs::default()).unwrap().sampler.describe();
     assert_eq!(describe("cluster"), describe("adaptive"));
     assert_eq!(dapple_adaptive::Adaptive::new(sobol()).describe(), describe("adaptive"));
     assert_eq!(describe("adaptive:epsilon=0.2"), describe("adaptive"));
+    assert_eq!(describe("then:spp=3,first=then"), describe("sequence:spp=3,first=sequence"));
+    let [blend, alias] = ["oidn-blend", "both"].map(|name| refusal(check_filter(&format!("{name}:alpha"))));
+    assert!(blend.contains("oidn-blend") && blend == alias, "{alias}");
 }
 
 /// Counts that follow a filter's own error: the sampler asks for what the filter reads, and says its name.
@@ -157,7 +160,7 @@ fn wrong_words_are_refused_with_what_there_is() {
 /// Without the feature, the error names it; with it, the error of a missing library comes before that of a missing world.
 #[test]
 fn optional_filters_are_there_or_name_their_feature() {
-    for name in ["oidn", "both"] {
+    for name in ["oidn", "oidn-blend"] {
         let built = FILTERS.iter().any(|entry| entry.name == name && entry.feature == Some("oidn"));
         assert_eq!((built, NOT_BUILT.is_empty()), (cfg!(feature = "oidn"), cfg!(feature = "oidn")), "{name}");
         let refused = refusal(check_filter(&format!("{name}:prefilter=false")));
@@ -417,7 +420,7 @@ fn tlfr_moves_samples_to_where_the_renderer_sees_them() {
     for moves in [false, true] {
         let world = World::with_resolution(&blurred(moves), SIZE).unwrap();
         let world = Arc::new(world);
-        let sobol = |seed| points("sobol", Setting { seed, spp: Some(16) }).unwrap();
+        let sobol = |seed| points("sobol", PointSettings { seed, spp: Some(16) }).unwrap();
         let render = |seed, spp, of: Option<&dyn Filter>, reports: bool| -> Film {
             let frame = Frame::new(SIZE[0], SIZE[1]).unwrap();
             let (limits, mut tracer) = (Limits::spp(spp), Tracer(dapple_renderer::integrator(&world), reports));

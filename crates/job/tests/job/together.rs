@@ -2,7 +2,7 @@
 
 use dapple_core::render::{Control, NoMonitor, Status};
 use dapple_distributed::{Processes, local};
-use dapple_job::checkpoint::{Kind, StateFile};
+use dapple_job::checkpoint::{StateFile, StateKind};
 use dapple_job::{
     BudgetSpec, CheckpointOptions, Checkpoints, Job, JobError, JobMonitor, LoadOptions, LoadedScene, OutputFiles,
     PlanFile, PreparedScene, RenderSpec, RenderedImage, RowsFiles, Shard, Traced,
@@ -150,7 +150,7 @@ fn a_damaged_checkpoint_is_refused_with_the_reason_and_its_older_version_taken()
     changed[bytes.len() / 2] ^= 1;
     // A header on a state that is not one.
     let file = StateFile::from_bytes(bytes.clone()).unwrap();
-    let empty = StateFile::new(Kind::Checkpoint, file.identity, dapple_core::container::begin(0));
+    let empty = StateFile::new(StateKind::Checkpoint, file.identity, dapple_core::container::begin(0));
     for (damaged, what) in [
         (&bytes[..bytes.len() - 9], "it is cut short"),
         (&changed, "its checksum is wrong"),

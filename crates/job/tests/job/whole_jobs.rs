@@ -2,7 +2,7 @@
 
 use dapple_core::container;
 use dapple_core::render::{Control, NoMonitor, Status};
-use dapple_job::checkpoint::{Identity, Kind, StateFile};
+use dapple_job::checkpoint::{Identity, StateFile, StateKind};
 use dapple_job::{
     BudgetSpec, CheckpointOptions, Job, JobError, JobMonitor, LoadOptions, LoadedScene, PixelFilterSpec, RenderSpec,
     RowsFiles, Shard,
@@ -56,7 +56,7 @@ fn a_sampler_that_reads_samples_has_no_shards() {
 fn a_shard_carries_the_description_as_json() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = &shards(folder.path(), &spec(), 2)[1];
-    let file = StateFile::read(path, Kind::Rows).unwrap();
+    let file = StateFile::read(path, StateKind::Rows).unwrap();
     let json = file.identity.value("spec").expect("a description");
     let expected = RenderSpec { shard: Some("2/2".parse().expect("a shard")), ..spec() };
     assert_eq!(RenderSpec::from_json(json).unwrap(), expected);
@@ -68,10 +68,10 @@ fn a_shard_carries_the_description_as_json() {
 fn shards_with_a_description_of_another_version_are_refused() {
     let folder = tempfile::tempdir().expect("a folder");
     let paths = shards(folder.path(), &spec(), 1);
-    let file = StateFile::read(&paths[0], Kind::Rows).unwrap();
+    let file = StateFile::read(&paths[0], StateKind::Rows).unwrap();
     let newer = |(name, value): &(String, String)| (name.clone(), value.replace("\"version\":1", "\"version\":9"));
     let identity = Identity::new(file.identity.pairs().iter().map(newer));
-    let file = StateFile::new(Kind::Rows, identity, container::begin(0));
+    let file = StateFile::new(StateKind::Rows, identity, container::begin(0));
     std::fs::write(&paths[0], file.bytes()).expect("written");
     let error = RowsFiles::read(&paths).err().expect("another version").to_string();
     assert!(error.contains("version 9"), "{error}");

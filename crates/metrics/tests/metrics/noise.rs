@@ -3,8 +3,8 @@
 use crate::support::{Random, pixels};
 use approx::assert_relative_eq;
 use dapple_metrics::{
-    Difference, Measured, MetricsError, NoisyReference, Pixels, SpectrumRing, compare, compare_corrected, difference,
-    image_spectrum, point_spectrum,
+    Difference, MeasuredValue, MetricsError, NoisyReference, Pixels, SpectrumRing, compare, compare_corrected,
+    difference, image_spectrum, point_spectrum,
 };
 use std::f64::consts::{PI, TAU};
 
@@ -189,7 +189,7 @@ fn equal_images_have_no_difference() {
     assert!((8..=32).contains(&signs) && inside >= 32, "{signs} {inside}");
     let same = renders(0.5, 4, 0);
     let Difference { rel_mse, mean_lost, .. } = of(&same, &same);
-    assert_eq!([rel_mse, mean_lost], [Measured { value: 0.0, standard_error: 0.0 }; 2]);
+    assert_eq!([rel_mse, mean_lost], [MeasuredValue { value: 0.0, standard_error: 0.0 }; 2]);
 }
 
 #[test]

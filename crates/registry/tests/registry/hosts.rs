@@ -5,10 +5,10 @@ use dapple_core::samplers::Uniform;
 use dapple_core::{Block, Draws, Estimate, Film, FirstHit, Frame, Integrator, Limits, Render, Worker};
 use dapple_registry::{
     AnyPoints, ClusterProbes, DEFAULT_FILTER, DEFAULT_POINTS, DEFAULT_SAMPLER, FILTERS, HostClusters, POINTS,
-    RegistryError, SAMPLERS, Setting, check_filter, check_sampler, default_pair, filter, points, sampler,
+    PointSettings, RegistryError, SAMPLERS, check_filter, check_sampler, default_pair, filter, points, sampler,
 };
 
-const SETTING: Setting = Setting { seed: 5, spp: Some(16) };
+const SETTING: PointSettings = PointSettings { seed: 5, spp: Some(16) };
 
 fn refusal<T>(made: Result<T, RegistryError>) -> String {
     made.err().map(|e| e.to_string()).unwrap_or_default()
@@ -21,7 +21,7 @@ fn sobol() -> AnyPoints {
 #[test]
 fn the_default_pair_is_made_of_the_defaults_by_name() {
     let (none, pair) = (HostClusters::none(), default_pair(9));
-    let points = points(DEFAULT_POINTS, Setting { seed: 9, spp: None }).expect("points");
+    let points = points(DEFAULT_POINTS, PointSettings { seed: 9, spp: None }).expect("points");
     let sampler = sampler(DEFAULT_SAMPLER, points, &none).expect("a sampler").sampler;
     assert_eq!(pair.sampler.describe(), sampler.describe());
     assert_eq!(pair.sampler.points().describe(), sampler.points().describe());
@@ -158,14 +158,17 @@ fn a_sequence_of_samplers_is_made_of_nested_descriptions() {
     let none = HostClusters::none();
     let described = |words: &str| sampler(words, sobol(), &none).expect("a sampler").sampler.describe();
     let of = |name: &str| dapple_core::options::nested(&described(name));
-    assert_eq!(described("then"), format!("then:first=uniform,spp=4,second={}", of("adaptive")));
-    let words = "then:first=cycles/min=3/step=5,spp=6,second=mitchell/policy=discard";
+    assert_eq!(described("sequence"), format!("sequence:first=uniform,spp=4,second={}", of("adaptive")));
+    let words = "sequence:first=cycles/min=3/step=5,spp=6,second=mitchell/policy=discard";
     let [first, second] = [of("cycles:min=3,step=5"), of("mitchell:policy=discard")];
-    assert_eq!(described(words), format!("then:first={first},spp=6,second={second}"));
+    assert_eq!(described(words), format!("sequence:first={first},spp=6,second={second}"));
     // Three stages: each separator of the inner sequence's own samplers is doubled.
-    let words = "then:first=then/first=uniform/spp=2/second=cycles//min=3,spp=9,second=uniform";
-    let inner = described("then:first=uniform,spp=2,second=cycles/min=3");
-    assert_eq!(described(words), format!("then:first={},spp=9,second=uniform", dapple_core::options::nested(&inner)));
+    let words = "sequence:first=sequence/first=uniform/spp=2/second=cycles//min=3,spp=9,second=uniform";
+    let inner = described("sequence:first=uniform,spp=2,second=cycles/min=3");
+    assert_eq!(
+        described(words),
+        format!("sequence:first={},spp=9,second=uniform", dapple_core::options::nested(&inner))
+    );
     assert_eq!(described(&described(words)), described(words));
 }
 
@@ -174,20 +177,20 @@ fn faults_of_nested_descriptions_name_the_parameter_and_the_remedy() {
     let refused = |words: &str| refusal(check_sampler(words).map(|()| 0));
     let says = |words: &str, parts: [&str; 2]| {
         let error = refused(words);
-        assert!(error.starts_with("then: ") && parts.iter().all(|part| error.contains(part)), "{words}: {error}");
+        assert!(error.starts_with("sequence: ") && parts.iter().all(|part| error.contains(part)), "{words}: {error}");
     };
-    says("then:first=unifrom", ["first = \"unifrom\": there is no sampler", "did you mean \"uniform\"?"]);
+    says("sequence:first=unifrom", ["first = \"unifrom\": there is no sampler", "did you mean \"uniform\"?"]);
     says(
-        "then:second=cycles/mim=3",
+        "sequence:second=cycles/mim=3",
         ["second = \"cycles/mim=3\": cycles: there is no parameter", "did you mean \"min\""],
     );
-    says("then:second=cycles:min=3", ["write \"/\" for \":\" and \",\"", "second=cycles/min=3"]);
-    says("then:first=cycles/step=0", ["first = \"cycles/step=0\": cycles: ", "step"]);
-    says("then:spp=0", ["spp = 0 is out of range", "at least 1 sample per pixel"]);
-    says("then:spp=few", ["spp = \"few\"", "a number is required"]);
-    says("then:frist=uniform", ["there is no parameter \"frist\"", "did you mean \"first\"?"]);
-    assert!(check_sampler("then:first=cluster-thesis/k=3").is_ok(), "clusters are checked with the scene");
-    let error = refusal(sampler("then:first=cluster-thesis", sobol(), &HostClusters::none()));
+    says("sequence:second=cycles:min=3", ["write \"/\" for \":\" and \",\"", "second=cycles/min=3"]);
+    says("sequence:first=cycles/step=0", ["first = \"cycles/step=0\": cycles: ", "step"]);
+    says("sequence:spp=0", ["spp = 0 is out of range", "at least 1 sample per pixel"]);
+    says("sequence:spp=few", ["spp = \"few\"", "a number is required"]);
+    says("sequence:frist=uniform", ["there is no parameter \"frist\"", "did you mean \"first\"?"]);
+    assert!(check_sampler("sequence:first=cluster-thesis/k=3").is_ok(), "clusters are checked with the scene");
+    let error = refusal(sampler("sequence:first=cluster-thesis", sobol(), &HostClusters::none()));
     assert!(error.starts_with("cluster-thesis needs clusters"), "{error}");
 }
 
@@ -197,10 +200,10 @@ fn a_sequence_passes_on_the_probes_of_its_samplers() {
     let frame = Frame::new(SIZE[0], SIZE[1]).expect("not empty");
     let pixels = frame.pixels() as u64;
     for (words, rays) in [
-        ("then:first=cluster-thesis,second=adaptive", pixels),
-        ("then:first=uniform,second=cluster-thesis/probes=2", 2 * pixels),
-        ("then:first=cluster-thesis,second=cluster-thesis/probes=2", 3 * pixels),
-        ("then:first=then/first=uniform/spp=2/second=cluster-thesis,spp=5,second=uniform", pixels),
+        ("sequence:first=cluster-thesis,second=adaptive", pixels),
+        ("sequence:first=uniform,second=cluster-thesis/probes=2", 2 * pixels),
+        ("sequence:first=cluster-thesis,second=cluster-thesis/probes=2", 3 * pixels),
+        ("sequence:first=sequence/first=uniform/spp=2/second=cluster-thesis,spp=5,second=uniform", pixels),
     ] {
         let mut made = sampler(words, sobol(), &clusters).expect("a sampler");
         assert!(made.probes.cost().is_none());

@@ -18,7 +18,7 @@ use crate::light::LightSample;
 use crate::material::Surface;
 use crate::shading::{Bsdf, ShadingFrame, power_heuristic, power_heuristic_over_pdf};
 use crate::world::{Interaction, NO_LIGHT, NO_MEDIUM};
-use dapple_core::integrator::{CERTAIN_LOBE, Pass, Prepared, Prepares, RARE_LOBE, TrainingData};
+use dapple_core::integrator::{CERTAIN_LOBE, Pass, PreparationCost, Prepares, RARE_LOBE, TrainingData};
 use dapple_core::{Draws, Estimate, Frame, Integrator, Worker};
 use dapple_geometry::{Ray, spawn_ray};
 use glam::Vec3;
@@ -482,7 +482,7 @@ impl<L: Lens, S: LightSelector, const E: u32, G: VertexLight> Integrator for Pat
         self.vertex_light.prepares()
     }
 
-    fn prepare(&mut self, pass: &Pass<'_>) -> Prepared {
+    fn prepare(&mut self, pass: &Pass<'_>) -> PreparationCost {
         self.vertex_light.prepare(pass)
     }
 

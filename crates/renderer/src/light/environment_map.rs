@@ -48,7 +48,7 @@ pub(super) struct Part {
 }
 
 /// The light of a map in a direction.
-pub(super) struct Found {
+pub(super) struct MapLight {
     pub(super) radiance: Vec3,
     /// The solid-angle density with which the whole map samples the direction.
     pub(super) pdf: f32,
@@ -120,14 +120,14 @@ impl Map {
 
     /// Returns the light from a unit direction in the light's space.
     #[inline(always)]
-    pub(super) fn find(&self, w: Vec3) -> Found {
+    pub(super) fn find(&self, w: Vec3) -> MapLight {
         let ([u, v], factor) = self.layout.to_uv(w);
         let [width, height] = self.size;
         let column = ((u * width as f32) as u32).min(width - 1) as usize;
         let row = ((v * height as f32) as u32).min(height - 1) as usize;
         let (texel, block) = (self.texels.at([column, row]), [column / SIDE, row / SIDE]);
         let density = self.texels.weight(texel) * self.texels.shares[block[1]][row % SIDE];
-        Found { radiance: self.radiance(texel, [column, row]), pdf: density * factor, block }
+        MapLight { radiance: self.radiance(texel, [column, row]), pdf: density * factor, block }
     }
 
     /// Returns a direction in the light's space, its radiance and its solid-angle density, sampled in a part.

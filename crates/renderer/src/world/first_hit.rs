@@ -12,20 +12,20 @@ use glam::{DVec3, Vec3};
 use std::ops::Range;
 
 /// A group of random numbers, and its dimensions that have a meaning.
-pub type Lanes = (Block, Range<u8>);
+pub type BlockDimensions = (Block, Range<u8>);
 
 /// The dimensions in which the samples of the path tracer have a meaning.
 #[non_exhaustive]
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SampleDimensions {
     /// The place in the pixel: two dimensions.
-    pub place: Lanes,
+    pub place: BlockDimensions,
     /// The point on the lens: two dimensions, or none without a lens.
-    pub lens: Lanes,
+    pub lens: BlockDimensions,
     /// The time within the exposure: one dimension, or none if nothing moves.
-    pub time: Lanes,
+    pub time: BlockDimensions,
     /// The point on the light: two dimensions, or none unless there is one light with an extent.
-    pub light: Lanes,
+    pub light: BlockDimensions,
     /// The first use of other random numbers, as a noun phrase: light that scatters more than once, scattering in media, surfaces
     /// that rays may pass, the selection among lights, and directions towards lights with an extent.
     pub outside: Option<&'static str>,

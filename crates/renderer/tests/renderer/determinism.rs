@@ -2,7 +2,7 @@
 
 use crate::support::*;
 use dapple_conformance::toys::Points;
-use dapple_job::registry::{self, MethodInputs, POINTS, SAMPLERS, Setting};
+use dapple_job::registry::{self, MethodInputs, POINTS, PointSettings, SAMPLERS};
 use dapple_low_discrepancy::Mitchell1991;
 use std::collections::BTreeSet;
 use std::sync::Mutex;
@@ -11,7 +11,7 @@ const SIZE: [u32; 2] = [29, 22];
 const SPP: u64 = 12;
 
 fn points(name: &str) -> registry::AnyPoints {
-    registry::points(name, Setting { seed: 11, spp: Some(SPP) }).unwrap_or_else(|e| panic!("{e}"))
+    registry::points(name, PointSettings { seed: 11, spp: Some(SPP) }).unwrap_or_else(|e| panic!("{e}"))
 }
 
 /// The hash of an image with this sampler, points, schedule and number of threads.
@@ -161,7 +161,7 @@ fn the_integrators_pairs_are_nets_s02() {
     assert!(asked.is_subset(&named), "{asked:?} are not all named");
     assert!(asked.len() >= 10, "{asked:?}");
     let drawn = |name: &str, seed, m: u32, pixel, block| -> Vec<[f32; 4]> {
-        let setting = Setting { seed, spp: Some(1 << m) };
+        let setting = PointSettings { seed, spp: Some(1 << m) };
         let points = registry::points(name, setting).unwrap_or_else(|e| panic!("{e}"));
         (0..1 << m).map(|index| points.block(SampleId::new(pixel, 0, index), block)).collect()
     };

@@ -3,7 +3,7 @@
 #![allow(clippy::print_stderr)]
 
 use crate::support::*;
-use dapple_job::registry::{self, MethodInputs, Setting};
+use dapple_job::registry::{self, MethodInputs, PointSettings};
 use dapple_metrics::{Pixels, block_ratios, compare};
 use dapple_scene::image::{Encoding, read_image};
 use dapple_scene::pbrt::{ReadOptions, read_scene, read_scene_from};
@@ -53,13 +53,13 @@ fn case(&(name, noise, bound): &(&str, f64, f64)) -> Option<Case> {
 }
 
 /// The result: per channel the ratio of means, its standard error, and 5, 50 and 95 % of the ratios of 5x5 blocks.
-struct Found {
+struct MeasuredRatio {
     ratio: [f64; 3],
     error: [f64; 3],
     percentiles: [[f64; 3]; 3],
 }
 
-fn render(case: &Case, replicates: u64, spp: u64) -> Found {
+fn render(case: &Case, replicates: u64, spp: u64) -> MeasuredRatio {
     let (world, size) = (world(&case.scene), case.reference.size);
     let films: Vec<Film> = (0..replicates).map(|seed| film_of(&world, size, spp, Sobol::new(500 + seed))).collect();
     assert!(films.iter().all(|f| f.record().rejected == 0), "{}", case.scene.name);
@@ -74,7 +74,7 @@ fn render(case: &Case, replicates: u64, spp: u64) -> Found {
         (means.standard_error() / means.mean).hypot(case.noise)
     };
     let blocks = block_ratios(ours, theirs, [5, 5]).expect("blocks fit");
-    let found = Found {
+    let found = MeasuredRatio {
         ratio: compare(ours, theirs).expect("of one size").channel_ratios,
         error: [0, 1, 2].map(error),
         percentiles: [5.0, 50.0, 95.0].map(|p| blocks.percentile(p)),
@@ -88,7 +88,7 @@ fn render(case: &Case, replicates: u64, spp: u64) -> Found {
 /// bug. Negative control: lamps brighter by 6 % are refuted even with few samples.
 #[test]
 fn references_are_not_refuted() {
-    let refuted = |case: &Case, found: &Found| {
+    let refuted = |case: &Case, found: &MeasuredRatio| {
         // 5 degrees of freedom and non-normal noise: twice the quantile of the normal distribution.
         let z = 2.0 * critical(sidak(FAMILY, 9) / 2.0);
         (0..3).any(|c| (found.ratio[c] - 1.0).abs() > case.bound + z * found.error[c])
@@ -158,7 +158,7 @@ fn check_clustered(name: &str, world: World) {
     let world = Arc::new(world);
     let mut inputs = MethodInputs::of(world.clone());
     for sampler in ["cluster-thesis", "cluster:policy=keep"] {
-        let points = registry::points("sobol", Setting { seed: 1, spp: Some(2) }).unwrap();
+        let points = registry::points("sobol", PointSettings { seed: 1, spp: Some(2) }).unwrap();
         let made = registry::sampler(sampler, points, &inputs).unwrap_or_else(|e| panic!("{name}: {e}"));
         let mut sampler = made.sampler;
         inputs.clusters = made.clusters.or(inputs.clusters);

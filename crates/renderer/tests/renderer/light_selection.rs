@@ -1,7 +1,7 @@
 //! Light selection by power, by turns and learned per cell: no light is lost, no mean changes, and learning pays.
 
 use crate::support::*;
-use dapple_job::registry::{self, MethodInputs, Setting};
+use dapple_job::registry::{self, MethodInputs, PointSettings};
 use dapple_renderer::light::{LightSelection, Target};
 use dapple_renderer::shading::Discrete;
 
@@ -144,7 +144,8 @@ fn learned_choices_do_not_depend_on_threads_or_tiles() {
     let world = selected("room", LightSelection::Learned);
     let frame = Frame::new(SIZE[0], SIZE[1]).expect("not empty");
     let draw = |words: &str, threads, (rows, slice, shuffle)| {
-        let points = registry::points("sobol", Setting { seed: 3, spp: Some(8) }).unwrap_or_else(|e| panic!("{e}"));
+        let points =
+            registry::points("sobol", PointSettings { seed: 3, spp: Some(8) }).unwrap_or_else(|e| panic!("{e}"));
         let made = registry::sampler(words, points, &MethodInputs::default());
         let mut sampler = made.unwrap_or_else(|e| panic!("{e}")).sampler;
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");

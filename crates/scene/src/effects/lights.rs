@@ -2,7 +2,7 @@
 //! which a path tracer finds by chance only.
 
 use super::visible::{Visible, worn};
-use super::{Called, Effect, Found, found};
+use super::{CalledEffect, Effect, FirstCause, found};
 use crate::{Emission, Geometry, Light, LightKind, Material, Scene, Shape, Source, SpotFalloff, Texture};
 use dapple_core::film::luminance;
 use glam::{DAffine3, DMat3, DVec3};
@@ -11,7 +11,7 @@ use std::f64::consts::PI;
 /// Least length of a lamp's mean normal at which the lamp counts as flat and is replaced by spots, not by a point.
 const FLAT: f64 = 0.9;
 
-pub(super) fn find_lamps(visible: &Visible<'_>) -> Found {
+pub(super) fn find_lamps(visible: &Visible<'_>) -> FirstCause {
     let lamps = visible.scene.shapes.iter().filter_map(|shape| Some((shape, LampShape::of(shape)?)));
     found(lamps, |(shape, lamp)| {
         let sides = if lamp.emission.two_sided { " from both sides" } else { "" };
@@ -57,7 +57,7 @@ fn along(axis: DVec3, origin: DVec3) -> DAffine3 {
 }
 
 /// Finds all lights if there are several, and reports the second one.
-pub(super) fn find_several(visible: &Visible<'_>) -> Found {
+pub(super) fn find_several(visible: &Visible<'_>) -> FirstCause {
     let lamps = visible.scene.shapes.iter().filter(|shape| LampShape::of(shape).is_some()).map(|shape| &shape.source);
     let lights = visible.scene.lights.iter().filter(|light| light.kind.shines()).map(|light| &light.source);
     let sources: Vec<&Source> = lamps.chain(lights).collect();
@@ -77,7 +77,7 @@ pub(super) fn keep_strongest(scene: &mut Scene) {
     scene.lights.retain(|_| kept == number.next().map(LightNumber::Light));
 }
 
-pub(super) fn find_environments(visible: &Visible<'_>) -> Found {
+pub(super) fn find_environments(visible: &Visible<'_>) -> FirstCause {
     let shining = visible.scene.lights.iter().filter(|light| light.kind.shines());
     let environments = shining.filter_map(|light| Some((light, light.kind.environment()?)));
     found(environments, |(light, environment)| {
@@ -215,7 +215,7 @@ const SMALL: f64 = 1e-3;
 /// Fraction of the total power of all lights below which a light does not count.
 const WORTH: f64 = 0.01;
 
-pub(super) fn found_by_chance(visible: &Visible<'_>) -> Option<Called> {
+pub(super) fn found_by_chance(visible: &Visible<'_>) -> Option<CalledEffect> {
     let scene = visible.scene;
     // One event is the refraction; another one scatters the light to the camera.
     if scene.max_depth.is_some_and(|d| d < 2) {
@@ -242,7 +242,7 @@ pub(super) fn found_by_chance(visible: &Visible<'_>) -> Option<Called> {
         LightNumber::Shape(i) => scene.shapes[i].source.clone(),
         LightNumber::Light(i) => scene.lights[i].source.clone(),
     };
-    Some(Called { effect: Effect::Refraction, because, source, objects: found.len() })
+    Some(CalledEffect { effect: Effect::Refraction, because, source, objects: found.len() })
 }
 
 /// Returns the smooth refracting shapes, through which light sampling cannot connect: the name of the material, the

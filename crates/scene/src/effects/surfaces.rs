@@ -1,7 +1,7 @@
 //! Effects of surfaces: glossy and mirror reflection, refraction, textures, transparency.
 
 use super::visible::Visible;
-use super::{Albedo, Found, found};
+use super::{Albedo, FirstCause, found};
 use crate::description::{Lobe, Parameter, texture_mean};
 use crate::{Color, Material, MaterialKind, Roughness, Scalar, Scene, Shape, Texture, TextureId, TextureKind};
 
@@ -16,7 +16,7 @@ pub(super) fn is_mirror(lobe: &Lobe<'_>) -> bool {
 }
 
 /// Finds visible materials with a lobe for which `wanted` returns true.
-pub(super) fn find_lobes(visible: &Visible<'_>, wanted: fn(&Lobe<'_>) -> bool) -> Found {
+pub(super) fn find_lobes(visible: &Visible<'_>, wanted: fn(&Lobe<'_>) -> bool) -> FirstCause {
     let materials = visible.materials().filter_map(|m| Some((m, m.kind.lobes().into_iter().find(wanted)?)));
     found(materials, |(material, lobe)| (describe(material, &lobe), material.source.clone()))
 }
@@ -76,7 +76,7 @@ fn diffuse_color(material: &Material, textures: &mut Vec<Texture>, albedo: &Albe
 }
 
 /// Finds visible materials that look up textures, and visible shapes whose opacity or emission is a texture.
-pub(super) fn find_textures(visible: &Visible<'_>) -> Found {
+pub(super) fn find_textures(visible: &Visible<'_>) -> FirstCause {
     let materials = visible.materials().filter_map(|material| {
         let (id, what) = first_texture(material)?;
         Some((Some(&material.name), id, what, &material.source))
@@ -141,7 +141,7 @@ fn mean_scalar(scalar: Scalar, textures: &[Texture]) -> Scalar {
     }
 }
 
-pub(super) fn find_holes(visible: &Visible<'_>) -> Found {
+pub(super) fn find_holes(visible: &Visible<'_>) -> FirstCause {
     let opaque = |alpha: &Scalar| matches!(alpha, Scalar::Constant(alpha) if *alpha >= 1.0);
     let holes = visible.shapes.iter().filter_map(|shape| Some((shape, shape.alpha.filter(|alpha| !opaque(alpha))?)));
     found(holes, |(shape, alpha)| {

@@ -1,7 +1,7 @@
 //! The visible part of a scene: objects that can affect its image. Effects of the camera and of repeated scattering:
 //! depth of field, motion blur, interreflection, absorbing and scattering media.
 
-use super::{Found, found};
+use super::{FirstCause, found};
 use crate::{Color, Instance, Material, MaterialId, MaterialKind, Medium, MediumId, Scalar, Scene, Shape, Source};
 
 /// The shapes, instances, materials and media of a scene that can affect its image.
@@ -80,13 +80,13 @@ fn mixed(materials: &[MaterialId; 2], amount: Scalar) -> impl Iterator<Item = Ma
     (!without_first).then_some(first).into_iter().chain((!without_second).then_some(second))
 }
 
-pub(super) fn find_lens(visible: &Visible<'_>) -> Found {
+pub(super) fn find_lens(visible: &Visible<'_>) -> FirstCause {
     let camera = &visible.scene.camera;
     let open = camera.lens_radius != 0.0;
     open.then(|| (format!("the lens has radius {}", camera.lens_radius), camera.source.clone(), 1))
 }
 
-pub(super) fn find_motion(visible: &Visible<'_>) -> Found {
+pub(super) fn find_motion(visible: &Visible<'_>) -> FirstCause {
     let camera = &visible.scene.camera;
     let [open, close] = camera.shutter;
     let [first, second] = visible.scene.motion_times;
@@ -110,7 +110,7 @@ pub(super) fn stop_motion(scene: &mut Scene) {
     scene.camera.shutter = [open + (close - open) * 0.5; 2];
 }
 
-pub(super) fn find_interreflection(visible: &Visible<'_>) -> Found {
+pub(super) fn find_interreflection(visible: &Visible<'_>) -> FirstCause {
     let scene = visible.scene;
     let scatters = visible.shapes.iter().any(|shape| !is_black(scene, shape))
         || visible.media().any(|medium| medium.scattering != [0.0; 3]);
@@ -132,7 +132,7 @@ fn is_black(scene: &Scene, shape: &Shape) -> bool {
     }
 }
 
-pub(super) fn find_media(visible: &Visible<'_>, does: &str, coefficient: fn(&Medium) -> [f32; 3]) -> Found {
+pub(super) fn find_media(visible: &Visible<'_>, does: &str, coefficient: fn(&Medium) -> [f32; 3]) -> FirstCause {
     let media = visible.media().filter(|medium| coefficient(medium) != [0.0; 3]);
     let because = |medium: &Medium| format!("medium \"{}\" {does} {:?} per unit", medium.name, coefficient(medium));
     found(media, |medium| (because(medium), medium.source.clone()))

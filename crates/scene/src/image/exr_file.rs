@@ -2,7 +2,7 @@
 
 use super::layers::{FoundLayer, Layers, NoImage, Purpose};
 use super::openexr::{Fault, Plane, check_size, floats, read_lines, read_planes, with_reader};
-use super::read::{ALPHA_BYTES, File, ImageFile, OPENEXR, PIXEL_BYTES, Wanted};
+use super::read::{ALPHA_BYTES, File, ImageFile, LayerQuery, OPENEXR, PIXEL_BYTES};
 use super::{Chromaticities, Encoding, Image, ImageError, Window};
 use ::exr::error::Error as ExrError;
 use ::exr::meta::BlockDescription;
@@ -260,7 +260,7 @@ struct MainChannels {
 }
 
 /// Reads the image of a file in the layer `wanted`.
-pub(super) fn read(file: &File<'_>, wanted: Wanted<'_>, encoding: Encoding) -> Result<ImageFile, ImageError> {
+pub(super) fn read(file: &File<'_>, wanted: LayerQuery<'_>, encoding: Encoding) -> Result<ImageFile, ImageError> {
     let exr = ExrFile::open(file.bytes, file.name)?;
     let (main, mut notices) = main_channels(&exr, wanted)?;
     let part = &exr.parts[main.part];
@@ -296,7 +296,7 @@ pub(super) fn read(file: &File<'_>, wanted: Wanted<'_>, encoding: Encoding) -> R
     Ok(ImageFile { image, view: main.view, window: Some([window, part.display_window]), notices, converted })
 }
 
-fn main_channels(exr: &ExrFile<'_>, wanted: Wanted<'_>) -> Result<(MainChannels, Vec<String>), ImageError> {
+fn main_channels(exr: &ExrFile<'_>, wanted: LayerQuery<'_>) -> Result<(MainChannels, Vec<String>), ImageError> {
     let layers = Layers::of(&exr.parts);
     let main = |layer: &FoundLayer| MainChannels {
         part: layer.part,

@@ -27,18 +27,18 @@ pub enum Plane<'a> {
     /// Floats that are stored in the file as 16-bit floats.
     F16(Cow<'a, [f32]>),
     /// Floats that are computed as the file is written, so that they take no memory.
-    Each(Each<'a>),
+    Each(ComputedFloats<'a>),
 }
 
 /// The floats of a channel, computed one by one.
 #[derive(Clone)]
-pub struct Each<'a> {
+pub struct ComputedFloats<'a> {
     len: usize,
     is_half: bool,
     of: Arc<dyn Fn(usize) -> f32 + Send + Sync + 'a>,
 }
 
-impl Each<'_> {
+impl ComputedFloats<'_> {
     pub(super) fn value(&self, index: usize) -> f32 {
         (self.of)(index)
     }
@@ -48,13 +48,13 @@ impl Each<'_> {
     }
 }
 
-impl fmt::Debug for Each<'_> {
+impl fmt::Debug for ComputedFloats<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_list().entries(self.values()).finish()
     }
 }
 
-impl PartialEq for Each<'_> {
+impl PartialEq for ComputedFloats<'_> {
     fn eq(&self, other: &Self) -> bool {
         self.is_half == other.is_half && self.values().eq(other.values())
     }
@@ -81,7 +81,7 @@ planes! {
 impl<'a> Plane<'a> {
     /// Makes a plane of `len` 32-bit floats that are computed as they are written.
     pub fn each(len: usize, of: impl Fn(usize) -> f32 + Send + Sync + 'a) -> Self {
-        Self::Each(Each { len, is_half: false, of: Arc::new(of) })
+        Self::Each(ComputedFloats { len, is_half: false, of: Arc::new(of) })
     }
 
     /// Stores the floats as 16-bit floats.
@@ -105,7 +105,7 @@ impl<'a> Plane<'a> {
     pub(super) const fn sample_type(&self) -> SampleType {
         match self {
             Self::F32(_) => SampleType::F32,
-            Self::F16(_) | Self::Each(Each { is_half: true, .. }) => SampleType::F16,
+            Self::F16(_) | Self::Each(ComputedFloats { is_half: true, .. }) => SampleType::F16,
             Self::Each(_) => SampleType::F32,
             Self::U32(_) => SampleType::U32,
         }

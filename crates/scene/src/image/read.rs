@@ -36,7 +36,7 @@ pub struct ImageFile {
 
 /// The layer and the view to read from an OpenEXR file.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Wanted<'a> {
+pub struct LayerQuery<'a> {
     /// The name of the layer; `None` for the main one.
     pub layer: Option<&'a str>,
     /// The view, if the file has the layer in it; `None` for the first one.
@@ -70,7 +70,7 @@ pub struct Wanted<'a> {
 /// `bytes.len()` is refused before memory is allocated: see [`ImageError::TooLarge`]. Images of up to 5 million pixels
 /// always pass (4 million with alpha, 3.5 million for a progressive JPEG).
 pub fn read_image(bytes: &[u8], file_name: &str, encoding: Encoding) -> Result<Image, ImageError> {
-    read_image_file(bytes, file_name, encoding, Wanted::default()).map(|file| file.image)
+    read_image_file(bytes, file_name, encoding, LayerQuery::default()).map(|file| file.image)
 }
 
 /// Reads an image that scatters or gives light, and notices about it. Channels that are negative after the conversion
@@ -80,7 +80,7 @@ pub fn read_image(bytes: &[u8], file_name: &str, encoding: Encoding) -> Result<I
 /// Those of [`read_image`], and [`ImageError::NotFinite`].
 pub fn read_texture(bytes: &[u8], file_name: &str, encoding: Encoding) -> Result<(Image, Vec<String>), ImageError> {
     let ImageFile { image, mut notices, converted, window, .. } =
-        read_image_file(bytes, file_name, encoding, Wanted::default())?;
+        read_image_file(bytes, file_name, encoding, LayerQuery::default())?;
     if let Some([data, display]) = window
         && data != display
     {
@@ -108,7 +108,7 @@ pub fn read_image_file(
     bytes: &[u8],
     file_name: &str,
     encoding: Encoding,
-    wanted: Wanted<'_>,
+    wanted: LayerQuery<'_>,
 ) -> Result<ImageFile, ImageError> {
     let file = open(bytes, file_name)?;
     if file.format == OPENEXR {

@@ -2,7 +2,7 @@
 
 use crate::support::*;
 use dapple_scene::image::Image;
-use dapple_scene::{Called, Effect, Effects};
+use dapple_scene::{CalledEffect, Effect, Effects};
 use dapple_scene::{
     Coating, Color, ConductorFresnel, Emission, EnvironmentRadiance, Geometry, Instance, Light, LightKind, Material,
     MaterialId, MaterialKind, Medium, MediumId, MediumInterface, Object, ObjectId, Roughness, Scalar, Scene, Shape,
@@ -30,7 +30,7 @@ fn with(change: impl FnOnce(&mut Scene)) -> Effects {
 /// The effects besides the lamp's, with the first object's line and the count of objects.
 fn more(change: impl FnOnce(&mut Scene)) -> Vec<(Effect, u32, usize)> {
     let effects = with(change);
-    let own = |c: &&Called| c.effect != Effect::SoftShadows;
+    let own = |c: &&CalledEffect| c.effect != Effect::SoftShadows;
     effects.called().iter().filter(own).map(|c| (c.effect, c.source.line, c.objects)).collect()
 }
 

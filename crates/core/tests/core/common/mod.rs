@@ -1,7 +1,7 @@
 //! Toys and helpers of several test files.
 #![allow(dead_code, unreachable_pub, reason = "each test file uses its own part")]
 
-pub use dapple_conformance::toys::{Field, Independent, Learner, Made, Planned, Points, Traced, one_round};
+pub use dapple_conformance::toys::{Field, Independent, Learner, Points, ToyFilter, ToySampler, Traced, one_round};
 pub use dapple_conformance::{bits, on_threads};
 pub use dapple_core::point_set::mix;
 

@@ -2,7 +2,7 @@
 
 use crate::shading::{Bsdf, ShadingFrame};
 use crate::world::Interaction;
-use dapple_core::integrator::{Pass, Prepared, Prepares};
+use dapple_core::integrator::{Pass, PreparationCost, Prepares};
 use dapple_core::{Draws, Frame, Worker};
 use glam::Vec3;
 
@@ -63,8 +63,8 @@ pub trait VertexLight: Sync {
     }
 
     /// As [`Integrator::prepare`](dapple_core::Integrator::prepare).
-    fn prepare(&mut self, _pass: &Pass<'_>) -> Prepared {
-        Prepared::default()
+    fn prepare(&mut self, _pass: &Pass<'_>) -> PreparationCost {
+        PreparationCost::default()
     }
 
     /// As [`Integrator::memory`](dapple_core::Integrator::memory).

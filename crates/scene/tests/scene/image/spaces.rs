@@ -55,7 +55,7 @@ fn textures_with_another_display_window_have_a_notice() {
 fn chromaticities_of_no_colour_space_are_named() {
     let flat = Chromaticities { red: [0.0; 2], green: [0.0; 2], blue: [0.0; 2], white: [0.0; 2] };
     let file = pixel([1.0, 0.5, 0.25], Some(flat));
-    let read = read_image_file(&file, "a.exr", Encoding::Auto, Wanted::default()).unwrap();
+    let read = read_image_file(&file, "a.exr", Encoding::Auto, LayerQuery::default()).unwrap();
     assert_eq!(read.image.pixels, [[1.0, 0.5, 0.25]]);
     assert!(read.notices[0].contains("are not those of a colour space; Rec. 709 is taken"), "{:?}", read.notices);
 }
@@ -116,7 +116,7 @@ fn views_that_are_not_read_are_named() {
     let of = |name: &str, _, _| if name.starts_with("right") { 2.0 } else { 1.0 };
     let views = vec!["left".to_owned(), "right".to_owned()];
     let bytes = Made { views, ..Made::of(vec![Made::part("", window, &names, of)]) }.bytes();
-    let file = read_image_file(&bytes, "a.exr", Encoding::Auto, Wanted::default()).unwrap();
+    let file = read_image_file(&bytes, "a.exr", Encoding::Auto, LayerQuery::default()).unwrap();
     assert_eq!(
         (file.image.pixels[0], &file.notices[..]),
         ([1.0; 3], &["view \"left\" is read, view \"right\" is not".to_owned()][..])
@@ -139,7 +139,7 @@ fn primaries_of_hdr_files_are_converted_as_those_of_openexr() {
     (0..3).for_each(|c| assert!((found[c] - expected[c]).abs() < 1e-3, "{found:?}, {expected:?}"));
     assert!((expected[0] - color[0]).abs() > 0.1, "{expected:?}");
     assert_eq!(read(&hdr(aces), "a.hdr", Encoding::Linear), color, "data has no colour space");
-    let wrong = read_image_file(&hdr("PRIMARIES=1 2\n"), "a.hdr", Encoding::Auto, Wanted::default()).unwrap();
+    let wrong = read_image_file(&hdr("PRIMARIES=1 2\n"), "a.hdr", Encoding::Auto, LayerQuery::default()).unwrap();
     assert_eq!((wrong.image.pixels[0], wrong.notices.len()), (color, 1));
 }
 
@@ -147,13 +147,14 @@ fn primaries_of_hdr_files_are_converted_as_those_of_openexr() {
 fn fields_of_hdr_files_that_are_not_followed_are_named() {
     for field in ["EXPOSURE=2.0", "COLORCORR=2 1 1", "GAMMA=2.2", "PIXASPECT=2"] {
         let file =
-            read_image_file(&hdr(&format!("{field}\n{field}\n")), "a.hdr", Encoding::Auto, Wanted::default()).unwrap();
+            read_image_file(&hdr(&format!("{field}\n{field}\n")), "a.hdr", Encoding::Auto, LayerQuery::default())
+                .unwrap();
         assert_eq!(file.image.pixels, [[1.0, 0.25, 0.125]]);
         assert_eq!(file.notices, [format!("its {field} is not followed; values are as stored")]);
     }
     let usual =
         "EXPOSURE=1.0\nCOLORCORR=1 1 1\nGAMMA=1\nPIXASPECT=1\nPRIMARIES=0 0 0 0 0 0 0 0\nVIEW=-vta\nSOFTWARE=x\n";
-    assert!(read_image_file(&hdr(usual), "a.hdr", Encoding::Auto, Wanted::default()).unwrap().notices.is_empty());
+    assert!(read_image_file(&hdr(usual), "a.hdr", Encoding::Auto, LayerQuery::default()).unwrap().notices.is_empty());
 }
 
 #[test]
@@ -187,7 +188,7 @@ fn chunks_of_png_files_that_state_other_colours_than_srgb_are_named() {
     };
     let words = |numbers: &[u32]| numbers.iter().flat_map(|n| n.to_be_bytes()).collect::<Vec<u8>>();
     let notices =
-        |file: Vec<u8>, encoding| read_image_file(&file, "a.png", encoding, Wanted::default()).unwrap().notices;
+        |file: Vec<u8>, encoding| read_image_file(&file, "a.png", encoding, LayerQuery::default()).unwrap().notices;
     let other = [
         ("gAMA", words(&[100_000])),
         ("cHRM", words(&[31_270, 32_900, 68_000, 32_000, 26_500, 69_000, 15_000, 6_000])),

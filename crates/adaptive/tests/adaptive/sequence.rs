@@ -1,8 +1,8 @@
 //! Two samplers in sequence: budgets, bits, states and descriptions.
 
 use crate::support::frame;
-use dapple_adaptive::{Adaptive, AdaptiveOptions, Cycles, CyclesOptions, Then};
-use dapple_conformance::toys::{Field, Independent, Planned};
+use dapple_adaptive::{Adaptive, AdaptiveOptions, Cycles, CyclesOptions, Sequence};
+use dapple_conformance::toys::{Field, Independent, ToySampler};
 use dapple_conformance::{bits, sampler, threshold_sampler};
 use dapple_core::film::RgbMoments;
 use dapple_core::limits::Schedule;
@@ -44,7 +44,7 @@ fn uneven() -> impl Sampler {
         }
         if plan.total() == 0 { Progress::Done } else { Progress::Trace }
     };
-    Planned { points: POINTS(), needs: Needs::none(), plan }
+    ToySampler { points: POINTS(), needs: Needs::none(), plan }
 }
 
 /// A quiet left half and a noisy right half.
@@ -63,41 +63,41 @@ fn a_uniform_first_stage_that_is_the_seconds_own_pilot_gives_the_seconds_bits() 
     for policy in [PilotPolicy::Keep, PilotPolicy::Neighbours, PilotPolicy::Cross] {
         let alone = rendered(adaptive(policy), 16.25);
         assert!(
-            bits(&rendered(Then::new(uniform(), 4, adaptive(policy)).unwrap(), 16.25)) == bits(&alone),
+            bits(&rendered(Sequence::new(uniform(), 4, adaptive(policy)).unwrap(), 16.25)) == bits(&alone),
             "{policy:?}"
         );
         assert_ne!(alone.counts().iter().min(), alone.counts().iter().max());
         // Control: a longer first stage gives other counts.
-        let longer = rendered(Then::new(uniform(), 9, adaptive(policy)).unwrap(), 16.25);
+        let longer = rendered(Sequence::new(uniform(), 9, adaptive(policy)).unwrap(), 16.25);
         assert_ne!(longer.counts(), alone.counts());
     }
     for mode in [Stopping::Budget, Stopping::Threshold] {
         let alone = rendered(cycles(mode), 16.25);
-        assert!(bits(&rendered(Then::new(uniform(), 4, cycles(mode)).unwrap(), 16.25)) == bits(&alone), "{mode:?}");
+        assert!(bits(&rendered(Sequence::new(uniform(), 4, cycles(mode)).unwrap(), 16.25)) == bits(&alone), "{mode:?}");
     }
 }
 
 #[test]
 fn sequences_conform_and_spend_budgets_exactly() {
-    sampler(|| Box::new(Then::new(Uniform::new(POINTS()), 4, adaptive(PilotPolicy::Neighbours)).unwrap()));
-    sampler(|| Box::new(Then::new(Uniform::new(POINTS()), 3, adaptive(PilotPolicy::Discard)).unwrap()));
-    sampler(|| Box::new(Then::new(uneven(), 5, adaptive(PilotPolicy::Keep)).unwrap()));
-    sampler(|| Box::new(Then::new(uneven(), 5, cycles(Stopping::Budget)).unwrap()));
-    sampler(|| Box::new(Then::new(cycles(Stopping::Threshold), 9, adaptive(PilotPolicy::Cross)).unwrap()));
-    threshold_sampler(|| Box::new(Then::new(uneven(), 2, cycles(Stopping::Threshold)).unwrap()));
+    sampler(|| Box::new(Sequence::new(Uniform::new(POINTS()), 4, adaptive(PilotPolicy::Neighbours)).unwrap()));
+    sampler(|| Box::new(Sequence::new(Uniform::new(POINTS()), 3, adaptive(PilotPolicy::Discard)).unwrap()));
+    sampler(|| Box::new(Sequence::new(uneven(), 5, adaptive(PilotPolicy::Keep)).unwrap()));
+    sampler(|| Box::new(Sequence::new(uneven(), 5, cycles(Stopping::Budget)).unwrap()));
+    sampler(|| Box::new(Sequence::new(cycles(Stopping::Threshold), 9, adaptive(PilotPolicy::Cross)).unwrap()));
+    threshold_sampler(|| Box::new(Sequence::new(uneven(), 2, cycles(Stopping::Threshold)).unwrap()));
     sampler(|| {
-        let inner = Then::new(uneven(), 2, Uniform::new(POINTS())).unwrap();
-        Box::new(Then::new(inner, 7, adaptive(PilotPolicy::Neighbours)).unwrap())
+        let inner = Sequence::new(uneven(), 2, Uniform::new(POINTS())).unwrap();
+        Box::new(Sequence::new(inner, 7, adaptive(PilotPolicy::Neighbours)).unwrap())
     });
 }
 
 #[test]
 fn uniform_levels_what_another_sampler_left_uneven_or_discarded() {
-    sampler(|| Box::new(Then::new(uneven(), 5, Uniform::new(POINTS())).unwrap()));
-    let film = rendered(Then::new(uneven(), 5, Uniform::new(POINTS())).unwrap(), 7.0);
+    sampler(|| Box::new(Sequence::new(uneven(), 5, Uniform::new(POINTS())).unwrap()));
+    let film = rendered(Sequence::new(uneven(), 5, Uniform::new(POINTS())).unwrap(), 7.0);
     assert_eq!(film.counts(), vec![7; 19 * 12]);
     // Pixels with more than the mean keep their samples.
-    let counts = rendered(Then::new(uneven(), 4, Uniform::new(POINTS())).unwrap(), 5.0).counts();
+    let counts = rendered(Sequence::new(uneven(), 4, Uniform::new(POINTS())).unwrap(), 5.0).counts();
     assert_eq!(
         (counts.iter().sum::<u64>(), counts.iter().min(), counts.iter().max()),
         (5 * 19 * 12, Some(&4), Some(&7))
@@ -107,9 +107,9 @@ fn uniform_levels_what_another_sampler_left_uneven_or_discarded() {
             (plan.retention, plan.counts) = (Retention::Discard, vec![2; seen.pixels()]);
             if seen.round == 0 { Progress::Trace } else { Progress::Done }
         };
-        Planned { points: POINTS(), needs: Needs::none(), plan }
+        ToySampler { points: POINTS(), needs: Needs::none(), plan }
     };
-    let film = rendered(Then::new(discarding(), 3, Uniform::new(POINTS())).unwrap(), 7.0);
+    let film = rendered(Sequence::new(discarding(), 3, Uniform::new(POINTS())).unwrap(), 7.0);
     assert_eq!((film.counts(), film.discarded(3).count, film.record().samples), (vec![5; 19 * 12], 2, 7 * 19 * 12));
 }
 
@@ -124,9 +124,9 @@ fn the_first_stage_ends_at_its_share() {
             plan.counts.fill(1);
             Progress::Trace
         };
-        let first = Planned { points: POINTS(), needs: Needs::none(), plan };
+        let first = ToySampler { points: POINTS(), needs: Needs::none(), plan };
         let limits = Limits::samples(9 * 8 + 3).with_max_spp(50).with_min_spp(min_spp);
-        let mut sequence = Then::new(first, 3, Uniform::new(POINTS())).unwrap();
+        let mut sequence = Sequence::new(first, 3, Uniform::new(POINTS())).unwrap();
         let film = Render::new(frame(4, 2), &limits).run(&mut Field(noise), &mut sequence).unwrap();
         let samples: Vec<u64> = film.record().rounds.iter().map(|round| round.samples).collect();
         assert_eq!(samples, [8, 8, 8, 6 * 8 + 3]);
@@ -137,22 +137,22 @@ fn the_first_stage_ends_at_its_share() {
 
 #[test]
 fn the_description_names_both_samplers_and_their_policies() {
-    let sequence = Then::new(uneven(), 5, adaptive(PilotPolicy::Discard)).unwrap();
+    let sequence = Sequence::new(uneven(), 5, adaptive(PilotPolicy::Discard)).unwrap();
     let described = sequence.describe();
-    assert!(described.starts_with("then:first=planned,spp=5,second=adaptive/by=variance/pilot=4/"), "{described}");
+    assert!(described.starts_with("sequence:first=planned,spp=5,second=adaptive/by=variance/pilot=4/"), "{described}");
     assert!(described.contains("/policy=discard/"), "{described}");
     let second = unnested(described.split_once(",second=").unwrap().1);
     assert_eq!(second, adaptive(PilotPolicy::Discard).describe());
     assert_eq!(sequence.needs(), adaptive(PilotPolicy::Discard).needs());
-    let inside = Then::new(sequence, 6, Uniform::new(POINTS())).unwrap();
-    assert_eq!(inside.describe(), format!("then:first={},spp=6,second=uniform", nested(&described)));
-    let refused = Then::new(Uniform::new(POINTS()), 0, Uniform::new(POINTS())).err().unwrap().to_string();
+    let inside = Sequence::new(sequence, 6, Uniform::new(POINTS())).unwrap();
+    assert_eq!(inside.describe(), format!("sequence:first={},spp=6,second=uniform", nested(&described)));
+    let refused = Sequence::new(Uniform::new(POINTS()), 0, Uniform::new(POINTS())).err().unwrap().to_string();
     assert_eq!(refused, "spp = 0 is out of range: at least 1 sample per pixel for the first sampler");
 }
 
 #[test]
 fn states_of_other_samplers_are_refused() {
-    let make = || Then::new(Uniform::new(POINTS()), 2, Uniform::new(POINTS())).unwrap();
+    let make = || Sequence::new(Uniform::new(POINTS()), 2, Uniform::new(POINTS())).unwrap();
     let saved = make().save();
     assert!(make().restore(&saved).is_ok());
     for wrong in [&saved[1..], &[saved.clone(), vec![0]].concat(), &[2; 17], &[]] {
@@ -164,7 +164,7 @@ fn states_of_other_samplers_are_refused() {
 #[test]
 fn stages_with_different_points_are_resumed() {
     let (frame, limits) = (frame(5, 4), Limits::spp(9.0).with_schedule(Schedule::default().with_slice_spp(2)));
-    let make = || Then::new(Uniform::new(POINTS()), 4, Uniform::new(Independent::new(77))).unwrap();
+    let make = || Sequence::new(Uniform::new(POINTS()), 4, Uniform::new(Independent::new(77))).unwrap();
     let mut slices = Vec::new();
     let mut keep = |status: &Status<'_>| {
         slices.push(Snapshot::from_bytes(&status.snapshot()).unwrap());
@@ -183,7 +183,7 @@ fn stages_with_different_points_are_resumed() {
     (4..9).for_each(|index| moments.push(of(Independent::new(77), index)));
     assert_eq!(whole.mean(7), moments.mean);
     // Other points are refused all the same.
-    let other = || Then::new(Uniform::new(POINTS()), 4, Uniform::new(Independent::new(78))).unwrap();
+    let other = || Sequence::new(Uniform::new(POINTS()), 4, Uniform::new(Independent::new(78))).unwrap();
     let last = slices.remove(4);
     let refused = Render::new(frame, &limits).resume(last, &mut Field(noise), &mut other()).unwrap_err();
     assert!(refused.to_string().contains("the point set was independent:seed=77"), "{refused}");
@@ -193,7 +193,7 @@ fn stages_with_different_points_are_resumed() {
 #[test]
 fn a_sequence_renders_twice() {
     let (frame, limits) = (frame(5, 4), Limits::spp(9.0));
-    let mut sequence = Then::new(uneven(), 5, cycles(Stopping::Budget)).unwrap();
+    let mut sequence = Sequence::new(uneven(), 5, cycles(Stopping::Budget)).unwrap();
     let mut render = || bits(&Render::new(frame, &limits).run(&mut Field(noise), &mut sequence).unwrap());
     assert!(render() == render());
     let budget = BudgetLeft::new(20 * 9);

@@ -26,15 +26,15 @@ use std::sync::Arc;
 /// #     fn block(&self, _: SampleId, _: u32) -> [f32; 4] { [0.5; 4] }
 /// # }
 /// use dapple_core::Sampler;
-/// use dapple_adaptive::Then;
+/// use dapple_adaptive::Sequence;
 /// use dapple_core::samplers::Uniform;
 ///
-/// let sampler = Then::new(Uniform::new(Centre), 4, Uniform::new(Centre))?;
-/// assert_eq!(sampler.describe(), "then:first=uniform,spp=4,second=uniform");
+/// let sampler = Sequence::new(Uniform::new(Centre), 4, Uniform::new(Centre))?;
+/// assert_eq!(sampler.describe(), "sequence:first=uniform,spp=4,second=uniform");
 /// assert!(sampler.a_priori());
 /// # Ok::<(), dapple_core::Error>(())
 /// ```
-pub struct Then<A, B> {
+pub struct Sequence<A, B> {
     first: A,
     spp: u32,
     second: B,
@@ -44,7 +44,7 @@ pub struct Then<A, B> {
     fresh: Vec<u8>,
 }
 
-impl<A: Sampler, B: Sampler> Then<A, B> {
+impl<A: Sampler, B: Sampler> Sequence<A, B> {
     /// A sequence in which `first` spends up to `spp` samples per pixel on average, and `second` the rest.
     ///
     /// # Errors
@@ -77,14 +77,14 @@ impl<A: Sampler, B: Sampler> Then<A, B> {
     }
 }
 
-impl<A: Sampler, B: Sampler> Sampler for Then<A, B> {
+impl<A: Sampler, B: Sampler> Sampler for Sequence<A, B> {
     fn name(&self) -> &str {
-        "then"
+        "sequence"
     }
 
     fn describe(&self) -> String {
         let [first, second] = [nested(&self.first.describe()), nested(&self.second.describe())];
-        format!("then:first={first},spp={},second={second}", self.spp)
+        format!("sequence:first={first},spp={},second={second}", self.spp)
     }
 
     fn a_priori(&self) -> bool {
