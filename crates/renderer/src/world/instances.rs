@@ -124,7 +124,7 @@ fn refuse(shape: &DescribedShape, problems: &mut Problems) {
         problems.add(&shape.source, "a shape of an object cannot emit light; move the light out of the object".into());
     }
     if shape.moves_to.is_some() {
-        problems.add(&shape.source, "a shape of an object cannot move relative to the object; move the instance".into());
+        problems.add(&shape.source, "a shape of an object cannot move within the object; move the instance".into());
     }
 }
 
