@@ -55,7 +55,7 @@ impl Division {
         };
         let pieces = shapes().map(of_shape).sum();
         if pieces > MOST_PIECES {
-            return Err(format!("the scene has too many triangles for patches (over {MOST_PIECES} pieces); use \"path\""));
+            return Err(format!("the scene has too many triangles for patches (limit {MOST_PIECES}); use \"path\""));
         }
         Ok(Self { count, largest, pieces })
     }
