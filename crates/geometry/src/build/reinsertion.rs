@@ -30,8 +30,8 @@ pub(super) fn reinsert(tree: &mut Bvh2, ratio: f32) {
     }
 }
 
-/// Performs all moves except those at a node that an earlier move of the same round has changed, since the gain was computed
-/// without that move. `moved` holds the last round in which each node was changed.
+/// Performs all moves, except moves at nodes that an earlier move of the same round has changed: their gain was computed
+/// without it. `moved` holds the last round in which each node was changed.
 fn make_moves(tree: &mut Bvh2, moves: &[Reinsertion], moved: &mut [u8], round: u8) {
     for &Reinsertion { from, to, .. } in moves {
         let parent = |node: u32| tree.parents[node as usize] as usize;

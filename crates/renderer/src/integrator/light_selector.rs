@@ -10,7 +10,7 @@ use glam::Vec3;
 /// A distribution over the lights of a world. It may depend on the position and be learned while rendering.
 ///
 /// It is a type parameter of [`PathTracer`](super::PathTracer), so that fixed distributions carry no code for learned
-/// ones. The defaults are those of [`FixedSelector`].
+/// ones. The default methods are those of [`FixedSelector`].
 pub trait LightSelector: Sync {
     /// The key of the distribution that a point uses, such as a cell of space.
     type Place: Copy;

@@ -383,7 +383,7 @@ mod tests {
         Map::new(layout, &image, 1.0, &Source::default()).expect("sound").expect("not black")
     }
 
-    /// Radiance HDR texels, except the faintest, are packed exactly. Other images are kept as well.
+    /// Radiance HDR texels, except the faintest, are packed exactly. Maps keep the images of other texels.
     #[test]
     fn texels_of_eight_bits_and_an_exponent_come_back_to_the_last_bit() {
         let texel = |i: u32| [i * 7, i * 31, i * 57].map(|m| (m % 256) as f32 * 2.0_f32.powi((i % 200) as i32 - 110));

@@ -196,8 +196,8 @@ impl LightSource for SpotLight {
         4.0 * luminance(self.point.intensity) * self.share_of_sphere()
     }
 
-    /// Returns the expectation of a point light of the same power. A cell may be partly inside the cone, so the cone is left
-    /// to learning.
+    /// Returns the expectation of a point light of the same power. A cell may be partly inside the cone, so the
+    /// cone's shape is learned.
     fn expectation(&self) -> Expectation {
         self.point.expectation_of(luminance(self.point.intensity) * self.share_of_sphere())
     }

@@ -52,7 +52,7 @@ impl fmt::Display for LightSelection {
     }
 }
 
-/// An unknown name was given for a [`LightSelection`].
+/// The error of an unknown [`LightSelection`] name.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("light selection \"{name}\" is unknown; use one of {}", LightSelection::ALL.map(LightSelection::name).join(", "))]
 pub struct UnknownLightSelection {

@@ -87,7 +87,7 @@ impl TexturedLight {
         Some(Self { mesh, emission, uvs, areas })
     }
 
-    /// Returns the radiance of a point of the light, on an emitting side.
+    /// Returns the radiance that a point of the light emits on its emitting sides.
     #[cold]
     #[inline(never)]
     pub(super) fn radiance(&self, point: &SurfacePoint) -> Vec3 {

@@ -1,5 +1,5 @@
-//! Data of camera paths for samplers and filters: features of the first hit and of the first non-specular surface, the sample
-//! dimensions with a meaning, and the motion of the hit across the image.
+//! Data of camera paths for samplers and filters: features of the first hit and of the first non-specular surface, the random
+//! numbers with a geometric meaning, and the motion of the hit across the image.
 
 use super::{Interaction, NO_LIGHT, World};
 use crate::blocks;
@@ -11,10 +11,10 @@ use dapple_scene::Effect;
 use glam::{DVec3, Vec3};
 use std::ops::Range;
 
-/// A group of random numbers, and the range of its dimensions that have a meaning.
+/// A group of random numbers, and the range of its dimensions that have a geometric meaning.
 pub type Lanes = (Block, Range<u8>);
 
-/// The sample dimensions of the path tracer that have a meaning.
+/// The sample dimensions of the path tracer with a geometric meaning: pixel position, lens, time and light.
 #[non_exhaustive]
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SampleDimensions {
@@ -33,7 +33,7 @@ pub struct SampleDimensions {
 }
 
 impl World {
-    /// Returns the sample dimensions of the path tracer that have a meaning. Returns `None` for pixel filters other than a box
+    /// Returns the sample dimensions of the path tracer with a meaning. Returns `None` for pixel filters other than a box
     /// of one pixel, in which the position in the pixel is not a random number.
     pub fn sample_dimensions(&self) -> Option<SampleDimensions> {
         let is_light_a_coordinate = self.lights.len() == 1 && !self.lights.has_delta();

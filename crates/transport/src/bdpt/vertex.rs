@@ -59,7 +59,8 @@ pub(crate) struct Scattered {
     pub(crate) weight: Vec3,
     /// The solid-angle density of the direction; for a specular lobe, the lobe's probability.
     pub(crate) forward: f32,
-    /// The density with which a path in the opposite direction samples the previous vertex's direction, in the same measure.
+    /// The density with which a path in the opposite direction samples the direction to the previous vertex, in the
+    /// same measure.
     pub(crate) backward: f32,
     /// True for a specular lobe.
     pub(crate) specular: bool,
@@ -73,7 +74,7 @@ pub(crate) struct Connected {
     pub(crate) factor: Vec3,
     /// The solid-angle density of the leaving direction.
     pub(crate) forward: f32,
-    /// The solid-angle density with which a path in the opposite direction samples the previous vertex's direction.
+    /// The solid-angle density with which a path in the opposite direction samples the direction to the previous vertex.
     pub(crate) backward: f32,
 }
 
