@@ -12,8 +12,7 @@ use glam::DVec3;
 pub(crate) use items::{Bounds, union};
 use items::{Items, padded_by_ulps};
 
-/// Builds the bounding volume hierarchy over shapes. Returns it with its bounds and the number of triangles that can
-/// be hit.
+/// Builds the bounding volume hierarchy of shapes. Returns it with its bounding box and the number of triangles with an area.
 pub(crate) fn build_tree(shapes: &[Shape]) -> Result<(Bvh, Option<Bounds>, usize), Error> {
     let items = Items::of_shapes(shapes)?;
     let quadrics = shapes.iter().filter(|shape| shape.mesh().is_none()).count();
@@ -21,8 +20,8 @@ pub(crate) fn build_tree(shapes: &[Shape]) -> Result<(Bvh, Option<Bounds>, usize
     Ok((bvh, bounds, items.keys.len() - quadrics))
 }
 
-/// Builds the bounding volume hierarchy over the boxes of instances, each with its index. Returns it with a box around
-/// all of them.
+/// Builds the bounding volume hierarchy over the boxes of instances, each given with its index. Returns it with its bounding
+/// box.
 pub(crate) fn build_top(boxes: &[(u32, [DVec3; 2])]) -> Result<(Bvh, Option<Bounds>), Error> {
     Error::too_many("instances", boxes.len(), LIMIT)?;
     let grown: Vec<Bounds> = boxes.iter().map(|&(_, bounds)| padded_by_ulps(bounds)).collect();
@@ -30,7 +29,7 @@ pub(crate) fn build_top(boxes: &[(u32, [DVec3; 2])]) -> Result<(Bvh, Option<Boun
     Ok(tree(&Items { shapes: &[], boxes: &grown, keys, still: false }))
 }
 
-/// Builds the tree over all items. Returns it with the box around all items, `None` if there are no items.
+/// Builds the tree over all items. Returns it with the bounding box of all items; `None` if there are no items.
 fn tree(items: &Items<'_>) -> (Bvh, Option<Bounds>) {
     let Some(bounds) = items.total() else { return (Bvh::default(), None) };
     let mut boxes = items.boxes(bounds);
@@ -52,7 +51,7 @@ mod tests {
     use crate::huge_pages::Pages;
     use obvhs::bvh2::node::Bvh2Node;
 
-    /// A binary tree that is a chain needs seven entries on the stack per level.
+    /// A binary tree that is a chain needs seven stack entries per level.
     #[test]
     fn a_tree_that_is_too_deep_is_refused_and_another_is_built() {
         const COUNT: u32 = 8000;

@@ -1,4 +1,4 @@
-//! The bounding volume hierarchy as it lies in memory: eight-wide nodes, leaves, and their keys.
+//! The memory layout of the bounding volume hierarchy: eight-wide nodes, leaves, and their keys.
 
 use crate::huge_pages::Pages;
 use crate::lanes::{Eight, WIDTH, Words};
@@ -6,11 +6,11 @@ use crate::shape::Quadric;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
-/// The bit that marks a child's code as a leaf of triangles. The other bits are the leaf's place (`leaf::place`).
+/// The bit that marks a child's code as a leaf of triangles. The other bits encode the leaf's position (`leaf::place`).
 pub(crate) const TRIANGLES: u32 = 1 << 31;
 /// The bit that marks a child's code as a sphere, a disk or the box of an instance. The other bits are its index.
 pub(crate) const QUADRIC: u32 = 1 << 30;
-/// The limit of node indices: a child's code below it is the index of a node.
+/// The upper limit of node indices. A child's code below it is the index of a node.
 pub(crate) const LIMIT: usize = QUADRIC as usize;
 
 /// The largest allowed number of entries on the traversal stack. A tree that needs more is rebuilt by median splits.
@@ -18,7 +18,7 @@ pub(crate) const DEEPEST: usize = 256;
 
 /// A node with up to eight children. Unused children have empty boxes, which no ray hits.
 ///
-/// Its 224 bytes touch four lines of a cache wherever an array of nodes starts.
+/// Its 224 bytes touch four cache lines, wherever an array of nodes starts.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C, align(32))]
 pub(crate) struct Node8 {
@@ -48,7 +48,7 @@ impl Node8 {
         [Vec3::from_array(least(0)), Vec3::from_array(most(1))]
     }
 
-    /// Adds to the indices of the children: one number for nodes, one for leaves of triangles, one for quadrics.
+    /// Adds one offset to the indices of child nodes, one to those of triangle leaves, and one to those of quadrics.
     pub(crate) fn shift(&mut self, [nodes, leaves, quadrics]: [u32; 3]) {
         for code in &mut self.children.0 {
             *code += match *code {
@@ -62,12 +62,12 @@ impl Node8 {
     }
 }
 
-/// A child of a node, with its index in the list of nodes or of quadrics, or a leaf's place.
+/// A child of a node: the index of a node or quadric, or the position of a triangle leaf.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Child {
     Node(u32),
     Triangles(u32),
-    /// A sphere, a disk or, in the tree over instances, the box of one.
+    /// A sphere, a disk or, in the tree over instances, the box of an instance.
     Quadric(u32),
 }
 
@@ -81,7 +81,8 @@ impl Child {
     }
 }
 
-/// Returns the shape and primitive number as one integer. Of hits at the same distance, the smallest key wins.
+/// Returns the shape and primitive number as one integer. Among hits at the same distance, the one with the smallest key is
+/// chosen.
 #[inline(always)]
 pub(crate) fn key(shape: u32, primitive: u32) -> u64 {
     u64::from(shape) << 32 | u64::from(primitive)
@@ -93,7 +94,7 @@ pub(crate) struct Bvh {
     pub(crate) nodes: Pages<Node8>,
     /// The leaves of triangles (see `leaf`), followed by `leaf::SPAN` zeros.
     pub(crate) leaves: Pages<f32>,
-    /// The leaves with their triangles at time 1; empty if no vertex moves.
+    /// The leaves with their triangles at time 1, like `leaves`; empty if no vertex moves.
     pub(crate) moved: Pages<f32>,
     pub(crate) quadrics: Vec<Quadric>,
     pub(crate) quadric_keys: Vec<u64>,

@@ -8,10 +8,10 @@ use crate::{Error, Hit, Instance, PlacedShape, Ray, Shape, SurfacePoint};
 use glam::{DAffine3, Vec3};
 use std::sync::Arc;
 
-/// A scene for ray intersection: shapes, instances of objects, and the bounding volume hierarchy over both. An object
-/// is a group of shapes that is in memory once and can be placed in the scene many times.
+/// A scene for ray intersection: shapes, instances of objects, and the bounding volume hierarchy over both. An object is a
+/// group of shapes that is stored once and can be placed in the scene many times.
 ///
-/// Every shape has a number. The base shapes (those of no instance) come first, in their order. The shapes of each
+/// Every shape has a number. The base shapes (those outside of instances) come first, in their order. The shapes of each
 /// instance follow, in the order of instances.
 ///
 /// ```
@@ -46,14 +46,14 @@ impl Geometry {
         Ok(Self { shapes, tree: bvh.into(), bounds, triangle_count })
     }
 
-    /// Builds a scene from base shapes and from instances of objects. Each object is in memory once, however many
-    /// instances it has.
+    /// Builds a scene from base shapes and from instances of objects. Each object is stored once, however many instances it
+    /// has.
     ///
-    /// An object may lack shapes or instances. A single moving shape is made as a moving instance of an object of one
-    /// shape.
+    /// An object may have no shapes, or no instances. To move a single shape, place it as the only shape of an object with one
+    /// moving instance.
     ///
-    /// A mesh in an instance is watertight. Where surfaces of different instances, or of an instance and the base,
-    /// only touch, rays may pass through a gap as wide as rounding in f32.
+    /// A mesh in an instance is watertight. Where surfaces of different instances, or of an instance and the base shapes, only
+    /// touch, rays may pass through a gap as wide as f32 rounding.
     ///
     /// # Errors
     /// * The errors of [`build`](Self::build) for the base shapes.
@@ -102,7 +102,7 @@ impl Geometry {
         }
     }
 
-    /// Returns the closest hit, with its `t` multiplied by `scale`.
+    /// Returns the closest hit, with `t` multiplied by `scale`.
     #[inline(always)]
     fn closest_along(&self, prepared: &PreparedRay, scale: f32, time: f32) -> Option<Hit> {
         let mut best = Best::new(prepared.ray.tmax);
@@ -115,8 +115,8 @@ impl Geometry {
         })
     }
 
-    /// Returns true if the ray hits anything with `tmin < t < tmax` at time 0, that is, if [`closest`](Self::closest)
-    /// returns a hit. Faster than that function.
+    /// Returns true if the ray hits anything with `tmin < t < tmax` at time 0, that is, if [`closest`](Self::closest) returns
+    /// a hit. It is faster than that function.
     #[inline(always)]
     pub fn occluded(&self, ray: &Ray) -> bool {
         self.occluded_at(ray, 0.0)
@@ -175,16 +175,15 @@ impl Geometry {
         self.instances()?.placed(shape)
     }
 
-    /// Returns the number that a shape would have if every object were placed exactly once. Base shapes keep their
-    /// numbers; the shapes of the objects follow, object by object. `shape` must be below
-    /// [`shape_count`](Self::shape_count).
+    /// Returns the number that a shape would have if each object had exactly one instance. Base shapes keep their numbers; the
+    /// shapes of the objects follow, object by object. `shape` must be below [`shape_count`](Self::shape_count).
     #[inline]
     pub fn original(&self, shape: u32) -> u32 {
         if (shape as usize) < self.shapes.len() { shape } else { self.placements().original(shape) }
     }
 
-    /// Returns the shape with a number below [`shape_count`](Self::shape_count). The shape of an instance is given in
-    /// the space of its object.
+    /// Returns the shape with a number below [`shape_count`](Self::shape_count). The shape of an instance is in the space of
+    /// its object.
     #[inline]
     pub fn shape(&self, number: u32) -> &Shape {
         match self.shapes.get(number as usize) {
@@ -193,7 +192,7 @@ impl Geometry {
         }
     }
 
-    /// Returns the map from a shape's space to world space at a time in `[0, 1]`. `None` for base shapes, which are in
+    /// Returns the map from a shape's space to world space at a time in `[0, 1]`. Returns `None` for base shapes, which are in
     /// world space.
     pub fn to_world(&self, shape: u32, time: f32) -> Option<DAffine3> {
         ((shape as usize) >= self.shapes.len()).then(|| self.placements().to_world(shape, time))
@@ -219,8 +218,7 @@ impl Geometry {
         !self.tree.bvh.moved.is_empty()
     }
 
-    /// The largest number of nodes and leaves on the stack at once while a ray traverses the tree of the base shapes;
-    /// at most 256.
+    /// The largest number of nodes and leaves on the stack when a ray traverses the tree of the base shapes; at most 256.
     pub fn deepest(&self) -> usize {
         self.tree.bvh.stack
     }
@@ -229,13 +227,13 @@ impl Geometry {
         if let WalkKind::Placed(placed) = &self.tree.way { Some(&placed.placements) } else { None }
     }
 
-    /// Returns the instances. Panics without instances, so call it only for numbers beyond the base shapes.
+    /// Returns the instances. Panics if there are none, so it must be called only for numbers beyond the base shapes.
     #[inline]
     fn placements(&self) -> &Placements {
         self.instances().expect("a shape number of this geometry")
     }
 
-    /// Returns the scene with the walk for pairs of four-wide vectors, even on a machine with AVX2.
+    /// Returns the scene with the traversal by pairs of four-wide vectors, even on a machine with AVX2.
     #[cfg(test)]
     pub(crate) fn in_pairs(mut self) -> Self {
         self.tree.way = if self.base_moves() { WalkKind::Moving(Vectors::Pair) } else { WalkKind::Pair };
@@ -247,8 +245,7 @@ impl Geometry {
         &self.shapes
     }
 
-    /// The lower and upper corner of a box around everything that can be hit at any time; `None` if there is nothing
-    /// to hit.
+    /// The lower and upper corner of the bounding box of everything that can be hit at any time; `None` if nothing can be hit.
     pub fn bounds(&self) -> Option<[Vec3; 2]> {
         self.bounds
     }
@@ -259,8 +256,7 @@ impl Geometry {
         self.tree.bvh.memory_bytes() + self.instances().map_or(0, |placed| placed.memory_bytes())
     }
 
-    /// The number of triangles in memory that can be hit, that is, that have an area. An object's triangles count
-    /// once.
+    /// The number of triangles with an area, which can be hit. The triangles of an object count once.
     pub fn triangle_count(&self) -> usize {
         self.triangle_count
     }

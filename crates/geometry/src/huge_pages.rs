@@ -1,4 +1,4 @@
-//! Large arrays, in huge pages where the system has them.
+//! Large arrays, in huge pages if the system supports them.
 
 use bytemuck::Pod;
 #[cfg(target_os = "linux")]
@@ -7,19 +7,19 @@ use memmap2::{Advice, MmapMut};
 use rayon::prelude::*;
 use std::ops::{Deref, DerefMut};
 
-/// The size of a huge page on most machines. Arrays from this size on ask for huge pages.
+/// The size of a huge page on most machines. Arrays of at least this size request huge pages.
 #[cfg(target_os = "linux")]
 const HUGE: usize = 1 << 21;
 
-/// An array of a fixed length. Linux gives huge pages only to memory that asks for them, which the allocator of a
-/// program does not. With small pages, a walk through a large tree waits for addresses as long as for their contents.
+/// An array of a fixed length. Linux uses huge pages only for memory that requests them, which Rust's allocator does not. With
+/// small pages, traversing a large tree spends as much time on address translation as on the data itself.
 #[derive(Debug)]
 pub(crate) struct Pages<T>(Memory<T>);
 
 #[derive(Debug)]
 enum Memory<T> {
     Allocated(Vec<T>),
-    /// Memory, and the array's size in bytes.
+    /// Memory mapped from the system, and the array's size in bytes.
     #[cfg(target_os = "linux")]
     Mapped(MmapMut, usize),
 }
@@ -31,7 +31,7 @@ impl<T> Default for Pages<T> {
 }
 
 impl<T: Pod> Pages<T> {
-    /// Returns an array of so many zeros.
+    /// Returns an array of `count` zeros.
     pub(crate) fn zeroed(count: usize) -> Self {
         #[cfg(target_os = "linux")]
         if let Some(bytes) = count.checked_mul(size_of::<T>()).filter(|&bytes| bytes >= HUGE)
@@ -42,8 +42,8 @@ impl<T: Pod> Pages<T> {
         Self(Memory::Allocated(bytemuck::zeroed_vec(count)))
     }
 
-    /// Returns an array of so many zeros. It takes the memory of this one if that comes from the system and is large enough:
-    /// new memory takes longer.
+    /// Returns an array of `count` zeros. Reuses this array's memory if it is mapped and large enough, which is faster than
+    /// new memory.
     pub(crate) fn reused<U: Pod>(self, count: usize) -> Pages<U> {
         #[cfg(target_os = "linux")]
         if let Memory::Mapped(mut map, _) = self.0
@@ -56,7 +56,7 @@ impl<T: Pod> Pages<T> {
     }
 }
 
-/// Returns memory that the system is asked to put into huge pages; `None` if it has none to give.
+/// Maps memory from the system, with a request for huge pages. Returns `None` if the system has no memory left.
 #[cfg(target_os = "linux")]
 fn mapped(bytes: usize) -> Option<MmapMut> {
     // Linux aligns whole numbers of huge pages only. The last one is small pages if less than half of it is used.

@@ -1,13 +1,13 @@
-//! Instances of objects: an object is in memory once and placed in the scene any number of times, each time by a map
-//! from the object's space to world space.
+//! Instances of objects. An object is stored once and placed in the scene any number of times, each time by a map from the
+//! object's space to world space.
 //!
-//! A ray is transformed to the object's space in f64. Its origin is moved to the point where it enters the object's
-//! box, and its direction gets unit length. Only then are both rounded to f32. The origin's rounding error is thus
-//! relative to the object's size, even if the ray comes from far away.
+//! A ray is transformed to the object's space in f64. Its origin is moved to the point where it enters the object's box, and
+//! its direction is normalised. Only then are both rounded to f32. The origin's rounding error is thus relative to the
+//! object's size, even if the ray comes from far away.
 //!
-//! Let `start` be the world-space parameter at the entry and `speed` the length of the transformed direction. The
-//! parameter in the object's space is then `t' = (t - start) speed`. A hit is transformed back to `t`, rounded once
-//! and kept between `tmin` and `tmax`.
+//! Let `start` be the world-space parameter at the entry and `speed` the length of the transformed direction. The parameter in
+//! the object's space is then `t' = (t - start) speed`. A hit's parameter is transformed back to `t`, rounded once and clamped
+//! between `tmin` and `tmax`.
 //!
 //! Rounding the transformed ray to f32 moves it by about an ulp of the object's size. [`Placements::surface`] adds
 //! this distance to the error of surface points, so that new rays start beyond it.
@@ -22,7 +22,7 @@ use crate::{Error, Geometry, Hit, Motion, PrimitiveId, Ray, Shape, SurfacePoint}
 use glam::{DAffine3, DVec3, Vec3};
 use std::sync::Arc;
 
-/// A placement of an object in a scene by a map that may change over time.
+/// A placement of an object in a scene, by a map that may change over time.
 ///
 /// ```
 /// use dapple_geometry::{Geometry, Instance, Motion, Ray, Shape, Sphere};
@@ -67,7 +67,7 @@ pub struct PlacedShape {
 /// All instances of a scene, and the bounding volume hierarchy over their boxes.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Placements {
-    /// The number of base shapes (those of no instance). The shapes of instances are numbered from here.
+    /// The number of base shapes (those outside of instances). The shapes of instances are numbered from here.
     base: u32,
     pub(crate) objects: Vec<Object>,
     instances: Vec<PlacedObject>,
@@ -78,23 +78,22 @@ pub(crate) struct Placements {
     pub(crate) moves: bool,
 }
 
-/// An object with its box, against which rays are tested first.
+/// An object with its bounding box, against which rays are tested first.
 #[derive(Clone, Debug)]
 pub(crate) struct Object {
     pub(crate) geometry: Arc<Geometry>,
     /// The object's bounding box, padded so that surfaces lie strictly inside; `None` if nothing can be hit.
     bounds: Option<[DVec3; 2]>,
-    /// A bound on the distance per axis by which rounding can move a ray within the box, in the object's space.
+    /// A bound, per axis, on the distance by which rounding can move a ray within the box, in the object's space.
     reach: f64,
-    /// The number of shapes before the object's own if every object counts once: base shapes and shapes of earlier
-    /// objects.
+    /// The number of base shapes and of shapes of earlier objects, with each object counted once.
     first: u32,
 }
 
 #[derive(Clone, Debug)]
 struct PlacedObject {
     object: u32,
-    /// The shape number of the first shape of the instance.
+    /// The number of the instance's first shape.
     first: u32,
     place: Pose,
 }
@@ -105,18 +104,18 @@ enum Pose {
     Moving(Motion),
 }
 
-/// A ray in an object's space. A world-space parameter `t` corresponds to its parameter `(t - start) speed`.
+/// A ray in an object's space. A world-space parameter `t` corresponds to the parameter `(t - start) speed` of this ray.
 struct Local {
     ray: Ray,
     start: f64,
     speed: f64,
 }
 
-/// The padding of an object's box: this fraction of its extent plus [`GROWTH_FAR`] of its largest coordinate. It is
-/// far above the rounding of a ray's origin, and too small to cost measurable time.
+/// The padding of an object's box: [`GROWTH`] times its extent plus [`GROWTH_FAR`] times its largest coordinate. It is far
+/// above the rounding of a ray's origin, and too small to cost measurable time.
 const GROWTH: f64 = 1.0 / (1u64 << 10) as f64;
 const GROWTH_FAR: f64 = 1.0 / (1u64 << 20) as f64;
-/// A factor on the best hit's distance within which hits are still tested, since rounding may reduce their distance.
+/// Hits up to this factor beyond the best hit's distance are still tested, since rounding may reduce their distance.
 const BEYOND: f64 = 1.0 + 1.0 / (1u64 << 20) as f64;
 
 impl Object {
@@ -145,7 +144,7 @@ impl Pose {
 }
 
 impl Space {
-    /// Returns the ray in the object's space, starting where it enters a box; `None` if it misses the box.
+    /// Returns the ray in the object's space, starting where it enters a box; `None` if the ray misses the box.
     fn enter(&self, ray: &Ray, [low, high]: [DVec3; 2]) -> Option<Local> {
         let (origin, direction) = self.ray_to_object(ray);
         // The reciprocals are finite, as in `PreparedRay`, so that no product of zero and infinity is formed.
@@ -185,7 +184,7 @@ impl Placements {
         Ok(all)
     }
 
-    /// Adds an instance and returns its box in world space; `None` if its object has nothing that can be hit.
+    /// Adds an instance and returns its box in world space; `None` if nothing in its object can be hit.
     fn place(&mut self, number: u32, Instance { object, motion }: Instance) -> Result<Option<[DVec3; 2]>, Error> {
         let objects = self.objects.len();
         let known =

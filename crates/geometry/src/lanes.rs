@@ -1,4 +1,4 @@
-//! Vectors of eight f32 in the widest registers of the machine. Results have the same bits on every machine.
+//! Vectors of eight f32 in the widest registers of the machine. Results are bit-identical on every machine.
 
 use bytemuck::{Pod, Zeroable};
 use glam::Vec4;
@@ -22,7 +22,7 @@ pub(crate) struct Words(pub(crate) [u32; WIDTH]);
 pub(crate) trait Lanes:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self>
 {
-    /// The proof that the processor supports these vectors.
+    /// The type of a token that proves that the processor supports these vectors.
     type Token: Copy;
 
     fn splat(token: Self::Token, value: f32) -> Self;
@@ -37,7 +37,7 @@ pub(crate) trait Lanes:
     fn equal(token: Self::Token, words: &[u32; WIDTH], word: u32) -> u32;
 }
 
-/// The kind of vectors that the processor supports.
+/// The kinds of vectors that processors support.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Vectors {
     /// One vector of eight f32 (AVX2).
@@ -48,7 +48,7 @@ pub(crate) enum Vectors {
 }
 
 impl Default for Vectors {
-    /// Returns the widest kind that the processor supports. Detection takes time, so each tree does it once.
+    /// Returns the widest kind that the processor supports. Detection takes time, so it is done once per tree.
     fn default() -> Self {
         #[cfg(target_arch = "x86_64")]
         if let Some(v3) = pulp::x86::V3::try_new() {
@@ -58,13 +58,13 @@ impl Default for Vectors {
     }
 }
 
-/// Work that is compiled for each kind of vectors.
+/// A computation that is compiled for each kind of vectors.
 pub(crate) trait Vectorised {
     fn run<L: Lanes>(self, token: L::Token);
 }
 
 impl Vectors {
-    /// Does some work with these vectors.
+    /// Runs a computation with these vectors.
     #[inline(always)]
     pub(crate) fn run(self, work: impl Vectorised) {
         match self {

@@ -1,9 +1,9 @@
-//! Leaves of triangles as they lie in memory.
+//! The memory layout of triangle leaves.
 //!
-//! A leaf is eleven rows of words: nine rows of coordinates, one of primitive numbers and one of shape numbers. A row
-//! has one word per triangle, and the next one follows without a gap. So a leaf of five triangles takes five eighths of
-//! a full one's memory, for which rays through large scenes wait most. Vectors load eight words of a row: beyond the
-//! leaf's triangles they hold other numbers, and a mask leaves them out.
+//! A leaf is eleven rows of words: nine rows of coordinates, one of primitive numbers and one of shape numbers. A row has one
+//! word per triangle, and rows follow each other without a gap. A leaf of five triangles therefore takes five eighths of the
+//! memory of a full leaf, and memory access limits the speed of rays in large scenes. Vectors load eight words of a row.
+//! Beyond the leaf's triangles they contain unrelated numbers, which a mask excludes.
 
 use crate::bvh::{TRIANGLES, key};
 use crate::lanes::{Eight, Lanes, WIDTH};
@@ -11,21 +11,21 @@ use crate::mesh::between;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
-/// The words of a triangle: the coordinates of its corners, its primitive number and its shape number.
+/// The number of words per triangle: the coordinates of its corners, its primitive number and its shape number.
 pub(crate) const WORDS: usize = 11;
-/// The rows of coordinates, which come first.
+/// The number of rows of coordinates, which come first.
 const COORDINATES: usize = 9;
 const PRIMITIVES: usize = 9;
 const SHAPES: usize = 10;
-/// The words that are visible from the start of a leaf. There are as many after the last leaf's start.
+/// The number of words that are accessible from the start of a leaf. The memory after the start of the last leaf has as many.
 pub(crate) const SPAN: usize = 12 * WIDTH;
-/// The place in a child's code of the number of triangles, less one. Below it is the number of triangles in all leaves
-/// before this one.
+/// The position, in a child's code, of the bits with the number of triangles minus 1. The lower bits hold the number of
+/// triangles in all leaves before this one.
 const COUNT: u32 = 28;
-/// The limit of the number of triangles.
+/// The upper limit of the number of triangles.
 pub(crate) const LIMIT: usize = 1 << COUNT;
-/// The bits that are flipped in stored numbers of primitives and shapes. Small integers become ordinary floats:
-/// arithmetic on denormal ones, in lanes that don't count, is slow on some processors.
+/// The bits that are flipped in stored primitive and shape numbers, so that small integers are normal floats. Arithmetic on
+/// denormal numbers in unused lanes would be slow on some processors.
 pub(crate) const FLIPPED: u32 = 1 << 30;
 
 /// Up to eight triangles, corner by corner and axis by axis.
@@ -60,12 +60,13 @@ impl Triangles8 {
     }
 }
 
-/// Returns the place of a leaf as a part of a child's code: `first` triangles in leaves before it, and `count` in it.
+/// Returns the bits of a child's code that locate a leaf: `first` is the number of triangles in all leaves before it, and
+/// `count` the number in it.
 pub(crate) fn place(first: u32, count: usize) -> u32 {
     first | (count as u32 - 1) << COUNT
 }
 
-/// Writes up to eight triangles and their keys to the words of a leaf, [`WORDS`] for each key.
+/// Writes up to eight triangles and their keys to the words of a leaf. There are [`WORDS`] words per key.
 #[inline(always)]
 pub(crate) fn write(words: &mut [f32], triangles: &Triangles8, keys: &[u64]) {
     let rows = words.chunks_exact_mut(keys.len().max(1));
@@ -88,7 +89,7 @@ pub(crate) struct Leaf<'a> {
 }
 
 impl<'a> Leaf<'a> {
-    /// Returns the leaf with a child's code among all leaves.
+    /// Returns the leaf that a child's code refers to.
     #[inline(always)]
     pub(crate) fn at(leaves: &'a [f32], code: u32) -> Self {
         let first = (code & !TRIANGLES & (LIMIT as u32 - 1)) as usize * WORDS;
@@ -151,7 +152,7 @@ impl<'a> Leaf<'a> {
         words
     }
 
-    /// Returns a leaf with as many triangles, at other places.
+    /// Returns a leaf with the same number of triangles in other memory.
     #[inline(always)]
     pub(crate) fn with<'b>(&self, words: &'b [f32; SPAN]) -> Leaf<'b> {
         Leaf { words, count: self.count }

@@ -24,12 +24,12 @@ pub use motion::Motion;
 pub use ray::{Hit, PrimitiveId, Ray, SurfacePoint, offset_origin, spawn_ray, spawn_ray_to, spawn_ray_to_point};
 pub use shape::{Disk, Shape, Sphere};
 
-/// The reason why shapes, motions or instances were refused.
+/// The reason why shapes, motions or instances were rejected.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
     /// A corner of a triangle is NaN or infinite.
-    #[error("vertex {vertex} of triangle {triangle} is not finite; repair the mesh or leave the triangle out")]
+    #[error("vertex {vertex} of triangle {triangle} is not finite; repair the mesh or remove the triangle")]
     NonFinite {
         /// The triangle's index in its mesh.
         triangle: u32,
@@ -38,7 +38,7 @@ pub enum Error {
     },
     /// A coordinate or a whole shape is too large or too small for exact ray intersections.
     #[error(
-        "{what} {value:e} is out of range: magnitudes must lie in 1e-18..5e17; scale the scene by a power of two first"
+        "{what} {value:e} is out of range; magnitudes must be in 1e-18..5e17; scale the scene by a power of two first"
     )]
     ScaleOutOfRange {
         /// The name of the quantity that is out of range, such as "a mesh's largest coordinate".
@@ -47,9 +47,7 @@ pub enum Error {
         value: f64,
     },
     /// A triangle refers to a vertex that does not exist.
-    #[error(
-        "triangle {triangle} refers to vertex {vertex} of {vertices}: indices count from 0 and stay below {vertices}"
-    )]
+    #[error("triangle {triangle} refers to vertex {vertex}, but vertex indices must be below {vertices}")]
     IndexOutOfRange {
         /// The triangle's index in its mesh.
         triangle: u32,
@@ -68,8 +66,8 @@ pub enum Error {
         /// The requirement on the parameter, as a clause for the error message.
         expected: &'static str,
     },
-    /// A geometry has more triangles, shapes, primitives or instances than it can number.
-    #[error("{count} {what} are too many, fewer than {limit} can be numbered; split the scene")]
+    /// There are more triangles, shapes, primitives or instances than can be numbered.
+    #[error("{count} {what} are too many; use fewer than {limit}, or split the scene")]
     TooMany {
         /// The name of the things counted, such as "shapes".
         what: &'static str,
@@ -79,9 +77,7 @@ pub enum Error {
         limit: usize,
     },
     /// An instance refers to an object that does not exist.
-    #[error(
-        "instance {instance} refers to object {object} of {objects}: indices count from 0 and stay below {objects}"
-    )]
+    #[error("instance {instance} refers to object {object}, but object indices must be below {objects}")]
     NoSuchObject {
         /// The index of the instance in the list of instances.
         instance: u32,
@@ -91,7 +87,7 @@ pub enum Error {
         objects: usize,
     },
     /// An object of an instance contains instances itself, which is not supported.
-    #[error("object {object} is made of instances; only one level is supported: put its instances into the scene")]
+    #[error("object {object} contains instances, but only one level is supported; put its instances into the scene")]
     Nested {
         /// The index of the object in the list of objects.
         object: u32,
@@ -99,17 +95,17 @@ pub enum Error {
 }
 
 impl Error {
-    /// Fails with [`Error::BadParameter`] unless a parameter meets its requirement.
+    /// Returns [`Error::BadParameter`] unless a parameter meets its requirement.
     pub(crate) fn unless(met: bool, what: &'static str, value: f64, expected: &'static str) -> Result<(), Self> {
         if met { Ok(()) } else { Err(Self::BadParameter { what, value, expected }) }
     }
 
-    /// Fails with [`Error::TooMany`] unless `count` is below `limit`.
+    /// Returns [`Error::TooMany`] unless `count` is below `limit`.
     pub(crate) fn too_many(what: &'static str, count: usize, limit: usize) -> Result<(), Self> {
         if count < limit { Ok(()) } else { Err(Self::TooMany { what, count, limit }) }
     }
 
-    /// Fails with [`Error::ScaleOutOfRange`] unless a magnitude lies between `least` and the largest one allowed.
+    /// Returns [`Error::ScaleOutOfRange`] unless a magnitude is between `least` and the largest one allowed.
     pub(crate) fn out_of_range(what: &'static str, value: f64, least: f32) -> Result<(), Self> {
         let range = f64::from(least)..=f64::from(mesh::LARGEST);
         if range.contains(&value) { Ok(()) } else { Err(Self::ScaleOutOfRange { what, value }) }

@@ -8,8 +8,8 @@ use glam::Vec3;
 pub(crate) const LARGEST: f32 = (1u64 << 59) as f32;
 /// The smallest allowed magnitude of a shape's largest coordinate, 2^-60, unless all coordinates are 0.
 pub(crate) const SMALLEST: f32 = 1.0 / (1u64 << 60) as f32;
-/// The sine of a triangle's angle at its first corner at or below which the triangle has no area. The f64 cross
-/// product of exact f32 corners cannot distinguish smaller sines from 0.
+/// The largest sine of a triangle's angle at its first corner for which the triangle has no area. The f64 cross product of
+/// exact f32 corners cannot distinguish smaller sines from 0.
 const SINE_OF_NOTHING: f64 = 1.0 / (1u64 << 48) as f64;
 
 /// An indexed triangle mesh whose indices and coordinates passed all checks.
@@ -33,10 +33,10 @@ pub struct Mesh {
     /// The unit normal of each triangle; the zero vector for a triangle without area.
     normals: Vec<Vec3>,
     degenerate: usize,
-    /// The box around all triangles, degenerate ones included; empty without any.
+    /// The bounding box of all triangles, including those without area; empty without triangles.
     pub(crate) around: [Vec3; 2],
-    /// A bound on the rounding error of a point computed in f64 from three corners, in scene units, for the mesh's
-    /// largest coordinate.
+    /// A bound on the rounding error of a point computed in f64 from three corners, in scene units, for coordinates as large
+    /// as the mesh's largest.
     lost: f32,
 }
 
@@ -109,12 +109,12 @@ impl Mesh {
         Vec3::from_array(self.positions[vertex as usize])
     }
 
-    /// Returns a point of a triangle, a bound on the point's distance from the exact triangle per axis, and the unit
-    /// normal. `barycentrics` are the weights of the second and third corner.
+    /// Returns a point of a triangle, a bound on its distance from the exact triangle per axis, and the unit normal.
+    /// `barycentrics` are the weights of the second and third corner.
     ///
-    /// The weights are taken as exact and the sum is formed in f64. The bound is the rounding to f32 (half an ulp,
-    /// doubled for slack) plus the rounding error of the f64 sum. A sum in f32 has pbrt's larger bound, `gamma_7`
-    /// times the sum of magnitudes [Pharr 2023, eq. 6.26].
+    /// The weights are treated as exact, and the sum is computed in f64. The bound is the rounding to f32 (half an ulp,
+    /// doubled for slack) plus the rounding error of the f64 sum. A sum in f32 has pbrt's larger bound, `gamma_7` times the
+    /// sum of magnitudes [Pharr 2023, eq. 6.26].
     #[inline(always)]
     pub fn point(&self, triangle: u32, barycentrics: [f32; 2]) -> (Vec3, Vec3, Vec3) {
         let [a, b, c] = self.corners(triangle).map(Vec3::as_dvec3);
@@ -139,7 +139,7 @@ pub(crate) fn has_no_area(corners: [Vec3; 3]) -> bool {
     area <= SINE_OF_NOTHING * ab.length() * ac.length() || a == b || a == c || b == c
 }
 
-/// Returns the position of a triangle's vertex. Fails if the vertex is missing or not finite.
+/// Returns the position of a triangle's vertex. Returns an error if the vertex is missing or not finite.
 fn checked(positions: &[[f32; 3]], triangle: u32, vertex: u32) -> Result<Vec3, Error> {
     let vertices = positions.len();
     let &position = positions.get(vertex as usize).ok_or(Error::IndexOutOfRange { triangle, vertex, vertices })?;
@@ -150,8 +150,8 @@ fn checked(positions: &[[f32; 3]], triangle: u32, vertex: u32) -> Result<Vec3, E
 /// An indexed triangle mesh with moving vertices. Each vertex moves in a straight line from its position at time 0 to
 /// its position at time 1, and is at rest before and after.
 ///
-/// The corners at a time are rounded to f32 in the same way for all triangles that share a vertex, so the mesh is
-/// watertight at every time. Triangles without area at times 0, 1/2 and 1 have none at any time and are never hit.
+/// At every time, the corners are rounded to f32 in the same way for all triangles that share a vertex, so the mesh is
+/// watertight. Triangles without area at times 0, 1/2 and 1 have no area at any time and are never hit.
 ///
 /// ```
 /// use dapple_geometry::MovingMesh;
@@ -205,8 +205,8 @@ impl MovingMesh {
         self.degenerate
     }
 
-    /// Returns true if the triangle has no area at any time in `[0, 1]`. The vector of its area is quadratic in time,
-    /// so three times decide. The index must be below the number of triangles.
+    /// Returns true if the triangle has no area at any time in `[0, 1]`. The area vector is quadratic in time, so it is tested
+    /// at three times. The index must be below the number of triangles.
     pub fn is_degenerate(&self, triangle: u32) -> bool {
         [0.0, 0.5, 1.0].into_iter().all(|time| has_no_area(self.corners(triangle, time)))
     }
@@ -229,9 +229,9 @@ impl MovingMesh {
         self.start.triangles()[triangle as usize].map(|vertex| Vec3::from_array(self.ends[vertex as usize]))
     }
 
-    /// Returns a point of a triangle at a time, a bound on the point's error per axis, and the unit normal.
-    /// `barycentrics` are the weights of the second and third corner. The error is the distance to the triangle of
-    /// [`corners`](Self::corners).
+    /// Returns a point of a triangle at a time, a bound on its error per axis, and the unit normal. `barycentrics` are the
+    /// weights of the second and third corner. The error is the distance to the triangle whose corners
+    /// [`corners`](Self::corners) returns.
     pub fn point(&self, triangle: u32, barycentrics: [f32; 2], time: f32) -> (Vec3, Vec3, Vec3) {
         let [a, b, c] = self.corners(triangle, time).map(Vec3::as_dvec3);
         let [second, third] = barycentrics.map(f64::from);
@@ -241,8 +241,8 @@ impl MovingMesh {
     }
 }
 
-/// Returns a coordinate interpolated linearly at a time in `[0, 1]`. Traversal and surface points both call it, so
-/// that they agree to the last bit.
+/// Returns a coordinate interpolated linearly at a time in `[0, 1]`. Traversal and surface points both use it, so that they
+/// are bit-identical.
 #[inline(always)]
 pub(crate) fn between(from: f32, to: f32, time: f32) -> f32 {
     from + (to - from) * time

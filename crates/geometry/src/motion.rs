@@ -5,9 +5,9 @@ use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 /// An affine map that is constant, or that moves from one map at time 0 to another at time 1.
 ///
-/// A moving map is decomposed into a stretch, a rotation and a translation (polar decomposition). Stretch and
-/// translation are interpolated linearly. The rotation has constant speed around one axis, in the direction of the
-/// smaller angle [after Shoemake and Duff 1992]. Before time 0 and after time 1 the map is constant.
+/// A moving map is decomposed into a stretch, a rotation and a translation (polar decomposition). Stretch and translation are
+/// interpolated linearly. The rotation turns at constant speed around one axis, in the direction of the smaller angle [after
+/// Shoemake and Duff 1992]. Before time 0 and after time 1 the map is constant.
 ///
 /// ```
 /// use dapple_geometry::Motion;
@@ -23,7 +23,7 @@ pub struct Motion {
     ends: [DAffine3; 2],
     /// The decomposition from which maps between times 0 and 1 are interpolated; `None` if the map is constant.
     path: Option<Box<Path>>,
-    /// The constant map that is applied to points before the moving one.
+    /// The constant map that is applied to points before the moving map.
     first: DAffine3,
 }
 
@@ -32,16 +32,15 @@ pub struct Motion {
 struct Path {
     translation: [DVec3; 2],
     stretch: [DMat3; 2],
-    /// The rotation at time 0. From time 0 to time 1 it is followed by a turn of `angle` radians, in [0, pi], around
-    /// `axis`.
+    /// The rotation at time 0. Until time 1, a further rotation by `angle` radians, in [0, pi], around `axis` is added.
     rotation: DQuat,
     axis: DVec3,
     angle: f64,
 }
 
-/// The number of pieces into which a rotating corner's path is cut for its bounding box.
+/// The number of pieces into which the path of a rotating corner is divided for its bounding box.
 const PIECES: u32 = 32;
-/// The angle of rotation in radians up to which one piece suffices.
+/// The largest angle of rotation in radians for which one piece suffices.
 const HARDLY_TURNED: f64 = 1e-9;
 
 impl Motion {
@@ -53,11 +52,11 @@ impl Motion {
         Self { ends: [map; 2], path: None, first: DAffine3::IDENTITY }
     }
 
-    /// Makes a map that moves from `start` at time 0 to `end` at time 1, or a constant one if both are equal.
+    /// Makes a map that moves from `start` at time 0 to `end` at time 1, or a constant map if both are equal.
     ///
     /// # Errors
-    /// [`Error::BadParameter`] if one of the two maps is not finite or not invertible. [`Error::BadParameter`] also if
-    /// only one of them mirrors, since the map would flatten everything at some time in between.
+    /// [`Error::BadParameter`] if one of the two maps is not finite or not invertible. [`Error::BadParameter`] also if only
+    /// one of them mirrors, since the map would not be invertible at some time in between.
     pub fn between(start: DAffine3, end: DAffine3) -> Result<Self, Error> {
         if start == end {
             return Ok(Self::still(start));
@@ -65,7 +64,7 @@ impl Motion {
         let [(r0, s0), (r1, s1)] = [polar(&start)?, polar(&end)?];
         let determinants = [start, end].map(|m| m.matrix3.determinant());
         let alike = (determinants[0] < 0.0) == (determinants[1] < 0.0);
-        let expected = "start and end of a motion must both mirror, or neither";
+        let expected = "either both or neither of a motion's start and end must mirror";
         Error::unless(alike, "a motion's determinant", determinants[1], expected)?;
         let turn = r0.inverse() * r1;
         // A rotation has two quaternions of opposite sign; this is the one with the smaller angle.
@@ -81,7 +80,7 @@ impl Motion {
         Ok(Self { ends: [start, end], path: Some(Box::new(path)), first: DAffine3::IDENTITY })
     }
 
-    /// Returns the motion with the constant map `first` applied before the moving one.
+    /// Returns the motion that first applies the constant map `first`, then the moving map.
     #[must_use]
     pub fn after(mut self, first: DAffine3) -> Self {
         self.first *= first;
@@ -111,10 +110,10 @@ impl Motion {
 
     /// Returns the lower and upper corner of a box that contains the moved box at all times.
     ///
-    /// A point of the box is a fixed weighted mean of the box's corners, and so is its path. A corner's path is cut
-    /// into pieces. A piece of duration `h` stays within `h^2 / 8` times its largest acceleration of the straight line
-    /// between its ends. With angular speed `w`, point `p` and stretch `S` of derivative `S'`, the acceleration is at
-    /// most `w^2 |S p| + 2 w |S' p|`.
+    /// A point of the box is a fixed weighted mean of the box's corners, and so is its path. A corner's path is divided into
+    /// pieces. A piece of duration `h` deviates from the straight line between its ends by at most `h^2 / 8` times its largest
+    /// acceleration. With angular speed `w`, point `p` and stretch `S` of derivative `S'`, the acceleration is at most `w^2 |S
+    /// p| + 2 w |S' p|`.
     pub fn bounds(&self, low: DVec3, high: DVec3) -> [DVec3; 2] {
         let corners = (0..8_u32).map(|k| {
             let side = |bit: u32, axis: usize| if k >> bit & 1 == 0 { low[axis] } else { high[axis] };
@@ -153,12 +152,11 @@ impl Path {
     }
 }
 
-/// The largest number of steps of the iteration in [`polar`]. It usually takes about ten, and a few more for nearly
-/// flat maps.
+/// The largest number of iteration steps in [`polar`]. It usually needs about ten, and a few more for nearly singular maps.
 const STEPS: usize = 100;
 
-/// Returns the rotation and the symmetric stretch whose product is the matrix of a map. The stretch is negative if the
-/// map mirrors. The rotation comes from Newton's iteration with scaled steps [after Higham 1986].
+/// Returns the rotation and the symmetric stretch whose product is the map's matrix. The stretch is negative if the map
+/// mirrors. The rotation is computed by Newton's iteration with scaled steps [after Higham 1986].
 fn polar(map: &DAffine3) -> Result<(DQuat, DMat3), Error> {
     let matrix = map.matrix3;
     let determinant = matrix.determinant();

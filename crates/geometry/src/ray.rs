@@ -1,4 +1,4 @@
-//! Rays, their hits, points on surfaces with rays that leave them, and rays prepared for traversal.
+//! Rays, hits, surface points and rays that leave them, and rays prepared for traversal.
 
 use glam::{Vec3, Vec4};
 
@@ -31,8 +31,8 @@ pub struct Ray {
     pub tmin: f32,
     /// The upper limit of hits: only hits with `t < tmax` count. It may be infinite.
     pub tmax: f32,
-    /// The triangles on which the ray starts and ends, which are skipped, or [`PrimitiveId::NONE`]. Hits are the same
-    /// without them, but skipping them saves a test in f64 against `tmin` and `tmax`.
+    /// The triangles on which the ray starts and ends, or [`PrimitiveId::NONE`]. They are skipped. This does not change hits,
+    /// but saves a test in f64 against `tmin` and `tmax`.
     pub ends: [PrimitiveId; 2],
 }
 
@@ -41,7 +41,7 @@ pub struct Ray {
 pub struct PrimitiveId(pub(crate) u64);
 
 impl PrimitiveId {
-    /// The identity that stands for no triangle, as for points on spheres and disks.
+    /// The identity for no triangle, used by points on spheres and disks.
     pub const NONE: Self = Self(u64::MAX);
 
     /// Returns the identity of triangle number `primitive` of shape number `shape`. Spheres and disks use
@@ -59,7 +59,7 @@ impl PrimitiveId {
 }
 
 impl Ray {
-    /// Makes a ray along the half-line from `origin`, with `t` from 0 to infinity.
+    /// Makes a ray from `origin` with `t` from 0 to infinity.
     #[inline]
     pub fn new(origin: Vec3, direction: Vec3) -> Self {
         Self { origin, direction, tmin: 0.0, tmax: f32::INFINITY, ends: [PrimitiveId::NONE; 2] }
@@ -79,8 +79,7 @@ impl Ray {
         self.direction.is_finite() && (PreparedRay::ordinary(self).is_some() || PreparedRay::rescaled(self).is_some())
     }
 
-    /// Returns the point `origin + t direction`. For a hit, [`Geometry::surface`](crate::Geometry::surface) is more
-    /// exact.
+    /// Returns the point `origin + t direction`. For a hit, [`Geometry::surface`](crate::Geometry::surface) is more precise.
     #[inline]
     pub fn at(&self, t: f32) -> Vec3 {
         self.origin + self.direction * t
@@ -92,8 +91,8 @@ impl Ray {
 pub struct Hit {
     /// The ray parameter of the hit, in lengths of the ray's direction.
     pub t: f32,
-    /// The number of the shape hit: its index in the list given to [`Geometry::build`](crate::Geometry::build), or a
-    /// later number for the shape of an instance.
+    /// The number of the shape that was hit: its index in the list given to [`Geometry::build`](crate::Geometry::build), or a
+    /// later number for a shape of an instance.
     pub shape: u32,
     /// The triangle's index in its mesh; 0 for spheres and disks.
     pub primitive: u32,
@@ -113,7 +112,7 @@ impl Hit {
 /// A point on a surface with a bound on the rounding error of its position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfacePoint {
-    /// The position in world space. It is computed from the shape, which is more exact than `origin + t direction`.
+    /// The position in world space. It is computed from the shape, which is more precise than `origin + t direction`.
     pub position: Vec3,
     /// A bound on the distance from `position` to the exact surface, per axis, in scene units.
     pub error: Vec3,
@@ -124,7 +123,7 @@ pub struct SurfacePoint {
     pub primitive: PrimitiveId,
 }
 
-/// Returns a point moved off its surface, to the side of `direction`, by little more than the error of its position.
+/// Returns a point moved off its surface to the side of `direction`, by slightly more than the error of its position.
 ///
 /// `error` bounds the position's error per axis and `normal` is the surface's unit normal. The step along the normal
 /// has the length `error . |normal|`. The moved point is then shifted by at most two units in the last place, away
@@ -139,11 +138,11 @@ pub fn offset_origin(position: Vec3, error: Vec3, normal: Vec3, direction: Vec3)
     moved + Vec3::select(step.cmpeq(Vec3::ZERO), Vec3::ZERO, away)
 }
 
-/// A factor on the step off a surface that allows for the rounding of the unit normal, the dot product and the step.
+/// A factor on the step off a surface, which covers the rounding of the unit normal, the dot product and the step.
 const SLACK: f32 = 1.0 + 1.0 / (1u64 << 19) as f32;
 
-/// Returns a ray that leaves a surface in the given direction, starting far enough off the surface not to hit it at
-/// once.
+/// Returns a ray that leaves a surface in the given direction. It starts far enough off the surface not to hit it again
+/// immediately.
 #[inline]
 pub fn spawn_ray(from: &SurfacePoint, direction: Vec3) -> Ray {
     let origin = offset_origin(from.position, from.error, from.normal, direction);
@@ -167,8 +166,8 @@ pub fn spawn_ray_to_point(from: &SurfacePoint, target: Vec3) -> Ray {
     aim(from, target, 1.0_f32.next_down())
 }
 
-/// Returns a ray from a surface point towards a point in space, with `t` up to `tmax`. If the target is nearer to the
-/// surface's plane than the offset origin, the ray runs parallel to the plane and not back into it.
+/// Returns a ray from a surface point towards a point in space, with `t` up to `tmax`. If the target is closer to the
+/// surface's plane than the offset origin, the ray runs parallel to the plane instead of back into it.
 #[inline(always)]
 fn aim(from: &SurfacePoint, target: Vec3, tmax: f32) -> Ray {
     let wanted = target - from.position;
@@ -182,12 +181,12 @@ fn aim(from: &SurfacePoint, target: Vec3, tmax: f32) -> Ray {
 
 /// The largest absolute coordinate of a valid ray's origin; rays from farther away hit nothing.
 const FARTHEST: f32 = (1u64 << 60) as f32;
-/// The limit of moderate directions: a direction whose largest component lies outside `1/DIRECTION..DIRECTION` is
-/// first scaled by a power of two.
+/// The limit of ordinary directions. A direction whose largest component is outside `1/DIRECTION..DIRECTION` is first scaled
+/// by a power of two.
 const DIRECTION: f32 = 1024.0;
 
-/// A valid ray with its precomputed constants: those of the test against boxes (slabs) and those of the test against
-/// triangles (a shear) [after Woop, Benthin and Wald 2013].
+/// A valid ray with precomputed constants for the tests against boxes (slabs) and against triangles (a shear) [after Woop,
+/// Benthin and Wald 2013].
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PreparedRay {
     /// The ray, with a non-negative `tmin` and a direction whose largest component lies between 1/1024 and 1024.
@@ -197,7 +196,7 @@ pub(crate) struct PreparedRay {
     /// The reciprocals of the direction's components. They are finite and keep the components' signs; the fourth entry
     /// is 1.
     pub(crate) inverse: [f32; 4],
-    /// Per axis, the side of a box that the ray meets first: 0 for the lower bound, 1 for the upper bound.
+    /// Per axis, the side of a box that the ray crosses first: 0 for the lower bound, 1 for the upper bound.
     pub(crate) near: [usize; 3],
     /// A permutation of the three axes. The last one is the axis of the direction's longest component.
     pub(crate) axes: [usize; 3],
@@ -207,8 +206,8 @@ pub(crate) struct PreparedRay {
 }
 
 impl PreparedRay {
-    /// Prepares a valid ray whose direction has its largest component between 1/1024 and 1024, and keeps its parameter
-    /// `t`. Returns `None` for any other ray.
+    /// Prepares a valid ray whose direction has its largest component between 1/1024 and 1024. The parameter `t` is unchanged.
+    /// Returns `None` for any other ray.
     #[inline(always)]
     pub(crate) fn ordinary(ray: &Ray) -> Option<Self> {
         let longest = ray.direction.abs().max_element();
@@ -218,8 +217,8 @@ impl PreparedRay {
 
     /// Prepares a ray with a very short or very long direction. Returns `None` if the ray is invalid.
     ///
-    /// The direction is scaled by a power of two, which is exact unless `t` leaves the range of f32. The second value
-    /// is the factor by which the prepared ray's `t` is multiplied to give the caller's.
+    /// The direction is scaled by a power of two, which is exact unless `t` leaves the range of f32. The second value is the
+    /// factor from the prepared ray's `t` to that of `ray`.
     #[cold]
     pub(crate) fn rescaled(ray: &Ray) -> Option<(Self, f32)> {
         let longest = ray.direction.abs().max_element();

@@ -20,7 +20,7 @@ pub enum Shape {
 }
 
 impl Shape {
-    /// Returns the triangle mesh, for moving vertices the mesh at time 0; `None` for spheres and disks.
+    /// Returns the triangle mesh (at time 0, if vertices move); `None` for spheres and disks.
     pub fn mesh(&self) -> Option<&Mesh> {
         match self {
             Self::Mesh(mesh) => Some(mesh),
@@ -99,10 +99,11 @@ impl Sphere {
         Ok(sphere)
     }
 
-    /// Returns the parameters of both intersections of the infinite line, the smaller one first; `None` without any.
+    /// Returns the two parameters at which the infinite line intersects the sphere, the smaller one first; `None` without
+    /// intersections.
     ///
-    /// The discriminant comes from the line's point nearest to the centre. The root nearer to 0 comes from the product
-    /// of both roots. Neither suffers from cancellation [after Haines et al., Ray Tracing Gems 2019, chapter 7].
+    /// The discriminant is computed from the line's point nearest to the centre, and the root nearer to 0 from the product of
+    /// both roots. Neither suffers from cancellation [after Haines et al., Ray Tracing Gems 2019, chapter 7].
     #[inline]
     fn roots(&self, ray: &Ray) -> Option<[f64; 2]> {
         let (o, d) = self.space.ray_to_object(ray);
@@ -134,7 +135,7 @@ impl Sphere {
         [longitude(p), (1.0 - (p.z / p.length()).clamp(-1.0, 1.0).acos() / PI) as f32]
     }
 
-    /// The map from the sphere's own space, in which its centre is the origin, to world space.
+    /// The map to world space from the sphere's own space, in which its centre is the origin.
     pub fn to_world(&self) -> DAffine3 {
         self.space.to_world
     }
@@ -168,8 +169,8 @@ pub struct Disk {
 }
 
 impl Disk {
-    /// Makes a disk in world space from its centre, its normal and its radius. `inner_radius` is the radius of the
-    /// hole, 0 for none. `normal` need not have unit length.
+    /// Makes a disk in world space from its centre, its normal and its radius. `inner_radius` is the radius of the hole; 0 for
+    /// no hole. `normal` need not have unit length.
     ///
     /// # Errors
     /// The errors of [`transformed`](Self::transformed). [`Error::BadParameter`] also if the length of `normal` is not
@@ -184,8 +185,8 @@ impl Disk {
         Self::transformed(to_world, 0.0, radius.into(), inner_radius.into())
     }
 
-    /// Makes a disk around the z axis at `z = height` of its own space. It faces +z and is transformed to world space
-    /// by an invertible affine map.
+    /// Makes a disk around the z axis at `z = height` of its own space. It faces +z, and an invertible affine map transforms
+    /// it to world space.
     ///
     /// # Errors
     /// * [`Error::BadParameter`] unless `0 <= inner_radius < radius`, the radius and height are finite, and the map is
@@ -230,7 +231,7 @@ impl Disk {
         [longitude(p), v.clamp(0.0, 1.0) as f32]
     }
 
-    /// The map from the disk's own space, in which it lies around the z axis, to world space.
+    /// The map to world space from the disk's own space, in which the z axis is its axis.
     pub fn to_world(&self) -> DAffine3 {
         self.space.to_world
     }
@@ -276,7 +277,7 @@ impl Quadric {
         }
     }
 
-    /// Returns the exact lower and upper corner of the bounding box in world space, in f64.
+    /// Returns the lower and upper corner of the bounding box in world space, in f64 and without padding.
     pub(crate) fn bounds(&self) -> [DVec3; 2] {
         match self {
             Self::Sphere(sphere) => sphere.space.bounds(DVec3::splat(sphere.radius), DVec3::ZERO),
@@ -285,12 +286,12 @@ impl Quadric {
     }
 }
 
-/// The own space of a sphere, a disk or an object, given by the maps to world space and back.
+/// An object space (of a sphere, a disk or an object), given by the maps to world space and back.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Space {
     pub(crate) to_world: DAffine3,
-    /// The inverse of the matrix of `to_world`. The translation is subtracted from a point first, which keeps
-    /// precision far from the world's origin.
+    /// The inverse of the matrix of `to_world`. Points are first moved by the negative translation, which preserves precision
+    /// far from the world's origin.
     to_object: DMat3,
 }
 
@@ -299,7 +300,7 @@ impl Space {
         Self { to_world, to_object: to_world.matrix3.inverse() }
     }
 
-    /// Makes a space whose map must be finite and invertible. `what` names its determinant.
+    /// Makes a space whose map must be finite and invertible. `what` is the name of the determinant in the error.
     pub(crate) fn checked(to_world: DAffine3, what: &'static str) -> Result<Self, Error> {
         let (space, determinant) = (Self::new(to_world), to_world.matrix3.determinant());
         let invertible = determinant != 0.0 && to_world.is_finite() && space.to_object.is_finite();
@@ -322,8 +323,8 @@ impl Space {
         of.map(|d| (self.to_world.matrix3 * d).as_vec3())
     }
 
-    /// Returns the exact world-space bounds of the ellipsoid or disk with these half axes around a centre, both in
-    /// object space.
+    /// Returns the exact world-space bounds of the ellipsoid or disk with half axes `half` around `centre`, both in object
+    /// space.
     fn bounds(&self, half: DVec3, centre: DVec3) -> [DVec3; 2] {
         let m = self.to_world.matrix3;
         let centre = self.to_world.transform_point3(centre);
@@ -332,7 +333,7 @@ impl Space {
         [centre - reach, centre + reach]
     }
 
-    /// Returns the surface point in world space for a point, a bound on its error and a normal in object space.
+    /// Transforms a point, a bound on its error and a normal from object space to a surface point in world space.
     pub(crate) fn surface(&self, point: DVec3, error: DVec3, normal: DVec3, primitive: PrimitiveId) -> SurfacePoint {
         let DAffine3 { matrix3: m, translation } = self.to_world;
         let exact = m * point + translation;

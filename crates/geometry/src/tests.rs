@@ -1,4 +1,5 @@
-//! The tree compared with a plain loop over the same triangle test. Integration tests compare that one with f64.
+//! Tests that compare the tree with a plain loop over the same triangle test. Integration tests compare that triangle test
+//! with f64.
 
 use crate::bvh::key;
 use crate::lanes::Pair;
@@ -10,7 +11,7 @@ use glam::Vec3;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-/// Tests every triangle in turn, with the tree's own test.
+/// Tests every triangle in turn, with the triangle test of the tree.
 fn linear(mesh: &Mesh, ray: &Ray) -> Option<Hit> {
     let (prepared, scale) =
         PreparedRay::ordinary(ray).map(|prepared| (prepared, 1.0)).or_else(|| PreparedRay::rescaled(ray))?;
@@ -31,7 +32,7 @@ fn geometry(mesh: &Mesh) -> Geometry {
     Geometry::build(vec![mesh.clone().into()]).expect("one mesh")
 }
 
-/// The mesh in another tree, which holds it twice. The second mesh has the larger number, so that it is never hit.
+/// Returns a scene with another tree, which contains the mesh twice. The second mesh has the larger number and is never hit.
 fn in_another_tree(mesh: &Mesh) -> Geometry {
     Geometry::build(vec![mesh.clone().into(), mesh.clone().into()]).expect("two meshes")
 }
@@ -41,7 +42,7 @@ fn wild(rng: &mut Pcg64Mcg, exponent: f64) -> f32 {
     (if rng.random() { size } else { -size }) as f32
 }
 
-/// A soup with uniform coordinates (`exponent` 0, at `scale`) or coordinates over 10^±exponent, and rays aimed into it.
+/// Returns random triangles with uniform coordinates (`exponent` 0, at `scale`) or coordinates over 10^±exponent.
 fn soup(rng: &mut Pcg64Mcg, count: usize, exponent: f64, scale: f32) -> Mesh {
     let mut coordinate = || if exponent > 0.0 { wild(rng, exponent) } else { rng.random_range(-1.0..1.0) };
     let positions: Vec<[f32; 3]> = (0..3 * count).map(|_| std::array::from_fn(|_| coordinate() * scale)).collect();
@@ -121,8 +122,8 @@ fn barycentrics_are_those_of_the_corners_g09() {
     }
 }
 
-/// Triangles that each are half as large as the one before, and `count` more whose sizes hardly differ, all across the same corner
-/// of a cube.
+/// Returns triangles across one corner of a cube. Each is half as large as the previous one; the last `count` have almost the
+/// same size.
 fn shrinking(levels: i32, count: u32) -> Mesh {
     let sizes = (0..levels).map(|n| 0.5_f32.powi(n));
     let sizes = sizes.chain((0..count).map(|n| 0.5_f32.powi(levels) * (1.0 + n as f32 / count as f32)));
@@ -132,7 +133,7 @@ fn shrinking(levels: i32, count: u32) -> Mesh {
     Mesh::new(positions, triangles).expect("finite and in range")
 }
 
-/// But for the smallest one, rays put more aside than the next smaller stack holds.
+/// Except for the smallest stack, rays push more entries than fit the next smaller stack.
 #[test]
 fn stacks_of_each_size_hold_what_a_ray_puts_aside() {
     for (levels, count, sizes) in [(20, 10, 1..=24), (40, 1000, 25..=64), (40, 10_000, 65..=96), (66, 80_000, 97..=256)]
@@ -151,7 +152,7 @@ fn stacks_of_each_size_hold_what_a_ray_puts_aside() {
     }
 }
 
-/// A hash of a tree, node by node and leaf by leaf.
+/// Returns a hash of a tree, node by node and leaf by leaf.
 fn hash_of(geometry: &Geometry) -> u64 {
     let tree = &geometry.tree.bvh;
     let nodes = tree.nodes.iter().flat_map(|node| {
@@ -164,7 +165,7 @@ fn hash_of(geometry: &Geometry) -> u64 {
         .fold(0xcbf2_9ce4_8422_2325, |hash, word| (hash ^ u64::from(word)).wrapping_mul(0x0100_0000_01b3))
 }
 
-/// Trees are the same node by node, built alone or many at once, by one thread or several.
+/// Trees are identical, whether one or several are built at a time, by one thread or several.
 #[test]
 fn parallel_builds_make_equal_trees_d05() {
     let hash = built_side_by_side(&scattered(9000), &[2, 4, 8]);
@@ -173,13 +174,13 @@ fn parallel_builds_make_equal_trees_d05() {
     built_side_by_side(&scattered(250_000), &[2]);
 }
 
-/// Equal boxes tie in each step that sorts by area.
+/// Equal boxes are ties in every step that sorts by area.
 #[test]
 fn parallel_builds_of_equal_triangles_make_equal_trees_d05() {
     built_side_by_side(&grid(316), &[]);
 }
 
-/// The tree decides neither the triangle nor the bits of a hit, so images don't depend on it.
+/// Neither the triangle that is hit nor the bits of the hit depend on the tree, so images do not either.
 #[test]
 fn hits_at_shared_corners_do_not_depend_on_the_tree_g13() {
     let mesh = grid(40);
@@ -204,7 +205,7 @@ fn hits_at_shared_corners_do_not_depend_on_the_tree_g13() {
     assert!(others > 1000, "{others}");
 }
 
-/// A flat grid of squares, two triangles each.
+/// Returns a flat grid of squares, of two triangles each.
 fn grid(side: u32) -> Mesh {
     let positions = (0..(side + 1).pow(2)).map(|i| [i % (side + 1), i / (side + 1), 0].map(|x| x as f32)).collect();
     let square = |i: u32| {
@@ -214,7 +215,7 @@ fn grid(side: u32) -> Mesh {
     Mesh::new(positions, (0..side * side).flat_map(square).collect()).expect("sound")
 }
 
-/// So many small triangles at random places.
+/// Returns `count` small triangles at random positions.
 fn scattered(count: u32) -> Mesh {
     let mut rng = Pcg64Mcg::seed_from_u64(5);
     let mut point = || [0; 3].map(|_| rng.random_range(-10.0_f32..10.0));
@@ -228,7 +229,8 @@ fn scattered(count: u32) -> Mesh {
     Mesh::new(positions, triangles).expect("sound")
 }
 
-/// The hash of the tree, equal whether one thread builds it, five, or many builders at once.
+/// Returns the hash of the tree, after asserting that it is the same for one thread, five threads, and several builders at
+/// once.
 fn built_side_by_side(mesh: &Mesh, builders: &[usize]) -> u64 {
     let count = mesh.triangles().len();
     let [alone, by_five] = [1, 5].map(|threads| {

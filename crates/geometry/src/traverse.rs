@@ -16,8 +16,8 @@ use pulp::NullaryFnOnce;
 const FAR_SIDE: f32 = 1.0 + 1.0 / (1u64 << 18) as f32;
 
 impl Node8 {
-    /// Returns the ray parameters at which the children's slabs along an axis are entered and left. `near` is the side
-    /// that the ray meets first.
+    /// Returns the ray parameters at which the ray enters and leaves the children's slabs along an axis. `near` is the side
+    /// that the ray crosses first.
     #[inline(always)]
     fn slab<L: Lanes>(&self, token: L::Token, prepared: &PreparedRay, axis: usize, near: usize) -> [L; 2] {
         let bounds = &self.bounds[axis];
@@ -30,7 +30,7 @@ impl Node8 {
     }
 }
 
-/// The traversal that suits a tree. A single branch selects it, so scenes without instances do not pay for them.
+/// The kind of traversal for a tree. A single branch selects it, so scenes without instances do not pay for them.
 #[derive(Clone, Debug)]
 pub(crate) enum WalkKind {
     /// Traversal of triangles at rest, with AVX2 vectors of eight.
@@ -59,7 +59,7 @@ impl WalkKind {
     }
 }
 
-/// A call of the traversal, compiled for each kind of vectors. `ANY` is true if any hit ends it.
+/// A call of the traversal, compiled for each kind of vectors. With `ANY`, the first hit found ends it.
 struct Walk<'a, L: Lanes, V, const ANY: bool> {
     token: L::Token,
     bvh: &'a Bvh,
@@ -84,7 +84,7 @@ impl<L: Lanes, V: Leaves, const ANY: bool> NullaryFnOnce for Walk<'_, L, V, ANY>
     }
 }
 
-/// The intersection test at a leaf. It offers hits to `best`. With `ANY`, it returns true if something is hit.
+/// The intersection test at a leaf, which passes hits to `best`. With `ANY`, it returns true if something is hit.
 trait Leaves {
     fn test<L: Lanes, const ANY: bool>(
         &mut self,
@@ -126,7 +126,7 @@ impl<const MOVING: bool> Leaves for Primitives<MOVING> {
 /// The leaf test for triangles at rest, which ignores time.
 const STILL: Primitives<false> = Primitives { time: 0.0 };
 
-/// The leaf test for boxes of instances. The function gets a box's index and tests its contents.
+/// The leaf test for boxes of instances. The function receives a box's index and tests the contents of the box.
 struct Boxes<F>(F);
 
 impl<F: FnMut(u32, &mut Best) -> bool> Leaves for Boxes<F> {
@@ -143,7 +143,7 @@ impl<F: FnMut(u32, &mut Best) -> bool> Leaves for Boxes<F> {
     }
 }
 
-/// The closest hit found so far, or the limit `tmax` before any.
+/// The closest hit found so far; without a hit, `t` is the limit `tmax`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Best {
     pub(crate) t: f32,
@@ -169,7 +169,7 @@ impl Best {
 /// An entry of the stack: the ray parameter at which a child's box is entered, and the child's code.
 type Aside = (f32, u32);
 
-/// A bounding volume hierarchy and the traversal that suits it.
+/// A bounding volume hierarchy and its kind of traversal.
 #[derive(Clone, Debug)]
 pub(crate) struct Tree {
     pub(crate) bvh: Bvh,
@@ -212,7 +212,7 @@ impl Tree {
         }
     }
 
-    /// Makes the traversal of triangles at rest.
+    /// Returns a call of the traversal for triangles at rest.
     #[inline(always)]
     fn still<'a, L: Lanes, const ANY: bool>(
         &'a self,
@@ -263,8 +263,8 @@ impl Tree {
 }
 
 impl Bvh {
-    /// Traverses a tree over boxes and calls `visit` with the index of each box met, nearest first, and the best hit.
-    /// With `ANY` the traversal ends when `visit` returns true.
+    /// Traverses a tree over boxes and calls `visit` with the index of each box that the ray hits, nearest first, and the best
+    /// hit so far. With `ANY`, the traversal ends when `visit` returns true.
     pub(crate) fn visit<const ANY: bool>(
         &self,
         prepared: &PreparedRay,
@@ -277,8 +277,8 @@ impl Bvh {
         }
     }
 
-    /// Traverses the tree from near to far. With `ANY` it returns true at the first hit found. Otherwise it returns
-    /// false and leaves the closest hit in `best`. `STACK` must be at least `self.stack`.
+    /// Traverses the tree from near to far. With `ANY`, returns true at the first hit found. Otherwise returns false and
+    /// stores the closest hit in `best`. `STACK` must be at least `self.stack`.
     #[inline(always)]
     fn walk<L: Lanes, const ANY: bool, const STACK: usize, V: Leaves>(
         &self,
@@ -337,8 +337,8 @@ struct View<'a> {
 }
 
 impl View<'_> {
-    /// Tests a node's children and returns the code of the nearest one met. The others go on the stack, farthest
-    /// first. With `ANY` they are not sorted.
+    /// Tests a node's children and returns the code of the nearest child that the ray hits. The other children hit are pushed
+    /// on the stack, farthest first. With `ANY`, they are not sorted.
     #[inline(always)]
     fn enter<L: Lanes, const ANY: bool, const STACK: usize>(
         &self,
@@ -399,7 +399,7 @@ impl View<'_> {
     }
 }
 
-/// Offers the hits of a ray with a leaf's triangles. With `ANY`, it returns true if there is one.
+/// Tests a ray against a leaf's triangles and passes the hits to `best`. With `ANY`, returns true if there is a hit.
 #[inline(always)]
 fn test_triangles<L: Lanes, const ANY: bool>(
     token: L::Token,

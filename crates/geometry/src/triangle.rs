@@ -1,16 +1,16 @@
 //! A watertight test of eight triangles against one ray.
 //!
-//! The inside test is the one of Woop, Benthin and Wald [2013]. Corners are moved to the ray's origin and sheared so
-//! that the ray runs along an axis. A point is inside if the three edge functions have the same sign. Two triangles
-//! that share an edge always get the same sign on it, for three reasons:
+//! The inside test is that of Woop, Benthin and Wald [2013]. Corners are moved relative to the ray's origin and sheared so
+//! that the ray runs along an axis. A point is inside if the three edge functions have the same sign. Two triangles that share
+//! an edge always compute the same sign for it, for three reasons:
 //!
 //! * A corner is rounded in the same way for every triangle that contains it.
 //! * A rounded product is monotone in its factors.
 //! * If an edge function is 0 in f32, it is computed again in f64, where products of two f32 are exact.
 //!
-//! The ray parameter `t` is computed in f32 if that is exact enough. It is computed in f64 for triangles seen nearly
-//! edge-on, and near `tmin` and `tmax`, where a rounding error could turn the surface just left into a hit. The choice
-//! depends only on the ray and the triangle, never on the order of traversal.
+//! The ray parameter `t` is computed in f32 if that is precise enough. It is computed in f64 for triangles seen nearly
+//! edge-on, and near `tmin` and `tmax`, where a rounding error could produce a hit on the surface that the ray has just left.
+//! The choice depends only on the ray and the triangle, never on the order of traversal.
 
 use crate::lanes::{Lanes, WIDTH};
 use crate::leaf::Leaf;
@@ -22,8 +22,8 @@ use glam::Vec3;
 const THIN: f32 = 1.0 / 32.0;
 /// The sheared area below which products of f32 lose bits to underflow.
 const TINY: f32 = f32::MIN_POSITIVE * (1u64 << 26) as f32;
-/// A bound on the rounding error of `t`, relative to the magnitudes that enter it: sixteen times the rounding unit of
-/// f32. Each sheared coordinate takes three roundings, the interpolation six.
+/// A bound on the rounding error of `t`, relative to the magnitudes of its operands: sixteen times the rounding unit of f32.
+/// Each sheared coordinate has three roundings, the interpolation six.
 const T_ERROR: f32 = 1.0 / (1u64 << 20) as f32;
 
 /// Returns the largest magnitude of three values, per lane.
@@ -46,8 +46,8 @@ pub(crate) struct Hits {
     pub(crate) weights: [[f32; WIDTH]; 2],
 }
 
-/// The corners of eight triangles relative to the ray's origin, sheared: x and y across the ray, z along it. The z
-/// coordinate is not yet divided by the direction's longest component.
+/// The corners of eight triangles relative to the ray's origin, sheared: x and y are perpendicular to the ray, z is along it.
+/// The z coordinate is not yet divided by the direction's longest component.
 struct Sheared<L> {
     x: [L; 3],
     y: [L; 3],
@@ -102,7 +102,7 @@ impl Leaf<'_> {
         [a - shear * z[0], b - shear * z[1], c - shear * z[2]]
     }
 
-    /// Computes `t` and the barycentric weights of the `wanted` lanes, whose three edge functions have the same sign.
+    /// Computes `t` and the barycentric weights of the `wanted` lanes, in which the three edge functions have the same sign.
     #[inline(always)]
     fn finish<L: Lanes>(
         &self,
@@ -143,8 +143,8 @@ impl Leaf<'_> {
         (hits.mask != 0).then_some(hits)
     }
 
-    /// Intersects the `unsettled` lanes in f64 and adds their hits. In `sound` lanes only `t` is uncertain, so the
-    /// limits are first compared with the triangle's plane.
+    /// Intersects the triangles in the `unsettled` lanes in f64 and adds their hits. In the `sound` lanes, only `t` is
+    /// uncertain, so the limits are first compared with the triangle's plane.
     #[inline(never)]
     fn settle(&self, prepared: &PreparedRay, limit: f32, mut unsettled: u32, sound: u32, hits: &mut Hits) {
         while unsettled != 0 {
@@ -169,10 +169,10 @@ impl Leaf<'_> {
     }
 }
 
-/// A triangle's plane relative to a ray, from exact corners in f64.
+/// The plane of a triangle relative to a ray, computed from exact corners in f64.
 struct Plane {
-    /// The scalar product of the unnormalised normal with the vector from the ray's origin to the plane. The plane is
-    /// at `t = height / slant`.
+    /// The dot product of the unnormalised normal with the vector from the ray's origin to the plane. The ray crosses the
+    /// plane at `t = height / slant`.
     height: f64,
     slant: f64,
 }
@@ -186,7 +186,7 @@ impl Plane {
         Self { height, slant: normal.dot(prepared.ray.direction.as_dvec3()) }
     }
 
-    /// Returns true if the ray meets the plane at `tmin < t < tmax`.
+    /// Returns true if the ray crosses the plane at `tmin < t < tmax`.
     #[inline(always)]
     fn within(&self, prepared: &PreparedRay) -> bool {
         let (height, slant) = if self.slant > 0.0 { (self.height, self.slant) } else { (-self.height, -self.slant) };

@@ -1,16 +1,17 @@
-//! Errors that are blue noise over the image, for any point set, by a tile of ranks.
+//! Blue-noise errors over the image for any point set, by per-pixel shifts from a tile of ranks.
 
 use crate::keys::{Seed, nth_key};
 use dapple_core::{PointSet, SampleId};
 use std::sync::LazyLock;
 
-/// A decorator that makes the errors of neighbouring pixels differ [after Georgiev 2016].
+/// A decorator that distributes the errors of neighbouring pixels as blue noise [after Georgiev 2016].
 ///
-/// All pixels of a tile of 128 x 128 pixels share one sequence of the inner point set. Each pixel adds its own shift to
-/// each coordinate, modulo 1 [Cranley 1976]. The shifts are a tile of blue noise, made by void and cluster
-/// [Ulichney 1993]. So pixels that look alike have different errors, and the error has little energy at low frequencies.
+/// All pixels of a tile of 128 x 128 pixels share one sequence of the inner point set. Each pixel adds its own shift to each
+/// coordinate, modulo 1 [Cranley 1976]. The shifts form a blue-noise tile, computed by the void-and-cluster method [Ulichney
+/// 1993]. Neighbouring pixels with similar integrands therefore have different errors, and the error has little energy at low
+/// frequencies.
 ///
-/// Each coordinate, stream and tile reads the blue noise at an offset of its own.
+/// Each coordinate, stream and tile uses the blue-noise tile at a different offset.
 ///
 /// ```
 /// use dapple_core::{PointSet, SampleId};
@@ -24,13 +25,14 @@ use std::sync::LazyLock;
 ///
 /// # Limits
 ///
-/// * The error's sum of squares does not fall; only its place in the spectrum changes. Filters and eyes gain.
-/// * A shift breaks nets at the border of the square. On a product `x y` of 64 samples, shifted Sobol' points have more
-///   error than scrambled ones.
-/// * The gain falls with the number of samples, and with the number of coordinates that matter.
-/// * Adaptive counts differ between pixels, and pixels of different counts do not share their errors.
-/// * The tiles' borders are seams: pixels on either side are independent.
-/// * Scrambling keys keep nets whole: see [`BlueNoiseKeys`](crate::BlueNoiseKeys).
+/// * The sum of squared errors does not decrease; only its distribution over frequencies changes. Denoisers and viewers
+///   benefit.
+/// * A shift breaks nets at the border of the unit square. On a product `x y` of 64 samples, shifted Sobol' points have a
+///   larger error than scrambled ones.
+/// * The benefit decreases with the number of samples, and with the number of coordinates that affect the integrand.
+/// * With adaptive sampling, counts differ between pixels, and the errors of pixels with different counts are not blue noise.
+/// * Tile borders are seams: the pixels on both sides are independent.
+/// * Scrambling keys preserve nets: see [`BlueNoiseKeys`](crate::BlueNoiseKeys).
 ///
 /// Name: `blue-noise`. Parameters: `seed`, `of` (the inner point set).
 #[derive(Clone, Copy, Debug)]
@@ -40,7 +42,7 @@ pub struct BlueNoise<P> {
 }
 
 impl<P: PointSet> BlueNoise<P> {
-    /// Distributes the errors of `inner` as blue noise.
+    /// Makes the point set that distributes the errors of `inner` as blue noise.
     pub fn new(seed: u64, inner: P) -> Self {
         Self { seed: Seed::new(seed), inner }
     }
@@ -86,7 +88,7 @@ impl<P: PointSet> PointSet for BlueNoise<P> {
     }
 }
 
-/// The coordinate `u` moved by `rank / PIXELS`, modulo 1. All 24 bits stay exact.
+/// Returns the coordinate `u` moved by `rank / PIXELS`, modulo 1, exact in all 24 bits.
 #[inline]
 fn shifted(u: f32, rank: u16) -> f32 {
     const ONE: u32 = 1 << 24;
@@ -97,28 +99,28 @@ fn shifted(u: f32, rank: u16) -> f32 {
 /// The side of the tile in pixels, a power of two.
 const SIDE: usize = 128;
 
-/// The number of pixels of the tile. Each has its own rank.
+/// The number of pixels of the tile. Each pixel has a different rank.
 const PIXELS: usize = SIDE * SIDE;
 
 /// The standard deviation of the filter in pixels [Ulichney 1993].
 const SIGMA: f64 = 1.5;
 
-/// The radius at which the filter ends. Its weight there is below 2e-8.
+/// The radius at which the filter is cut off, where its weight is below 2e-8.
 const RADIUS: i32 = 9;
 
-/// The share of pixels in the initial pattern, one in this many. Our choice.
+/// The initial pattern contains one of this many pixels. The value is not from the paper.
 const INITIAL: usize = 10;
 
-/// The tile, row by row: a permutation of `0..PIXELS`.
+/// Returns the tile, row by row: a permutation of `0..PIXELS`.
 ///
-/// Every set of the pixels with the lowest `k` ranks is evenly spread, and so is its complement. The tile is periodic.
+/// For every `k`, the pixels with the lowest `k` ranks are evenly distributed, and so are the others. The tile is periodic.
 fn tile() -> &'static [u16] {
     static TILE: LazyLock<Vec<u16>> = LazyLock::new(ranks);
     &TILE
 }
 
-/// The ranks by the method of [Ulichney 1993]. His last two phases are one here: the largest void among ones is the
-/// tightest cluster among zeros, since the filter is linear.
+/// Computes the ranks by the method of [Ulichney 1993]. The method's last two phases are combined: the largest void among ones
+/// is the tightest cluster among zeros, since the filter is linear.
 fn ranks() -> Vec<u16> {
     let mut pattern = Pattern::new();
     let mut ones = 0;
@@ -161,9 +163,9 @@ fn ranks() -> Vec<u16> {
 #[derive(Clone)]
 struct Pattern {
     on: Vec<bool>,
-    /// The filtered pattern in whole numbers, so that setting and clearing a pixel is exact.
+    /// The filtered pattern as integers, so that setting and clearing a pixel is exact.
     energy: Vec<u64>,
-    /// In each row the one of highest energy and the zero of lowest energy, if there are any.
+    /// In each row, the set pixel of highest energy and the unset pixel of lowest energy, if there are any.
     extrema: Vec<[Option<usize>; 2]>,
     kernel: Vec<u64>,
 }
@@ -194,7 +196,7 @@ impl Pattern {
         }
     }
 
-    /// Ties go to the first place.
+    /// Returns the extrema of a row. Ties are resolved in favour of the first pixel.
     fn extrema_of(&self, row: usize) -> [Option<usize>; 2] {
         let places = row * SIDE..(row + 1) * SIDE;
         let cluster = places.clone().filter(|p| self.on[*p]).rev().max_by_key(|p| self.energy[*p]);

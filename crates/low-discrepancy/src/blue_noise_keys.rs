@@ -1,19 +1,19 @@
-//! Errors that are blue noise over the image, from nets that stay whole, by a tile of scrambling keys.
+//! Blue-noise errors over the image with intact nets, by a tile of scrambling keys.
 
 use crate::keys::{Seed, halves, mix64, nth_key, unit};
 use crate::sobol::{owen_reversed, pack, sobol1_reversed};
 use dapple_core::{PointSet, SampleId};
 use std::sync::LazyLock;
 
-/// Sobol' points whose errors differ between neighbouring pixels, by optimised scrambling keys [after Heitz et al. 2019].
+/// Sobol' points whose errors are blue noise over the image, by optimised scrambling keys [after Heitz et al. 2019].
 ///
-/// All pixels of a tile of 64 x 64 pixels share one Owen-scrambled Sobol' pair sequence. Each pixel has its own key for
-/// each coordinate, and takes the exclusive or of both. That keeps every net whole.
+/// All pixels of a tile of 64 x 64 pixels share one Owen-scrambled Sobol' sequence of pairs. Each pixel has its own key for
+/// each coordinate, and applies it to the coordinate by exclusive or. This keeps every net intact.
 ///
-/// The upper 6 bits of the two keys come from a tile in which each of the 4096 combinations occurs once. Swaps of keys
-/// between pixels make the integration errors of neighbours as different as possible, at 1, 2, 4, 8 and 16 samples
-/// together. The lower bits are random. Each pair, block, stream and tile reads the tile of keys at an offset of its own,
-/// so each pixel's samples are uniform.
+/// The upper 6 bits of the two keys come from a tile in which each of the 4096 combinations occurs once. Keys are swapped
+/// between pixels so that the integration errors of neighbours differ as much as possible, at 1, 2, 4, 8 and 16 samples
+/// jointly. The lower bits are random. Each pair, block, stream and tile uses the tile of keys at a different offset, so each
+/// pixel's samples are uniform.
 ///
 /// ```
 /// use dapple_core::{PointSet, SampleId};
@@ -27,8 +27,8 @@ use std::sync::LazyLock;
 ///
 /// # Precision
 ///
-/// Energy of the error at low frequencies (means over 4 x 4 pixels), over that of independent [`Sobol`](crate::Sobol)
-/// pixels. Neither integrand is among those of the optimisation:
+/// Energy of the error at low frequencies (means over 4 x 4 pixels), relative to independent [`Sobol`](crate::Sobol) pixels.
+/// "Shifted" is [`BlueNoise`](crate::BlueNoise). Neither integrand was used in the optimisation:
 ///
 /// | samples | half-plane | shifted instead | `x y` | shifted instead |
 /// |---|---|---|---|---|
@@ -38,27 +38,27 @@ use std::sync::LazyLock;
 /// | 8 | 0.56 | 0.89 | 0.29 | 4.3 |
 /// | 16 | 0.80 | 1.59 | 0.42 | 11 |
 ///
-/// The mean square over single pixels is 0.24 to 1.4 of that of independent pixels, since all share one scramble. At 16
-/// samples of `x y` it is a nineteenth of that of shifted points ([`BlueNoise`](crate::BlueNoise)).
+/// The mean square over single pixels is 0.24 to 1.4 of that of independent pixels, since all pixels share one scramble. At 16
+/// samples of `x y`, it is 1/19 of that of shifted points.
 ///
 /// # Differences from the publication
 ///
-/// * The test integrands are 48 cosine waves with the power spectrum of random half-planes. In a trial with 64 waves or
-///   64 half-planes, other half-planes kept 0.62 or 0.72 of their low-frequency energy at 16 samples.
-/// * There are no ranking keys, exclusive ors of the sample index. Chosen to suit the scrambling keys, they would make a
-///   pixel's first samples uneven. All counts are optimised together instead.
+/// * The test integrands are 48 cosine waves with the power spectrum of random half-planes. With 64 waves, the error of other
+///   half-planes at 16 samples kept 0.62 of its low-frequency energy; with 64 half-planes as test integrands, 0.72.
+/// * There are no ranking keys (exclusive ors of the sample index). Optimised for the scrambling keys, they would make a
+///   pixel's first samples less uniform. Instead, all counts are optimised jointly.
 /// * Two coordinates are optimised, and all pairs use the same tile.
 ///
-/// A second paper of that year permutes the pixels' seeds between frames [Heitz and Belcour 2019]. It has a frame that the
-/// seeds made before; a still image has none, so it is not built.
+/// A second paper of the same year permutes the pixels' seeds between frames [Heitz and Belcour 2019]. It needs a previous
+/// frame rendered with the seeds, which a still image does not have, so it is not implemented.
 ///
 /// # Limits
 ///
-/// * From 32 samples on, smooth integrands gain nothing and edges little.
-/// * Adaptive counts differ between pixels, and pixels of different counts do not share their errors.
-/// * The tiles' borders are seams: pixels on either side are independent.
-/// * All pairs share the scramble. At 2 samples, integrands across pairs have up to 1.5x the squared error.
-/// * The first of these point sets in a process takes about half a second.
+/// * From 32 samples on, smooth integrands do not improve, and edges improve little.
+/// * With adaptive sampling, counts differ between pixels, and the errors of pixels with different counts are not blue noise.
+/// * Tile borders are seams: the pixels on both sides are independent.
+/// * All pairs share the scramble. At 2 samples, integrands that depend on several pairs have up to 1.5x the squared error.
+/// * Making the first of these point sets in a process takes about half a second.
 ///
 /// Name: `blue-noise` with `keys=optimised`. Parameters: `seed`.
 #[derive(Clone, Copy)]
@@ -67,7 +67,7 @@ pub struct BlueNoiseKeys {
     keys: &'static [u16],
 }
 
-/// Without the keys.
+/// Formats the seed, without the keys.
 impl std::fmt::Debug for BlueNoiseKeys {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("BlueNoiseKeys").field("seed", &self.seed).finish_non_exhaustive()
@@ -113,7 +113,7 @@ impl PointSet for BlueNoiseKeys {
         1 << 32
     }
 
-    /// Returns the next count from `n` on that [`Sobol`](crate::Sobol) prefers.
+    /// Returns the smallest count of at least `n` that [`Sobol`](crate::Sobol) prefers.
     fn preferred_count(&self, n: u64) -> u64 {
         crate::sobol::preferred_count(n)
     }
@@ -123,7 +123,8 @@ impl PointSet for BlueNoiseKeys {
     }
 }
 
-/// A permutation of the indices that keeps each of `0..2^k` as a set: a nested shuffle of the bits below the leading one.
+/// Returns a permutation of the indices that maps each set `0..2^k` to itself: a nested shuffle of the bits below the leading
+/// one.
 #[inline]
 fn shuffled(index: u32, shuffle: u32) -> u32 {
     let below = index.checked_ilog2().map_or(0, |leading| (1 << leading) - 1);
@@ -131,41 +132,41 @@ fn shuffled(index: u32, shuffle: u32) -> u32 {
     index & !below | nested & below
 }
 
-/// The leading bits of each coordinate that a key of the tile changes.
+/// The number of leading bits of each coordinate that a key of the tile changes.
 const BITS: u32 = 6;
 
 /// The side of the tile in pixels.
 const SIDE: usize = 1 << BITS;
 
-/// The number of pixels of the tile, and of keys.
+/// The number of pixels of the tile, which is also the number of keys.
 const PIXELS: usize = SIDE * SIDE;
 
 /// The sample counts for which the keys are optimised.
 const COUNTS: [u32; 5] = [1, 2, 4, 8, 16];
 
-/// Test integrands. Our choice.
+/// The number of test integrands, which is not from the paper.
 const WAVES: usize = 48;
 
-/// The errors of one key: each count's, wave by wave. A multiple of [`LANES`].
+/// The number of errors per key: for each count, one per wave. It is a multiple of [`LANES`].
 const ERRORS: usize = COUNTS.len() * WAVES;
 
-/// Sums that run beside each other, so that compilers can vectorise them.
+/// The number of sums computed in parallel, so that compilers can vectorise them.
 const LANES: usize = 8;
 
-/// Proposed swaps. Our choice: less than half a second.
+/// The number of proposed swaps, which take less than half a second. It is not from the paper.
 const SWAPS: u64 = 400_000;
 
-/// The reach of the window of neighbours in pixels, which is 7 x 7.
+/// The radius of the neighbourhood in pixels; the neighbourhood is 7 x 7 pixels.
 const REACH: usize = 3;
 
 /// The distance in pixels at which a neighbour's weight is `1/e` [after Georgiev 2016].
 const FALLOFF: f64 = 2.1;
 
-/// The scramble of the shared sequence, the best of 64 in our search. With it, the errors of 256 random half-planes have
-/// the least energy at low frequencies.
+/// The scramble of the shared sequence: the one of 64 candidates for which the errors of 256 random half-planes have the least
+/// energy at low frequencies.
 const SCRAMBLE: u64 = nth_key(0, 1);
 
-/// The keys, row by row: a permutation of `0..PIXELS`. Bits 0 to 5 belong to x, bits 6 to 11 to y.
+/// Returns the keys, row by row: a permutation of `0..PIXELS`. Bits 0 to 5 belong to x, bits 6 to 11 to y.
 ///
 /// Since each key occurs once, each pixel's points are uniform over random offsets of the tile. The tile is periodic.
 fn tile() -> &'static [u16] {
@@ -177,14 +178,15 @@ fn tile() -> &'static [u16] {
     &TILE
 }
 
-/// The keys in random order.
+/// Returns the keys in random order.
 fn white() -> Vec<u16> {
     let mut keys: Vec<u16> = (0..PIXELS as u16).collect();
     keys.sort_unstable_by_key(|key| mix64(u64::from(*key)));
     keys
 }
 
-/// The shared sequence at two indices: two pairs of one Owen-scrambled Sobol' sequence, as 32-bit fractions.
+/// Returns the points of the shared sequence at two indices: two pairs of one Owen-scrambled Sobol' sequence, as 32-bit
+/// fractions.
 #[inline]
 fn sequence(first: u32, second: u32) -> [u32; 4] {
     // The reversed bits of the first coordinate are the index itself.
@@ -196,7 +198,7 @@ fn sequence(first: u32, second: u32) -> [u32; 4] {
     std::array::from_fn(|k| owen_reversed(coordinates[k], scrambles[k]).reverse_bits())
 }
 
-/// The frequencies of the test integrands in half-periods: the lowest, except the constant.
+/// Returns the frequencies of the test integrands in half-periods: the lowest ones, except the constant.
 fn frequencies() -> Vec<[usize; 2]> {
     let mut all: Vec<[usize; 2]> = (1..256).map(|k| [k % 16, k / 16]).collect();
     all.sort_by_key(|[a, b]| (a * a + b * b, *a));
@@ -204,10 +206,10 @@ fn frequencies() -> Vec<[usize; 2]> {
     all
 }
 
-/// A wave at the centres of all cells, one per key, with mean 0.
+/// Returns the values of a wave at the centres of all cells, one per key. Their mean is 0.
 ///
-/// Waves stand for half-planes of random place and direction: their powers fall with the cube of the frequency, as the
-/// mean spectrum of such half-planes does.
+/// Waves represent half-planes of random position and direction: their powers fall with the cube of the frequency, like the
+/// mean spectrum of such half-planes.
 fn wave([a, b]: [usize; 2]) -> Vec<f64> {
     let cosine = |k: usize, cell: usize| libm::cos(std::f64::consts::PI * k as f64 * (cell as f64 + 0.5) / SIDE as f64);
     let frequency = ((a * a + b * b) as f64).sqrt();
@@ -218,7 +220,7 @@ fn wave([a, b]: [usize; 2]) -> Vec<f64> {
     (0..PIXELS).map(|key| amplitude * across[key % SIDE] * down[key / SIDE]).collect()
 }
 
-/// The integration errors of all keys, key by key. Each count has the same sum of squares.
+/// Returns the integration errors of all keys, key by key, normalised to the same sum of squares for each count.
 fn errors() -> Vec<f32> {
     let waves: Vec<Vec<f64>> = frequencies().into_iter().map(wave).collect();
     let mut errors = vec![0.0; PIXELS * ERRORS];
@@ -242,14 +244,14 @@ fn errors() -> Vec<f32> {
     errors
 }
 
-/// Keys in their pixels, and the errors around each pixel.
+/// The assignment of keys to pixels, and the errors around each pixel.
 struct Arrangement {
     keys: Vec<u16>,
-    /// The errors by key.
+    /// The errors, indexed by key.
     errors: Vec<f32>,
-    /// The weighted sums of the neighbours' errors, by pixel.
+    /// The weighted sums of the neighbours' errors, indexed by pixel.
     around: Vec<f32>,
-    /// The weights by distance along x and along y. A pixel is no neighbour of its own.
+    /// The weights of neighbours, by distance along y and along x. A pixel is not its own neighbour.
     weights: [[f32; REACH + 1]; REACH + 1],
 }
 
@@ -273,7 +275,7 @@ impl Arrangement {
         &self.errors[key * ERRORS..(key + 1) * ERRORS]
     }
 
-    /// Adds a change of the errors at a pixel to the sums around it.
+    /// Updates the sums around a pixel after a change of its errors.
     fn add(&mut self, place: usize, change: &[f32; ERRORS]) {
         let (x, y) = (place % SIDE, place / SIDE);
         for dy in 0..=2 * REACH {
@@ -287,11 +289,11 @@ impl Arrangement {
         }
     }
 
-    /// Proposes swaps of the keys of two random pixels, and makes those that lower the energy.
+    /// Proposes swaps of the keys of two random pixels, and performs those that lower the energy.
     ///
-    /// The energy is the sum over pairs of neighbours of their weight and the product of their errors. As the squares
-    /// of all errors keep their sum, it falls exactly if the weighted squared differences of neighbours grow. Annealing
-    /// gained nothing at this number of swaps.
+    /// The energy is the sum over pairs of neighbours of their weight times the product of their errors. Since the sum of
+    /// squared errors is constant, the energy falls exactly if the weighted squared differences of neighbours grow. Annealing
+    /// did not improve the result at this number of swaps.
     fn optimise(&mut self, swaps: u64) {
         for number in 0..swaps {
             let [a, b] = halves(nth_key(!SCRAMBLE, number)).map(|bits| bits as usize % PIXELS);
@@ -301,7 +303,7 @@ impl Arrangement {
         }
     }
 
-    /// Half of the change of the energy if two pixels swap their keys.
+    /// Returns half of the change of the energy if two pixels swap their keys.
     fn gain(&self, a: usize, b: usize) -> f32 {
         let (errors_a, errors_b) = (self.errors_at(a), self.errors_at(b));
         let [around_a, around_b] = [a, b].map(|place| &self.around[place * ERRORS..(place + 1) * ERRORS]);
@@ -325,7 +327,7 @@ impl Arrangement {
         self.keys.swap(a, b);
     }
 
-    /// The weight of two pixels, 0 beyond the window. Distances go around the tile.
+    /// Returns the weight of two pixels, which is 0 outside the neighbourhood. Distances are periodic.
     fn weight(&self, a: usize, b: usize) -> f32 {
         let around = |d: usize| d.min(SIDE - d);
         let x = around((a % SIDE).abs_diff(b % SIDE));

@@ -19,21 +19,21 @@ use dapple_core::{PointSet, SampleId};
 /// # Bases
 ///
 /// * Block 0 has bases 2 and 3 in its first pair and 5 and 7 in its second.
-/// * Every later pair has bases 2 and 3 again. A nested scramble in base 6 shuffles its index.
+/// * All later pairs have bases 2 and 3 again. A nested scramble in base 6 shuffles the indices of each.
 ///
-/// Larger primes are not used: a pair of bases `p` and `q` is no better than random before `p q` samples, which is 667
+/// Larger primes are not used: a pair of bases `p` and `q` is no better than random for fewer than `p q` samples, which is 667
 /// for 23 and 29.
 ///
 /// # Stratification
 ///
-/// Among any `2^a 3^b` consecutive samples, the first pair has exactly one point in each of the `2^a x 3^b` boxes. For
-/// the second pair, replace 2 and 3 by 5 and 7. A later pair has one point in each of `2^k x 3^k` boxes for `6^k`
-/// samples that begin at a multiple of `6^k`. Every prefix is usable; [`PointSet::preferred_count`] returns the best
-/// ones.
+/// Among any `2^a 3^b` consecutive samples, the first pair has exactly one point in each of the `2^a x 3^b` boxes. The same
+/// holds for the second pair with 5 and 7 instead of 2 and 3. A later pair has one point in each of `2^k x 3^k` boxes for
+/// `6^k` samples whose first index is a multiple of `6^k`. Every prefix is usable; [`PointSet::preferred_count`] returns the
+/// best ones.
 ///
 /// # Limits
 ///
-/// * It is slower than [`Sobol`](crate::Sobol), whose nets are finer at equal counts.
+/// * It is slower than [`Sobol`](crate::Sobol), whose nets are finer for the same number of samples.
 /// * Powers of two are not its best counts.
 /// * Box edges in bases 3, 5 and 7 are not `f32` numbers. A point within 2^-24 below an edge may be rounded into the
 ///   next box.
@@ -70,13 +70,13 @@ impl PointSet for Halton {
         [a, b, c, d]
     }
 
-    /// Returns `2^32`, the number of samples after which a newly scrambled sequence begins. Until then the exact points
-    /// of a pair differ: no two share a `2^32 x 3^21` box.
+    /// Returns `2^32`, the number of samples after which a newly scrambled sequence begins. Before that, the exact points of a
+    /// pair are distinct: no two are in the same `2^32 x 3^21` box.
     fn capacity(&self) -> u64 {
         1 << 32
     }
 
-    /// Returns the next `m 6^k` from `n` on, with `m` from 1 to 6: 1, 2, …, 6, 12, 18, 24, 30, 36, 72, … With these
+    /// Returns the smallest `m 6^k` of at least `n`, with `m` from 1 to 6: 1, 2, …, 6, 12, 18, 24, 30, 36, 72, … With these
     /// counts the first pair and the shuffled pairs have equally many points in each box of `2^k x 3^k`.
     fn preferred_count(&self, n: u64) -> u64 {
         let mut step = 1_u64;
@@ -87,7 +87,7 @@ impl PointSet for Halton {
     }
 }
 
-/// The scrambled 2-D point with this index, in bases 2 and 3.
+/// Returns the scrambled 2-D point with this index, in bases 2 and 3.
 #[inline]
 fn pair23(index: u64, key: u64) -> [f32; 2] {
     let [base2, _] = halves(key);
@@ -96,14 +96,14 @@ fn pair23(index: u64, key: u64) -> [f32; 2] {
     [unit(x), unit(nested::<3, 21>(index, nth_key(key, 0)))]
 }
 
-/// The scrambled radical inverse of `index` in base `BASE`, in units of 2^-32, rounded down. A random affine map
-/// permutes each digit; the map depends on all digits before it.
+/// Returns the scrambled radical inverse of `index` in base `BASE`, in units of 2^-32, rounded down. A random affine map
+/// permutes each digit; the map depends on all preceding digits.
 ///
-/// Affine maps `a d + c` with `a` not 0 act on a prime number of digits. They map any two different digits to any two
-/// different digits equally often.
-/// Owen's variance depends only on pairs, so it is the same as with all permutations [after Matousek 1998].
+/// Affine maps `a d + c` with `a` not 0 permute the digits if their number is prime. Over all such maps, two different digits
+/// are mapped to every pair of different digits equally often. Owen's variance depends only on pairs of digits, so it is the
+/// same as with all permutations [after Matousek 1998].
 ///
-/// `DIGITS` suffice for an index below 2^32 and for the 24 bits of an `f32`.
+/// The number of digits, `DIGITS`, suffices for an index below 2^32 and for the 24 bits of an `f32`.
 #[inline]
 fn nested<const BASE: u64, const DIGITS: u32>(mut index: u64, key: u64) -> u32 {
     let mut state = key;
@@ -121,10 +121,10 @@ fn nested<const BASE: u64, const DIGITS: u32>(mut index: u64, key: u64) -> u32 {
     (((fraction << 30) / BASE.pow(DIGITS)) as u32) << 2
 }
 
-/// A nested scramble of an index in base 6. In each block of `6^(k + 1)` indices it permutes the three thirds, and the
-/// two halves of each third. Aligned blocks thus stay aligned.
+/// Scrambles an index in base 6 by a nested scramble. In each block of `6^(k + 1)` indices, it permutes the three thirds, and
+/// the two halves of each third. Aligned blocks therefore stay aligned.
 ///
-/// It has 12 digits: indices from 6^12 = 2.2e9 on keep their place among blocks of that size.
+/// It changes the lowest 12 digits. The blocks of 6^12 = 2.2e9 indices are not permuted.
 #[inline]
 fn shuffled(index: u32, key: u64) -> u64 {
     const TOP: u32 = 6_u32.pow(12);
@@ -144,7 +144,7 @@ fn shuffled(index: u32, key: u64) -> u64 {
     result
 }
 
-/// A number below `n` from 32 random bits, with a bias below `n / 2^32`.
+/// Returns a number below `n` from 32 random bits, with a bias below `n / 2^32`.
 #[inline(always)]
 fn below(bits: u64, n: u64) -> u64 {
     (bits * n) >> 32

@@ -1,16 +1,16 @@
-//! Random bits from the coordinates of a sample: all hashing of this crate.
+//! Hashing: random bits from the coordinates of a sample.
 
 use dapple_core::SampleId;
 
-/// The odd number nearest to 2^64 / golden ratio: the step between the keys of one block [after Steele 2014].
+/// The odd number nearest to 2^64 / golden ratio, which is the step between the keys of one block [after Steele 2014].
 const STEP: u64 = 0x9e37_79b9_7f4a_7c15;
 
-/// An odd constant by which batch numbers enter a key: the first 16 hexadecimal digits of the fraction of pi, made odd.
+/// The odd factor of batch numbers in a key: the first 16 hexadecimal digits of pi's fraction, made odd.
 const HIGH_STEP: u64 = 0x243f_6a88_85a3_08d3;
 
 /// A bijective hash of 64 bits. Every input bit affects every output bit.
 ///
-/// The constants are variant 13 of Stafford's search, as in SplitMix64 [after Steele 2014].
+/// The constants are those of variant 13 of Stafford's search, as in SplitMix64 [after Steele 2014].
 #[inline(always)]
 pub(crate) const fn mix64(mut z: u64) -> u64 {
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -18,8 +18,8 @@ pub(crate) const fn mix64(mut z: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// A user's seed, spread over two words that enter both rounds of [`Seed::key`]. Neighbouring seeds share nothing, and
-/// no seed is another one shifted by some pixels.
+/// A user's seed, expanded to two words that enter both rounds of [`Seed::key`]. Neighbouring seeds are unrelated, and no seed
+/// equals another one shifted by some pixels.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Seed {
     given: u64,
@@ -37,7 +37,8 @@ impl Seed {
         self.given
     }
 
-    /// 64 random bits for a pixel, stream and block. `batch` counts the restarts of a point set beyond its capacity.
+    /// Returns 64 random bits for a pixel, stream and block. `batch` is the number of restarts of a point set beyond its
+    /// capacity.
     #[inline(always)]
     pub(crate) fn key(&self, id: &SampleId, block: u32, batch: u64) -> u64 {
         let pixel = u64::from(id.pixel[0]) | u64::from(id.pixel[1]) << 32;
@@ -48,30 +49,30 @@ impl Seed {
     }
 }
 
-/// The `n`th further key derived from `key`. `n = 0` does not return `key` itself.
+/// Returns derived key number `n` of `key`. For `n = 0`, it differs from `key` itself.
 #[inline(always)]
 pub(crate) const fn nth_key(key: u64, n: u64) -> u64 {
     mix64(key.wrapping_add(STEP.wrapping_mul(n + 1)))
 }
 
-/// The low and the high half of a key.
+/// Returns the lower and the upper half of a key.
 #[inline(always)]
 pub(crate) const fn halves(key: u64) -> [u32; 2] {
     [key as u32, (key >> 32) as u32]
 }
 
-/// The largest f32 at or below `bits / 2^32`. It has 24 bits, so it is never 1.
+/// Returns the largest f32 of at most `bits / 2^32`. It has 24 bits, so it is never 1.
 #[inline(always)]
 pub(crate) fn unit(bits: u32) -> f32 {
     // Both steps are exact: 24 bits fit an f32, and the factor is a power of two.
     (bits >> 8) as f32 * (1.0 / 16_777_216.0)
 }
 
-/// The image of `i < n` under a random permutation of `0..n` chosen by `key`, for `1 <= n <= 2^31`.
+/// Returns the image of `i < n` under a random permutation of `0..n` selected by `key`, for `1 <= n <= 2^31`.
 ///
-/// A bijection on the next power of two is repeated until its value is below `n` [after Kensler 2013].
-/// The bijection is our own Feistel network on the high and low bits of the number.
-/// Its words are short, so it needs five double rounds: with four, `permutations_are_uniform` fails.
+/// A bijection on the next power of two is repeated until its value is below `n` [after Kensler 2013]. The bijection is a
+/// Feistel network on the upper and lower bits of the number, which is not in the paper. Since its words are short, it needs
+/// five double rounds: with four, the test `permutations_are_uniform` fails.
 #[inline]
 pub(crate) fn permute(i: u32, n: u32, key: u64) -> u32 {
     debug_assert!(i < n && n <= 1 << 31);
@@ -99,15 +100,15 @@ pub(crate) fn permute(i: u32, n: u32, key: u64) -> u32 {
     }
 }
 
-/// The state of child `digit` of a node in a tree of random numbers. Cheaper than a full mix, for scrambles that need
-/// many.
+/// Returns the state of child `digit` of a node in a tree of random numbers. It is cheaper than a full mix, for scrambles that
+/// need many states.
 #[inline(always)]
 pub(crate) fn next_state(state: u64, digit: u64) -> u64 {
     let s = (state ^ state >> 29).wrapping_add(digit + 1).wrapping_mul(0x94d0_49bb_1331_11eb);
     s ^ s >> 32
 }
 
-/// A cheap random function of a short number: the middle of its product with a random odd number.
+/// Returns a cheap pseudorandom function of a short number: the middle bits of its product with a random odd number.
 #[inline(always)]
 fn noise(x: u32, key: u64) -> u32 {
     let product = (u64::from(x) ^ key).wrapping_mul(key.rotate_left(29) | 1);

@@ -7,22 +7,22 @@ use dapple_core::{PointSet, SampleId};
 /// The second component of the generating vector `(1, MULTIPLIER)`.
 const MULTIPLIER: u32 = 1_063_578_985;
 
-/// An extensible rank-1 lattice of Korobov form for each pair, with random shifts [after Korobov 1959; extensible as in
-/// Hickernell 2000].
+/// An extensible rank-1 lattice of Korobov type with random shifts, for each pair of coordinates [after Korobov 1959;
+/// extensible as in Hickernell 2000].
 ///
-/// Point `i` is `phi(i) (1, a)` modulo 1, with van der Corput's `phi` in base 2. Each `2^m` points from a multiple of
-/// `2^m` on are a whole lattice, shifted. Each pair has its own random shift [Cranley 1976] and a nested shuffle of its
-/// indices.
+/// Point `i` is `phi(i) (1, a)` modulo 1, with van der Corput's sequence `phi` in base 2. Any `2^m` points whose first index
+/// is a multiple of `2^m` form a complete shifted lattice. Each pair has its own random shift [Cranley 1976] and a nested
+/// shuffle of its indices.
 ///
 /// # The multiplier
 ///
-/// `a = 1,063,578,985` was found by our own beam search over its bits, lowest first.
+/// `a = 1,063,578,985` was found by a beam search over its bits, lowest first, which is not from a publication.
 ///
-/// * Bits 0 to 17: the criterion is `P_2`, the squared worst-case error on periodic functions whose Fourier coefficients
-///   fall as `1 / (h k)`. The search minimises the largest ratio to the best multiplier of each size from `2^4` to
-///   `2^18`. The ratio found is 2.17.
-/// * Bits 18 to 31: the criterion is the squared minimum distance on the torus over that of the hexagonal lattice of equal
-///   density. From `2^19` to `2^32` points it is at least 0.54.
+/// * Bits 0 to 17: the criterion is `P_2`, the squared worst-case error on periodic functions whose Fourier coefficients fall
+///   as `1 / (h k)`. The search minimises the largest ratio to the best multiplier of each size from `2^4` to `2^18`; the
+///   result is 2.17.
+/// * Bits 18 to 31: the criterion is the squared minimum distance on the torus, relative to that of the hexagonal lattice of
+///   equal density. From `2^19` to `2^32` points it is at least 0.54.
 ///
 /// ```
 /// use dapple_core::{PointSet, SampleId};
@@ -35,9 +35,9 @@ const MULTIPLIER: u32 = 1_063_578_985;
 ///
 /// # Limits
 ///
-/// * Lattices gain on periodic functions. On edges along a lattice's directions they alias.
-/// * On functions that are not periodic, such as `x y`, the error of `2^k` samples falls as `1/n`, not faster.
-/// * Two pairs are padded at random, as in [`Sobol`](crate::Sobol).
+/// * Lattices are best for periodic functions. They alias on edges along a lattice's directions.
+/// * For functions that are not periodic, such as `x y`, the error of `2^k` samples falls as `1/n`, not faster.
+/// * The relation between two pairs is random, as in [`Sobol`](crate::Sobol).
 ///
 /// Name: `lattice`. Parameters: `seed`.
 #[derive(Clone, Copy, Debug)]
@@ -77,13 +77,13 @@ impl PointSet for Lattice {
         1 << 32
     }
 
-    /// Returns the next power of two from `n` on.
+    /// Returns the smallest power of two of at least `n`.
     fn preferred_count(&self, n: u64) -> u64 {
         n.max(1).checked_next_power_of_two().unwrap_or(n)
     }
 }
 
-/// The unshifted point, in units of 2^-32, from its first coordinate.
+/// Returns the unshifted point with this first coordinate, in units of 2^-32.
 #[inline(always)]
 const fn lattice_point(x: u32) -> [u32; 2] {
     [x, x.wrapping_mul(MULTIPLIER)]

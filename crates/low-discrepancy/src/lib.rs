@@ -21,18 +21,18 @@ pub use pmj02::Pmj02;
 pub use random::{Random, Stratified};
 pub use sobol::Sobol;
 
-/// Invalid parameters of a point set. Each message has a remedy.
+/// The error of an invalid point set parameter. Each message contains a remedy.
 #[non_exhaustive]
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Error {
-    /// A number of strata that is 0, or so large that `f32` coordinates cannot distinguish them.
-    #[error("{strata} strata along each axis cannot be used: give 1 to {}", Stratified::MAX_STRATA)]
+    /// The number of strata is 0, or so large that `f32` coordinates cannot distinguish them.
+    #[error("{strata} strata along each axis are out of range; use 1 to {}", Stratified::MAX_STRATA)]
     BadStrata {
         /// The requested number of strata along each axis.
         strata: u32,
     },
-    /// A number of samples per pixel that is 0, or so large that `f32` coordinates cannot distinguish them.
-    #[error("a count of {count} samples per pixel cannot be used: give 1 to {}", LowDiscrepancy::MAX_COUNT)]
+    /// The number of samples per pixel is 0, or so large that `f32` coordinates cannot distinguish them.
+    #[error("a count of {count} samples per pixel is out of range; use 1 to {}", LowDiscrepancy::MAX_COUNT)]
     BadCount {
         /// The requested number of samples per pixel.
         count: u32,

@@ -1,17 +1,19 @@
-//! Nets of a fixed count: the (0,2)-sequence of pbrt's second edition, and Sobol' points dealt to pixels along a Morton curve.
+//! Nets of a fixed size: the (0,2)-sequence of pbrt's second edition, and a Sobol' sequence assigned to pixels along a Morton
+//! curve.
 
 use crate::Error;
 use crate::keys::{Seed, halves, next_state, nth_key, permute, unit};
 use crate::sobol::{owen_reversed, pack, sobol1_reversed};
 use dapple_core::{PointSet, SampleId};
 
-/// The `lowdiscrepancy` sampler of pbrt's second edition, as in its source, after [Kollig 2002].
+/// The `lowdiscrepancy` sampler of pbrt's second edition, implemented like its source, after [Kollig 2002].
 ///
-/// Its pairs are van der Corput's sequence and the second dimension of Sobol's.
-/// Each is XOR-scrambled by a random number per pixel and pair, and shuffled independently for each pair.
+/// The coordinates of a pair are van der Corput's sequence and the second dimension of Sobol's. Each coordinate is
+/// XOR-scrambled by a random number per pixel and pair, and each pair is shuffled independently.
 ///
-/// Each `count` samples of a pair are a (0,k,2)-net. The count must be known beforehand and is rounded up to a power of
-/// two, as in pbrt ([`LowDiscrepancy::count`]). Further samples begin another net with fresh scrambles.
+/// The first `count` samples of a pair are a (0,k,2)-net, and so are the next `count`. The count must be known in advance and
+/// is rounded up to a power of two, as in pbrt ([`LowDiscrepancy::count`]). Further samples start another net with new
+/// scrambles.
 ///
 /// ```
 /// use dapple_core::{PointSet, SampleId};
@@ -28,9 +30,9 @@ use dapple_core::{PointSet, SampleId};
 ///
 /// [`Sobol`](crate::Sobol) has none of these:
 ///
-/// * The first few of `count` samples are in random order, so a prefix is no better than independent numbers.
+/// * The samples of a net are in random order, so fewer than `count` samples are no better than independent numbers.
 /// * Twice `count` samples are two independent nets, not one of twice the size.
-/// * XOR scrambling keeps the regular structure of the net. Owen scrambling has a lower variance for smooth integrands.
+/// * XOR scrambling preserves the regular structure of the net. Owen scrambling has a lower variance for smooth integrands.
 ///
 /// Name: `lowdiscrepancy`. Parameters: `seed`, `count`.
 #[derive(Clone, Copy, Debug)]
@@ -55,7 +57,7 @@ impl LowDiscrepancy {
         Ok(Self { seed: Seed::new(seed), log2_count: count.next_power_of_two().trailing_zeros() })
     }
 
-    /// The number of samples in one net, a power of two.
+    /// The number of samples per net, a power of two.
     pub const fn count(&self) -> u32 {
         1 << self.log2_count
     }
@@ -82,21 +84,21 @@ impl PointSet for LowDiscrepancy {
         [a, b, c, d]
     }
 
-    /// Returns the next multiple of [`LowDiscrepancy::count`] from `n` on.
+    /// Returns the smallest multiple of [`LowDiscrepancy::count`] of at least `n`.
     fn preferred_count(&self, n: u64) -> u64 {
         n.max(1).checked_next_multiple_of(u64::from(self.count())).unwrap_or(n)
     }
 }
 
-/// One Sobol' sequence for the image, dealt to the pixels along a randomised Morton curve [after Ahmed 2020].
+/// One Sobol' sequence for the whole image, assigned to pixels along a randomised Morton curve [after Ahmed 2020].
 ///
-/// Pixels are numbered along a Morton (Z) curve, and each takes `count` consecutive points of one Owen-scrambled
-/// sequence. Each base-4 digit of the number is permuted at random, by one of 24 permutations that depends on the digits
-/// above it. pbrt-v4's `ZSobolSampler` does the same.
+/// Pixels are numbered along a Morton (Z) curve, and each uses `count` consecutive points of one Owen-scrambled sequence. Each
+/// base-4 digit of the pixel's number is mapped by one of 24 permutations, selected at random depending on the higher digits.
+/// pbrt-v4's `ZSobolSampler` does the same.
 ///
 /// * The `count` samples of a pixel are a (0,k,2)-net in each pair.
-/// * So are the samples of each aligned block of 2x2, 4x4, … pixels together. Errors of neighbours thus cancel: noise has
-///   less energy at low frequencies.
+/// * So are the samples of each aligned block of 2x2, 4x4, … pixels together. Errors of neighbours therefore partly cancel,
+///   and noise has less energy at low frequencies.
 ///
 /// ```
 /// use dapple_core::{PointSet, SampleId};
@@ -117,10 +119,10 @@ impl PointSet for LowDiscrepancy {
 ///
 /// # Limits
 ///
-/// * The count must be known beforehand; it is rounded up to a power of two. Pixels with fewer samples are not spread
-///   over the image: their errors are white noise. Further samples begin a new sequence.
-/// * The sequence has 2^32 points. Images larger than `2^t x 2^t` pixels, with `2 t` the bits that `count` leaves, are cut
-///   into tiles of that size with sequences of their own: 16384 pixels at 16 samples.
+/// * The count must be known in advance; it is rounded up to a power of two. With fewer samples, the errors over the image are
+///   white noise. Further samples start a new sequence.
+/// * The sequence has 2^32 points. A larger image than `2^t x 2^t` pixels is divided into tiles of that size with separate
+///   sequences, where `t` is half of `32 - log2(count)`, rounded down: 16384 x 16384 pixels at 16 samples.
 /// * With adaptive counts the blocks are incomplete.
 ///
 /// Name: `zsobol`. Parameters: `seed`, `count`.
@@ -146,12 +148,12 @@ impl ZSobol {
         Ok(Self { seed: Seed::new(seed), log2_count: count.next_power_of_two().trailing_zeros() })
     }
 
-    /// The number of samples of each pixel in one sequence, a power of two.
+    /// The number of samples per pixel in one sequence, a power of two.
     pub const fn count(&self) -> u32 {
         1 << self.log2_count
     }
 
-    /// The binary logarithm of a tile's side in pixels.
+    /// Returns the binary logarithm of a tile's side in pixels.
     const fn log2_tile(&self) -> u32 {
         (32 - self.log2_count) / 2
     }
@@ -181,7 +183,7 @@ impl PointSet for ZSobol {
         [scrambled(x0, scramble_x0), scrambled(y0, scramble_y0), scrambled(x1, scramble_x1), scrambled(y1, scramble_y1)]
     }
 
-    /// Returns the next multiple of [`ZSobol::count`] from `n` on.
+    /// Returns the smallest multiple of [`ZSobol::count`] of at least `n`.
     fn preferred_count(&self, n: u64) -> u64 {
         n.max(1).checked_next_multiple_of(u64::from(self.count())).unwrap_or(n)
     }
@@ -191,7 +193,7 @@ impl PointSet for ZSobol {
     }
 }
 
-/// The low 16 bits of a number, moved to the even bits.
+/// Returns the low 16 bits of a number, moved to the even bits.
 #[inline(always)]
 const fn spread(x: u32) -> u32 {
     let mut x = x & 0xffff;
@@ -201,7 +203,7 @@ const fn spread(x: u32) -> u32 {
     (x | x << 1) & 0x5555_5555
 }
 
-/// The 24 permutations of four digits, each as four pairs of bits from the lowest on.
+/// The 24 permutations of four digits, each as four pairs of bits, starting with the lowest bits.
 const PERMUTATIONS: [u8; 24] = {
     let (mut all, mut n, mut code) = ([0; 24], 0, 0_u32);
     while code < 256 {
@@ -215,8 +217,8 @@ const PERMUTATIONS: [u8; 24] = {
     all
 };
 
-/// A number of `bits` bits with its base-4 digits permuted, from the highest on. Each permutation depends on the digits
-/// above. An odd number of bits leaves one bit at the end, which is flipped or kept.
+/// Returns a number of `bits` bits with its base-4 digits permuted, from the highest to the lowest. Each permutation depends
+/// on the higher digits. If the number of bits is odd, the lowest bit is randomly flipped.
 #[inline]
 fn permuted(number: u32, bits: u32, key: u64) -> u32 {
     let (mut state, mut result) = (key, 0);

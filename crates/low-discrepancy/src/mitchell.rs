@@ -1,4 +1,5 @@
-//! Sample positions spread over pixels, and patterns in image, lens and time, after Mitchell.
+//! Sample positions distributed jointly over pixels, and joint patterns of image position, lens point and time, after
+//! Mitchell.
 
 use crate::Sobol;
 use crate::keys::{Seed, halves, mix64, nth_key};
@@ -6,13 +7,15 @@ use crate::sobol::{owen_reversed, sobol1_reversed};
 use dapple_core::{PointSet, SampleId};
 use std::sync::LazyLock;
 
-/// Positions in the pixel that are blue noise over the image [after Mitchell 1987]; everything else from [`Sobol`].
+/// A point set whose positions in the pixel are blue noise over the image [after Mitchell 1987]. All other coordinates are
+/// from [`Sobol`].
 ///
-/// Mitchell placed about one sample per pixel by error diffusion on a finer grid. Here each pixel has exactly one
-/// sample per round, and best candidates take the place of diffusion. A pattern of 64 x 64 pixels and 16 rounds is made
-/// once per process. Each round's positions together are a net, so a position is uniform.
+/// Mitchell placed about one sample per pixel by error diffusion on a finer grid. Here each pixel has exactly one sample per
+/// round, and best-candidate sampling replaces error diffusion. A pattern of 64 x 64 pixels and 16 rounds is computed once per
+/// process. The positions of each round together form a net, so that each position is uniform.
 ///
-/// * The first pair of block 0 is the position. Each tile of the image, stream and 16 samples read it at an offset.
+/// * The first pair of block 0 is the position. Each tile of the image, stream and 16 samples uses the pattern at a different
+///   offset.
 /// * All other coordinates are those of [`Sobol`].
 ///
 /// ```
@@ -26,11 +29,11 @@ use std::sync::LazyLock;
 ///
 /// # Limits
 ///
-/// * It gains at one to a few samples per pixel. At more, a pixel's positions are hardly better than random, and
-///   [`Sobol`] wins.
-/// * Below 0.2 cycles per pixel a jittered grid has even less power; from there to 0.6 it has 2x to 4x more.
-/// * The borders of tiles are seams: pixels on either side are independent.
-/// * Light, lens and time are not spread over pixels.
+/// * It improves results at one to a few samples per pixel. With more samples, a pixel's positions are hardly better than
+///   random, and [`Sobol`] is better.
+/// * Below 0.2 cycles per pixel, a jittered grid has even less noise power; from there to 0.6, it has 2x to 4x more.
+/// * Tile borders are seams: the pixels on both sides are independent.
+/// * Coordinates for light, lens and time are not distributed jointly over pixels.
 ///
 /// Name: `diffused`. Parameters: `seed`.
 #[derive(Clone, Copy, Debug)]
@@ -40,7 +43,7 @@ pub struct Diffused {
 }
 
 impl Diffused {
-    /// Makes the point set of a seed. The pattern is the same for all seeds, at another offset.
+    /// Makes the point set of a seed. The pattern is the same for all seeds, but its offset differs.
     pub fn new(seed: u64) -> Self {
         Self { seed: Seed::new(seed), inner: Sobol::new(seed) }
     }
@@ -49,7 +52,7 @@ impl Diffused {
 /// The block that holds the position in the pixel.
 const POSITION: u32 = 0;
 
-/// The index of a sample in the pattern. Each tile, stream and run of `ROUNDS` samples has an offset of its own.
+/// Returns the index of a sample in the pattern. Each tile, stream and run of `ROUNDS` samples has its own offset.
 fn pattern_index(seed: &Seed, id: &SampleId) -> usize {
     let tile = SampleId::new(id.pixel.map(|c| c / SIDE as u32), id.stream, 0);
     let offset = nth_key(seed.key(&tile, POSITION, id.index / ROUNDS as u64), 3);
@@ -58,7 +61,7 @@ fn pattern_index(seed: &Seed, id: &SampleId) -> usize {
     (id.index % ROUNDS as u64) as usize * PIXELS + y * SIDE + x
 }
 
-/// Random bits for the places within the pattern's steps, the sample's own.
+/// Returns a sample's random bits for the positions within the pattern's steps.
 fn pattern_jitter(seed: &Seed, id: &SampleId, block: u32) -> u64 {
     nth_key(nth_key(seed.key(id, block, 0), 5), id.index)
 }
@@ -87,20 +90,20 @@ impl PointSet for Diffused {
     }
 }
 
-/// Positions, lens points and times that are chosen together over pixels [after Mitchell 1991].
+/// A point set whose positions, lens points and times are chosen jointly over pixels [after Mitchell 1991].
 ///
-/// Mitchell extends blue noise to the dimensions of distribution ray tracing: samples that are near in the image shall
-/// be far apart on the lens and in time. The construction here is ours, from his aim:
+/// Mitchell extends blue noise to the dimensions of distribution ray tracing: samples that are close in the image should be
+/// far apart on the lens and in time. The construction here has the same goal, but is not from the paper:
 ///
 /// 1. Positions are those of [`Diffused`].
 /// 2. A pattern of 64 x 64 pixels and 16 rounds is filled in random order. Each sample takes the best of 16 candidates for
-///    lens and time. The best is farthest from its nearest sample, by `|dxy|^2 / 16 + |dlens|^2 + dtime^2` with `dxy` in
-///    pixels.
-///    Candidates are compared with samples of the same round up to 4 pixels away, and with the pixel's own.
-/// 3. The candidates of a round are a net on the lens and strata of time, each used once. So each sample is uniform.
+///    lens and time. The best has the largest distance to its nearest sample, by `|dxy|^2 / 16 + |dlens|^2 + dtime^2` with
+///    `dxy` in pixels. Candidates are compared with samples of the same round up to 4 pixels away, and with the pixel's own
+///    samples.
+/// 3. The candidates of a round are a net on the lens and strata of time. Each is used once, so that each sample is uniform.
 ///
-/// Block 0 holds position and lens, block [`Mitchell1991::TIME_BLOCK`] the time, as in Dapple's integrators. All other
-/// coordinates are those of [`Sobol`].
+/// Block 0 contains position and lens point, and block [`Mitchell1991::TIME_BLOCK`] the time, as in Dapple's integrators. All
+/// other coordinates are those of [`Sobol`].
 ///
 /// ```
 /// use dapple_core::{PointSet, SampleId};
@@ -113,9 +116,10 @@ impl PointSet for Diffused {
 ///
 /// # Limits
 ///
-/// * It gains at one to a few samples per pixel. At 16 and more, [`Sobol`] wins.
-/// * The pattern is finite. Each tile of 64 x 64 pixels, and each 16 samples, take it at another offset, with seams.
-/// * Distances, candidates and the order of pixels are not the published ones.
+/// * It improves results at one to a few samples per pixel. At 16 and more, [`Sobol`] is better.
+/// * The pattern is finite. Each tile of 64 x 64 pixels, and each run of 16 samples, uses it at a different offset, with
+///   seams.
+/// * The distance, the candidates and the order of pixels are not those of the paper.
 ///
 /// Name: `mitchell-1991`. Parameters: `seed`.
 #[derive(Clone, Copy, Debug)]
@@ -125,10 +129,10 @@ pub struct Mitchell1991 {
 }
 
 impl Mitchell1991 {
-    /// The block whose first coordinate is the time within the exposure: that of Dapple's integrators.
+    /// The block whose first coordinate is the time within the exposure, as in Dapple's integrators.
     pub const TIME_BLOCK: u32 = 1 << 30;
 
-    /// Makes the point set of a seed. The pattern is the same for all seeds, at another offset.
+    /// Makes the point set of a seed. The pattern is the same for all seeds, but its offset differs.
     pub fn new(seed: u64) -> Self {
         Self { seed: Seed::new(seed), inner: Sobol::new(seed) }
     }
@@ -164,18 +168,18 @@ impl PointSet for Mitchell1991 {
     }
 }
 
-/// Candidates for the lens point and time of each sample. Our choice.
+/// The number of candidates for the lens point and time of each sample, which is not from the paper.
 const CANDIDATES: u64 = 16;
-/// The distance in pixels up to which samples are compared, and the unit of distances in the image. Our choice.
+/// The largest distance in pixels at which samples are compared, and the unit of distances in the image. Not from the paper.
 const REACH: i32 = 4;
 
-/// Lens point and time of each sample of the pattern, in steps: for each round all pixels, row by row.
+/// Returns the lens point and time of each sample of the pattern, in steps: for each round, all pixels row by row.
 fn lens_and_time() -> &'static [[u16; 3]] {
     static ALL: LazyLock<Vec<[u16; 3]>> = LazyLock::new(spread_lens_and_time);
     &ALL
 }
 
-/// A sample of the pattern in units of pixels, apertures and exposures.
+/// The coordinates of a sample: position (in units of [`REACH`] pixels), lens point and time (each in `[0, 1)`).
 type Sample = [f32; 5];
 
 fn sample(place: [u16; 2], by: [i32; 2], values: [u16; 3]) -> Sample {
@@ -222,45 +226,45 @@ fn spread_lens_and_time() -> Vec<[u16; 3]> {
 const SIDE: usize = 64;
 /// The number of pixels of the pattern.
 const PIXELS: usize = SIDE * SIDE;
-/// The number of samples of each pixel, placed in rounds of one per pixel.
+/// The number of samples per pixel, placed in rounds of one per pixel.
 const ROUNDS: usize = 16;
-/// Positions are stored in this many steps per pixel, one for each pixel of the pattern.
+/// The number of steps per pixel in which positions are stored: one for each pixel of the pattern.
 const STEPS: u32 = PIXELS as u32;
 
-/// Candidates for the position of each sample. Our choice.
+/// The number of candidates for the position of each sample, which is not from the paper.
 const PLACES: u64 = 32;
 
-/// The positions in the pixel, in steps: for each round all pixels, row by row.
+/// Returns the positions in the pixel, in steps: for each round, all pixels row by row.
 ///
-/// In each round the positions of all pixels together are a (0,12,2)-net, dealt to the pixels. So a pixel at a random
-/// place of the pattern has a uniform position.
+/// In each round, the positions of all pixels together form a (0,12,2)-net, distributed over the pixels. A pixel at a random
+/// location of the pattern therefore has a uniform position.
 fn places() -> &'static [[u16; 2]] {
     static PLACES: LazyLock<Vec<[u16; 2]>> = LazyLock::new(spread_places);
     &PLACES
 }
 
-/// The pixels of the pattern in a random order.
+/// Returns the pixels of the pattern in a random order.
 fn order(round: u64) -> Vec<usize> {
     let mut order: Vec<usize> = (0..PIXELS).collect();
     order.sort_by_key(|p| (nth_key(mix64(round), *p as u64), *p));
     order
 }
 
-/// The points of an Owen-scrambled (0,12,2)-net, in steps.
+/// Returns the points of an Owen-scrambled (0,12,2)-net, in steps.
 fn net(key: u64) -> Vec<[u16; 2]> {
     let [kx, ky] = halves(nth_key(key, 0));
     let coordinate = |reversed: u32, key| (owen_reversed(reversed, key).reverse_bits() >> 20) as u16;
     (0..STEPS).map(|i| [coordinate(i, kx), coordinate(sobol1_reversed(u64::from(i)) as u32, ky)]).collect()
 }
 
-/// The pixel `(dx, dy)` away, on the torus.
+/// Returns the pixel `(dx, dy)` away; the pattern is periodic.
 fn neighbour(pixel: usize, [dx, dy]: [i32; 2]) -> usize {
     let along = |c: usize, by: i32| (c as i32 + by).rem_euclid(SIDE as i32) as usize;
     along(pixel / SIDE, dy) * SIDE + along(pixel % SIDE, dx)
 }
 
-/// Deals the positions of each round to pixels in random order. A pixel takes the candidate whose nearest sample, of any
-/// round so far, is farthest.
+/// Assigns the positions of each round to pixels in random order. A pixel takes the candidate with the largest distance to its
+/// nearest sample of all rounds so far.
 fn spread_places() -> Vec<[u16; 2]> {
     let mut places: Vec<[u16; 2]> = Vec::with_capacity(ROUNDS * PIXELS);
     for round in 0..ROUNDS {
@@ -282,7 +286,7 @@ fn spread_places() -> Vec<[u16; 2]> {
     places
 }
 
-/// All samples in the pixel and its eight neighbours, in steps from the pixel's corner.
+/// Returns all samples in the pixel and its eight neighbours, in steps from the pixel's corner.
 fn samples_around(places: &[[u16; 2]], now: &[Option<[u16; 2]>], pixel: usize) -> Vec<[i64; 2]> {
     let mut near = Vec::with_capacity(9 * ROUNDS);
     for by in (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| [dx, dy])) {
@@ -294,7 +298,7 @@ fn samples_around(places: &[[u16; 2]], now: &[Option<[u16; 2]>], pixel: usize) -
     near
 }
 
-/// Turns a stored step into a coordinate in `[0, 1)`. `jitter` has 12 random bits, for the place within the step.
+/// Converts a stored step to a coordinate in `[0, 1)`. `jitter` has 12 random bits, which select the position within the step.
 #[inline]
 fn coordinate(step: u16, jitter: u32) -> f32 {
     (u32::from(step) << 12 | jitter & 0xfff) as f32 * (1.0 / 16_777_216.0)

@@ -9,13 +9,13 @@ use std::sync::LazyLock;
 
 /// Progressive multi-jittered (0,2) sequences, with blue noise across pixels [after Christensen 2018].
 ///
-/// Every `2^k` points of a sequence from a multiple of `2^k` on are a (0,k,2)-net. Sixteen sequences of 1024 points are
-/// made once per process. Each new point goes into a free stratum of every elementary interval; of ten candidates
-/// there, the one farthest from all earlier points is taken.
+/// Any `2^k` points of a sequence whose first index is a multiple of `2^k` form a (0,k,2)-net. Sixteen sequences of 1024
+/// points are computed once per process. Each new point is in a free stratum of every shape of elementary interval; of ten
+/// such candidates, the one farthest from all earlier points is chosen.
 ///
-/// A sample's pairs take different sequences, as far as there are any. Each pair has a nested shuffle of its indices and
-/// a random shift modulo 1 [Cranley 1976]. By default, all pixels of a tile share these, and [`BlueNoise`] adds each
-/// pixel's own shift. pbrt-v4's `PMJ02BNSampler` does the same for all pairs but the position in the pixel.
+/// The pairs of a sample use different sequences, as far as there are any. Each pair has a nested shuffle of its indices and a
+/// random shift modulo 1 [Cranley 1976]. By default, all pixels of a tile share these, and [`BlueNoise`] adds a shift for each
+/// pixel. pbrt-v4's `PMJ02BNSampler` does the same for all pairs except the position in the pixel.
 ///
 /// ```
 /// use dapple_core::{PointSet, SampleId};
@@ -29,11 +29,11 @@ use std::sync::LazyLock;
 ///
 /// # Limits
 ///
-/// * The shift breaks nets at the border of the square. [`Sobol`](crate::Sobol) keeps them, and has less error.
+/// * The shift breaks nets at the border of the unit square. [`Sobol`](crate::Sobol) preserves them, and has a smaller error.
 /// * After 1024 samples, a pair starts another sequence with its own shift.
 /// * The tables take 128 KiB.
-/// * The free strata leave the candidates one cell of `1/2n` by `1/2n` for the next `n` points, so candidates differ by
-///   little. The published variant without elementary intervals (`pmjbn`) has a clearer blue-noise spectrum.
+/// * For the next `n` points, the free strata restrict the candidates to one cell of `1/2n` by `1/2n`, so that candidates
+///   differ little. The published variant without elementary intervals (`pmjbn`) has a clearer blue-noise spectrum.
 ///
 /// Name: `pmj02`. Parameters: `seed`, `pixels` (blue-noise or independent).
 #[derive(Clone, Copy, Debug)]
@@ -49,7 +49,7 @@ impl Pmj02 {
         Self { sequences, coupled: Some(BlueNoise::new(seed, sequences)) }
     }
 
-    /// Gives each pixel its own sequences and shifts.
+    /// Returns the point set with separate sequences and shifts for each pixel.
     #[must_use]
     pub fn with_independent_pixels(self) -> Self {
         Self { coupled: None, ..self }
@@ -82,13 +82,13 @@ impl PointSet for Pmj02 {
     }
 }
 
-/// The sequences, shuffled and shifted for each pixel.
+/// The sequences, shuffled and shifted separately for each pixel.
 #[derive(Clone, Copy, Debug)]
 struct Sequences {
     seed: Seed,
 }
 
-/// Blocks whose pairs take different sequences.
+/// The number of consecutive blocks whose pairs use different sequences.
 const GROUP: u32 = SEQUENCES as u32 / 2;
 
 impl PointSet for Sequences {
@@ -116,7 +116,7 @@ impl PointSet for Sequences {
         [a, b, c, d]
     }
 
-    /// Returns the next power of two from `n` on, or the next multiple of 1024.
+    /// Returns the smallest power of two of at least `n`; above 1024, the smallest multiple of 1024.
     fn preferred_count(&self, n: u64) -> u64 {
         let n = n.max(1);
         if n <= LENGTH as u64 { n.next_power_of_two() } else { n.checked_next_multiple_of(LENGTH as u64).unwrap_or(n) }
@@ -129,10 +129,10 @@ const SEQUENCES: usize = 16;
 const LENGTH: usize = 1 << LOG2_LENGTH;
 const LOG2_LENGTH: u32 = 10;
 
-/// Candidates for each point, of which the farthest from all earlier points is taken. Our choice.
+/// The number of candidates for each point; the one farthest from all earlier points is chosen. It is not from the paper.
 const CANDIDATES: u32 = 10;
 
-/// All sequences, one after the other, in units of 2^-32.
+/// Returns all sequences, one after the other, in units of 2^-32.
 fn sequences() -> &'static [[u32; 2]] {
     static ALL: LazyLock<Vec<[u32; 2]>> = LazyLock::new(|| (0..SEQUENCES as u64).flat_map(sequence).collect());
     &ALL
@@ -147,7 +147,7 @@ fn sequence(number: u64) -> Vec<[u32; 2]> {
     points
 }
 
-/// Random numbers of the construction.
+/// The random number generator of the construction.
 struct Numbers {
     state: u64,
 }
@@ -163,7 +163,7 @@ impl Numbers {
     }
 }
 
-/// The elementary intervals of area `2^-bits` that hold a point. Shape `j` has `2^j` columns.
+/// The elementary intervals of area `2^-bits` that contain a point. Shape `j` has `2^j` columns.
 struct Strata {
     bits: u32,
     taken: Vec<bool>,
@@ -192,11 +192,12 @@ impl Strata {
     }
 }
 
-/// Appends as many points as there are, so that all are a net of twice the size.
+/// Doubles a net: appends as many points as there are, so that all together form a net of twice the size.
 ///
-/// Let the square have `4^k` cells. From `4^k` to `2 4^k` points, each point's partner lies in the opposite quarter of its
-/// cell. From there to `4 4^k`, the partners of the first points lie beside or above them, one of the two for all; the
-/// others' partners take the last quarters. With a common side each run is a net by itself.
+/// Let the square have `4^k` cells. From `4^k` to `2 4^k` points, the new point of each pair is in the opposite quarter of the
+/// cell. From there to `4 4^k`, the new points for the first half are in the quarters beside or above theirs; the choice is
+/// the same for all. The new points for the second half use the remaining quarters. Since the choice is common, each half is a
+/// net by itself.
 fn doubled(points: &[[u32; 2]], random: &mut Numbers) -> Vec<[u32; 2]> {
     let n = points.len();
     let bits = n.ilog2() + 1;
@@ -220,10 +221,10 @@ fn doubled(points: &[[u32; 2]], random: &mut Numbers) -> Vec<[u32; 2]> {
     all
 }
 
-/// The candidate farthest from all points, on the torus, among free strata of the square at `corner` with `top` fixed
-/// bits per axis.
+/// Returns the candidate farthest from all points, on the torus. Candidates are in free strata of the square at `corner`,
+/// whose first `top` bits per axis are fixed.
 ///
-/// The square decides all shapes' coarse axes, so the free columns and the free rows are independent of each other.
+/// The square fixes the coarser axis of every shape, so the free columns and the free rows are independent of each other.
 fn best_candidate(points: &[[u32; 2]], strata: &Strata, corner: [u32; 2], top: u32, random: &mut Numbers) -> [u32; 2] {
     let bits = strata.bits;
     let free = |axis: usize, shapes: RangeInclusive<u32>| -> Vec<u32> {
@@ -250,7 +251,7 @@ fn best_candidate(points: &[[u32; 2]], strata: &Strata, corner: [u32; 2], top: u
     best.1
 }
 
-/// The squared distance on the torus, in units of 2^-62.
+/// Returns the squared distance of two points on the torus, in units of 2^-62.
 fn distance(a: [u32; 2], b: [u32; 2]) -> u64 {
     let along = |axis: usize| u64::from((a[axis].wrapping_sub(b[axis]) as i32).unsigned_abs() >> 1);
     along(0).pow(2) + along(1).pow(2)

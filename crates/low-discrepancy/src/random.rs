@@ -6,7 +6,7 @@ use dapple_core::{PointSet, SampleId};
 use rand::Rng;
 use rand_pcg::Pcg64Mcg;
 
-/// Independent uniform random numbers: plain Monte Carlo, the baseline of all other point sets.
+/// Independent uniform random numbers: plain Monte Carlo, the baseline for all other point sets.
 ///
 /// The generator is [`Pcg64Mcg`] [after O'Neill 2014]. Its 128 bits of state are hashed from (seed, pixel, stream,
 /// index, block), so any sample can be computed alone.
@@ -73,11 +73,11 @@ impl PointSet for Random {
 ///
 /// # Limits
 ///
-/// * The count must be known beforehand. An unfinished grid is a random subset of its cells, hardly better than
-///   [`Random`] if it is small.
+/// * The count must be known in advance. A partly used grid is a random subset of its cells, hardly better than [`Random`] if
+///   the subset is small.
 /// * Projections on one axis have only `strata` strata.
-/// * Samples beyond `strata²` start another grid with its own order and jitter. Multiples of `strata²` are stratified,
-///   but no finer.
+/// * Samples beyond `strata²` start another grid with its own order and jitter. Multiples of `strata²` samples are stratified,
+///   but no more finely.
 ///
 /// Name: `stratified`. Parameters: `seed`, `strata` (along each axis).
 #[derive(Clone, Copy, Debug)]
@@ -107,7 +107,7 @@ impl Stratified {
         self.strata * self.strata
     }
 
-    /// The point in `[0, 1)^2` that the random bits `jitter` select in cell `cell`.
+    /// Returns the point in `[0, 1)^2` that the random bits `jitter` select in cell `cell`.
     #[inline]
     fn point(&self, cell: u32, jitter: u64) -> [f32; 2] {
         let [jx, jy] = halves(jitter);
@@ -117,8 +117,8 @@ impl Stratified {
     }
 }
 
-/// The coordinate in stratum `k` of `n` that `jitter` selects, in units of 2^-32, with 24 significant bits. Integer
-/// arithmetic keeps points from rounding into the next cell.
+/// Returns the coordinate that `jitter` selects in stratum `k` of `n`, in units of 2^-32, with 24 significant bits. Integer
+/// arithmetic prevents points from being rounded into the next cell.
 #[inline]
 fn in_stratum(k: u32, n: u32, jitter: u32) -> u32 {
     let start = (u64::from(k) << 24).div_ceil(u64::from(n));
@@ -146,7 +146,7 @@ impl PointSet for Stratified {
         [a, b, c, d]
     }
 
-    /// Returns the next multiple of `strata²` from `n` on.
+    /// Returns the smallest multiple of `strata²` of at least `n`.
     fn preferred_count(&self, n: u64) -> u64 {
         n.max(1).checked_next_multiple_of(u64::from(self.cells())).unwrap_or(n)
     }

@@ -1,17 +1,18 @@
-//! Owen-scrambled Sobol' pairs, padded: the default point set.
+//! Pairs of Owen-scrambled Sobol' points, combined at random: the default point set.
 
 use crate::keys::{Seed, halves, nth_key, unit};
 use dapple_core::{PointSet, SampleId};
 use pulp::{Arch, NullaryFnOnce};
 
-/// Owen-scrambled (0,2)-sequences, padded: [after Burley 2020] with the hash of [Vegdahl 2021].
+/// Owen-scrambled (0,2)-sequences, one per pair of coordinates, combined at random (padded) [after Burley 2020], with the hash
+/// of [Vegdahl 2021].
 ///
-/// Each 2-D pair is the first two dimensions of Sobol's sequence. Nested uniform (Owen) scrambles shuffle its index and
-/// scramble both coordinates. Therefore
+/// Each pair uses the first two dimensions of Sobol's sequence. Nested uniform (Owen) scrambles shuffle the index and scramble
+/// both coordinates. Therefore
 ///
-/// * each pair is a (0,k,2)-net: any `2^k` samples from a multiple of `2^k` on have exactly one point in each of the
-///   `2^k` elementary intervals of any shape;
-/// * every prefix is good, not only powers of two;
+/// * each pair is a (0,k,2)-net: any `2^k` samples whose first index is a multiple of `2^k` have exactly one point in each of
+///   the `2^k` elementary intervals of any shape;
+/// * every prefix is well distributed, not only powers of two;
 /// * pairs, blocks, streams, pixels and seeds are independent of each other.
 ///
 /// ```
@@ -32,10 +33,10 @@ use pulp::{Arch, NullaryFnOnce};
 ///
 /// # Limits
 ///
-/// The relation between two pairs is random. An integrand of three or four coordinates gains only as far as pairs
-/// explain it. On a product of four coordinates, the first four dimensions of Sobol's sequence have 1.6x less RMSE at
-/// 16 samples and 3.5x less at 64. On integrands of two coordinates, the third and fourth dimensions have up to 3.7x
-/// more RMSE than a pair here, since they are not a net.
+/// The relation between two pairs is random. An integrand of three or four coordinates benefits only from the stratification
+/// within pairs. On a product of four coordinates, the first four dimensions of Sobol's sequence have 1.6x less RMSE at 16
+/// samples and 3.5x less at 64. On integrands of two coordinates, the third and fourth dimensions have up to 3.7x more RMSE
+/// than a pair here, since they are not a net.
 ///
 /// Name: `sobol`. Parameters: `seed`.
 #[derive(Clone, Copy, Debug)]
@@ -68,23 +69,23 @@ impl PointSet for Sobol {
         self.arch.dispatch(Points { seed: self.seed, id, blocks })
     }
 
-    /// Returns `2^32`. Until then all samples of a pair lie in different elementary intervals of `2^-16 x 2^-16`, so no
-    /// two `(x, y)` are equal.
+    /// Returns `2^32`. Before that, all samples of a pair are in different elementary intervals of `2^-16 x 2^-16`, so no two
+    /// points `(x, y)` are equal.
     ///
-    /// Single coordinates repeat after `2^24` samples, since an `f32` has no more bits. The render loop refuses later
-    /// samples. Requested directly, they come from a newly scrambled sequence for each `2^32`.
+    /// Single coordinates repeat after `2^24` samples, since an `f32` has no more bits. The render loop rejects samples beyond
+    /// `2^32`. If requested directly, they come from a newly scrambled sequence for each `2^32`.
     fn capacity(&self) -> u64 {
         1 << 32
     }
 
-    /// Returns the next of 1, 2, 3, 4, 6, 8, 12, 16, 24, … from `n` on. A power of two is a net. One and a half times a
-    /// power of two is two nets; each interval of the smaller one holds three points.
+    /// Returns the smallest of 1, 2, 3, 4, 6, 8, 12, 16, 24, … that is at least `n`. A power of two is a net. One and a half
+    /// times a power of two is two nets, and each interval of the smaller one contains three points.
     fn preferred_count(&self, n: u64) -> u64 {
         preferred_count(n)
     }
 }
 
-/// The next of 1, 2, 3, 4, 6, 8, 12, 16, 24, … from `n` on.
+/// Returns the smallest of 1, 2, 3, 4, 6, 8, 12, 16, 24, … that is at least `n`.
 pub(crate) fn preferred_count(n: u64) -> u64 {
     let Some(power) = n.max(1).checked_next_power_of_two() else {
         return n;
@@ -92,7 +93,7 @@ pub(crate) fn preferred_count(n: u64) -> u64 {
     if power >= 4 && n <= power / 4 * 3 { power / 4 * 3 } else { power }
 }
 
-/// The computation of N blocks of one sample, compiled for each set of vector instructions that the machine may have.
+/// The computation of `N` blocks of one sample, compiled for each set of vector instructions that the machine may have.
 struct Points<const N: usize> {
     seed: Seed,
     id: SampleId,
@@ -136,11 +137,11 @@ pub(crate) fn pack(low: u32, high: u32) -> u64 {
     u64::from(low) | u64::from(high) << 32
 }
 
-/// A nested uniform scramble of a number with reversed bits. A hash of the key and the bits below flips each bit, so
-/// equal leading digits stay equal.
+/// Returns a nested uniform scramble of a number with reversed bits. Each bit is flipped by a hash of the key and the lower
+/// bits, so equal leading digits stay equal.
 ///
-/// The hash is in the style of Laine and Karras [Burley 2020], with the constants of [Vegdahl 2021]. The key must be
-/// random already.
+/// The hash is in the style of Laine and Karras [Burley 2020], with the constants of [Vegdahl 2021]. The key must already be
+/// random.
 #[inline(always)]
 pub(crate) fn owen_reversed(reversed: u32, key: u32) -> u32 {
     let mut n = reversed;
@@ -151,13 +152,12 @@ pub(crate) fn owen_reversed(reversed: u32, key: u32) -> u32 {
     n ^ n.wrapping_mul(0x53a2_2864)
 }
 
-/// The second dimension of Sobol's sequence for two indices at once, bits reversed: bit `j` counts from the binary
-/// point.
+/// Returns the second dimension of Sobol's sequence for two indices at once, with reversed bits: bit `j` is the digit number
+/// `j` after the binary point.
 ///
-/// Its generator matrix is Pascal's triangle modulo 2 [after Sobol' 1967]. By Lucas' theorem `C(k, j)` is odd exactly
-/// if the ones of `j` are among those of `k`.
-/// So bit `j` of the result is the parity of all index bits `k` that contain `j`: a sum over supersets, with one step
-/// for each of the five bits of `k`.
+/// Its generator matrix is Pascal's triangle modulo 2 [after Sobol' 1967]. By Lucas' theorem `C(k, j)` is odd exactly if the
+/// ones of `j` are among those of `k`. Bit `j` of the result is therefore the parity of all index bits `k` whose ones include
+/// those of `j`: a sum over supersets, with one step for each of the five bits of `k`.
 #[inline(always)]
 pub(crate) const fn sobol1_reversed(index: u64) -> u64 {
     let mut y = index;

@@ -1,6 +1,6 @@
 //! The named groups of random numbers that integrators use. A group is four dimensions of a sample.
 //!
-//! An effect that a scene lacks requests no group. Its absence does not change the random numbers of any other group.
+//! An effect that a scene lacks requests no group. Without it, the random numbers of all other groups stay the same.
 
 use dapple_core::Block;
 
@@ -19,18 +19,18 @@ const STRIDE: u32 = 2;
 
 /// The first group for events along a ray through a medium; see [`medium`].
 const MEDIUM: Block = Block::new(1 << 28);
-/// The first group for events at a surface that rays may pass; see [`surface`].
+/// The first group for hits at surfaces that rays may pass without scattering; see [`surface`].
 const SURFACE: Block = Block::new(1 << 29);
 
-/// Returns the group for a scattering event: the point on a light (dimensions 0 and 1) and the scattered direction (2
-/// and 3). `vertex` counts the path's scattering events from 0.
+/// Returns the group for a scattering event: the point on a light (dimensions 0 and 1) and the scattered direction (2 and 3).
+/// `vertex` is the number of scattering events before this one.
 #[inline]
 pub const fn scatter(vertex: u32) -> Block {
     SCATTER.at(vertex, STRIDE)
 }
 
-/// Returns the group for the choices at a scattering event: the light (dimension 0), the BSDF lobe (1) and Russian
-/// roulette (2). `vertex` counts the path's scattering events from 0.
+/// Returns the group for the choices at a scattering event: the light (dimension 0), the BSDF lobe (1) and Russian roulette
+/// (2). `vertex` is the number of scattering events before this one.
 ///
 /// Requested only where at least one of these choices has several outcomes.
 #[inline]
@@ -38,8 +38,8 @@ pub const fn choose(vertex: u32) -> Block {
     CHOOSE.at(vertex, STRIDE)
 }
 
-/// Returns the group for a ray in a medium: the color channel (dimension 0), the distance (1) and the scattered
-/// direction (2 and 3). `ray` counts the path's rays from the camera, shadow rays not included.
+/// Returns the group for a ray in a medium: the color channel (dimension 0), the distance (1) and the scattered direction (2
+/// and 3). `ray` is the number of the ray on the path from the camera, not counting shadow rays.
 ///
 /// Requested only in media that scatter.
 #[inline]
@@ -47,8 +47,8 @@ pub const fn medium(ray: u32) -> Block {
     MEDIUM.at(ray, 1)
 }
 
-/// Returns the group for a hit at a passable surface: opacity (dimension 0) and the selection among mixed materials
-/// (1). `ray` counts the path's rays from the camera, shadow rays not included.
+/// Returns the group for a hit at a surface that rays may pass: opacity (dimension 0) and the selection among mixed materials
+/// (1). `ray` is the number of the ray on the path from the camera, not counting shadow rays.
 ///
 /// Requested only where alpha is between 0 and 1 or materials are mixed.
 #[inline]

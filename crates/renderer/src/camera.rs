@@ -7,7 +7,7 @@ use dapple_geometry::{Motion, Ray};
 use dapple_scene::{Camera, Projection};
 use glam::{DAffine3, DMat3, DVec3, Mat3, Vec2, Vec3};
 
-/// A camera prepared to make rays, in the renderer's space (the scene scaled and moved; see [`Space`]).
+/// A camera prepared to generate rays, in the renderer's space (the scene scaled and moved; see [`Space`]).
 #[derive(Clone, Debug)]
 pub struct CameraView {
     origin: Vec3,
@@ -30,9 +30,9 @@ pub struct CameraView {
     motion: Option<Box<(Motion, f64)>>,
 }
 
-/// The kind of camera that makes rays. It is a type parameter, so that a pinhole carries no code for a lens or motion.
+/// A kind of camera. It is a type parameter, so that the code for a pinhole contains none for lenses or motion.
 pub trait Lens: Sync {
-    /// Returns the ray through the position `place`, in pixels from the image's centre with y downwards. `on_lens` in
+    /// Returns the ray through the image position `place`, in pixels from the image's centre with y downwards. `on_lens` in
     /// `[0, 1)^2` selects the point on the lens.
     fn ray(view: &CameraView, place: Vec2, on_lens: [f32; 2]) -> Ray;
 
@@ -56,8 +56,8 @@ pub struct ThinLens;
 #[derive(Clone, Copy, Debug)]
 pub struct General;
 
-/// Returns the columns of a camera's transform divided by a power of two, and that power. Returns `None` if the
-/// columns are not finite or lie in a plane.
+/// Returns the columns of a camera's transform divided by a power of two, and that power. Returns `None` if the transform is
+/// not finite or not invertible.
 fn axes(given: DMat3) -> Option<(DMat3, f64)> {
     let longest = given.to_cols_array().into_iter().fold(0.0, |m: f64, x| m.max(x.abs()));
     if !given.is_finite() || longest == 0.0 {
@@ -71,10 +71,10 @@ fn axes(given: DMat3) -> Option<(DMat3, f64)> {
     (axes.determinant().abs() > 1e-20).then_some((axes, size))
 }
 
-/// The error of a transform that is not finite or not invertible.
+/// Returns the error for a camera transform that is not finite or not invertible.
 fn pose_error(camera: &Camera) -> SceneError {
-    let what = "the camera's transform is not finite or flattens space; check LookAt (eye and target must differ, up must \
-                not lie along the view) and scales";
+    let what = "the camera's transform is not finite or not invertible; check its scales and LookAt (eye and target must \
+                differ, and up must not be parallel to the view direction)";
     SceneError::new(&camera.source, what)
 }
 
@@ -114,7 +114,7 @@ impl CameraView {
         let (unit, orthographic) = match camera.projection {
             Projection::Perspective { fov } if fov > 0.0 && fov < 180.0 => ((fov.to_radians() * 0.5).tan(), false),
             Projection::Perspective { fov } => {
-                let what = "is invalid; give an angle above 0 and below 180";
+                let what = "is invalid; use an angle above 0 and below 180";
                 return Err(wrong(format!("a field of view of {fov} degrees {what}")));
             }
             Projection::Orthographic => (length, true),
@@ -123,7 +123,7 @@ impl CameraView {
         let fits = camera.lens_radius > 0.0 && lens_radius < 1e15 && focal_distance > 0.0 && focal_distance < 1e15;
         if camera.lens_radius != 0.0 && !fits {
             return Err(wrong(format!(
-                "a lens of radius {} focused at {} is invalid; give a radius of at least 0 and a finite distance above 0",
+                "a lens of radius {} focused at {} is invalid; use a radius of at least 0 and a finite distance above 0",
                 camera.lens_radius, camera.focal_distance
             )));
         }
@@ -148,8 +148,8 @@ impl CameraView {
         Ok(Self { origin, axes, half, step, shift, lens_radius, focal_distance, orthographic, motion })
     }
 
-    /// Returns the camera with the pose in which the shutter opens as its resting pose, which [`Self::world_to_clip`] uses.
-    /// It stands still if the shutter closes at the same time.
+    /// Returns the camera with the pose at shutter opening as its resting pose, which [`Self::world_to_clip`] uses. Removes
+    /// the motion if the shutter closes at the same time.
     pub(crate) fn while_open(mut self, [opens, closes]: [f32; 2]) -> Self {
         (self.origin, self.axes) = self.pose(opens);
         self.motion = self.motion.filter(|_| opens != closes);
@@ -169,8 +169,8 @@ impl CameraView {
         }
     }
 
-    /// Returns a position in pixels from the image's centre, from a pixel and an offset from the pixel's centre (in
-    /// pixels, y downwards).
+    /// Returns the position of a point of `pixel`, in pixels from the image's centre. `offset` is the point's distance from
+    /// the pixel's centre, in pixels with y downwards.
     ///
     /// The image's centre is subtracted from the integer pixel coordinate first, so that positions near pixel 65535
     /// keep their precision.
@@ -185,7 +185,7 @@ impl CameraView {
         self.step.min_element()
     }
 
-    /// Returns the width that a pixel covers at a distance along a ray, both in units of the renderer's space.
+    /// Returns the width of a pixel's footprint at `distance` along a ray, in units of the renderer's space.
     #[inline]
     pub fn footprint(&self, distance: f32) -> f32 {
         if self.orthographic { self.pixel_width() * self.axes.x_axis.length() } else { distance * self.pixel_width() }
@@ -227,7 +227,7 @@ impl CameraView {
         self.motion.is_some()
     }
 
-    /// Returns true if the camera is orthographic or moves. Only [`General`] then makes its rays.
+    /// Returns true if the camera is orthographic or moves. Its rays must then be generated by [`General`].
     pub fn is_general(&self) -> bool {
         self.orthographic || self.moves()
     }
@@ -238,8 +238,8 @@ impl CameraView {
         self.ray_at(self.place(pixel, offset), on_lens, 0.0)
     }
 
-    /// Returns the camera ray through a position made by [`place`](Self::place), at a time in `[0, 1]`. `on_lens` in
-    /// `[0, 1)^2` selects the point on the lens.
+    /// Returns the camera ray through a position returned by [`place`](Self::place), at a time in `[0, 1]`. `on_lens` in `[0,
+    /// 1)^2` selects the point on the lens.
     pub fn ray_at(&self, place: Vec2, on_lens: [f32; 2], time: f32) -> Ray {
         match (self.is_general(), self.has_lens()) {
             (true, _) => General::ray_at(self, place, on_lens, time),
@@ -248,11 +248,11 @@ impl CameraView {
         }
     }
 
-    /// Returns the rows of the matrix from points `[x, y, z, 1]` in the renderer's space to this image's clip space.
+    /// Returns the rows of the matrix that transforms points `[x, y, z, 1]` of the renderer's space to the image's clip space.
     ///
-    /// Points in front of the eye have `w > 0`. Points inside the image have `x / w` and `y / w` in `[-1, 1]`. The
-    /// lens is treated as a pinhole, and a moving camera is in its resting pose. For an orthographic camera, `w` is 1
-    /// and the third row is positive in front of the camera.
+    /// Points in front of the eye have `w > 0`. Points inside the image have `x / w` and `y / w` in `[-1, 1]`. The lens is
+    /// treated as a pinhole, and a moving camera is in its resting pose. For an orthographic camera, `w` is 1, and points in
+    /// front of the camera have a positive `z`.
     pub fn world_to_clip(&self) -> [[f32; 4]; 4] {
         let to_camera = self.axes.inverse();
         let [x, y, z] = [to_camera.row(0), to_camera.row(1), to_camera.row(2)];
@@ -269,9 +269,9 @@ impl CameraView {
         [across, down, row(z), row(z)]
     }
 
-    /// Returns the signed radius of the lens' blur at infinite depth, in pixels along columns and rows, and its change with the inverse
-    /// depth in camera space. Returns `None` without a lens, and for an orthographic camera, whose blur is not linear in the
-    /// inverse depth.
+    /// Returns the constant and the slope of the lens blur's signed radius, which is linear in the inverse depth in camera
+    /// space. The constant is the radius at infinite depth. Both are in pixels along columns and rows. Returns `None` without
+    /// a lens, and for an orthographic camera, whose blur is not linear in the inverse depth.
     pub fn defocus(&self) -> Option<[[f32; 2]; 2]> {
         let usable = self.has_lens() && !self.orthographic;
         // A row further down has a smaller y in camera space.
@@ -279,17 +279,17 @@ impl CameraView {
         usable.then(|| [(radius / self.focal_distance).to_array(), (-radius).to_array()])
     }
 
-    /// Returns the place of a point in the image, at a time in `[0, 1]` within the motion, and its depth along the view
-    /// direction in camera space. The place `(x, y)` is in pixels from the top left corner, as seen through the lens' centre,
-    /// and is returned as `(x w, y w, w)`. For an orthographic camera, `w` is 1.
+    /// Returns the image position of `point` at a time in `[0, 1]`, and its depth along the view direction in camera space.
+    /// The position `(x, y)` is in pixels from the top left corner, as seen through the lens' centre. It is returned as `(x w,
+    /// y w, w)`; `w` is 1 for an orthographic camera.
     pub(crate) fn project(&self, time: f32, point: DVec3) -> (DVec3, f64) {
         let (origin, axes) = self.pose(time);
         let inner = axes.as_dmat3().inverse() * (point - origin.as_dvec3());
         (self.homogeneous(inner, if self.orthographic { 1.0 } else { inner.z }), inner.z)
     }
 
-    /// Returns the place of an infinitely far point as [`Self::project`] does; `None` behind the camera, and for an
-    /// orthographic one.
+    /// Returns the image position of the point at infinity in `direction`, as [`Self::project`] does. Returns `None` for a
+    /// point behind the camera, and for an orthographic camera.
     pub(crate) fn project_direction(&self, time: f32, direction: DVec3) -> Option<DVec3> {
         let inner = self.pose(time).1.as_dmat3().inverse() * direction;
         (inner.z > 0.0 && !self.orthographic).then(|| self.homogeneous(inner, inner.z))
@@ -350,7 +350,7 @@ impl Lens for General {
 /// The camera ray through a point of the scene, found by [`CameraView::connect`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraConnection {
-    /// The place in the image, in pixels from the top left corner.
+    /// The position in the image, in pixels from the top left corner.
     pub place: Vec2,
     /// The start of the camera ray: the eye, a point on the lens, or a point on the screen of an orthographic camera.
     pub position: Vec3,
@@ -361,12 +361,12 @@ pub struct CameraConnection {
 }
 
 impl CameraView {
-    /// Returns the density of camera rays along a unit `direction` at a `distance` from their start, per unit of area
-    /// across them.
+    /// Returns the density of camera rays in the unit `direction`, per unit of area perpendicular to the rays, at `distance`
+    /// from their origin.
     ///
-    /// The rays are those of places that are uniform over the whole image, at a time in `[0, 1]`. For a perspective
-    /// camera, the density is the one per solid angle over the squared distance. With a lens, it holds for one point of
-    /// the lens. Returns 0 for directions that no ray has, behind the camera.
+    /// The rays pass through positions that are uniform over the whole image, at a time in `[0, 1]`. For a perspective camera,
+    /// the result is the density per solid angle divided by the squared distance. With a lens, it holds for one point of the
+    /// lens. Returns 0 for directions that point backwards.
     #[inline]
     pub fn density(&self, direction: Vec3, distance: f32, time: f32) -> f32 {
         let (_, axes) = self.pose(time);
@@ -386,7 +386,7 @@ impl CameraView {
     /// Returns the camera ray through a `point`, at a time in `[0, 1]`. `on_lens` in `[0, 1)^2` selects the point on the
     /// lens.
     ///
-    /// The place may lie outside the image. Returns `None` for points behind the camera, and at the camera itself.
+    /// The image position may lie outside the image. Returns `None` for points behind the camera, and at the camera itself.
     pub fn connect(&self, point: Vec3, on_lens: [f32; 2], time: f32) -> Option<CameraConnection> {
         let (origin, axes) = self.pose(time);
         let to_camera = axes.inverse();

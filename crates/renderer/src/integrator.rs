@@ -21,15 +21,15 @@ use dapple_core::Integrator;
 
 /// Returns the path tracer for a world, compiled without code for effects that the scene lacks.
 ///
-/// The image does not depend on the code left out.
+/// Code that is left out does not affect the image.
 pub fn integrator(world: &World) -> Box<dyn Integrator + '_> {
     integrator_with(world, 0)
 }
 
-/// Returns the path tracer for a world, with code for additional effects that the world lacks. `idle` is a combination
-/// of bits of [`code`].
+/// Returns the path tracer for a world, with code for additional effects that the world lacks. `idle` is a combination of the
+/// bits of [`code`].
 ///
-/// Serves to measure the cost of unused code, and to test that it does not change the image.
+/// Used to measure the cost of unused code, and to test that such code does not change the image.
 pub fn integrator_with(world: &World, idle: u32) -> Box<dyn Integrator + '_> {
     use code::{ENVIRONMENT, LEARNED_SELECTION, RARE, ROULETTE, SEVERAL_LIGHTS, TRANSMISSION, VARIED};
     let wanted = code::needed(world) | idle;
@@ -72,7 +72,7 @@ pub fn integrator_with(world: &World, idle: u32) -> Box<dyn Integrator + '_> {
     }
 }
 
-/// Returns the path tracer with another source of light at the vertices of its paths. It has code for all effects.
+/// Returns the path tracer with `light` as an additional source of light at path vertices. It has code for all effects.
 pub fn path_tracer_with<'w, G: VertexLight + 'w>(world: &'w World, light: G) -> Box<dyn Integrator + 'w> {
     use code::ALL;
     if world.lights().is_selection_learned() {

@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 //!
-//! [`World::new`] prepares a scene, [`integrator()`] returns its path tracer, and [`make_integrator`] makes any integrator by name.
+//! [`World::new`] prepares a scene, [`integrator()`] returns the path tracer for it, and [`make_integrator`] makes an
+//! integrator by name.
 
 #[cfg(test)]
 extern crate self as dapple_renderer;

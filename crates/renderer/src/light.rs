@@ -139,7 +139,7 @@ pub struct Lights {
     distribution: Discrete,
     pmf: Vec<f32>,
     environments: Vec<SelectableEnvironment>,
-    /// The number of lights if each environment counts as one.
+    /// The number of lights, with each environment counted as one.
     whole: usize,
     has_delta: bool,
     is_learned: bool,
@@ -152,14 +152,14 @@ struct SelectableEnvironment {
     whole: Arc<Environment>,
     /// The index of the environment's light, or of its first tile.
     light: u32,
-    /// The environment's tiles and the index of the second tile's light, if the environment is divided; further tiles
-    /// follow.
+    /// The environment's tiles, and the index of the light of the second tile, which those of further tiles follow. `None` if
+    /// the environment is not divided.
     tiles: Option<(Arc<Tiles>, u32)>,
 }
 
 impl SelectableEnvironment {
-    /// Returns the radiance from the unit direction `w`, the solid-angle density of `w` under light sampling once its
-    /// light is selected, and the index of that light.
+    /// Returns the radiance from the unit direction `w`, and the index of the light that it belongs to. Also returns the
+    /// solid-angle density with which that light samples `w`, once it is selected.
     #[inline(always)]
     fn find(&self, w: Vec3) -> (Vec3, f32, u32) {
         match &self.tiles {
@@ -176,7 +176,7 @@ impl SelectableEnvironment {
 }
 
 impl Lights {
-    /// Makes the set of lights, selected in proportion to their power. Every light must emit something.
+    /// Makes the set of lights, selected in proportion to their power. Each light must emit light.
     pub(crate) fn new(lights: Vec<Light>, scene: SceneSphere) -> Self {
         let environment = |(light, of): (usize, &Light)| match of {
             Light::Environment(whole) => {
@@ -224,7 +224,7 @@ impl Lights {
         }
     }
 
-    /// Makes each divided environment map a single light again.
+    /// Restores each divided environment map to a single light.
     fn join_tiles(&mut self) {
         self.lights.truncate(self.whole);
         for environment in &mut self.environments {
@@ -233,7 +233,7 @@ impl Lights {
         }
     }
 
-    /// Returns an approximation of each light's contribution, which learned selection uses before it has samples.
+    /// Returns an approximation of each light's contribution. Learned selection uses it until it has samples.
     pub(crate) fn expectations(&self) -> Vec<Expectation> {
         self.lights.iter().map(LightSource::expectation).collect()
     }
@@ -254,13 +254,13 @@ impl Lights {
         self.is_learned && self.lights.len() > 1
     }
 
-    /// Returns true if there is an environment among the lights.
+    /// Returns true if one of the lights is an environment.
     #[inline]
     pub fn has_environment(&self) -> bool {
         !self.environments.is_empty()
     }
 
-    /// Returns true if a light has no extent: a point, a spot or a distant light.
+    /// Returns true if a light is a delta light: a point, a spot or a distant light.
     #[inline]
     pub fn has_delta(&self) -> bool {
         self.has_delta
@@ -276,8 +276,8 @@ impl Lights {
         sum
     }
 
-    /// Returns the radiance of all environments from a direction that BSDF sampling chose with solid-angle density
-    /// `bsdf_pdf`, with its multiple-importance weights.
+    /// Returns the radiance of all environments from a direction that BSDF sampling chose with the solid-angle density
+    /// `bsdf_pdf`, including multiple-importance weights.
     ///
     /// The weight of each environment is the power heuristic against light sampling. `pmf` returns the probability
     /// with which light sampling selects a light: [`Lights::pmf`] if directions come from [`Lights::sample`].
@@ -291,8 +291,8 @@ impl Lights {
         sum
     }
 
-    /// Samples light that arrives at the point `from`. `choice` in `[0, 1)` selects a light, and `u` in `[0, 1)^2` a
-    /// direction to it.
+    /// Samples light that arrives at the point `from`. `choice` in `[0, 1)` selects a light, and `u` in `[0, 1)^2` a direction
+    /// to it.
     ///
     /// The density includes the probability of selecting the light. Returns `None` if no light arrives from the
     /// sampled direction.
@@ -301,7 +301,7 @@ impl Lights {
         self.sample_selected(self.select(choice)?, from, u)
     }
 
-    /// Selects a light by a random number `u` in `[0, 1)`. Returns `None` if there is no light.
+    /// Selects a light by a random number `u` in `[0, 1)`. Returns `None` if the scene has no light.
     #[inline(always)]
     pub fn select(&self, u: f32) -> Option<SelectedLight> {
         match self.lights.len() {
@@ -329,14 +329,14 @@ impl Lights {
         self.direction_pdf(light, from, point) * self.pmf(light)
     }
 
-    /// Returns the density as [`Lights::pdf`] does, without the probability of selecting the light.
+    /// Returns the same density as [`Lights::pdf`], but without the probability of selecting the light.
     #[inline(always)]
     pub fn direction_pdf(&self, light: u32, from: Vec3, point: &SurfacePoint) -> f32 {
         self.lights[light as usize].pdf(from, point)
     }
 
-    /// Returns the radiance that a point of an area light emits in a direction. `cosine` is taken between the direction
-    /// and the normal of the emitting side. Black for other lights and unused indices.
+    /// Returns the radiance that a point of an area light emits in a direction. `cosine` is the cosine between that direction
+    /// and the normal of the emitting side. Returns black for other lights and unused indices.
     #[inline(always)]
     pub fn emitted(&self, light: u32, point: &SurfacePoint, cosine: f32) -> Vec3 {
         let Some(light) = self.lights.get(light as usize) else { return Vec3::ZERO };
@@ -354,12 +354,12 @@ impl Lights {
         self.pmf[light as usize]
     }
 
-    /// Samples a ray that leaves a light: the light by `choice` in `[0, 1)`, as [`Lights::select`] does; the place on it
-    /// and the direction by `place` and `towards` in `[0, 1)^2`.
+    /// Samples a ray that leaves a light. `choice` in `[0, 1)` selects the light as [`Lights::select`] does. `place` and
+    /// `towards` in `[0, 1)^2` select the point on the light and the direction.
     ///
-    /// Places are uniform on area lights. Light from infinity leaves a disk of the radius of the sphere around the
-    /// scene, across its direction. Directions follow the cosine of a surface, the texels of an environment, and the
-    /// cone of a spot. Returns `None` if no light leaves there.
+    /// Points are uniform on area lights. Light from infinity leaves a disk perpendicular to its direction, with the radius of
+    /// the scene's bounding sphere. Directions are sampled by the cosine at a surface, the texels of an environment, and the
+    /// cone of a spot. Returns `None` if the light emits nothing in the sampled direction.
     pub fn sample_emission(&self, choice: f32, place: [f32; 2], towards: [f32; 2]) -> Option<EmittedLight> {
         self.sample_emission_of(self.select(choice)?, place, towards)
     }
@@ -378,34 +378,35 @@ impl Lights {
         (flux != Vec3::ZERO && flux.is_finite()).then_some(emitted)
     }
 
-    /// Returns the densities with which [`Lights::sample_emission`] samples a ray in the unit `direction` from a point
-    /// of the light, once the light is selected.
+    /// Returns the densities with which [`Lights::sample_emission`] samples a ray in the unit `direction` from a point of the
+    /// light, once the light is selected.
     ///
-    /// `point` is on an area light, with its normal on the emitting side; other lights ignore it. A direction into which
-    /// nothing is emitted has density 0. A distant light has density 1 for every direction, since it has only one.
+    /// For an area light, `point` is on the light, with its normal on the emitting side; other lights ignore it. A direction
+    /// into which nothing is emitted has density 0. A distant light has density 1 for every direction, since it has only one.
     pub fn emission_pdf(&self, light: u32, point: &SurfacePoint, direction: Vec3) -> EmissionPdf {
         self.lights[light as usize].emission_pdf(&self.scene, point, direction)
     }
 
     /// Returns the solid-angle density with which [`Lights::sample_emission`] samples light that arrives from the unit
-    /// direction `w` out of an environment, with the selection of its light. Returns 0 without an environment.
+    /// direction `w` out of an environment. It includes the probability of selecting the light. Returns 0 without an
+    /// environment.
     pub fn environment_emission_pdf(&self, w: Vec3) -> f32 {
         let density = |(_, pdf, light): (Vec3, f32, u32)| pdf * self.pmf(light);
         self.environments.iter().map(|environment| density(environment.find(w))).sum()
     }
 
-    /// Returns the luminance of a light's radiant power. An environment or a distant light counts with the power that enters
-    /// the sphere around the scene.
+    /// Returns the luminance of a light's radiant power. For an environment or a distant light, this is the power that enters
+    /// the scene's bounding sphere.
     pub fn power(&self, light: u32) -> f64 {
         std::f64::consts::PI * self.lights[light as usize].power(f64::from(self.scene.radius))
     }
 
-    /// Returns true if a light has no extent: a point, a spot or a distant light.
+    /// Returns true for a delta light: a point, a spot or a distant light.
     pub fn is_delta(&self, light: u32) -> bool {
         self.lights[light as usize].is_delta()
     }
 
-    /// Returns the centre and the radius of a sphere around a light; `None` for light from infinity.
+    /// Returns the centre and the radius of a light's bounding sphere; `None` for light from infinity.
     pub fn light_sphere(&self, light: u32) -> Option<(Vec3, f32)> {
         match self.lights[light as usize].expectation() {
             Expectation::Near { middle, radius, .. } => Some((middle, radius)),
@@ -413,7 +414,7 @@ impl Lights {
         }
     }
 
-    /// Returns the centre, the radius and the radiance of a light that is a ball shining outwards; `None` for others.
+    /// Returns the centre, the radius and the radiance of a sphere that emits outwards; `None` for other lights.
     pub fn ball(&self, light: u32) -> Option<(Vec3, f32, Vec3)> {
         match &self.lights[light as usize] {
             Light::Sphere(sphere) => sphere.seen_from_outside(),
@@ -421,7 +422,7 @@ impl Lights {
         }
     }
 
-    /// Returns the largest radiant intensity of a point or spot light; `None` for others.
+    /// Returns the largest radiant intensity of a point or spot light; `None` for other lights.
     pub fn intensity(&self, light: u32) -> Option<Vec3> {
         match &self.lights[light as usize] {
             Light::Point(point) => Some(point.intensity),
@@ -430,7 +431,7 @@ impl Lights {
         }
     }
 
-    /// Returns the centre and the radius of the sphere around the scene.
+    /// Returns the centre and the radius of the scene's bounding sphere.
     pub fn scene_sphere(&self) -> (Vec3, f32) {
         (self.scene.centre, self.scene.radius)
     }

@@ -38,9 +38,9 @@ pub struct Surface {
     pub(crate) transmits: bool,
     /// True for an interface: a boundary between media that light passes without scattering.
     pub(crate) interface: bool,
-    /// True for a surface that only the camera sees, and shows it its albedo.
+    /// True for an unlit surface, which only the camera sees, with its albedo as radiance.
     pub(crate) unlit: bool,
-    /// True for a mix of two other materials, of which [`resolve`] selects one at each hit.
+    /// True for a mix of two materials; [`resolve`] selects one of them at each hit.
     pub(crate) mixes: bool,
 }
 
@@ -144,7 +144,7 @@ impl Surface {
         let mut surface = Self::of_kind(&material.kind).map_err(&wrong)?;
         let bump = match material.bump {
             Some(Scalar::Constant(height)) if !height.is_finite() => {
-                return Err(wrong(format!("a bump of {height} is invalid; give a finite height")));
+                return Err(wrong(format!("a bump height of {height} is invalid; use a finite number")));
             }
             // A constant height tilts no normal.
             Some(Scalar::Constant(_)) | None => None,
@@ -201,7 +201,7 @@ impl Surface {
             }
             MaterialKind::Mix { materials, amount } => {
                 if matches!(amount, Scalar::Constant(a) if !(0.0..=1.0).contains(a)) {
-                    return Err("the amount of a mix is a share: give a number from 0 to 1".into());
+                    return Err("the amount of a mix is invalid; use a number from 0 to 1".into());
                 }
                 let textured = matches!(amount, Scalar::Texture(_));
                 let kind = Kind::Mix { materials: materials.map(|m| m.0), amount: *amount };
@@ -215,12 +215,12 @@ impl Surface {
         })
     }
 
-    /// Makes the surface of a kind without any of the features for which integrators have code.
+    /// Makes the surface of a kind with all flags unset.
     fn of(kind: Kind) -> Self {
         Self { kind, ..Self::default() }
     }
 
-    /// Notes that scattering depends on these colors and nothing else. It is black if all are black.
+    /// Sets the flags of a surface whose scattering depends on these colors only. The surface is black if all colors are.
     fn colors(self, colors: &[Color]) -> Self {
         let textured = colors.iter().any(|c| matches!(c, Color::Texture(_)));
         let black = colors.iter().all(|c| *c == Color::Constant([0.0; 3]));
@@ -251,7 +251,7 @@ impl Surface {
         matches!(self.kind, Kind::Diffuse(Color::Constant(_))) && !self.bumped && !self.unlit
     }
 
-    /// Returns the BSDF of a [plain](Self::is_plain) material; a black one for any other material.
+    /// Returns the BSDF of a [plain](Self::is_plain) material; a black BSDF for any other material.
     #[inline(always)]
     pub(crate) fn plain(&self) -> Bsdf<'_> {
         let reflectance = match self.kind {
@@ -261,8 +261,7 @@ impl Surface {
         Bsdf::Diffuse { reflectance }
     }
 
-    /// Returns the BSDF at a point. Interfaces, and mixes that are not resolved to one
-    /// of their materials, scatter nothing.
+    /// Returns the BSDF at a point. Interfaces, and mixes that are not resolved to one of their materials, scatter nothing.
     #[inline(always)]
     pub fn bsdf(&self, textures: &Textures, point: impl Into<TexturePoint>) -> Bsdf<'_> {
         // A constant color was clamped when the material was prepared.
@@ -353,7 +352,7 @@ impl Widths {
         }
     }
 
-    /// Returns the microfacet distribution at a point, also where the surface counts as smooth.
+    /// Returns the microfacet distribution at a point, even if the surface counts as smooth there.
     #[inline]
     fn rough(&self, textures: &Textures, point: TexturePoint) -> TrowbridgeReitz {
         match self {
@@ -382,14 +381,14 @@ fn layered(
 ) -> Result<Surface, String> {
     let part = |value: f32, what: &str| match (0.0..=1.0).contains(&value) {
         true => Ok(value),
-        false => Err(format!("{what} of {value} is invalid; give a number from 0 to 1")),
+        false => Err(format!("{what} of {value} is invalid; use a number from 0 to 1")),
     };
     let (base, widths) = (share(base)?, Widths::new(roughness)?);
     for value in normal.into_iter().chain([grazing]) {
         part(value, "a reflectance")?;
     }
     if let Scalar::Constant(metallic) = metallic {
-        part(metallic, "a share of metal")?;
+        part(metallic, "a fraction of metal")?;
     }
     let coat = match coat {
         Some(coat) => {
@@ -429,7 +428,7 @@ fn conductor(fresnel: &ConductorFresnel) -> Result<Metal, String> {
     Ok(match fresnel {
         ConductorFresnel::EtaK { eta, k } => {
             if eta.iter().chain(k).any(|x| !(x.is_finite() && *x >= 0.0)) {
-                return Err(format!("a metal of eta {eta:?}, k {k:?} is invalid; give numbers of at least 0"));
+                return Err(format!("a metal with eta {eta:?} and k {k:?} is invalid; use numbers of at least 0"));
             }
             Metal::Known(ComplexIor { eta: Vec3::from_array(*eta), k: Vec3::from_array(*k) })
         }
@@ -440,12 +439,11 @@ fn conductor(fresnel: &ConductorFresnel) -> Result<Metal, String> {
     })
 }
 
-/// Checks a color that is a fraction of light and clamps a constant one to `[0, 1]`. Textures are clamped when they
-/// are looked up.
+/// Checks a color that is a fraction of light, and clamps constant colors to `[0, 1]`. Textures are clamped at look-up.
 fn share(color: &Color) -> Result<Color, String> {
     match color {
         Color::Constant(rgb) if rgb.iter().any(|x| !(x.is_finite() && *x >= 0.0)) => {
-            Err(format!("a reflectance of {rgb:?} is invalid; give numbers of at least 0"))
+            Err(format!("a reflectance of {rgb:?} is invalid; use numbers of at least 0"))
         }
         Color::Constant(rgb) => Ok(Color::Constant(rgb.map(|c| c.clamp(0.0, 1.0)))),
         texture => Ok(*texture),
@@ -455,14 +453,14 @@ fn share(color: &Color) -> Result<Color, String> {
 fn index(eta: f32) -> Result<f32, String> {
     match (0.1..=10.0).contains(&eta) {
         true => Ok(eta),
-        false => Err(format!("an index of refraction of {eta} is invalid; give one from 0.1 to 10 (glass has 1.5)")),
+        false => Err(format!("an index of refraction of {eta} is invalid; use 0.1 to 10 (glass has 1.5)")),
     }
 }
 
 fn coat_options(coat: &Coating) -> Result<CoatOptions, String> {
     let Coating { eta, thickness, max_depth, .. } = *coat;
     if coat.albedo != Color::Constant([0.0; 3]) {
-        return Err("a coat that scatters (\"albedo\" above 0) is not supported: leave it out".into());
+        return Err("a scattering coat (\"albedo\" above 0) is not supported; set its albedo to 0".into());
     }
     Ok(CoatOptions { eta, alpha: alpha(&coat.roughness)?, thickness, max_depth })
 }
@@ -470,7 +468,7 @@ fn coat_options(coat: &Coating) -> Result<CoatOptions, String> {
 fn alpha(roughness: &Roughness) -> Result<[f32; 2], String> {
     let constants = roughness
         .constants()
-        .ok_or("the roughness of a coat, or of a metal below one, from a texture is not supported: give a number")?;
+        .ok_or("a roughness texture is not supported for a coat or for a metal below a coat; use a number")?;
     let alpha = constants.map(|r| match roughness.remap {
         true => roughness_to_alpha(r),
         false => r,
@@ -478,7 +476,7 @@ fn alpha(roughness: &Roughness) -> Result<[f32; 2], String> {
     match constants.iter().all(|r| r.is_finite() && *r >= 0.0) {
         true => Ok(alpha),
         false => {
-            Err(format!("a roughness of {}, {} is invalid; give numbers of at least 0", constants[0], constants[1]))
+            Err(format!("a roughness of {}, {} is invalid; use numbers of at least 0", constants[0], constants[1]))
         }
     }
 }

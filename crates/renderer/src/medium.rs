@@ -26,7 +26,7 @@ pub struct Medium {
     phase: HenyeyGreenstein,
 }
 
-/// The event that ends a ray's segment in a medium. The path's throughput must be multiplied by its weight.
+/// The event at which sampling of a ray in a medium ends. The path's throughput must be multiplied by the event's weight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MediumEvent {
     /// The light is scattered before it reaches the limit.
@@ -77,7 +77,7 @@ impl Media {
         self.media.iter().any(|m| m.scatters)
     }
 
-    /// Returns the medium with this index, which [`scene::MediumId`] holds.
+    /// Returns the medium with index `number`, as held by [`scene::MediumId`].
     ///
     /// # Panics
     ///
@@ -94,13 +94,13 @@ impl Medium {
         let wrong = |what: String| Err(SceneError::new(&medium.source, what));
         for (what, value) in [("absorption", medium.absorption), ("scattering", medium.scattering)] {
             if value.iter().any(|x| !(x.is_finite() && *x >= 0.0)) {
-                let remedy = "give finite numbers of at least 0";
+                let remedy = "use finite numbers of at least 0";
                 return wrong(format!("the {what} {value:?} of medium \"{name}\" is invalid; {remedy}"));
             }
         }
         let g = medium.g;
         if !(-1.0 < g && g < 1.0) {
-            let remedy = "give a number above -1 and below 1";
+            let remedy = "use a number above -1 and below 1";
             return wrong(format!("the asymmetry g = {g} of medium \"{name}\" is invalid; {remedy}"));
         }
         // Coefficients are per unit of length, so they are divided by the scale of lengths.
@@ -108,7 +108,7 @@ impl Medium {
             [medium.absorption, medium.scattering].map(|c| Vec3::from_array(c).as_dvec3() / scale);
         let (extinction, scattering) = ((absorption + scattering).as_vec3(), scattering.as_vec3());
         if !extinction.is_finite() {
-            let remedy = "give smaller coefficients";
+            let remedy = "use smaller coefficients";
             return wrong(format!("medium \"{name}\" is too dense for a scene of this size; {remedy}"));
         }
         let scatters = scattering != Vec3::ZERO;
@@ -205,8 +205,8 @@ fn shares(throughput: Vec3) -> Vec3 {
     relative / relative.element_sum()
 }
 
-/// The phase function of [Henyey and Greenstein 1941]: `(1 - g^2) / (4 pi (1 + g^2 - 2 g cos)^(3/2))`. The cosine is
-/// between the directions of travel before and after scattering.
+/// The phase function of [Henyey and Greenstein 1941]: `(1 - g^2) / (4 pi (1 + g^2 - 2 g cos)^(3/2))`, with the cosine between
+/// the directions of travel before and after scattering.
 ///
 /// A `g` above 0 means forward scattering. Values and samples are computed from `1 - cos` rather than from the cosine.
 /// No digits are then lost if g is near 0 (nothing is divided by g) or near 1 or -1.

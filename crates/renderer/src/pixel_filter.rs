@@ -28,8 +28,8 @@ enum Kind {
 const STEPS: usize = 1024;
 
 impl FilterSampler {
-    /// Makes the sampler of a filter. A filter with a radius or sigma that is not finite and positive is replaced by a
-    /// box of one pixel; scene readers refuse such filters.
+    /// Makes the sampler of a filter. If a radius or sigma is not finite and positive, a box of one pixel is used instead;
+    /// scene readers reject such filters.
     pub fn new(filter: &PixelFilter) -> Self {
         let usable = |r: &[f64; 2]| r.iter().all(|r| r.is_finite() && *r > 0.0);
         let vec = |r: [f64; 2]| Vec2::new(r[0] as f32, r[1] as f32);
@@ -44,12 +44,12 @@ impl FilterSampler {
         Self { kind }
     }
 
-    /// Returns true for a box of one pixel, in which the random numbers are the place in the pixel.
+    /// Returns true for a box of one pixel, in which the random numbers equal the position in the pixel.
     pub fn is_one_pixel(&self) -> bool {
         matches!(self.kind, Kind::Box { width } if width == Vec2::ONE)
     }
 
-    /// Returns the offset from the pixel's centre, in pixels, that the random numbers `u` in `[0, 1)^2` select.
+    /// Returns the offset from the pixel's centre selected by the random numbers `u` in `[0, 1)^2`, in pixels.
     #[inline]
     pub fn sample(&self, u: [f32; 2]) -> Vec2 {
         match &self.kind {
@@ -59,7 +59,7 @@ impl FilterSampler {
         }
     }
 
-    /// Returns the largest offset from a pixel's centre that is sampled, in pixels along each axis.
+    /// Returns the largest sampled offset from a pixel's centre, in pixels along each axis.
     pub fn radius(&self) -> Vec2 {
         match &self.kind {
             Kind::Box { width } => *width * 0.5,
@@ -68,9 +68,9 @@ impl FilterSampler {
         }
     }
 
-    /// Returns the density with which [`sample`](Self::sample) samples an offset, per pixel of area.
+    /// Returns the density with which [`sample`](Self::sample) samples an offset, per square pixel.
     ///
-    /// Light that reaches the image at this offset from a pixel's centre enters the pixel with this weight.
+    /// Light that reaches the image at this offset from a pixel's centre is added to the pixel with this weight.
     pub fn density(&self, offset: Vec2) -> f32 {
         match &self.kind {
             Kind::Box { width } => {
@@ -86,7 +86,7 @@ impl FilterSampler {
     }
 }
 
-/// Returns the density of the linear interpolation of an inverse distribution at `x`; 0 outside its range.
+/// Returns the density at `x` of the distribution whose inverse is the linear interpolation of `table`; 0 outside its range.
 fn density_in(table: &[f32], x: f32) -> f32 {
     let above = table.partition_point(|&edge| edge <= x);
     if above == 0 || above == table.len() {
@@ -142,7 +142,7 @@ fn look_up(table: &[f32], u: f32) -> f32 {
 mod tests {
     use super::*;
 
-    /// The share of samples in a rectangle is the integral of the density over it, which is the filter's shape.
+    /// The fraction of samples in a rectangle is the integral of the density, which has the filter's shape.
     #[test]
     fn samples_have_the_density_of_the_filters_shape() {
         let gaussian = |s: f64, r: f64| move |x: f64| (-x * x / (2.0 * s * s)).exp() - (-r * r / (2.0 * s * s)).exp();
@@ -187,7 +187,7 @@ mod tests {
         }
     }
 
-    /// A very wide one is a parabola: 1 - x^2. Senseless filters are the box.
+    /// A very wide Gaussian becomes the parabola 1 - x^2. Invalid filters become a box.
     #[test]
     fn extreme_and_senseless_filters_stay_in_their_pixel() {
         for sigma in [1e-30, 1e-9, 1e9, 1e30] {

@@ -29,46 +29,46 @@ pub use microfacet::TrowbridgeReitz;
 
 use glam::Vec3;
 
-/// A parameter of a BSDF or a distribution is out of its range.
+/// The error of a BSDF or distribution parameter that is out of range.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
     /// A microfacet width is outside `[0, 10]`.
-    #[error("roughness makes a microfacet width of {value}; give one from 0 (smooth) to 10")]
+    #[error("the roughness corresponds to a microfacet width of {value}; the width must be from 0 (smooth) to 10")]
     Roughness {
         /// The invalid microfacet width.
         value: f32,
     },
     /// An index of refraction is outside `[0.1, 10]`.
-    #[error("an index of refraction is {value}; give one from 0.1 to 10 (1.5 is common)")]
+    #[error("an index of refraction of {value} is invalid; use 0.1 to 10 (glass has 1.5)")]
     Eta {
         /// The invalid index of refraction.
         value: f32,
     },
     /// A coat's thickness is negative or not finite.
-    #[error("a coat's thickness is {value}; give a finite one from 0 up")]
+    #[error("a coat thickness of {value} is invalid; use a finite number of at least 0")]
     Thickness {
         /// The invalid optical thickness.
         value: f32,
     },
     /// A weight is negative, infinite or NaN.
-    #[error("weight {index} is {value}; weights must be finite and not negative")]
+    #[error("weight {index} is {value}; use finite weights of at least 0")]
     Weight {
         /// The index of the invalid weight.
         index: usize,
         /// The invalid weight.
         value: f32,
     },
-    /// A distribution would have more items, or more cells along a side, than it can hold.
-    #[error("{count} items or cells a side are more than the {most} that a distribution holds; merge some")]
+    /// There are more items, or more cells along a side, than a distribution can hold.
+    #[error("{count} items (or cells along a side) exceed the limit of {most} for a distribution; merge some")]
     TooMany {
         /// The number of items, or of cells along the side.
         count: usize,
         /// The largest number of items, or of cells along a side, that a distribution holds.
         most: usize,
     },
-    /// The number of weights given differs from the number of cells, columns times rows.
-    #[error("{count} weights do not fill a grid of {} columns x {} rows; give one per cell", .size[0], .size[1])]
+    /// The number of weights differs from the number of cells (columns times rows).
+    #[error("{count} weights do not fill a grid of {} columns x {} rows; use one weight per cell", .size[0], .size[1])]
     Shape {
         /// The number of weights given.
         count: usize,
@@ -123,10 +123,9 @@ impl ShadingFrame {
         Self { tangent, bitangent: unit(normal.cross(tangent)), normal }
     }
 
-    /// Makes the shading frame of a hit around the interpolated normal `shading` (of any length), turned to the side
-    /// of the unit geometric normal. If `shading` is zero or not finite, for example because vertex normals cancel,
-    /// the geometric normal is used. `tangent` is the `direction` of [`ShadingFrame::from_normal_and_tangent`], if
-    /// any.
+    /// Makes the shading frame of a hit around the interpolated normal `shading` (of any length), flipped to the side of the
+    /// unit normal `geometric`. If `shading` is zero or not finite, for example because vertex normals cancel, `geometric` is
+    /// used. `tangent` is the optional `direction` of [`ShadingFrame::from_normal_and_tangent`].
     #[inline]
     pub fn from_shading_normal(shading: Vec3, geometric: Vec3, tangent: Option<Vec3>) -> Self {
         let longest = shading.abs().max_element();
@@ -173,7 +172,7 @@ pub struct BsdfSample {
     /// The solid-angle density of `wi`, equal to [`Bsdf::pdf`]. For a specular sample, the probability of choosing its
     /// lobe.
     pub pdf: f32,
-    /// True if the lobe has no direction but `wi`. [`Bsdf::evaluate`] and [`Bsdf::pdf`] do not include such a lobe,
+    /// True for a lobe that scatters in a single direction. [`Bsdf::evaluate`] and [`Bsdf::pdf`] do not include such a lobe,
     /// and light sampling cannot find it.
     pub specular: bool,
     /// The index of refraction on the side of `wi` relative to the side of `wo`; 1 except for refraction. `weight`
@@ -182,7 +181,8 @@ pub struct BsdfSample {
     pub eta: f32,
 }
 
-/// Returns the cell of a table that contains a value of `[0, 1]`, of `cells` equal ones, and the place in it, 0 to 1.
+/// Returns the index of the cell of a table over `[0, 1]` that contains `value`, and the position in the cell, 0 to 1. The
+/// table has `cells` equal cells.
 #[inline]
 fn cell(value: f32, cells: usize) -> (usize, f32) {
     let place = value.clamp(0.0, 1.0) * cells as f32;
@@ -190,7 +190,7 @@ fn cell(value: f32, cells: usize) -> (usize, f32) {
     (cell, place - cell as f32)
 }
 
-/// Returns the linear interpolation of a table's pairs at a cosine. The table has `CELLS` cells and one pair more.
+/// Returns the linear interpolation of a table of pairs at a cosine. The table has `CELLS + 1` entries.
 #[inline]
 fn interpolate<const CELLS: usize>(table: &[[f32; 2]], cos: f32) -> [f32; 2] {
     let (cell, t) = cell(cos, CELLS);
@@ -204,9 +204,8 @@ fn mirror(w: Vec3, m: Vec3) -> Vec3 {
     2.0 * w.dot(m) * m - w
 }
 
-/// Returns the weight of a sample by the power heuristic with exponent 2 [Veach 1997, sec. 9.2.4]. `pdf` is the
-/// density of the strategy that generated the sample, and `other` the density of another strategy. Each strategy takes
-/// one sample.
+/// Returns the weight of a sample by the power heuristic with exponent 2 [Veach 1997, sec. 9.2.4], for two strategies with one
+/// sample each. `pdf` is the density of the strategy that generated the sample, and `other` that of the other strategy.
 ///
 /// The result is in `[0, 1]` for non-negative densities. `power_heuristic(a, b) + power_heuristic(b, a)` is 1 within
 /// rounding, unless both are 0. The ratio is squared, not the densities, so nothing overflows. Two infinite densities
@@ -223,7 +222,7 @@ pub fn power_heuristic(pdf: f32, other: f32) -> f32 {
     1.0 / (1.0 + ratio * ratio)
 }
 
-/// Returns [`power_heuristic`] divided by `pdf`, with one division less. `pdf` must be finite and above 0.
+/// Returns [`power_heuristic`] divided by `pdf`, with one division fewer. `pdf` must be finite and above 0.
 #[inline]
 pub(crate) fn power_heuristic_over_pdf(pdf: f32, other: f32) -> f32 {
     let ratio = other / pdf;

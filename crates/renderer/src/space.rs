@@ -14,8 +14,8 @@ pub struct Space {
 }
 
 impl Space {
-    /// Returns the space in which the whole scene is centred at the origin, in a box of half width 1. The box includes
-    /// all instances, and moving shapes at both ends of their motion.
+    /// Returns the space in which the whole scene is centred at the origin, in a box of half width 1. The box includes all
+    /// instances, and both end positions of moving shapes.
     pub fn of(scene: &Scene) -> Self {
         let mut extent = Extent::NOTHING;
         for shape in &scene.shapes {
@@ -31,7 +31,7 @@ impl Space {
         Self::around(&extent)
     }
 
-    /// Returns the space in which the shapes of an object are centred at the origin, in a box of half width 1.
+    /// Returns the space in which an object's shapes are centred at the origin, in a box of half width 1.
     pub(crate) fn of_shapes(shapes: &[Shape]) -> Self {
         Self::around(&Extent::of(shapes))
     }
@@ -71,7 +71,7 @@ impl Space {
         (DVec3::from_array(point.map(f64::from)) / self.scale + self.centre).to_array()
     }
 
-    /// Returns the factor by which lengths of the scene file are multiplied in the renderer's space, a power of two.
+    /// Returns the scale factor from lengths of the scene file to lengths of the renderer's space, a power of two.
     pub fn scale(&self) -> f64 {
         self.scale
     }

@@ -13,7 +13,7 @@ pub struct Textures {
     coded: Vec<Option<Arc<Coded>>>,
 }
 
-/// A point of a surface, as textures see it.
+/// The properties of a surface point on which textures depend.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TexturePoint {
     /// The texture coordinates.
@@ -32,7 +32,7 @@ impl From<[f32; 2]> for TexturePoint {
 const DEEPEST: u32 = 8;
 
 impl Textures {
-    /// Prepares the textures of a scene. Indices stay the same.
+    /// Prepares the textures of a scene and keeps their indices.
     pub fn new(textures: &[Texture]) -> Self {
         let textures: Vec<_> = textures.iter().map(|t| t.kind.clone()).collect();
         let mut coded: Vec<Option<Arc<Coded>>> = Vec::with_capacity(textures.len());
@@ -50,8 +50,8 @@ impl Textures {
         Self { textures, coded }
     }
 
-    /// Returns a texture's linear RGB color at a point. Nothing is filtered beyond bilinear interpolation; averaging a
-    /// pixel's samples does the rest. An unknown texture is black.
+    /// Returns a texture's linear RGB color at a point, with bilinear interpolation. Further filtering is left to the average
+    /// over a pixel's samples. An unknown texture is black.
     #[inline]
     pub fn look_up(&self, id: TextureId, point: impl Into<TexturePoint>) -> Vec3 {
         self.look_up_within(id, point.into(), DEEPEST)
@@ -107,8 +107,7 @@ impl Textures {
     }
 }
 
-/// Interpolates bilinearly among four pixels, each of which `pixel` returns for a column and a row. `v = 0` is the
-/// bottom edge.
+/// Interpolates bilinearly between four pixels. `pixel` returns the value at a column and a row. `v = 0` is the bottom edge.
 #[inline(always)]
 fn bilinear([w, h]: [u32; 2], [u, v]: [f32; 2], wrap: Wrap, pixel: impl Fn(usize, usize) -> Vec3) -> Vec3 {
     let (x, y) = (u * w as f32 - 0.5, (1.0 - v) * h as f32 - 0.5);
@@ -128,8 +127,8 @@ fn bilinear([w, h]: [u32; 2], [u, v]: [f32; 2], wrap: Wrap, pixel: impl Fn(usize
     upper.lerp(lower, fy)
 }
 
-/// Returns the floor and the fraction of `x`, without the function call that `floor` needs on old processors. `x` is
-/// first clamped to the range from -2^30 to 2^30, beyond which numbers have no fractions.
+/// Returns the floor and the fraction of `x`. It avoids the function call that `floor` needs on old processors. `x` is first
+/// clamped to the range from -2^30 to 2^30, beyond which numbers have no fractions.
 #[inline]
 fn parts(x: f32) -> (i64, f32) {
     const FAR: f32 = (1u32 << 30) as f32;
@@ -139,10 +138,10 @@ fn parts(x: f32) -> (i64, f32) {
     (i64::from(floor), x - floor as f32)
 }
 
-/// The mark of a row or column outside the image, which is black.
+/// The index of a row or column outside the image, which is black.
 const BEYOND: usize = usize::MAX;
 
-/// Returns the indices, of `n` rows or columns, for the positions `first` and `first + 1`. `wrap` determines the
+/// Returns the indices of the rows or columns at the positions `first` and `first + 1`, of `n` in all. `wrap` determines the
 /// result outside the image.
 #[inline]
 fn pair(first: i64, n: u32, wrap: Wrap) -> [usize; 2] {
@@ -159,14 +158,14 @@ fn pair(first: i64, n: u32, wrap: Wrap) -> [usize; 2] {
     })
 }
 
-/// The largest number of distinct values: the number of indices in a byte.
+/// The largest number of distinct values, since their indices are bytes.
 const MOST: usize = 256;
 /// The number of pixels along the side of a tile.
 const SIDE: usize = 4;
 
-/// An image with at most 256 distinct channel values, such as one from an 8-bit file, stored exactly in one byte per
-/// channel. Scattered look-ups in a large image are limited by memory latency. This form takes a third of the memory
-/// of three floats, and four neighbouring pixels mostly share a cache line.
+/// An image with at most 256 distinct channel values, such as one from an 8-bit file, stored exactly in one byte per channel.
+/// Scattered look-ups in a large image are limited by memory latency. This form uses a third of the memory of three floats,
+/// and four neighbouring pixels mostly share a cache line.
 #[derive(Clone, Debug)]
 struct Coded {
     tiles: Vec<Tile>,
@@ -211,7 +210,7 @@ fn locate(across: usize, column: usize, row: usize) -> (usize, usize) {
     (row / SIDE * across + column / SIDE, row % SIDE * SIDE + column % SIDE)
 }
 
-/// A table that gives each distinct value an index, in the order of first use.
+/// A table that assigns an index to each distinct value, in order of first use.
 struct Coder {
     values: [f32; MOST],
     count: usize,
@@ -266,8 +265,8 @@ mod tests {
         TextureKind::Image { image, scale: [1.0; 2], shift: [0.0; 2], factor, invert, wrap }
     }
 
-    /// Images stand upright and repeat, go on for ever, or end; checks alternate on both sides of 0; textures of textures
-    /// end.
+    /// Images are upright and repeat, clamp or end at their edges. Checkerboards alternate on both sides of 0. Nested textures
+    /// end at the largest depth.
     #[test]
     fn textures_have_their_values() {
         let (half, tenth) = (Color::Constant([0.5; 3]), Color::Constant([0.1; 3]));
@@ -336,7 +335,7 @@ mod tests {
         assert!(Arc::ptr_eq(&coded[0], &coded[2]) && !Arc::ptr_eq(&coded[0], &coded[1]));
     }
 
-    /// Images with at most 200 values, each there, and odd values; of 256 values at most.
+    /// Images with up to 200 distinct values at varying sizes, and images with 256 and 257 values.
     #[test]
     fn pixels_come_back_to_the_last_bit() {
         let value = |i: u32| 1.0 / (1 + i.wrapping_mul(2_654_435_761) % 100) as f32;

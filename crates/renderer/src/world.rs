@@ -88,7 +88,7 @@ use glam::{Vec2, Vec3};
 pub struct World {
     pub(crate) effects: Effects,
     pub(crate) geometry: Geometry,
-    /// The properties of the base shapes, which are the shapes of no object.
+    /// The properties of the base shapes, which belong to no object.
     pub(crate) parts: Vec<Part>,
     /// The properties of the shapes of all objects, object by object.
     pub(crate) object_parts: Vec<Part>,
@@ -141,11 +141,11 @@ pub(crate) struct Part {
     pub(crate) colors: Vec<[f32; 3]>,
     /// The opacity; `None` if it is 1 everywhere.
     pub(crate) alpha: Option<Scalar>,
-    /// The media on the two sides; `None` if the shape separates none. `outside` is the side of an [`Interaction`]'s
+    /// The media on the two sides; `None` if the shape does not separate media. `outside` is the side of an [`Interaction`]'s
     /// normal.
     pub(crate) media: Option<MediumInterface>,
-    /// True if rays may pass the shape without scattering: it has an opacity, an interface or unlit material, or a mix
-    /// (which may contain an interface).
+    /// True if rays may pass the shape without scattering: it has an opacity, an interface or unlit material, or a mix (which
+    /// may include an interface).
     pub(crate) passable: bool,
 }
 
@@ -153,7 +153,7 @@ pub(crate) const NO_LIGHT: u32 = u32::MAX;
 /// The medium index for vacuum.
 pub(crate) const NO_MEDIUM: u32 = u32::MAX;
 
-/// A hit with its properties and oriented normals, returned by [`World::closest_hit`].
+/// A hit with its surface properties and oriented normals, returned by [`World::closest_hit`].
 #[derive(Clone, Copy, Debug)]
 pub struct Interaction<'w> {
     pub(crate) part: &'w Part,
@@ -180,8 +180,7 @@ impl Interaction<'_> {
         self.shading_normal
     }
 
-    /// Returns the hit as the geometry reports it, with the numbers of shape and triangle and the barycentric
-    /// coordinates.
+    /// Returns the hit as reported by the geometry, with the numbers of shape and triangle and the barycentric coordinates.
     #[inline]
     pub fn hit(&self) -> &Hit {
         &self.hit
@@ -220,8 +219,7 @@ impl Interaction<'_> {
 }
 
 impl World {
-    /// Sets the largest number of scattering events on a path from the camera to a light, which replaces the scene's
-    /// own.
+    /// Sets the largest number of scattering events on a path from the camera to a light. It replaces the scene's value.
     pub fn set_max_depth(&mut self, max_depth: u32) {
         self.max_depth = max_depth;
     }
@@ -246,8 +244,8 @@ impl World {
         &self.geometry
     }
 
-    /// Returns the lights. [`Lights::sample`] serves next-event estimation, and [`Lights::environment`] rays that
-    /// leave the scene.
+    /// Returns the lights. Use [`Lights::sample`] for next-event estimation, and [`Lights::environment`] for rays that leave
+    /// the scene.
     pub fn lights(&self) -> &Lights {
         &self.lights
     }
@@ -262,7 +260,7 @@ impl World {
         self.dropped_triangles
     }
 
-    /// Returns the map from the scene file's world space to the renderer's space, in which hits are given.
+    /// Returns the map from the scene file's world space to the renderer's space, in which hits are reported.
     pub fn space(&self) -> &Space {
         &self.space
     }
@@ -279,17 +277,18 @@ impl World {
         (self.camera.ray_at(place, [u[2], u[3]], time), time)
     }
 
-    /// Returns true if light at a place of the image belongs to any pixel. The place is in pixels from the top left corner.
+    /// Returns true if light at a position of the image contributes to any pixel. The position is in pixels from the top left
+    /// corner.
     pub fn is_in_image(&self, place: Vec2) -> bool {
         let (radius, size) = (self.filter.radius() - 0.5, self.camera.resolution());
         place.cmpge(-radius).all() && place.cmple(size + radius).all()
     }
 
-    /// Calls `add` for each pixel to which light at a place of the image belongs, with column, row and weight. The place is
-    /// in pixels from the top left corner.
+    /// Calls `add` with the column, row and weight of each pixel to which light at a position of the image contributes. The
+    /// position is in pixels from the top left corner.
     ///
-    /// The weight is the pixel filter's density, so that light from places that are uniform over the image has the mean of
-    /// the samples of [`camera_ray`](Self::camera_ray).
+    /// The weight is the pixel filter's density. Light at positions that are uniform over the image therefore has the same
+    /// mean as the samples of [`camera_ray`](Self::camera_ray).
     pub fn splat_at(&self, place: Vec2, mut add: impl FnMut([u32; 2], f32)) {
         let (radius, size) = (self.filter.radius(), self.camera.resolution());
         let first = (place - radius - 0.5).ceil().max(Vec2::ZERO);
@@ -350,7 +349,7 @@ impl World {
     /// Returns true if any surface blocks the ray before its `tmax`. `time` is the time returned by
     /// [`camera_ray`](Self::camera_ray).
     ///
-    /// [`LightSample::shadow_ray`](crate::light::LightSample::shadow_ray) makes the ray to a sampled light.
+    /// [`LightSample::shadow_ray`](crate::light::LightSample::shadow_ray) returns the ray to a sampled light.
     #[inline(always)]
     pub fn occluded(&self, ray: &Ray, time: f32) -> bool {
         self.geometry.occluded_at(ray, time)
@@ -386,8 +385,7 @@ impl World {
         material::resolve(&self.surfaces, at.part.material, &self.textures, self.texture_point(at), u).0
     }
 
-    /// Returns true if the scene has vertex normals, instances, or a material other than diffuse reflection of
-    /// constant color.
+    /// Returns true if the scene has vertex normals, instances, or a material other than diffuse reflection of constant color.
     pub(crate) fn has_varied_surfaces(&self) -> bool {
         !self.object_parts.is_empty()
             || self.parts.iter().any(|part| !part.normals.is_empty())
@@ -427,7 +425,7 @@ impl World {
         [u * a[0] + v * b[0] + w * c[0], u * a[1] + v * b[1] + w * c[1]]
     }
 
-    /// Returns a hit as textures see it: its texture coordinates and its vertex colour.
+    /// Returns the texture coordinates and the vertex colour of a hit.
     #[inline]
     pub(crate) fn texture_point(&self, at: &Interaction<'_>) -> TexturePoint {
         let point = TexturePoint::from(self.uv(at));

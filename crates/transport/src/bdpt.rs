@@ -1,5 +1,5 @@
-//! Bidirectional path tracing: paths from the camera and from a light, joined in all ways [Lafortune and Willems 1993;
-//! Veach and Guibas 1994], with weights by the power heuristic [Veach and Guibas 1995].
+//! Bidirectional path tracing: connects a camera path and a light path in all possible ways [Lafortune and Willems 1993; Veach
+//! and Guibas 1994], weighted by the power heuristic [Veach and Guibas 1995].
 
 mod vertex;
 mod walk;
@@ -23,20 +23,20 @@ dapple_core::options! {
     }
 }
 
-/// An integrator that traces one path from the camera and one from a light per sample, and connects each vertex of one
+/// An integrator that traces one path from the camera and one from a light per sample, and connects each vertex of one path
 /// with each vertex of the other.
 ///
-/// Unbiased: its expectation is the path tracer's. A sample costs several times as many rays. It pays where light is
-/// hard to find from the camera: lamps behind shades, light through smooth glass onto rough surfaces.
+/// It is unbiased: its expectation is that of the path tracer. A sample takes several times as many rays. It is worth them
+/// where light is hard to find from the camera: lights behind shades, and light through smooth glass onto rough surfaces.
 ///
 /// Connections of light paths with the camera are splats ([`Worker::splat`]). A pixel's variance does not include their
 /// noise, and an adaptive sampler cannot direct them.
 ///
-/// Motion and lenses are supported. Worlds with media or transparency are refused.
+/// Motion and lenses are supported. Worlds with media or transparency are rejected.
 #[derive(Debug)]
 pub struct Bdpt<'w> {
     world: &'w World,
-    /// The smallest number of scattering events of the light that is returned.
+    /// The smallest number of scattering events of the light in the estimate.
     pub(crate) least: usize,
     /// The largest number of scattering events.
     depth: u32,
@@ -49,7 +49,7 @@ impl<'w> Bdpt<'w> {
     ///
     /// # Errors
     ///
-    /// [`MakeError::Scene`] with the effect, if the world has media or partly transparent surfaces.
+    /// [`MakeError::Scene`], which names the effect, if the world has media or partly transparent surfaces.
     pub fn new(world: &'w World, options: &BdptOptions) -> Result<Self, MakeError> {
         refuse(world).map_err(MakeError::Scene)?;
         let depth = if options.depth == 0 { world.max_depth() } else { options.depth };
@@ -61,7 +61,7 @@ impl<'w> Bdpt<'w> {
         Ok(Box::new(Bdpt::new(world, &BdptOptions::parse(parameters)?)?))
     }
 
-    /// Traces both paths of a sample and joins them. Calls `splat` with the light for other places of the image, in pixels
+    /// Traces both paths of a sample and connects them. Calls `splat` with light for other positions in the image, in pixels
     /// from the top left corner.
     pub(crate) fn trace(&self, draws: &Draws<'_>, mut splat: impl FnMut(Vec2, Vec3)) -> Estimate {
         let mut estimate = Estimate::new([0.0; 3]).with_cost(0);
@@ -85,8 +85,8 @@ impl<'w> Bdpt<'w> {
         estimate
     }
 
-    /// Adds the light of all strategies that use a camera path as a whole to `radiance`. Returns the emission that the path
-    /// meets itself.
+    /// Adds the contributions of all strategies that use the whole camera path to `radiance`. Returns the emission that the
+    /// camera path hits by itself.
     fn of_camera(
         &self,
         camera: &[Vertex<'w>],
@@ -123,13 +123,13 @@ impl<'w> Bdpt<'w> {
         emission
     }
 
-    /// Returns the contribution of a strategy times its weight.
+    /// Returns the contribution of a strategy multiplied by its weight.
     fn weighted(&self, light: &[Vertex<'_>], camera: &[Vertex<'_>], found: &Contribution) -> Vec3 {
         found.radiance * self.weight(light, camera, &found.ends)
     }
 }
 
-/// Refuses worlds with effects that light paths lack.
+/// Rejects worlds with effects that light paths do not support.
 fn refuse(world: &World) -> Result<(), String> {
     use dapple_scene::Effect;
     let lacking = [Effect::AbsorbingMedia, Effect::ScatteringMedia, Effect::Transparency];

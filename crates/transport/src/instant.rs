@@ -1,8 +1,9 @@
-//! Instant radiosity [Keller 1997]: indirect light from virtual lights.
+//! Instant radiosity [Keller 1997]: indirect lighting by virtual lights.
 //!
-//! Each pass traces a few paths from the lights and leaves a virtual light at each rough surface that they meet. A rough
-//! surface of a camera path is lit by all virtual lights of its set. The geometric factor of each is bounded; the path
-//! traces on what the bound took [after Kollig and Keller 2004], so that no light is lost.
+//! Each pass traces a few paths from the lights and places a virtual light at each rough surface that they hit. A rough
+//! surface on a camera path is lit by all virtual lights of its half of the samples. The geometric factor of each virtual
+//! light is bounded. The path itself traces the light cut off by the bound [after Kollig and Keller 2004], so that none is
+//! lost.
 
 use crate::walk::{Arrival, Onwards, Sources, draws_of_half, is_rough, leaks, refuse, scattered_from, turned, visible};
 use dapple_core::integrator::{Pass, PreparationCost, Prepares};
@@ -30,30 +31,30 @@ dapple_core::options! {
 pub(crate) fn make<'w>(parameters: &str, world: &'w World) -> Result<Box<dyn Integrator + 'w>, MakeError> {
     let options = InstantOptions::parse(parameters)?;
     let lacking = [
-        (Effect::MotionBlur, "motion-blur, and virtual lights stand still on surfaces; use \"path\""),
-        (Effect::ScatteringMedia, "scattering-media, and virtual lights stand still on surfaces; use \"path\""),
+        (Effect::MotionBlur, "motion-blur, but virtual lights do not move; use \"path\""),
+        (Effect::ScatteringMedia, "scattering-media, but virtual lights lie on surfaces only; use \"path\""),
     ];
     refuse(world, &lacking)?;
     Ok(path_tracer_with(world, VirtualLights::new(world, options)))
 }
 
-/// A surface point that light from a lamp reached.
+/// A virtual light: a surface point that a path from a light has reached.
 #[derive(Clone, Copy, Debug)]
 struct VirtualLight<'w> {
     point: SurfacePoint,
     bsdf: Bsdf<'w>,
     frame: ShadingFrame,
-    /// The unit direction that its light came from, in the renderer's space and in the shading frame.
+    /// The unit direction from which its light arrived: `from` in the renderer's space, `wi` in the shading frame.
     from: Vec3,
     wi: Vec3,
-    /// The flux that arrives, as the shading normal sees it.
+    /// The flux that arrives, corrected for the shading normal.
     flux: Vec3,
-    /// The number of scattering events of its light, its own included.
+    /// The number of scattering events of its light, including the one at this point.
     bounces: u32,
 }
 
 impl VirtualLight<'_> {
-    /// The radiance times area that it scatters into a unit direction.
+    /// Returns the radiance times area that the virtual light emits into a unit direction.
     fn towards(&self, direction: Vec3) -> Vec3 {
         let wo = self.frame.to_local(direction);
         if leaks([self.wi.z, wo.z], [self.from, direction].map(|w| self.point.normal.dot(w))) {
@@ -68,7 +69,7 @@ struct VirtualLights<'w> {
     world: &'w World,
     options: InstantOptions,
     sources: Sources,
-    /// The largest geometric factor, in the renderer's units.
+    /// The upper bound of the geometric factor, in the renderer's units.
     largest: f32,
     sets: [Vec<VirtualLight<'w>>; 2],
 }
@@ -76,8 +77,8 @@ struct VirtualLights<'w> {
 /// The state of a path.
 #[derive(Clone, Copy, Default)]
 struct Gathered {
-    /// The position and unit shading normal of the last rough surface, if virtual lights lit it; and of the vertex in
-    /// progress.
+    /// The position and unit shading normal of a rough surface lit by virtual lights: of the last one (`last`), and of the
+    /// current vertex (`next`).
     last: Option<[Vec3; 2]>,
     next: Option<[Vec3; 2]>,
 }
@@ -171,13 +172,13 @@ impl VertexLight for VirtualLights<'_> {
     }
 
     fn memory(&self, _: &Frame) -> u64 {
-        /// Virtual lights of a path, and the reserve of a growing list.
+        /// The number of virtual lights per path, including the unused capacity of a growing list.
         const OF_A_PATH: u64 = 8;
         2 * OF_A_PATH * size_of::<VirtualLight>() as u64 * u64::from(self.options.paths)
     }
 }
 
-/// The factor between two surface points: the cosines at both over the squared distance.
+/// Returns the geometric factor between two surface points: the product of both cosines divided by the squared distance.
 fn geometry(at_one: f32, at_other: f32, squared: f32) -> f32 {
     (at_one * at_other).abs() / squared
 }

@@ -1,6 +1,6 @@
 #![doc = include_str!("../README.md")]
 //!
-//! [`make_integrator`] makes one of [`integrators`]: the renderer's own, then [`ENTRIES`].
+//! [`make_integrator`] makes one of all [`integrators`]: those of the renderer, and those of this crate ([`ENTRIES`]).
 
 mod bdpt;
 mod instant;
@@ -73,7 +73,7 @@ const fn entry<O: Options>(
     IntegratorEntry::new([name, about, source], O::PARAMETERS, make)
 }
 
-/// Returns the table of all integrators: those of [`dapple_renderer::integrators`], the default first, then
+/// Returns the table of all integrators: first those of [`dapple_renderer::integrators`], whose first is the default, then
 /// [`ENTRIES`].
 pub fn integrators() -> &'static [IntegratorEntry] {
     static ALL: LazyLock<Vec<IntegratorEntry>> = LazyLock::new(|| [dapple_renderer::integrators(), ENTRIES].concat());
@@ -105,7 +105,7 @@ pub fn make_integrator<'w>(request: &str, world: &'w World) -> Result<Box<dyn In
     make_integrator_among(integrators(), request, world)
 }
 
-/// Checks a request without a world: the integrator's name and the names of its parameters, but no values.
+/// Checks a request without a world: the names of the integrator and its parameters, but not the values.
 ///
 /// # Errors
 ///

@@ -1,7 +1,7 @@
-//! Lightcuts [Walter et al. 2005]: direct light of many lights at the cost of a few groups of them.
+//! Lightcuts [Walter et al. 2005]: direct lighting from many lights at the cost of a few groups of lights.
 //!
 //! Lights become points in binary trees. At the first rough surface of a path, a cut through the trees is refined until no
-//! group's error bound exceeds a share of the estimate. Later surfaces sample lights as the path tracer does.
+//! group's error bound exceeds a given fraction of the estimate. Later surfaces sample lights as in the path tracer.
 
 mod common;
 mod tree;
@@ -39,24 +39,24 @@ dapple_core::options! {
 /// Makes the integrator from the text of its parameters, for the table of integrators.
 pub(crate) fn make<'w>(parameters: &str, world: &'w World) -> Result<Box<dyn Integrator + 'w>, MakeError> {
     let options = LightcutOptions::parse(parameters)?;
-    let reason = "a medium that scatters light, and cuts are made on surfaces only; use \"path\"";
+    let reason = "scattering-media, but cuts are computed at surfaces only; use \"path\"";
     refuse(world, &[(Effect::ScatteringMedia, reason)])?;
     let division = (options.clusters > 0).then(|| Division::new(world, options.clusters));
     let division = division.transpose().map_err(MakeError::Scene)?;
     Ok(path_tracer_with(world, CutLight::new(world, options, division)))
 }
 
-/// The share of the image's mean below which errors do not count.
+/// Errors below this fraction of the image's mean are ignored.
 const FLOOR: f32 = 1e-3;
 
-/// The trees of all lights, built before the first sample.
+/// Lightcuts as a source of light at path vertices. The trees of all lights are built before the first sample.
 struct CutLight<'w> {
     world: &'w World,
     options: LightcutOptions,
     trees: Vec<LightTree>,
-    /// The luminance below which errors do not count.
+    /// Errors below this luminance are ignored.
     floor: f32,
-    /// The division of surfaces into clusters that have common cuts.
+    /// The division of surfaces into clusters that share a cut; `None` without common cuts.
     division: Option<Division>,
     common: Option<CommonCuts>,
 }
@@ -68,7 +68,7 @@ struct NodeId {
     node: u32,
 }
 
-/// The light of a cut.
+/// The light estimated by a cut.
 #[derive(Clone, Copy, Debug)]
 struct CutSum {
     light: Vec3,
@@ -79,24 +79,24 @@ struct CutSum {
 /// A group of lights in a cut.
 #[derive(Clone, Copy, Debug)]
 struct Member {
-    /// An upper bound of the group's error, in luminance.
+    /// An upper bound of the group's error, as a luminance.
     bound: f32,
     id: NodeId,
-    /// The contribution of the light that stands for the group, per unit of intensity.
+    /// The contribution of the group's representative light, per unit of intensity.
     unit: Vec3,
 }
 
-/// A cut while it is made.
+/// A cut during its refinement.
 #[derive(Debug, Default)]
 struct Refinement {
     members: Vec<Member>,
-    /// The bounds (upper half) and inverted numbers of the members that are too coarse, the coarsest first. Bounds are not
-    /// negative, so that their bits have their order.
+    /// A priority queue of the members that are too coarse: their bound (upper half) and their inverted index. Bounds are not
+    /// negative, so their bits sort like their values.
     coarse: BinaryHeap<u64>,
 }
 
 impl Refinement {
-    /// Notes that a member is too coarse, if its bound is above `enough`.
+    /// Queues a member for refinement if its bound is above `enough`.
     fn note(&mut self, number: usize, enough: f32) {
         let bound = self.members[number].bound;
         if bound > enough {
@@ -104,7 +104,7 @@ impl Refinement {
         }
     }
 
-    /// Takes the coarsest member: its number and bound.
+    /// Removes the coarsest member from the queue. Returns its index and bound.
     fn coarsest(&mut self) -> Option<(usize, f32)> {
         let key = self.coarse.pop()?;
         Some((!(key as u32) as usize, f32::from_bits((key >> 32) as u32)))
@@ -116,7 +116,7 @@ struct Lit<'a> {
     vertex: &'a GatherPoint<'a>,
     /// The unit normal on the side of the previous vertex.
     normal: Vec3,
-    /// The largest value of the surface's scattering, in luminance.
+    /// An upper bound of the surface's BSDF, as a luminance.
     material: f32,
     set: usize,
 }
@@ -137,7 +137,7 @@ impl<'w> CutLight<'w> {
         Self { world, options, trees: Vec::new(), floor: 0.0, division, common: None }
     }
 
-    /// Makes points of all lights.
+    /// Converts all lights to points and builds their trees.
     fn trees(&self, pass: &Pass<'_>) -> Vec<LightTree> {
         let lights = self.world.lights();
         let areas: f64 = (0..lights.len() as u32).filter(|l| self.is_area(*l)).map(|l| lights.power(l)).sum();
@@ -183,13 +183,13 @@ impl<'w> CutLight<'w> {
         trees.into_iter().filter(|tree| !tree.nodes.is_empty()).collect()
     }
 
-    /// Returns true for a light that becomes points of its surface.
+    /// Returns true for a light that is represented by points on its surface.
     fn is_area(&self, light: u32) -> bool {
         let lights = self.world.lights();
         lights.light_sphere(light).is_some() && !lights.is_delta(light) && lights.ball(light).is_none()
     }
 
-    /// A ball, a point or a spot as one point.
+    /// Returns a spherical, point or spot light as a single point; `None` for other lights.
     fn single_point(&self, light: u32) -> Option<PointLight> {
         let lights = self.world.lights();
         if let Some((centre, radius, radiance)) = lights.ball(light) {
@@ -203,7 +203,7 @@ impl<'w> CutLight<'w> {
         Some(PointLight { delta: light, ..point })
     }
 
-    /// The contribution of a light at a point per unit of its intensity, and the number of rays traced.
+    /// Returns the contribution of a light at a point per unit of the light's intensity, and the number of rays traced.
     fn unit(&self, lit: &Lit<'_>, light: &PointLight, far: bool) -> (Vec3, u32) {
         let at = lit.vertex.at;
         let from = at.point();
@@ -237,13 +237,13 @@ impl<'w> CutLight<'w> {
         (unit * share, rays)
     }
 
-    /// The roots of all trees.
+    /// Iterates over the roots of all trees.
     fn roots(&self) -> impl Iterator<Item = NodeId> {
         (0..self.trees.len() as u32).map(|tree| NodeId { tree, node: 0 })
     }
 
-    /// The light of all lights at a point, by a cut that `cut` holds afterwards. It is refined from the nodes of `start`,
-    /// or from the roots if there are none.
+    /// Estimates the light from all lights at a point by a cut, which is stored in `cut`. The cut is refined from the nodes of
+    /// `start`, or from the roots if `start` is empty.
     fn cut(&self, lit: &Lit<'_>, start: &[NodeId], cut: &mut Refinement) -> CutSum {
         cut.members.clear();
         cut.coarse.clear();
@@ -284,13 +284,13 @@ impl<'w> CutLight<'w> {
         CutSum { light: cut.members.iter().map(light).sum(), ..sum }
     }
 
-    /// The bound that a group need not go below.
+    /// Returns the error bound below which a group needs no refinement.
     fn enough(&self, sum: &CutSum) -> f32 {
         self.options.error * luminance(sum.light).max(self.floor)
     }
 
-    /// A node as a member of a cut, whose light is added to `sum`. `unit` is known if the light that stands for the node is
-    /// that of its parent.
+    /// Returns a node as a member of a cut, and adds its light to `sum`. `unit` is given if the node has the same
+    /// representative light as its parent.
     fn member(&self, lit: &Lit<'_>, id: NodeId, unit: Option<Vec3>, enough: f32, sum: &mut CutSum) -> Member {
         let of = &self.trees[id.tree as usize];
         let group = &of.nodes[id.node as usize];
@@ -311,9 +311,9 @@ impl<'w> CutLight<'w> {
 /// The state of a path.
 #[derive(Clone, Copy, Default)]
 struct Cut {
-    /// True once a cut was made.
+    /// True once the path has computed a cut.
     is_made: bool,
-    /// True if the last vertex had its direct light from a cut; and the vertex in progress.
+    /// True if a cut provided the direct light of the last vertex (`has_direct`) or of the current vertex (`next`).
     has_direct: bool,
     next: bool,
 }
@@ -379,7 +379,7 @@ impl VertexLight for CutLight<'_> {
 }
 
 impl CutLight<'_> {
-    /// The mean luminance of the cuts at a grid of first hits, and the number of rays.
+    /// Returns the mean luminance estimated by cuts at a grid of first hits, and the number of rays traced.
     fn mean(&self, frame: &Frame) -> (f32, u64) {
         const SIDE: u32 = 16;
         let (mut sum, mut rays, mut made) = (0.0, u64::from(SIDE * SIDE), Refinement::default());
@@ -392,7 +392,8 @@ impl CutLight<'_> {
         (sum / (SIDE * SIDE) as f32, rays)
     }
 
-    /// The value of a function at the first hit of a camera ray through a pixel, if its light would come from a cut.
+    /// Evaluates a function at the first hit of a camera ray through a pixel. Returns `None` if the hit would not be lit by a
+    /// cut.
     fn at_first_hit<T>(&self, pixel: [u32; 2], at: impl FnOnce(&GatherPoint<'_>) -> T) -> Option<T> {
         let (hit, direction) = first_hit(self.world, pixel)?;
         let (bsdf, frame) = self.world.scattering(&hit, || [0.5; 2])?;

@@ -24,20 +24,20 @@ dapple_core::options! {
     }
 }
 
-/// The number of images of a pass: one for each half of the film.
+/// The number of images per pass: one for each half of the film.
 const IMAGES: usize = 2;
-/// The number of chains whose light is held before it is added up.
+/// The number of chains whose contributions are buffered before they are added to the image.
 const TOGETHER: u64 = 256;
 
-/// An integrator that distributes light scattered twice or more by Markov chains, and traces direct light by itself.
+/// An integrator that samples indirect lighting (two or more scattering events) by Markov chains, and traces direct lighting
+/// separately.
 ///
-/// Each pass makes two images, each with as many mutations as the image has pixels, and with chains and seeds of its own.
-/// Passes are independent of each other. Each is unbiased: a chain starts at an independent sample, chosen in proportion
-/// to its brightness, and is weighted by the mean brightness of all candidates [after Veach 1997, ch. 11]. Samples of a
-/// pixel in a pass take the value of these images there. Their noise is correlated between pixels, which filters do not
-/// expect.
+/// Each pass renders two images, with as many mutations as the image has pixels, and with separate chains and seeds. Passes
+/// are independent and unbiased: a chain starts at an independent sample, chosen in proportion to its brightness, and is
+/// weighted by the mean brightness of all candidates [after Veach 1997, ch. 11]. A pixel's samples in a pass use the pixel's
+/// value in these images. Their noise is correlated between pixels, which filters do not expect.
 ///
-/// Adaptive counts direct only the direct light. Worlds with media or transparency are refused.
+/// Adaptive sampling affects only direct lighting. Worlds with media or transparency are rejected.
 #[derive(Debug)]
 pub struct Metropolis<'w> {
     world: &'w World,
@@ -47,13 +47,13 @@ pub struct Metropolis<'w> {
     direct: Bdpt<'w>,
     indirect: Bdpt<'w>,
     frame: Option<Frame>,
-    /// The indirect light of each pixel of the frame's window, linear RGB.
+    /// The indirect lighting of each pixel of the frame's window, linear RGB.
     images: [Vec<[f32; 3]>; IMAGES],
 }
 
-/// One image of indirect light.
+/// An image of indirect lighting.
 pub(crate) struct ChainImage {
-    /// The light of each pixel of the window.
+    /// The radiance of each pixel of the window.
     pub(crate) light: Vec<[f64; 3]>,
     pub(crate) rays: u64,
 }
@@ -63,7 +63,7 @@ impl<'w> Metropolis<'w> {
     ///
     /// # Errors
     ///
-    /// [`MakeError::Scene`] with the effect, if the world has media or partly transparent surfaces.
+    /// [`MakeError::Scene`], which names the effect, if the world has media or partly transparent surfaces.
     pub fn new(world: &'w World, options: &MetropolisOptions) -> Result<Self, MakeError> {
         let depth = if options.depth == 0 { world.max_depth() } else { options.depth };
         let direct = Bdpt::new(world, &BdptOptions::default().depth(depth.min(1)).splat(0))?;
@@ -108,7 +108,7 @@ fn image_of(target: &dyn Target, frame: &Frame, key: u64, options: &MetropolisOp
     ChainImage { light, rays }
 }
 
-/// Returns the sample that each of `count` chains starts from, in proportion to brightness, by systematic resampling.
+/// Returns the start samples of `count` chains, chosen in proportion to brightness by systematic resampling.
 fn starts(brightness: impl Iterator<Item = f64>, total: f64, count: u64, key: u64) -> Vec<u64> {
     let offset = (mix(key ^ 0x57a2_7f00_d5e1_ec75) >> 11) as f64 / (1_u64 << 53) as f64;
     let (mut starts, mut sum, mut last) = (Vec::with_capacity(count as usize), 0.0, 0);
@@ -126,7 +126,7 @@ fn starts(brightness: impl Iterator<Item = f64>, total: f64, count: u64, key: u6
     starts
 }
 
-/// The indirect light of a world, for chains.
+/// The indirect lighting of a world, as a target function of chains.
 struct Indirect<'a, 'w> {
     world: &'w World,
     paths: &'a Bdpt<'w>,
@@ -196,7 +196,7 @@ impl Integrator for Metropolis<'_> {
     }
 
     fn memory(&self, frame: &Frame) -> u64 {
-        /// Light that a mutation adds to pixels: its own and a few splats of two states.
+        /// The number of pixel contributions per mutation: its own and a few splats, for two states.
         const DEPOSITS: u64 = 8;
         let pixels = frame.pixels() as u64;
         let images = (IMAGES * size_of::<[f32; 3]>() + size_of::<[f64; 3]>()) as u64 * pixels;

@@ -1,7 +1,7 @@
 //! Patches: clusters of small pieces of all surfaces.
 //!
-//! Triangles are divided into equal parts until none is larger than a share of a patch, spheres and disks into cells of
-//! their parameters. Pieces near each other, of one material and with similar normals, are a patch.
+//! Triangles are divided into equal parts until none is larger than a fraction of a patch; spheres and disks are divided into
+//! cells of their parameters. A patch is a group of nearby pieces with the same material and similar normals.
 
 mod parts;
 
@@ -12,39 +12,39 @@ use glam::{DAffine3, DVec3, Vec3};
 use parts::{divide, part_at, triangle_area};
 use std::f64::consts::{PI, TAU};
 
-/// Pieces in an average patch.
+/// The mean number of pieces per patch.
 const PIECES: f64 = 6.0;
 /// The largest number of parts along an edge of a triangle, or of cells along a parameter.
 const MOST_PARTS: f64 = 1024.0;
 /// The largest number of pieces of all shapes together.
 const MOST_PIECES: u64 = 1 << 24;
-/// The bytes that each takes while patches are made.
+/// The memory in bytes per piece while patches are computed.
 const OF_A_PIECE: u64 = 70;
-/// The least number of cells from pole to pole, or from rim to centre.
+/// The smallest number of cells from pole to pole, or from rim to centre.
 const LEAST_CELLS: f64 = 4.0;
 
-/// The division of a world's surfaces into pieces, before patches are made of them.
+/// The division of a world's surfaces into pieces, which are later grouped into patches.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Division {
     /// The desired number of patches.
     pub(crate) count: u32,
-    /// The area of the largest piece.
+    /// The largest area of a piece.
     largest: f64,
     /// The number of pieces.
     pub(crate) pieces: u64,
 }
 
 impl Division {
-    /// Sizes pieces for about `count` patches.
+    /// Chooses the size of pieces for about `count` patches.
     ///
     /// # Errors
     ///
-    /// The reason, if there are too many triangles, or if areas are beyond numbers.
+    /// A message, if there are too many triangles, or if areas overflow.
     pub(crate) fn new(world: &World, count: u32) -> Result<Self, String> {
         let shapes = || 0..world.geometry().shape_count();
         let area: f64 = shapes().map(|shape| area_of(world, shape)).sum();
         if !area.is_finite() {
-            return Err("the scene's surfaces are too large for patches; use \"path\"".into());
+            return Err("the total area of the scene's surfaces overflows; use \"path\"".into());
         }
         let largest = (area / (f64::from(count) * PIECES)).max(f64::MIN_POSITIVE);
         let of_shape = |shape: u32| -> u64 {
@@ -55,23 +55,23 @@ impl Division {
         };
         let pieces = shapes().map(of_shape).sum();
         if pieces > MOST_PIECES {
-            return Err(format!("the scene has more than {MOST_PIECES} triangles for patches; use \"path\""));
+            return Err(format!("the scene has too many triangles for patches (limit {MOST_PIECES}); use \"path\""));
         }
         Ok(Self { count, largest, pieces })
     }
 
-    /// The bytes that making the patches takes.
+    /// Returns the memory in bytes that computing the patches takes.
     pub(crate) fn bytes(&self) -> u64 {
         OF_A_PIECE * self.pieces
     }
 }
 
-/// The parts along the edges of a triangle, none larger than `largest`.
+/// Returns the number of parts along each edge of a triangle, such that no part has an area above `largest`.
 fn parts_along(corners: [DVec3; 3], largest: f64) -> u32 {
     (triangle_area(corners) / largest).sqrt().ceil().clamp(1.0, MOST_PARTS) as u32
 }
 
-/// The cells of a sphere or disk along `u` and `v`, none much larger than `largest`.
+/// Returns the numbers of cells of a sphere or disk along `u` and `v`, such that no cell's area is much above `largest`.
 fn cells_across(world: &World, shape: u32, largest: f64) -> [u32; 2] {
     let across = (area_of(world, shape) / largest / 2.0).sqrt().ceil().clamp(LEAST_CELLS, MOST_PARTS) as u32;
     [2 * across, across]
@@ -80,28 +80,28 @@ fn cells_across(world: &World, shape: u32, largest: f64) -> [u32; 2] {
 /// The patches of a world's surfaces.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Patches {
-    /// For each shape, where its pieces lie.
+    /// The location of each shape's pieces.
     shapes: Vec<Pieces>,
-    /// The first piece of each triangle, and the parts along its edges.
+    /// The index of each triangle's first piece, and the number of parts along the triangle's edges.
     triangles: Vec<[u32; 2]>,
-    /// The patch of each piece.
+    /// The patch index of each piece.
     labels: Vec<u32>,
     /// The area of each patch, in the renderer's units.
     pub(crate) areas: Vec<f64>,
-    /// The mean normal of each patch, zero where its normals cancel.
+    /// The mean normal of each patch, zero if its normals cancel.
     normals: Vec<Vec3>,
 }
 
-/// The pieces of a shape.
+/// The location of a shape's pieces.
 #[derive(Clone, Copy, Debug)]
 enum Pieces {
-    /// A mesh, by the number of its first triangle.
+    /// The pieces of a mesh; `first` is the number of the mesh's first triangle.
     Mesh { first: u32 },
-    /// A sphere or a disk, by its first piece and the number of cells along `u` and `v`.
+    /// The pieces of a sphere or a disk: the index of the first, and the numbers of cells along `u` and `v`.
     Cells { first: u32, cells: [u32; 2] },
 }
 
-/// Pieces as triangles for clustering.
+/// The pieces as triangles, the input of clustering.
 #[derive(Default)]
 struct Soup {
     positions: Vec<[f32; 3]>,
@@ -122,7 +122,7 @@ impl Soup {
 }
 
 impl Patches {
-    /// Makes patches of a world's surfaces, as they stand when the shutter opens.
+    /// Computes the patches of a world's surfaces, at the time when the shutter opens.
     pub(crate) fn new(world: &World, division: &Division) -> Self {
         let largest = division.largest;
         let (mut soup, mut shapes, mut triangles) = (Soup::default(), Vec::new(), Vec::new());
@@ -159,8 +159,8 @@ impl Patches {
         Self { shapes, triangles, labels, areas, normals }
     }
 
-    /// The side of the patch at a hit from which a direction arrives: twice the number of the patch, plus 0 or 1. The side is
-    /// the same for all of the patch.
+    /// Returns the side of a patch from which a direction arrives at a hit: twice the patch's index, plus 0 or 1. The side is
+    /// the same everywhere on the patch.
     pub(crate) fn side_at(&self, world: &World, at: &Interaction<'_>, direction: Vec3) -> usize {
         let (hit, position) = (at.hit(), at.point().position);
         let piece = match self.shapes[hit.shape as usize] {
@@ -181,19 +181,19 @@ impl Patches {
     }
 }
 
-/// The map from a shape's space to the world's.
+/// Returns the map from a shape's space to the world's.
 fn to_world(world: &World, shape: u32) -> DAffine3 {
     world.geometry().to_world(shape, world.time(0.0)).unwrap_or(DAffine3::IDENTITY)
 }
 
-/// The corners of each triangle of a mesh; `None` for a sphere or a disk.
+/// Returns the corners of each triangle of a mesh; `None` for a sphere or a disk.
 fn triangles_of(world: &World, shape: u32) -> Option<impl Iterator<Item = [DVec3; 3]>> {
     let (mesh, to_world) = (world.geometry().shape(shape).mesh()?, to_world(world, shape));
     let corners = move |number| mesh.corners(number).map(|corner| to_world.transform_point3(corner.as_dvec3()));
     Some((0..mesh.triangles().len() as u32).map(corners))
 }
 
-/// The area of a shape; of spheres and disks by their cells.
+/// Returns the area of a shape. Spheres and disks are approximated by cells.
 fn area_of(world: &World, shape: u32) -> f64 {
     match triangles_of(world, shape) {
         Some(triangles) => triangles.map(triangle_area).sum(),
@@ -205,7 +205,8 @@ fn area_of(world: &World, shape: u32) -> f64 {
     }
 }
 
-/// Divides a sphere or disk into cells of its parameters. Each is a triangle around its middle, with the cell's area.
+/// Divides a sphere or disk into cells of its parameters. Calls `add` with each cell as a triangle around its centre, and with
+/// the cell's area.
 fn cells_of(world: &World, shape: u32, cells: [u32; 2], mut add: impl FnMut([DVec3; 3], f64)) {
     let (to_world, shape) = (to_world(world, shape), world.geometry().shape(shape));
     for v in 0..cells[1] {

@@ -1,8 +1,8 @@
 //! Photon mapping [Jensen 1996] in passes of one radius each [Knaus and Zwicker 2011].
 //!
-//! Each pass traces photons from the lights and stores those that arrive at rough surfaces. The path tracer adds their
-//! density at the vertices of its paths. The radius shrinks from pass to pass, so that the mean over passes converges
-//! to the true image: bias and variance both fall to 0.
+//! Each pass traces photons from the lights and stores those that arrive at rough surfaces. The path tracer adds radiance
+//! estimated from their density at the vertices of its paths. The radius shrinks from pass to pass, so that both bias and
+//! variance of the mean over passes converge to 0.
 
 mod map;
 
@@ -18,12 +18,12 @@ use dapple_scene::Effect;
 use glam::Vec3;
 use map::{Photon, PhotonMap, shrunk};
 
-/// The light that photons carry. The rest is left to path tracing.
+/// The light that photons carry. Path tracing finds all other light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PhotonScope {
-    /// Light of small lamps that reaches rough surfaces by mirrors and clear glass only.
+    /// Caustics: light of small light sources that reaches rough surfaces through mirrors and clear glass only.
     Caustics,
-    /// All indirect light at the first rough surface of a path.
+    /// All indirect lighting at the first rough surface of a path.
     All,
 }
 
@@ -50,8 +50,8 @@ dapple_core::options! {
 /// Makes the integrator from the text of its parameters, for the table of integrators.
 pub(crate) fn make<'w>(parameters: &str, world: &'w World) -> Result<Box<dyn Integrator + 'w>, MakeError> {
     let options = PhotonOptions::parse(parameters)?;
-    let blur = "motion blur, and photons have no time; use \"path\", or render without motion-blur";
-    let medium = "a medium that scatters light, and photons are stored on surfaces only; use \"path\" or what=caustics";
+    let blur = "motion blur, which photons do not support; use \"path\", or render without motion-blur";
+    let medium = "scattering-media, but photons are stored on surfaces only; use \"path\" or what=caustics";
     let lacking = [(Effect::MotionBlur, blur), (Effect::ScatteringMedia, medium)];
     refuse(world, if options.what == PhotonScope::All { &lacking } else { &lacking[..1] })?;
     let light = PhotonLight::new(world, options);
@@ -59,17 +59,18 @@ pub(crate) fn make<'w>(parameters: &str, world: &'w World) -> Result<Box<dyn Int
     Ok(path_tracer_with(world, light))
 }
 
-/// The least cosine between the normals of two points of the same surface.
+/// The smallest cosine between the normals of two points that count as the same surface.
 const SAME_NORMAL: f32 = 0.9;
-/// The smallest and the largest radius of a look-up, in radii of the scene. Positions are no more exact than the smallest.
+/// The smallest and the largest radius of a look-up, relative to the scene's radius. Positions are about as precise as the
+/// smallest.
 const RADII: [f32; 2] = [1e-6, 2.0];
-/// The height of the look-up's cylinder to each side, in radii.
+/// Half the height of the look-up's cylinder, in radii.
 const THICKNESS: f32 = 0.5;
-/// The radius of the first look-up in pixels at the median first hit.
+/// The radius of the first look-up, in pixels at the median first hit.
 const PIXELS: f32 = 1.0;
-/// Photons that a guided path stores as caustics, for the estimate of memory. Measured: 0.6 on the scene `caustic`.
+/// The number of caustic photons stored per guided path, for the memory estimate. Measured: 0.6 on the scene `caustic`.
 const STORED_CAUSTICS: f64 = 0.7;
-/// Paths that are traced for the estimate of memory with what=all.
+/// The number of paths traced for the memory estimate with what=all.
 const PROBES: u32 = 2048;
 
 /// The photons of the current pass, one map for each half of the samples.
@@ -78,7 +79,7 @@ struct PhotonLight<'w> {
     options: PhotonOptions,
     /// The lights that emit photons.
     sources: Sources,
-    /// For each light, true if photons stand for its light through mirrors and glass.
+    /// For each light, true if photons replace its light through mirrors and glass.
     replaced: Vec<bool>,
     /// The radius of the first pass, in the renderer's units; `None` before it is measured.
     radius: Option<f32>,
@@ -86,11 +87,11 @@ struct PhotonLight<'w> {
     is_guided: bool,
 }
 
-/// The state of a path among photons.
+/// The state of a path that gathers photons.
 #[derive(Clone, Copy, Default)]
 struct Gathered {
     now: Next,
-    /// The state after a scattering event that is not specular.
+    /// The state to use after the next scattering event, unless that is specular.
     next: Next,
     /// The number of rough surfaces at which the path gathered.
     vertices: u32,
@@ -98,9 +99,9 @@ struct Gathered {
 
 #[derive(Clone, Copy, Default)]
 struct Next {
-    /// True if the last rough surface had the light of specular chains from its photons.
+    /// True if photons at the last rough surface already provided the light that arrives there through specular chains.
     has_chains: bool,
-    /// True if photons were all indirect light of that surface.
+    /// True if photons provided all indirect lighting of that surface.
     ends: bool,
 }
 
@@ -122,7 +123,7 @@ impl<'w> PhotonLight<'w> {
         Self { world, options, sources, replaced, radius, maps: Default::default(), is_guided: false }
     }
 
-    /// Refuses a radius that finds no photons, or all of them.
+    /// Rejects a radius so small that no photons are found, or so large that all are.
     fn check_radius(&self) -> Result<(), MakeError> {
         let scene = self.world.lights().scene_sphere().1;
         let [least, most] = RADII.map(|of_scene| of_scene * scene);
@@ -134,13 +135,14 @@ impl<'w> PhotonLight<'w> {
         Err(MakeError::Scene(format!("radius={radius:?} does not fit the scene; use {least:.3e} to {most:.3e}, or 0")))
     }
 
-    /// The radius of a pass: `r(i+1)^2 = r(i)^2 (i + alpha) / (i + 1)` [Knaus and Zwicker 2011].
+    /// Returns the radius of a pass: `r(i+1)^2 = r(i)^2 (i + alpha) / (i + 1)` [Knaus and Zwicker 2011].
     fn radius_of(&mut self, pass: &Pass<'_>) -> f32 {
         let first = *self.radius.get_or_insert_with(|| PIXELS * footprint(self.world, &pass.frame));
         first * shrunk(self.options.alpha, pass.number).sqrt() as f32
     }
 
-    /// Learns which rays of the lamps become caustics: the few that meet glass or mirrors.
+    /// Learns which rays from the lights become caustics: the few that hit glass or mirrors. Returns the number of rays
+    /// traced.
     fn guide(&mut self) -> u64 {
         self.is_guided = true;
         if self.options.what == PhotonScope::All {
@@ -156,12 +158,13 @@ impl<'w> PhotonLight<'w> {
         rays
     }
 
-    /// Traces photons, in the order of their numbers.
+    /// Traces photons. Returns them in the order of their paths, and the number of rays.
     fn trace<'d>(&self, paths: u32, draws: impl Fn(u32) -> Draws<'d> + Sync) -> (Vec<Photon>, u64) {
         self.sources.trace(self.world, 0..paths, draws, |arrival, photons| self.arrive(arrival, photons))
     }
 
-    /// The photons that a path stores, for the estimate of memory: with what=all by tracing some.
+    /// Returns the mean number of photons that a path stores, for the memory estimate. With what=all, some paths are traced to
+    /// measure it.
     fn stored(&self) -> f64 {
         if self.options.what == PhotonScope::Caustics {
             return if self.sources.is_empty() { 0.0 } else { STORED_CAUSTICS };
@@ -170,7 +173,7 @@ impl<'w> PhotonLight<'w> {
         photons.len() as f64 / f64::from(PROBES)
     }
 
-    /// Stores a photon that arrives, if it is not direct light, and returns how its path continues.
+    /// Stores an arriving photon unless it is direct light. Returns how its path continues.
     fn arrive(&self, arrival: &Arrival<'_, '_>, photons: &mut Vec<Photon>) -> Onwards {
         let caustics = self.options.what == PhotonScope::Caustics;
         if caustics && !arrival.is_specular {
@@ -185,7 +188,7 @@ impl<'w> PhotonLight<'w> {
         if caustics { Onwards::Specular } else { Onwards::Scatter }
     }
 
-    /// The radiance that the photons around a vertex make; caustics alone, or all.
+    /// Returns the radiance estimated from the photons around a vertex: from caustic photons only, or from all.
     fn density(&self, vertex: &GatherPoint<'_>, map: &PhotonMap, caustics: bool) -> Vec3 {
         let point = vertex.at.point();
         let (normal, shading) = (point.normal, vertex.frame.normal);
@@ -271,8 +274,8 @@ impl VertexLight for PhotonLight<'_> {
     }
 }
 
-/// The median width of a pixel on the first surface that camera rays meet, in the renderer's units. Where they meet
-/// none, it is a hundredth of the scene's radius.
+/// Returns the median width of a pixel's footprint at first hits, in the renderer's units. If camera rays hit nothing, returns
+/// a hundredth of the scene's radius.
 fn footprint(world: &World, frame: &Frame) -> f32 {
     let width = |pixel| first_hit(world, pixel).map(|(at, _)| world.camera().footprint(at.distance()));
     let widths = grid(frame, 32).filter_map(width).filter(|width| *width > 0.0 && width.is_finite());

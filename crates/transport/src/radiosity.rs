@@ -1,7 +1,8 @@
-//! Radiosity [Goral et al. 1984] on clusters of triangles as patches.
+//! Radiosity [Goral et al. 1984] with clusters of triangles as patches.
 //!
-//! Each pass traces particles from the lights and sums the light that arrives at each patch [after Pattanaik and Mudur
-//! 1992]. Patches are the clusters of \[Lan 2016\]. Paths read the indirect light of diffuse surfaces there, and end.
+//! Each pass traces particles from the lights and sums the flux that arrives at each patch [after Pattanaik and Mudur 1992].
+//! Patches are the clusters of \[Lan 2016\]. Camera paths look up the indirect lighting of diffuse surfaces in the patches,
+//! and end.
 
 use crate::patches::{Division, Patches};
 use crate::walk::{Arrival, MOST_TURNED, Onwards, Sources, draws_of_half, emitted, refuse, turned};
@@ -29,18 +30,18 @@ dapple_core::options! {
 pub(crate) fn make<'w>(parameters: &str, world: &'w World) -> Result<Box<dyn Integrator + 'w>, MakeError> {
     let options = RadiosityOptions::parse(parameters)?;
     let lacking = [
-        (Effect::MotionBlur, "motion-blur, and patches stand still; use \"path\""),
-        (Effect::ScatteringMedia, "scattering-media, and patches lie on surfaces only; use \"path\""),
-        (Effect::Transparency, "transparency, and patches have no holes; use \"path\""),
+        (Effect::MotionBlur, "motion-blur, but patches do not move; use \"path\""),
+        (Effect::ScatteringMedia, "scattering-media, but patches lie on surfaces only; use \"path\""),
+        (Effect::Transparency, "transparency, but patches have no holes; use \"path\""),
     ];
     refuse(world, &lacking)?;
     let division = Division::new(world, options.patches).map_err(MakeError::Scene)?;
     Ok(path_tracer_with(world, PatchLight::new(world, options, division)))
 }
 
-/// The largest number of scattering events that are told apart; later ones count as the last.
+/// The largest number of scattering events that are counted separately; light with more is counted with the last.
 const LAYERS: u32 = 16;
-/// Particles whose light is held before it is added up.
+/// The number of particles whose flux is buffered before it is added to the patches.
 const TOGETHER: u32 = 1 << 15;
 
 /// The light that arrives at the patches, one solution for each half of the samples.
@@ -49,21 +50,21 @@ struct PatchLight<'w> {
     options: RadiosityOptions,
     sources: Sources,
     division: Division,
-    /// The patches of the division, once the first pass has made them.
+    /// The patches, computed in the first pass; empty before.
     patches: Patches,
-    /// The numbers of scattering events that are told apart.
+    /// The number of layers: light is summed separately for each number of scattering events.
     layers: u32,
-    /// The indirect irradiance of each side of each patch, by light with at most so many scattering events.
+    /// The indirect irradiance of each side of each patch, from light with at most 1, 2, … scattering events.
     irradiance: [Vec<Vec3>; 2],
 }
 
-/// The state of a path among patches.
+/// The state of a path that looks up patches.
 #[derive(Clone, Copy, Default)]
 struct Gathered {
-    /// True if patches were all indirect light of the last diffuse surface; and of the vertex in progress.
+    /// True if patches provided all indirect lighting of the last diffuse surface (`ends`) or of the current vertex (`next`).
     ends: bool,
     next: bool,
-    /// The number of diffuse surfaces that the path left.
+    /// The number of diffuse surfaces that have scattered the path.
     vertices: u32,
     is_diffuse: bool,
 }
@@ -76,7 +77,7 @@ impl<'w> PatchLight<'w> {
         Self { world, options, sources, division, patches, layers, irradiance }
     }
 
-    /// Notes the light that arrives at a patch, if it is not direct light.
+    /// Records the flux that arrives at a patch, unless it is direct light.
     fn arrive(&self, arrival: &Arrival<'_, '_>, found: &mut Vec<(u32, Vec3)>) -> Onwards {
         if arrival.bounces > 0 {
             let side = self.patches.side_at(self.world, arrival.at, arrival.from);
@@ -90,7 +91,8 @@ impl<'w> PatchLight<'w> {
         Onwards::Scatter
     }
 
-    /// Traces the particles of one solution, and returns the flux that arrives in each place, with the rays.
+    /// Traces the particles of one solution. Returns the flux that arrives at each patch side and layer, and the number of
+    /// rays.
     fn trace(&self, pass: &Pass<'_>, half: usize, emitted: u32) -> (Vec<DVec3>, u64) {
         let mut sums = vec![DVec3::ZERO; 2 * self.patches.areas.len() * self.layers as usize];
         let (draws, mut rays) = (draws_of_half(pass, half, emitted), 0);
@@ -104,7 +106,7 @@ impl<'w> PatchLight<'w> {
         (sums, rays)
     }
 
-    /// The irradiance in each place: the flux per area of each patch, summed over scattering events.
+    /// Returns the irradiance of each patch side and layer: the flux per area, summed over layers up to this one.
     fn solution(&self, flux: &[DVec3], emitted: u32) -> Vec<Vec3> {
         let layers = self.layers as usize;
         let density = |patch: usize| match self.patches.areas[patch] {
@@ -123,7 +125,7 @@ impl<'w> PatchLight<'w> {
             .collect()
     }
 
-    /// The radiance of a diffuse surface by the light that arrives at its patch.
+    /// Returns the radiance of a diffuse surface under the irradiance of its patch.
     fn radiance(&self, vertex: &GatherPoint<'_>, irradiance: &[Vec3]) -> Vec3 {
         let most = self.world.max_depth().saturating_sub(vertex.depth + 1).min(self.layers);
         if most == 0 {

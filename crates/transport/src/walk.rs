@@ -1,5 +1,5 @@
-//! Paths from the lights: emission, specular and rough scattering, passage through media. Besides, what several integrators
-//! need of a world: probes of camera rays, shadow rays, and refusals.
+//! Paths from the lights: emission, specular and rough scattering, and passage through media. Also utilities that several
+//! integrators share: camera rays that probe the world, shadow rays, and checks for unsupported effects.
 
 use dapple_core::{Block, Draws, Frame, HostNumbers, SampleId, integrator::Pass, parallel, point_set::streams};
 use dapple_geometry::spawn_ray;
@@ -10,38 +10,38 @@ use dapple_scene::Effect;
 use glam::Vec3;
 use std::ops::Range;
 
-/// The group for the light (dimension 0) and the place on it (2 and 3).
+/// The group for the light (dimension 0) and the point on it (2 and 3).
 pub(crate) const LIGHT: Block = Block::new(0);
 /// The group for the emitted direction (dimensions 0 and 1).
 pub(crate) const TOWARDS: Block = Block::new(1);
 /// The first group for a scattering event: direction (dimensions 0 and 1), lobe (2), roulette (3).
 const SCATTER: Block = Block::new(2);
-/// The first group for a hit that may be a hole or a mixed material: opacity (dimension 0) and selection (1).
+/// The first group for a hit with alpha or a mixed material: opacity (dimension 0) and selection of the material (1).
 const SURFACE: Block = Block::new(3);
 /// The distance between the groups of successive hits.
 const STRIDE: u32 = 2;
 /// The largest number of hits of a path, passed surfaces included.
 const MOST_HITS: u32 = 10_000;
 
-/// The random numbers of a camera ray that only probes the scene.
+/// Returns the random numbers of a camera ray that only probes the scene.
 pub(crate) fn probe(pixel: [u32; 2]) -> Draws<'static> {
     Draws::new(&HostNumbers, SampleId::new(pixel, streams::PROBE, 0))
 }
 
-/// Pixels on a regular grid over an image, row by row.
+/// Iterates over the pixels of a regular grid on an image, row by row.
 pub(crate) fn grid(frame: &Frame, side: u32) -> impl Iterator<Item = [u32; 2]> {
     let [width, height] = frame.resolution().map(u64::from);
     let at = move |k: u32, length: u64| (u64::from(k) * length / u64::from(side)) as u32;
     (0..side * side).map(move |i| [at(i % side, width), at(i / side, height)])
 }
 
-/// The first hit of a camera ray that probes the scene through a pixel, and the ray's direction.
+/// Returns the first hit of a probing camera ray through a pixel, and the ray's direction.
 pub(crate) fn first_hit(world: &World, pixel: [u32; 2]) -> Option<(Interaction<'_>, Vec3)> {
     let (ray, time) = world.camera_ray(&probe(pixel));
     Some((world.closest_hit(&ray, time)?, ray.direction))
 }
 
-/// Refuses a world that has one of these effects, for the reason beside it.
+/// Rejects a world that has one of these effects. Each effect comes with the reason for the error message.
 pub(crate) fn refuse(world: &World, lacking: &[(Effect, &str)]) -> Result<(), MakeError> {
     match lacking.iter().find(|(effect, _)| world.effects().has(*effect)) {
         Some((_, reason)) => Err(MakeError::Scene(format!("the scene has {reason}"))),
@@ -49,8 +49,8 @@ pub(crate) fn refuse(world: &World, lacking: &[(Effect, &str)]) -> Result<(), Ma
     }
 }
 
-/// The scattering at a vertex of light from the unit direction `wi`, and the cosine of `wi` with the shading normal; `None`
-/// where light would leak.
+/// Returns the BSDF value at a vertex for light from the unit direction `wi`, and the cosine of `wi` with the shading normal.
+/// Returns `None` if light would leak through the surface.
 #[inline]
 pub(crate) fn scattered_from(vertex: &GatherPoint<'_>, wi: Vec3) -> Option<(Vec3, f32)> {
     let (local, normal) = (vertex.frame.to_local(wi), vertex.at.point().normal);
@@ -58,53 +58,54 @@ pub(crate) fn scattered_from(vertex: &GatherPoint<'_>, wi: Vec3) -> Option<(Vec3
     (!leaks).then(|| (vertex.bsdf.evaluate(vertex.wo, local), local.z))
 }
 
-/// The share of light from a target in the unit direction `wi` that reaches a surface point, and the number of rays.
+/// Returns the transmittance from a target in the unit direction `wi` to a surface point, and the number of rays traced.
 pub(crate) fn visible(world: &World, at: &Interaction<'_>, wi: Vec3, target: Target) -> (Vec3, u32) {
     let ray = LightSample { wi, radiance: Vec3::ONE, pdf: 1.0, target, delta: true }.shadow_ray(at.point());
     let medium = world.medium_beyond(at, wi, world.camera_medium());
     world.transmittance(ray, &target, at.time(), medium)
 }
 
-/// The fewest and the most paths per pass and half, where none are requested: a small image needs some, a large one does
-/// not fill the memory.
+/// The smallest and the largest default number of paths per pass and half. A small image needs a minimum of paths; a large
+/// image must not fill the memory.
 const EMITTED: [u32; 2] = [1000, 1 << 22];
 
-/// The paths to emit per pass and half of the samples: as many as requested; for 0 one per pixel, within [`EMITTED`].
+/// Returns the number of paths to emit per pass and half of the samples. It is `requested`, or for 0 one per pixel, clamped to
+/// [`EMITTED`].
 pub(crate) fn emitted(requested: u32, frame: &Frame) -> u32 {
     let pixels = u32::try_from(frame.pixels()).unwrap_or(u32::MAX);
     if requested == 0 { pixels.clamp(EMITTED[0], EMITTED[1]) } else { requested }
 }
 
-/// The random numbers of the paths for one half of the samples, of `count` paths each.
+/// Returns the random numbers of each path for one half of the samples. Each half has `count` paths.
 pub(crate) fn draws_of_half<'p>(pass: &'p Pass<'_>, half: usize, count: u32) -> impl Fn(u32) -> Draws<'p> + Sync {
     move |number| pass.draws(half as u64 * u64::from(count) + u64::from(number))
 }
 
-/// Returns true for a surface rough enough for light from single points: photons, virtual lights and cuts. Narrower lobes
-/// would show the points, and are left to paths.
+/// Returns true if a surface is rough enough to be lit by single points: photons, virtual lights and points of lights.
+/// Narrower lobes would make the points visible, and are left to path tracing.
 pub(crate) fn is_rough(bsdf: &Bsdf<'_>) -> bool {
-    /// The least microfacet width.
+    /// The smallest microfacet width of a rough surface.
     const ROUGH: f32 = 0.3;
     bsdf.roughness() >= ROUGH
 }
 
-/// Returns the factor of flux from a direction, which is measured on the geometric surface, where the shading normal
-/// scatters it. Receives the cosines of the direction with both normals.
+/// Returns the factor that converts flux measured at the geometric surface to the surface of the shading normal. The arguments
+/// are the cosines of the light's direction with both normals.
 pub(crate) fn turned(shading: f32, geometric: f32) -> f32 {
     if shading == geometric { 1.0 } else { (shading / geometric).abs() }
 }
 
-/// The largest [`turned`] factor of a particle in density estimates: one along the surface would outshine all others.
-/// This darkens light from below 6 degrees above a surface whose shading normal is bent.
+/// The largest [`turned`] factor of a particle in density estimates. Without it, a particle along the surface would dominate
+/// all others. The limit darkens light from less than 6 degrees above a surface with interpolated normals.
 pub(crate) const MOST_TURNED: f32 = 10.0;
 
-/// Some lights of a world, and how their rays are selected: each light's rays are divided into a grid of cells.
+/// A set of lights that emit paths, and the selection of their rays. The rays of each light are divided into a grid of cells.
 #[derive(Clone, Debug)]
 pub(crate) struct Sources {
     lights: Vec<SourceLight>,
-    /// Cells along each side of a light's grid.
+    /// The number of cells along each side of a light's grid.
     side: u32,
-    /// The selection among the cells of all lights; `None` without lights.
+    /// The distribution over the cells of all lights; `None` without lights.
     choice: Option<Discrete>,
 }
 
@@ -113,15 +114,15 @@ pub(crate) struct Sources {
 struct SourceLight {
     index: u32,
     power: f32,
-    /// True if the grid divides the places that rays leave from, as for light from infinity; else their directions.
+    /// True if the grid divides the points that rays leave from, as for light from infinity; else it divides directions.
     by_place: bool,
 }
 
-/// Paths that one task traces.
+/// The number of paths traced by one task.
 const CHUNK: usize = 1024;
-/// The number of pilot paths in all.
+/// The total number of pilot paths.
 const PILOTS: u32 = 1 << 17;
-/// The least number of pilot paths in each cell.
+/// The smallest number of pilot paths per cell.
 const PILOTS_IN_CELL: u32 = 8;
 /// The largest number of cells along a side.
 const MOST_SIDE: u32 = 64;
@@ -129,7 +130,7 @@ const MOST_SIDE: u32 = 64;
 const BLIND: f64 = 0.2;
 
 impl Sources {
-    /// The lights for which `includes` returns true, selected in proportion to their power.
+    /// Makes the set of the lights for which `includes` returns true, selected in proportion to their power.
     pub(crate) fn new(world: &World, includes: impl Fn(u32) -> bool) -> Self {
         let all = world.lights();
         let light = |index: u32| {
@@ -141,11 +142,11 @@ impl Sources {
         Self { lights, side: 1, choice }
     }
 
-    /// Learns by pilot paths from which cells useful light comes. `carried` traces the path of an emitted ray, and returns
-    /// its useful light and its rays. Returns the number of all rays.
+    /// Learns from pilot paths which cells emit useful light. `carried` traces the path of an emitted ray, and returns the
+    /// path's useful light and number of rays. Returns the total number of rays.
     ///
-    /// Paths are then selected by the light that pilots of their cell and its neighbours carried, and a share of
-    /// [`BLIND`] by power. Their flux makes up for it, so that no mean changes.
+    /// Afterwards, cells are selected by the useful light of the pilots in the cell and its neighbours, and with probability
+    /// [`BLIND`] by power. The flux of paths is divided by these probabilities, so that no mean changes.
     pub(crate) fn guide(
         &mut self,
         world: &World,
@@ -205,8 +206,8 @@ impl Sources {
 }
 
 impl Sources {
-    /// Traces the paths with these numbers, in parallel. Calls `arrive` at each surface with a list for what the path leaves
-    /// there. Returns the lists in the order of the paths, and the number of rays.
+    /// Traces the paths with these numbers, in parallel. Calls `arrive` at each surface, with a list to which the path's
+    /// results are added. Returns the results in the order of the paths, and the number of rays.
     pub(crate) fn trace<'w, 'd, T: Send>(
         &self,
         world: &'w World,
@@ -232,12 +233,12 @@ impl Sources {
     }
 }
 
-/// A distribution by weights; `None` if all are 0.
+/// Returns the distribution with these weights; `None` if all are 0.
 fn select(weights: impl Iterator<Item = f32>) -> Option<Discrete> {
     Discrete::new(&weights.collect::<Vec<_>>()).ok().filter(|choice| !choice.is_empty())
 }
 
-/// Samples a ray of one cell, which was selected with probability `pmf`.
+/// Samples a ray of one cell. `pmf` is the probability with which the cell was selected.
 fn emit(
     world: &World,
     light: &SourceLight,
@@ -256,37 +257,36 @@ fn emit(
     world.lights().sample_emission_of(selected, place, towards)
 }
 
-/// The largest random number below 1.
+/// The largest `f32` below 1.
 pub(crate) const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
 
-/// Light that arrives at a surface.
+/// Light of a path that arrives at a surface.
 pub(crate) struct Arrival<'a, 'w> {
     pub(crate) at: &'a Interaction<'w>,
     pub(crate) bsdf: &'a Bsdf<'w>,
     pub(crate) frame: &'a ShadingFrame,
-    /// The unit direction that the light came from, in the renderer's space.
+    /// The unit direction from which the light came, in the renderer's space.
     pub(crate) from: Vec3,
     /// The flux that arrives.
     pub(crate) flux: Vec3,
-    /// The number of scattering events on the way.
+    /// The number of scattering events before the arrival.
     pub(crate) bounces: u32,
-    /// True if all of them were by mirrors, clear glass and smooth coats.
+    /// True if only mirrors, clear glass and smooth coats have scattered the light.
     pub(crate) is_specular: bool,
 }
 
-/// The continuation of a path after an arrival. At a mirror and clear glass, it continues specularly in any case.
+/// The continuation of a path after an arrival. At mirrors and clear glass, the path always continues specularly.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Onwards {
-    /// In any direction that the surface scatters to.
+    /// The path continues in any direction that the surface scatters to.
     Scatter,
-    /// By a specular lobe only, such as a smooth coat.
+    /// The path continues only by a specular lobe, such as that of a smooth coat.
     Specular,
-    /// Not at all.
+    /// The path ends.
     Stop,
 }
 
-/// Traces a path from a ray that leaves a light. Calls `arrive` at each surface. Returns the number of
-/// rays.
+/// Traces a path from a ray that leaves a light. Calls `arrive` at each surface. Returns the number of rays.
 pub(crate) fn walk<'w>(
     world: &'w World,
     emitted: &EmittedLight,
@@ -342,9 +342,9 @@ pub(crate) fn walk<'w>(
     u64::from(MOST_HITS)
 }
 
-/// Returns the factor by which shading normals change the scattering of light against that of importance
-/// [Veach 1997, sec. 5.3.2]. Receives the cosines of the arriving and the leaving direction, with the shading normal and
-/// with the geometric one. Not finite for directions along the surface.
+/// Returns the ratio of the scattering of light to that of importance under shading normals [Veach 1997, sec. 5.3.2]. The
+/// arguments are the cosines of the arriving and the leaving direction, with the shading normal and with the geometric one.
+/// The result is not finite for directions along the surface.
 pub(crate) fn adjoint(shading: [f32; 2], geometric: [f32; 2]) -> f32 {
     if shading == geometric {
         return 1.0;
@@ -352,8 +352,8 @@ pub(crate) fn adjoint(shading: [f32; 2], geometric: [f32; 2]) -> f32 {
     ((shading[0] * geometric[1]) / (geometric[0] * shading[1])).abs()
 }
 
-/// Returns true if light passes through the geometric surface but not through that of the shading normal, or the reverse.
-/// Receives the cosines of both directions with either normal.
+/// Returns true if light is transmitted by the geometric surface but reflected by that of the shading normal, or the reverse.
+/// The arguments are the cosines of both directions with each normal.
 pub(crate) fn leaks(shading: [f32; 2], geometric: [f32; 2]) -> bool {
     (geometric[0] * geometric[1] > 0.0) != (shading[0] * shading[1] > 0.0)
 }

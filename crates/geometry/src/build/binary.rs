@@ -1,8 +1,8 @@
-//! Binary trees from the root down, stored as obvhs's nodes: siblings are adjacent, the root is first, and children come after
-//! their parent. A leaf holds a run of items.
+//! Top-down construction of binary trees, stored as obvhs's nodes: siblings are adjacent, the root is first, and children come
+//! after their parent. A leaf holds consecutive items.
 //!
-//! A node is cut between two bins of centres where the expected cost of both sides is least [after Wald 2007]: their areas times
-//! their numbers of items. The cut of a large node is chosen by a part of its items. Reinsertion improves the tree
+//! A node is split between two bins of centres where the expected cost is smallest [after Wald 2007]: the sum over both sides
+//! of area times number of items. The split of a large node is chosen by a subset of its items. Reinsertion improves the tree
 //! afterwards.
 
 use super::items::{FEW, ItemBox};
@@ -13,27 +13,27 @@ use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::node::Bvh2Node;
 use rayon::prelude::*;
 
-/// The part of all nodes for which a cheaper place is looked for.
+/// The fraction of all nodes for which reinsertion searches a cheaper position.
 const REINSERTION: f32 = 0.01;
-/// The number of items up to which half as many bins do.
+/// The largest number of items for which a split uses half the number of bins.
 const COARSE: usize = 32;
-/// The largest number of items of a leaf in a tree of more than [`FEW_IN_ALL`] triangles. With 4, spheres have 4 % more expected
-/// cost (docs/LOG.md).
+/// The largest number of items in a leaf, for trees of more than [`FEW_IN_ALL`] triangles. With 4, spheres have 4 % more
+/// expected cost (docs/LOG.md).
 const GROUP: usize = 3;
-/// The depth from which nodes are cut at the median. With the up to 28 cuts of the largest tree below, that is less than the 96
-/// levels for which obvhs's reinsertion has memory.
+/// The depth from which nodes are split at the median. The largest tree has up to 28 levels of splits below it, which keeps
+/// the depth under the 96 levels that obvhs's reinsertion supports.
 const DEEP: usize = 60;
 
 /// A binary tree over items.
 pub(super) struct Binary {
-    /// The nodes. The first index of a leaf is the place of its first item in `order`.
+    /// The nodes. The first index of a leaf is the position of the leaf's first item in `order`.
     pub(super) nodes: Vec<Bvh2Node>,
-    /// The items.
+    /// The numbers of the items, in the order of the leaves.
     pub(super) order: Vec<u32>,
 }
 
-/// Returns a binary tree of small expected cost over the items, of which there is at least one. They change their order. In a
-/// large tree of `triangles`, a leaf holds up to [`GROUP`] of them.
+/// Returns a binary tree with a small expected cost over at least one item, and reorders the items. In a large tree with
+/// `triangles` only, a leaf holds up to [`GROUP`] items.
 pub(super) fn tree(items: &mut [ItemBox], triangles: bool) -> Binary {
     let group = if triangles && items.len() > FEW_IN_ALL { GROUP } else { 1 };
     let Binary { nodes, order } = divided(items, Rules { levels: DEEP, group, ..Rules::medians(items.len()) });
@@ -42,12 +42,12 @@ pub(super) fn tree(items: &mut [ItemBox], triangles: bool) -> Binary {
     Binary { nodes: tree.nodes, order }
 }
 
-/// Returns a balanced binary tree: all nodes are cut at the median along the axis on which centres differ most.
+/// Returns a balanced binary tree: all nodes are split at the median along the axis on which centres differ most.
 pub(super) fn balanced(items: &mut [ItemBox]) -> Binary {
     divided(items, Rules::medians(items.len()))
 }
 
-/// Returns a tree without reinsertion.
+/// Returns the tree before reinsertion.
 fn divided(items: &mut [ItemBox], rules: Rules) -> Binary {
     let extent = items.par_chunks(CHUNK).map(Extent::of).reduce(|| Extent::NONE, Extent::joined);
     let tree = Subtree::over(items, &extent, 0, rules);
@@ -57,7 +57,7 @@ fn divided(items: &mut [ItemBox], rules: Rules) -> Binary {
     Binary { nodes, order: items.par_iter().with_min_len(FEW).map(ItemBox::item).collect() }
 }
 
-/// A subtree of unknown place. Parts of it are built by several threads.
+/// A subtree whose position among all nodes is not known yet. Several threads build its parts.
 struct Subtree {
     /// The number of nodes below its root.
     below: usize,
@@ -65,14 +65,14 @@ struct Subtree {
 }
 
 enum Form {
-    /// Two subtrees, and the box around them.
+    /// Two subtrees, and their bounding box.
     Cut(Aabb, Box<[Subtree; 2]>),
-    /// The root and the nodes below it. Inner nodes count from the first of these.
+    /// The root and the nodes below it. The indices in inner nodes count from the first node below the root.
     Whole(Bvh2Node, Vec<Bvh2Node>),
 }
 
 impl Subtree {
-    /// Builds the subtree over some items, the first of which has the place `first` in the order.
+    /// Builds the subtree over some items. `first` is the position of the first item in the order of all items.
     fn over(items: &mut [ItemBox], extent: &Extent, first: u32, rules: Rules) -> Self {
         if items.len() < FEW {
             let mut nodes = Vec::with_capacity(2 * items.len().div_ceil(rules.group));
@@ -88,7 +88,7 @@ impl Subtree {
         Self { below: 2 + left.below + right.below, form: Form::Cut(extent.around, Box::new([left, right])) }
     }
 
-    /// Writes the nodes below the root, the first of which has the number `first`. Returns the root.
+    /// Writes the nodes below the root to `below`, whose first node has the index `first` in the whole tree. Returns the root.
     fn written(self, below: &mut [Bvh2Node], first: u32) -> Bvh2Node {
         match self.form {
             Form::Whole(root, nodes) => {
@@ -112,7 +112,8 @@ impl Subtree {
     }
 }
 
-/// Returns the node over some items, the first of which has the place `first` in the order. Adds the nodes below it to `nodes`.
+/// Returns the node over some items, and adds the nodes below it to `nodes`. `first` is the position of the first item in the
+/// order of all items.
 fn divide(items: &mut [ItemBox], extent: &Extent, first: u32, rules: Rules, nodes: &mut Vec<Bvh2Node>) -> Bvh2Node {
     if items.len() <= rules.group {
         return Bvh2Node::new(extent.around, items.len() as u32, first);
@@ -130,8 +131,8 @@ fn divide(items: &mut [ItemBox], extent: &Extent, first: u32, rules: Rules, node
     Bvh2Node::new(extent.around, 0, pair as u32)
 }
 
-/// Orders some items, three at least, by the side of a cut: the best one, or one at the median. Returns the number on the left
-/// side, and what both sides extend over.
+/// Orders at least three items by the side of a split: the cheapest one, or one at the median. Returns the number of items on
+/// the left side, and the extents of both sides.
 fn cut(items: &mut [ItemBox], extent: &Extent, rules: Rules) -> (usize, [Extent; 2]) {
     let span = extent.centres.diagonal();
     let widest = span.max_position();
@@ -147,7 +148,7 @@ fn cut(items: &mut [ItemBox], extent: &Extent, rules: Rules) -> (usize, [Extent;
     (middle, [Extent::of(&items[..middle]), Extent::of(&items[middle..])])
 }
 
-/// Moves the items on the left side of a plane to the front. Returns their number, and what both sides extend over.
+/// Moves the items on the left side of a plane to the front. Returns their number, and the extents of both sides.
 fn part(items: &mut [ItemBox], plane: &Plane) -> (usize, [Extent; 2]) {
     let (mut left, mut right) = (Extent::NONE, Extent::NONE);
     let (mut from, mut to) = (0, items.len());
@@ -165,21 +166,21 @@ fn part(items: &mut [ItemBox], plane: &Plane) -> (usize, [Extent; 2]) {
     (from, [left, right])
 }
 
-/// The number of items that one task looks over.
+/// The number of items that one task processes.
 const CHUNK: usize = 1 << 14;
-/// The number of items up to which a median is good enough, in trees of up to [`FEW_IN_ALL`] items and in larger ones. A leaf
-/// holds as many. With 8, a room of 712 triangles has 8 % more expected cost (docs/LOG.md).
+/// The largest number of items for which a median split is good enough, as many as fit a leaf: in trees of up to
+/// [`FEW_IN_ALL`] items, and in larger ones. With 8, a room of 712 triangles has 8 % more expected cost (docs/LOG.md).
 const SMALL: [usize; 2] = [4, 8];
 /// The largest number of items of a small tree.
 const FEW_IN_ALL: usize = 1 << 15;
-/// The number of items that the cut of a node is chosen by if it has at least twice as many.
+/// The number of items in the subset that chooses a node's split. It is used for nodes with at least twice as many items.
 const CHOSEN_BY: usize = 1 << 12;
-/// The least area of the box around these items, over that of the node. With less, all items choose.
+/// The smallest area of the subset's bounding box relative to the node's. Below it, all items choose the split.
 const SEEN: f32 = 0.8;
-/// 2^32 over the golden ratio, whose multiples are scattered modulo 2^32.
+/// 2^32 divided by the golden ratio. Its multiples are scattered modulo 2^32.
 const SCATTER: u32 = 2_654_435_769;
 
-/// The box around some items, and the box around their centres, doubled.
+/// The bounding box of some items, and the bounding box of their centres, scaled by 2.
 #[derive(Clone, Copy)]
 struct Extent {
     around: Aabb,
@@ -206,23 +207,23 @@ impl Extent {
     }
 }
 
-/// The choice of cuts.
+/// The parameters of splits.
 #[derive(Clone, Copy)]
 struct Rules {
-    /// The number of levels of best cuts. Nodes below them are cut at the median.
+    /// The number of levels with the cheapest splits. Nodes below them are split at the median.
     levels: usize,
-    /// The largest number of items of a node that is cut at the median anyway.
+    /// The largest number of items of a node that is always split at the median.
     small: usize,
     /// The largest number of items of a leaf.
     group: usize,
-    /// See [`CHOSEN_BY`].
+    /// The size of the subset; see [`CHOSEN_BY`].
     chosen_by: usize,
-    /// See [`SEEN`].
+    /// The smallest relative area of the subset's box; see [`SEEN`].
     seen: f32,
 }
 
 impl Rules {
-    /// Cuts at the median only, in a tree of so many items.
+    /// Returns the parameters of median splits only, for a tree of `items` items.
     fn medians(items: usize) -> Self {
         Self { levels: 0, small: SMALL[usize::from(items > FEW_IN_ALL)], group: 1, chosen_by: CHOSEN_BY, seen: SEEN }
     }
@@ -232,26 +233,26 @@ impl Rules {
     }
 }
 
-/// The map from centres to bins, by axis.
+/// The map from centres to bins, per axis.
 #[derive(Clone, Copy)]
 struct Grid {
     low: Vec3A,
     scale: Vec3A,
 }
 
-/// The least f32 from which on consecutive numbers differ by one: a sum of it and a small number is rounded to a whole number,
-/// which its lowest bits hold.
+/// The smallest f32 from which on consecutive f32 differ by 1. The sum of it and a small number is therefore rounded to an
+/// integer, which the lowest bits hold.
 const WHOLE: f32 = (1u32 << 23) as f32;
 
 impl Grid {
-    /// Returns [`WHOLE`] and the bin, for each axis.
+    /// Returns the sum of [`WHOLE`] and the bin, per axis.
     #[inline(always)]
     fn place(&self, item: &ItemBox) -> Vec3A {
         (item.centre() - self.low) * self.scale + Vec3A::splat(WHOLE)
     }
 }
 
-/// A cut of a node: bins below `bin` along `axis` are on the left side.
+/// A split of a node: items in bins below `bin` along `axis` are on the left side.
 struct Plane {
     grid: Grid,
     axis: usize,
@@ -265,7 +266,7 @@ impl Plane {
         self.grid.place(item).cmplt(limit).bitmask() >> self.axis & 1 == 1
     }
 
-    /// Returns the plane of least cost between two of `N` bins on any axis; `None` if costs are no numbers.
+    /// Returns the cheapest plane between two of `N` bins on any axis; `None` if all costs are NaN.
     fn best<const N: usize>(items: &[ItemBox], extent: &Extent, rules: Rules) -> Option<Self> {
         let span = extent.centres.diagonal();
         let scale = Vec3A::splat((N - 1) as f32) / span.max(Vec3A::splat(f32::MIN_POSITIVE * 1024.0));
@@ -286,7 +287,7 @@ impl Plane {
     }
 }
 
-/// The items of a node by the bin that their centre lies in, for each axis.
+/// The boxes and counts of a node's items, per axis and bin of their centres.
 struct Bins<const N: usize> {
     boxes: [[Aabb; N]; 3],
     counts: [[u32; N]; 3],
@@ -327,13 +328,13 @@ impl<const N: usize> Bins<N> {
         self
     }
 
-    /// Returns the box around all items.
+    /// Returns the bounding box of all items.
     fn around(&self) -> Aabb {
         self.boxes[0].iter().fold(Aabb::INVALID, |all, one| all.union(one))
     }
 
-    /// Returns the least cost of a cut along an axis, and the first bin of its right side. A cut with an empty side costs NaN,
-    /// and is never the best.
+    /// Returns the smallest cost of a split along an axis, and the first bin on its right side. A split with an empty side has
+    /// cost NaN and is never chosen.
     #[inline(always)]
     fn best(&self, axis: usize) -> Option<(f32, usize)> {
         let (boxes, counts) = (&self.boxes[axis], &self.counts[axis]);
@@ -360,7 +361,7 @@ impl<const N: usize> Bins<N> {
 mod tests {
     use super::*;
 
-    /// The number of levels of a tree whose children come after their parents.
+    /// Returns the number of levels of a tree whose children come after their parents.
     fn depth(nodes: &[Bvh2Node]) -> usize {
         let mut depths = vec![1; nodes.len()];
         for (number, node) in nodes.iter().enumerate().filter(|(_, node)| !node.is_leaf()) {
@@ -372,7 +373,7 @@ mod tests {
         depths.into_iter().max().unwrap_or(0)
     }
 
-    /// The numbers of the items in a tree's leaves, sorted.
+    /// Returns the numbers of the items in a tree's leaves, sorted.
     fn items_of(tree: &Binary) -> Vec<u32> {
         let mut numbers: Vec<u32> = leaves(tree).flatten().copied().collect();
         numbers.sort_unstable();
@@ -388,13 +389,13 @@ mod tests {
         Rules { levels, ..Rules::medians(1) }
     }
 
-    /// The sum of the areas of all inner nodes over that of the root.
+    /// Returns the sum of the areas of all inner nodes divided by the root's area.
     fn cost(nodes: &[Bvh2Node]) -> f32 {
         let areas = nodes.iter().filter(|node| !node.is_leaf()).map(|node| node.aabb().half_area());
         areas.sum::<f32>() / nodes[0].aabb().half_area()
     }
 
-    /// Boxes of very different sizes in clumps of very different sizes, those of all clumps in turns.
+    /// Returns boxes of very different sizes in clusters of very different sizes, taken from the clusters in turn.
     fn clumped(clumps: usize) -> Vec<ItemBox> {
         let mut state = 1u32;
         let mut random = || {
@@ -425,7 +426,7 @@ mod tests {
         assert!(few > 1.05 * all, "{few}, beside {all}");
     }
 
-    /// Four walls of a room around boxes of a fifth of that size.
+    /// The four walls of a room around boxes of a fifth of its size.
     #[test]
     fn all_items_choose_where_a_part_misses_large_ones() {
         let inside = |at: [f32; 4]| [0, 1, 2].map(|axis| 0.4 + 0.2 * at[axis]);
@@ -459,7 +460,8 @@ mod tests {
         assert_eq!(sizes(FEW_IN_ALL + 1, false), [FEW_IN_ALL + 1, 0, 0]);
     }
 
-    /// Of boxes that shrink to a 32nd from one to the next, along three axes, every cut takes the largest alone.
+    /// Each box is 1/32 of the size of the previous one along one of three axes, so every cheapest split separates the largest
+    /// box only.
     #[test]
     fn trees_that_would_be_chains_end() {
         let size = |n: u32| 2.0_f32.powi(-5 * (n as i32 / 3) - 1);

@@ -1,4 +1,4 @@
-//! The items of a bounding volume hierarchy, and their boxes: of eight triangles at once, padded for rounding.
+//! The items of a bounding volume hierarchy, and their boxes: padded for rounding, and computed for eight triangles at once.
 
 use crate::bvh::key;
 use crate::huge_pages::Pages;
@@ -21,8 +21,8 @@ pub(super) struct Items<'a> {
     pub(super) shapes: &'a [Shape],
     /// The boxes of the instances; empty if the items are primitives of shapes.
     pub(super) boxes: &'a [Bounds],
-    /// One key per item: the shape's number in the upper and the primitive's in the lower 32 bits, or the index of an
-    /// instance.
+    /// One key per item. For a primitive, the shape's number is in the upper 32 bits and the primitive's in the lower. For an
+    /// instance, the key is its index.
     pub(super) keys: Vec<u64>,
     /// True if all items are triangles at rest.
     pub(super) still: bool,
@@ -38,7 +38,7 @@ pub(super) enum Item<'a> {
 }
 
 impl<'a> Items<'a> {
-    /// Collects the primitives that can be hit: triangles with an area, spheres and disks. Fails if there are too
+    /// Collects the primitives that can be hit: triangles with an area, spheres and disks. Returns an error if there are too
     /// many.
     pub(super) fn of_shapes(shapes: &'a [Shape]) -> Result<Self, Error> {
         Error::too_many("shapes", shapes.len(), u32::MAX as usize)?;
@@ -58,7 +58,7 @@ impl<'a> Items<'a> {
         Ok(Self { shapes, boxes: &[], keys, still })
     }
 
-    /// Returns an item by its index, with its key.
+    /// Returns the item with an index, and its key.
     #[inline(always)]
     pub(super) fn item(&self, number: u32) -> (u64, Item<'a>) {
         let key = self.keys[number as usize];
@@ -74,7 +74,7 @@ impl<'a> Items<'a> {
         (key, item)
     }
 
-    /// Returns the box of an item by its index, padded for rounding.
+    /// Returns the box of the item with an index, padded for rounding.
     #[inline(always)]
     pub(super) fn bounds(&self, number: u32) -> Bounds {
         match self.item(number) {
@@ -90,7 +90,7 @@ impl<'a> Items<'a> {
         self.boxes.is_empty() && self.shapes.iter().all(|shape| shape.mesh().is_some())
     }
 
-    /// Returns a box around all items, unpadded for triangles at rest; `None` without items.
+    /// Returns the bounding box of all items, without padding for triangles at rest; `None` without items.
     pub(super) fn total(&self) -> Option<Bounds> {
         if self.keys.is_empty() {
             return None;
@@ -102,8 +102,8 @@ impl<'a> Items<'a> {
         items.map(|number| self.bounds(number)).reduce_with(union)
     }
 
-    /// Returns the boxes of all items, scaled to the unit cube: areas then neither overflow nor vanish, and the tree does not
-    /// depend on the scene's scale. Rounding and clamping affect only speed.
+    /// Returns the boxes of all items, scaled to the unit cube. Areas then neither overflow nor underflow, and the tree does
+    /// not depend on the scene's scale. Rounding and clamping affect only speed.
     pub(super) fn boxes(&self, bounds: Bounds) -> Pages<ItemBox> {
         let origin = bounds[0].as_dvec3();
         let scale = 1.0 / (bounds[1].as_dvec3() - origin).max_element().max(f64::MIN_POSITIVE);
@@ -118,7 +118,7 @@ impl<'a> Items<'a> {
 
 /// The empty box.
 pub(super) const NOTHING: Bounds = [Vec3::INFINITY, Vec3::NEG_INFINITY];
-/// The least number of items that is worth a thread.
+/// The smallest number of items for which another thread is worthwhile.
 pub(super) const FEW: usize = 1 << 12;
 /// The padding of a triangle's box, as a fraction of the triangle's extent. The f32 weights of a triangle seen nearly
 /// edge-on (see `triangle::THIN`) can be off by 2^-17 per corner, and a corner can be two extents from the ray.
@@ -128,20 +128,20 @@ const GROWTH: f32 = 1.0 / (1u64 << 14) as f32;
 const ULPS: f32 = 3.0 / (1u64 << 23) as f32;
 /// The padding of every box as an absolute length.
 ///
-/// If a direction's component is nearly 0, the ray crosses a slab's wall at the distance to the wall times the
-/// largest reciprocal, below 2^128. Triangles lie up to 2^71 away (twice `prepared_ray::FARTHEST`, in lengths of the
-/// shortest direction, 2^-10). Underflow of a slope shears them by less than 2^-80.
+/// If a component of a ray's direction is nearly 0, the ray crosses a slab's plane at the distance to the plane times the
+/// largest reciprocal, below 2^128. Triangles lie up to 2^71 away (twice `prepared_ray::FARTHEST`, in lengths of the shortest
+/// direction, 2^-10). Underflow of a slope shears them by less than 2^-80.
 const LEAST: f32 = 1.0 / (1u64 << 57) as f32;
 
-/// Returns the box around a triangle, padded for rounding.
+/// Returns the bounding box of a triangle, padded for rounding.
 #[inline(always)]
 fn padded([a, b, c]: [Vec3; 3]) -> Bounds {
     let [low, high] = [a.min(b).min(c), a.max(b).max(c)];
     grow([low, high], (high - low).max_element() * GROWTH)
 }
 
-/// Returns a box of f64, rounded to f32. The padding covers this rounding and that of the f64 bounds: both are within a
-/// few ulps.
+/// Rounds a box from f64 to f32 and pads it. The padding covers this rounding and that of the f64 bounds, both within a few
+/// ulps.
 pub(super) fn padded_by_ulps(bounds: [DVec3; 2]) -> Bounds {
     let [low, high] = bounds.map(DVec3::as_vec3);
     grow([low, high], (high - low).max_element() * ULPS)
@@ -156,7 +156,7 @@ pub(crate) fn union(a: Bounds, b: Bounds) -> Bounds {
     [a[0].min(b[0]), a[1].max(b[1])]
 }
 
-/// The box of an item, with its number as the fourth word, flipped as in leaves. Coordinates are between 0 and 1.
+/// The box of an item. The fourth word is the item's index, with bits flipped as in leaves. Coordinates are between 0 and 1.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C, align(32))]
 pub(super) struct ItemBox {
@@ -180,20 +180,20 @@ impl ItemBox {
         Aabb::new(corner(self.low), corner(self.high))
     }
 
-    /// Twice the centre.
+    /// Returns twice the centre.
     #[inline(always)]
     pub(super) fn centre(&self) -> Vec3A {
         let Aabb { min, max } = self.aabb();
         min + max
     }
 
-    /// The leaf of this item alone, whose place in the order is `first`.
+    /// Returns a leaf with only this item, whose position in the order is `first`.
     pub(super) fn leaf(&self, first: u32) -> Bvh2Node {
         Bvh2Node::new(self.aabb(), 1, first)
     }
 }
 
-/// Returns the boxes of eight triangles, per axis and side. Each is padded as [`Items::bounds`] does.
+/// Returns the boxes of eight triangles, per axis and side. Each is padded as in [`Items::bounds`].
 // Without closures, which compilers don't always compile for the vectors of the function around them.
 #[inline(always)]
 pub(super) fn boxes<L: Lanes>(token: L::Token, triangles: &Triangles8) -> [[Eight; 2]; 3] {
@@ -215,7 +215,7 @@ fn reach<L: Lanes>([low, high]: [L; 2]) -> L {
     low.abs().max(high.abs())
 }
 
-/// The boxes of the items from `first` on, compiled for each kind of vectors.
+/// The computation of the scaled boxes of the items from `first` on, compiled for each kind of vectors.
 struct Scaled<'a> {
     items: &'a Items<'a>,
     origin: [f64; 3],

@@ -11,39 +11,39 @@ use bytemuck::{Pod, Zeroable};
 use obvhs::bvh2::node::Bvh2Node;
 use rayon::prelude::*;
 
-/// The expected time of testing eight boxes. It is the unit of all costs here.
+/// The expected time of testing eight boxes, which is the unit of all costs here.
 const NODE_COST: f32 = 1.0;
-/// The expected time of testing a leaf, and what each of its triangles adds, for memory and for hits that are computed
-/// to the end. Without the second, and 0.6 for the first, rays take up to a tenth more time in the scenes of
-/// benches/rays.rs (docs/LOG.md).
+/// The expected time of testing a leaf, and the additional time per triangle, for memory access and for hits that are computed
+/// completely. If the second is 0 and the first 0.6, rays take up to a tenth more time in the scenes of benches/rays.rs
+/// (docs/LOG.md).
 const LEAF_COST: f32 = 0.4;
 const TRIANGLE_COST: f32 = 0.05;
 /// The expected time of testing one sphere or disk.
 const QUADRIC_COST: f32 = 2.5;
-/// The expected time of testing an instance: an estimate for transforming a ray and testing a few nodes of the object.
+/// The expected time of testing an instance: an estimate for transforming a ray and testing a few of the object's nodes.
 const BOX_COST: f32 = 10.0;
 
-/// The combined costs of two siblings. It takes 32 bytes, since there may be one for each primitive.
+/// The combined costs of two siblings, in 32 bytes, since there may be one such pair for each primitive.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C)]
 struct Pair {
-    /// The least total cost of both siblings if they become at most 2, 3, … 8 children of a node.
+    /// The smallest total cost of both siblings if they become at most 2, 3, … 8 children of a node.
     cost: [f32; WIDTH - 1],
-    /// The number of triangles below both siblings, or [`MANY`] if a leaf cannot hold them or other items are among
+    /// The number of triangles below both siblings. [`MANY`] if they do not fit a leaf, or if there are other items among
     /// them. 0 marks a pair whose costs are not computed yet.
     triangles: u32,
 }
 
 const MANY: u32 = WIDTH as u32 + 1;
 
-/// The least costs of a subtree of the binary tree, and its best form.
+/// The smallest costs of a subtree of the binary tree, and its best form.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SubtreePlan {
-    /// The least cost of the subtree if it becomes at most 1, 2, … 7 children of a node.
+    /// The smallest cost of the subtree if it becomes at most 1, 2, … 7 children of a node.
     pub(super) cost: [f32; WIDTH - 1],
-    /// The number of triangles in the subtree, or [`MANY`] if a leaf cannot hold its items; see [`Pair::triangles`].
+    /// The number of triangles in the subtree; [`MANY`] if its items do not fit a leaf; see [`Pair::triangles`].
     pub(super) triangles: u32,
-    /// True if a leaf costs less than a node for the subtree as a single child.
+    /// True if the subtree, as a single child, costs less as a leaf than as a node.
     pub(super) leaf: bool,
 }
 
@@ -55,9 +55,9 @@ pub(super) struct SubtreePlans<'a> {
 }
 
 impl<'a> SubtreePlans<'a> {
-    /// Computes the costs of all pairs, from the leaves up, in chunks. Almost all children come after their parent in the list,
-    /// and most of them in the same chunk. The others, and their ancestors, wait until the rest is done. The memory of `spent`
-    /// is used again.
+    /// Computes the costs of all pairs, from the leaves up, in chunks. Almost all children come after their parent in the
+    /// list, most of them in the same chunk. The remaining pairs and their ancestors are computed last. The memory of `spent`
+    /// is reused.
     pub(super) fn new(binary: &'a Binary, items: &'a Items<'a>, spent: Pages<ItemBox>) -> Self {
         let (nodes, triangles) = (&binary.nodes[..], items.are_triangles());
         let tree = Costs { nodes, order: &binary.order, items, triangles };
@@ -101,18 +101,18 @@ impl<'a> SubtreePlans<'a> {
 /// The number of pairs whose costs one task computes.
 const CHUNK: usize = 1 << 12;
 
-/// A binary tree whose costs are computed.
+/// A binary tree with the data for computing costs.
 struct Costs<'a> {
     nodes: &'a [Bvh2Node],
     order: &'a [u32],
     items: &'a Items<'a>,
-    /// True if all items are triangles, so that their kind need not be looked up.
+    /// True if all items are triangles, so that the kind of an item is known without a look-up.
     triangles: bool,
 }
 
 impl Costs<'_> {
-    /// Computes the costs of a pair from those that are known, the first of which has a number; `None` while the costs of a
-    /// pair below it are not.
+    /// Computes the costs of pair `number` from the costs in `known`, a list of pairs with the number of its first pair.
+    /// Returns `None` if the costs of a pair below are missing.
     #[inline(always)]
     fn pair(&self, known: (&[Pair], usize), number: usize) -> Option<Pair> {
         let first = self.nodes.len() - 2 * (number + 1);
@@ -159,8 +159,8 @@ impl Costs<'_> {
     }
 }
 
-/// Returns the least costs of two siblings with 2, 3, … 8 children in total, over all distributions. All are computed
-/// in one loop, so that compilers vectorise it.
+/// Returns the smallest costs of two siblings with 2, 3, … 8 children in total, over all distributions. All are computed in
+/// one loop, so that compilers vectorise it.
 #[inline(always)]
 fn shares(left: &SubtreePlan, right: &SubtreePlan) -> [f32; WIDTH - 1] {
     // The right side's costs, preceded by infinite costs for fewer than one child.
@@ -176,7 +176,7 @@ fn shares(left: &SubtreePlan, right: &SubtreePlan) -> [f32; WIDTH - 1] {
     std::array::from_fn(|slots| least[slots])
 }
 
-/// Returns how many of `slots` children go to the left side in the cheapest distribution.
+/// Returns the number of children, of `slots`, on the left side in the cheapest distribution.
 pub(super) fn share(left: &SubtreePlan, right: &SubtreePlan, slots: usize) -> usize {
     let mut best = (1, f32::INFINITY);
     for i in 1..slots {

@@ -1,13 +1,13 @@
-//! Moves of subtrees of a binary tree to cheaper places, found by obvhs.
+//! Reinsertion: moves of subtrees of a binary tree to cheaper positions, which obvhs finds.
 
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::node::Bvh2Node;
 use obvhs::bvh2::reinsertion::{Reinsertion, find_reinsertion, reinsert_node};
 use rayon::prelude::*;
 
-/// Moves subtrees to cheaper places, as obvhs's `ReinsertionOptimizer::run` does: in rounds of fewer and fewer candidates, the
-/// largest nodes. That sorts nodes of equal area, and moves of equal gain, differently by each number of threads. Here the
-/// node's number decides.
+/// Moves subtrees to cheaper positions, as obvhs's `ReinsertionOptimizer::run` does: in rounds with fewer and fewer
+/// candidates, the largest nodes. In obvhs, the order of nodes with equal area, and of moves with equal gain, depends on the
+/// number of threads. Here, the node with the smaller number comes first.
 pub(super) fn reinsert(tree: &mut Bvh2, ratio: f32) {
     let nodes = tree.nodes.len();
     if nodes < 2 || ratio <= 0.0 {
@@ -30,8 +30,8 @@ pub(super) fn reinsert(tree: &mut Bvh2, ratio: f32) {
     }
 }
 
-/// Makes all moves except those beside an earlier one of the same round, without which their gain was found. `moved` is the last round in
-/// which something moved at a node.
+/// Performs all moves, except moves at nodes that an earlier move of the same round has changed: their gain was computed
+/// without it. `moved` holds the last round in which each node was changed.
 fn make_moves(tree: &mut Bvh2, moves: &[Reinsertion], moved: &mut [u8], round: u8) {
     for &Reinsertion { from, to, .. } in moves {
         let parent = |node: u32| tree.parents[node as usize] as usize;
@@ -44,15 +44,16 @@ fn make_moves(tree: &mut Bvh2, moves: &[Reinsertion], moved: &mut [u8], round: u
     }
 }
 
-/// Returns a node's key, in whose order the largest node is first. Areas are not negative, so their bits have their order.
+/// Returns the sort key of a node: largest area first, then smallest number. Areas are not negative, so their bits sort like
+/// their values.
 fn by_area(tree: &Bvh2, number: u32) -> (u32, u32) {
     (!tree.nodes[number as usize].aabb().half_area().to_bits(), number)
 }
 
-/// The number of nodes that tell how large the largest ones are.
+/// The number of nodes sampled to estimate the area of the largest nodes.
 const ASKED: usize = 1 << 14;
 
-/// Returns some `count` of the largest nodes, without the root.
+/// Returns about `count` of the largest nodes, without the root.
 fn large(tree: &Bvh2, count: usize) -> Vec<u32> {
     let step = (tree.nodes.len() / ASKED).max(1);
     let numbers = (1..tree.nodes.len() as u32).step_by(step);
@@ -73,7 +74,7 @@ fn large(tree: &Bvh2, count: usize) -> Vec<u32> {
     large.split_off(1)
 }
 
-/// Keeps the first `count` in order, unsorted.
+/// Keeps only the `count` smallest keys, in any order.
 fn largest(order: &mut Vec<(u32, u32)>, count: usize) {
     if count < order.len() {
         order.select_nth_unstable(count);
@@ -86,7 +87,7 @@ mod tests {
     use super::super::{binary::balanced, items::ItemBox};
     use super::*;
 
-    /// A tree over boxes of very different sizes, cut at medians.
+    /// Returns a tree over boxes of very different sizes, split at medians.
     fn tree() -> Bvh2 {
         let mut state = 1u32;
         let mut random = || {
@@ -103,7 +104,7 @@ mod tests {
         tree
     }
 
-    /// The sum of the areas of all nodes.
+    /// Returns the sum of the areas of all nodes.
     fn cost(tree: &Bvh2) -> f32 {
         tree.nodes.iter().map(|node| node.aabb().half_area()).sum()
     }

@@ -1,4 +1,4 @@
-//! Conversion of a binary tree to eight-wide nodes, with the forms that [`SubtreePlans`] finds cheapest.
+//! Conversion of a binary tree to eight-wide nodes, in the forms that [`SubtreePlans`] found to be cheapest.
 //!
 //! The top of the tree is converted first, then the subtrees below it in parallel. They are joined in a fixed order, so
 //! the tree doesn't depend on the number of threads. Leaves of up to eight triangles are packed last.
@@ -13,8 +13,8 @@ use crate::leaf::{self, Triangles8};
 use crate::shape::{Quadric, Shape};
 use rayon::prelude::*;
 
-/// Converts a binary tree to an eight-wide one; `None` if it is empty or needs a deeper traversal stack than
-/// [`DEEPEST`]. The memory of `spent` is used again.
+/// Converts a binary tree to an eight-wide tree. Returns `None` if the tree is empty or needs a deeper traversal stack than
+/// [`DEEPEST`]. The memory of `spent` is reused.
 pub(super) fn collapse(binary: &Binary, items: &Items<'_>, spent: Pages<ItemBox>) -> Option<Bvh> {
     if binary.nodes.is_empty() {
         return None;
@@ -26,17 +26,18 @@ pub(super) fn collapse(binary: &Binary, items: &Items<'_>, spent: Pages<ItemBox>
     (bvh.stack <= DEEPEST).then_some(bvh)
 }
 
-/// A binary tree that is converted.
+/// A binary tree during its conversion.
 struct Wide<'a> {
     binary: &'a Binary,
     items: &'a Items<'a>,
     plans: SubtreePlans<'a>,
 }
 
-/// Wide nodes that are filled, the first of them a root, with the leaves below. Indices count from the part's start.
+/// A part of the wide tree: nodes, the first of which is the root, and the leaves below. Indices count from the start of the
+/// part.
 #[derive(Default)]
 struct Part {
-    /// The nodes. The boxes of inner children and of leaves of triangles are empty.
+    /// The nodes. The boxes of inner children and of triangle leaves are not set yet.
     nodes: Vec<Node8>,
     loose: Vec<Loose>,
     quadrics: Vec<Quadric>,
@@ -48,7 +49,7 @@ struct Part {
 struct Chosen {
     node: u32,
     leaf: bool,
-    /// The number of triangles of a leaf; 0 if it holds another item.
+    /// The number of triangles of a leaf; 0 for a leaf with another item.
     triangles: u8,
 }
 
@@ -59,19 +60,19 @@ impl Chosen {
     }
 }
 
-/// A wide node to fill.
+/// A wide node whose children are not set yet.
 #[derive(Clone, Copy)]
 struct Open {
-    /// The first of the two siblings in the binary tree that the node takes the place of.
+    /// The first of the two siblings in the binary tree that the wide node replaces.
     below: u32,
     wide: u32,
 }
 
-/// The number of binary nodes for each subtree that is converted by itself, unless the tree branches less.
+/// The number of binary nodes per subtree that is converted as a separate task, if the tree branches enough.
 const SUBTREE: usize = 1 << 15;
 
 impl Wide<'_> {
-    /// Returns the nodes of the whole tree, and what else it consists of.
+    /// Returns the nodes of the whole tree, and a part with its leaves.
     fn emit(self) -> (Pages<Node8>, Part) {
         let plan = self.plans.plan(0);
         let mut top = Part { nodes: vec![Node8::EMPTY], ..Part::default() };
@@ -108,7 +109,7 @@ impl Wide<'_> {
         part
     }
 
-    /// Gives a wide node its children. Those that are nodes are queued in `open`.
+    /// Sets the children of a wide node. Children that are nodes are queued in `open`.
     fn fill(&self, node: Open, part: &mut Part, open: &mut Vec<Open>) {
         let mut children = UpToEight { all: [Chosen { node: 0, leaf: false, triangles: 0 }; WIDTH], count: 0 };
         self.divide(node.below, WIDTH, &mut children);
@@ -133,8 +134,8 @@ impl Wide<'_> {
         }
     }
 
-    /// Makes a subtree the child of a wide node in a lane. Its contents are queued in `open` (nodes) or in the part's
-    /// loose leaves.
+    /// Sets the child of a wide node in a lane to a subtree. A node is queued in `open`; a leaf of triangles is added to the
+    /// part's loose leaves.
     fn place(&self, it: Chosen, (wide, lane): (u32, usize), part: &mut Part, open: &mut Vec<Open>) {
         let first = self.binary.nodes[it.node as usize].first_index;
         let (child, bounds) = if !it.leaf {
@@ -163,8 +164,8 @@ impl Wide<'_> {
 }
 
 impl Part {
-    /// Appends a part whose root takes the place of the node `root`: its other nodes to the first `filled` of all.
-    /// Returns how many are filled then.
+    /// Appends a part. Its root replaces the node `root`; its other nodes follow the first `filled` nodes. Returns the new
+    /// number of filled nodes.
     fn join(&mut self, mut part: Self, root: u32, nodes: &mut [Node8], filled: usize) -> usize {
         // The part's root isn't appended, so its second node is the first that is.
         let before = filled as u32 - 1;
@@ -183,8 +184,8 @@ impl Part {
     }
 }
 
-/// Sets the boxes of inner nodes from their children, bottom up. Returns the largest number of entries on the
-/// traversal stack: per level of a path, all children but one.
+/// Sets the boxes of inner nodes from their children, bottom up. Returns the largest number of entries on the traversal stack:
+/// the sum over the levels of a path of the number of children minus 1.
 fn enclose(nodes: &mut [Node8]) -> usize {
     let mut needs = vec![0_usize; nodes.len()];
     // Children come after their parent. The box of a node is empty until it is set here.
@@ -209,8 +210,8 @@ fn enclose(nodes: &mut [Node8]) -> usize {
     needs.first().copied().unwrap_or(0)
 }
 
-/// A leaf of triangles that is not packed yet: the root of its binary subtree, its place (node and lane) in a wide node, and the
-/// number of its triangles.
+/// A leaf of triangles that is not packed yet: the root of its binary subtree, its position (node and lane) in a wide node,
+/// and its number of triangles.
 #[derive(Clone, Copy)]
 struct Loose {
     binary: u32,
@@ -219,8 +220,7 @@ struct Loose {
     count: u8,
 }
 
-/// The number of leaves whose items are looked up together. Reading nodes of several subtrees in turn hides memory
-/// latency.
+/// The number of leaves whose items are collected together. Reading nodes of several subtrees in turn hides memory latency.
 const BATCH: usize = 64;
 
 /// A list of up to eight values, without heap allocation.
@@ -240,7 +240,7 @@ impl<T: Copy> UpToEight<T> {
 /// The items of a leaf.
 type Members = UpToEight<u32>;
 
-/// Packs leaves of triangles into a tree in their order, and sets their boxes in its nodes.
+/// Packs triangle leaves into a tree, in their order, and sets their boxes in the tree's nodes.
 fn pack(loose: &[Loose], binary: &Binary, items: &Items<'_>, bvh: &mut Bvh) {
     let mut boxes = vec![NOTHING; loose.len()];
     let triangles: usize = loose.iter().map(|leaf| usize::from(leaf.count)).sum();
@@ -257,8 +257,8 @@ fn pack(loose: &[Loose], binary: &Binary, items: &Items<'_>, bvh: &mut Bvh) {
     }
 }
 
-/// Returns the items of up to [`BATCH`] leaves. `open` is memory to work in: binary nodes to visit, now and next, each
-/// with its leaf.
+/// Returns the items of up to [`BATCH`] leaves. The two lists are working memory: the binary nodes to visit now and next, each
+/// with the number of its leaf.
 fn members(leaves: &[Loose], binary: &Binary, [open, next]: &mut [Vec<(u32, u32)>; 2]) -> [Members; BATCH] {
     let Binary { nodes, order } = binary;
     let mut members = std::array::from_fn(|_| Members { all: [0; WIDTH], count: 0 });
@@ -282,7 +282,7 @@ fn members(leaves: &[Loose], binary: &Binary, [open, next]: &mut [Vec<(u32, u32)
     members
 }
 
-/// The lesser of two numbers, in one instruction, since neither is NaN.
+/// Returns the smaller of two numbers in one instruction, since neither is NaN.
 #[inline(always)]
 fn lesser(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
@@ -293,7 +293,8 @@ fn greater(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
-/// Writes the leaves, also with the triangles at time 1 if there is memory for these, and adds them to the boxes of the leaves.
+/// Writes the leaves, and extends their boxes to their triangles. Triangles at time 1 are included if there is memory for
+/// them.
 fn fill(
     loose: &[Loose],
     binary: &Binary,
@@ -319,7 +320,7 @@ fn fill(
     });
 }
 
-/// The filling of some leaves, compiled for each kind of vectors.
+/// The computation of [`fill`] for some leaves, compiled for each kind of vectors.
 struct Fill<'a, const ENDS: bool> {
     leaves: &'a [Members],
     items: &'a Items<'a>,

@@ -208,12 +208,12 @@ fn two_pairs_of_seeds_are_uncorrelated_s08() {
 
 #[test]
 fn constructors_refuse_parameters_out_of_range() {
-    assert!(Stratified::new(0, 0).unwrap_err().to_string().contains("give 1 to 4096"));
+    assert!(Stratified::new(0, 0).unwrap_err().to_string().contains("use 1 to 4096"));
     assert!(Stratified::new(0, 4097).is_err() && Stratified::new(0, 4096).is_ok());
-    assert!(LowDiscrepancy::new(0, 0).unwrap_err().to_string().contains("give 1 to 16777216"));
+    assert!(LowDiscrepancy::new(0, 0).unwrap_err().to_string().contains("use 1 to 16777216"));
     assert!(LowDiscrepancy::new(0, (1 << 24) + 1).is_err() && LowDiscrepancy::new(0, 1 << 24).is_ok());
     assert_eq!(LowDiscrepancy::new(0, 33).unwrap().count(), 64);
-    assert!(ZSobol::new(0, 0).unwrap_err().to_string().contains("give 1 to 16777216"));
+    assert!(ZSobol::new(0, 0).unwrap_err().to_string().contains("use 1 to 16777216"));
     assert!(ZSobol::new(0, (1 << 24) + 1).is_err() && ZSobol::new(0, 1 << 24).is_ok());
     let largest: [Box<dyn PointSet>; 3] = [
         Box::new(Stratified::new(0, 4096).unwrap()),

@@ -6,23 +6,24 @@
 use crate::World;
 use dapple_scene::Effect;
 
-/// The number of scattering events after which Russian roulette starts. Almost all shorter paths are worth their cost.
+/// The number of scattering events after which Russian roulette starts. Almost all shorter paths are worth tracing to their
+/// end.
 pub(super) const ROULETTE_FROM: u32 = 4;
 /// The bit for selection among several lights.
 pub const SEVERAL_LIGHTS: u32 = 1;
-/// The bit for light from environments, which is found by rays that leave the scene.
+/// The bit for light from environments, which rays find when they leave the scene.
 pub const ENVIRONMENT: u32 = 2;
-/// The bit for Russian roulette, needed if paths may exceed 4 scattering events.
+/// The bit for Russian roulette, needed if paths may have more than 4 scattering events.
 pub const ROULETTE: u32 = 4;
 /// The bit for surfaces that transmit light.
 pub const TRANSMISSION: u32 = 8;
-/// The bit for effects that few scenes have: media, alpha, interfaces between media, mixed materials and motion.
-/// At run time, one predictable branch per effect decides if a scene has it.
+/// The bit for effects that few scenes have: media, alpha, interfaces between media, mixed materials and motion. At run time,
+/// one predictable branch per effect checks if the scene has it.
 pub const RARE: u32 = 16;
 /// The bit for vertex normals, instances and all surfaces other than diffuse ones of constant color.
 pub const VARIED: u32 = 32;
-/// The bit for learned light selection. It selects a [`LearnedSelector`](super::LearnedSelector); the const parameter
-/// of the path tracer does not contain it.
+/// The bit for learned light selection. It selects a [`LearnedSelector`](super::LearnedSelector) and is not part of the path
+/// tracer's const parameter.
 pub const LEARNED_SELECTION: u32 = 64;
 
 /// The bits for all effects.

@@ -10,7 +10,7 @@ use glam::Vec3;
 /// A distribution over the lights of a world. It may depend on the position and be learned while rendering.
 ///
 /// It is a type parameter of [`PathTracer`](super::PathTracer), so that fixed distributions carry no code for learned
-/// ones. The defaults are those of [`FixedSelector`].
+/// ones. The default methods are those of [`FixedSelector`].
 pub trait LightSelector: Sync {
     /// The key of the distribution that a point uses, such as a cell of space.
     type Place: Copy;
@@ -20,14 +20,14 @@ pub trait LightSelector: Sync {
     /// Makes the selector for the light selection that is set in `world`.
     fn of(world: &World) -> Self;
 
-    /// Returns the key of the distribution for a point that is lit on the side of `normal`.
+    /// Returns the key of the distribution for a point whose lit side is the side of `normal`.
     #[inline(always)]
     fn place(&self, _position: Vec3, _normal: Vec3) -> Self::Place {
         Self::NOWHERE
     }
 
-    /// Selects a light from the distribution at `place` by a random number `u` in `[0, 1)`. Returns `None` if there is
-    /// no light.
+    /// Selects a light from the distribution at `place` by a random number `u` in `[0, 1)`. Returns `None` if the scene has no
+    /// light.
     #[inline(always)]
     fn select(&self, lights: &Lights, _place: Self::Place, u: f32) -> Option<SelectedLight> {
         lights.select(u)
@@ -49,8 +49,8 @@ pub trait LightSelector: Sync {
         false
     }
 
-    /// The most bytes that learning takes for a number of pixels, with the training data, if each notes at most a number of
-    /// lights per sample.
+    /// Returns the largest memory for learning in bytes, training data included. `pixels` is the number of pixels, and `notes`
+    /// the largest number of lights recorded per sample.
     fn training_memory(&self, _pixels: u64, _notes: u64) -> u64 {
         0
     }
@@ -60,7 +60,7 @@ pub trait LightSelector: Sync {
     fn learn(&mut self, _pass: &TrainingData) {}
 }
 
-/// A selector with the same distribution everywhere, which is [`Lights::select`].
+/// A selector with the same distribution everywhere: that of [`Lights::select`].
 #[derive(Clone, Copy, Debug)]
 pub struct FixedSelector;
 
@@ -176,8 +176,8 @@ impl LightSelector for LearnedSelector {
     }
 }
 
-/// Returns a function that estimates the irradiance from a light at the centre of a voxel, from its index and the
-/// cell's shape.
+/// Returns a function that estimates the irradiance from a light at the centre of a cell. Its arguments are the cell's centre,
+/// half width and axis, and the light's index.
 fn first_guess(lights: &[Expectation]) -> impl Fn([f32; 3], f32, [f32; 3], usize) -> f32 + Sync {
     |middle, half, axis, light| lights[light].irradiance(Vec3::from(middle), half, Vec3::from(axis))
 }

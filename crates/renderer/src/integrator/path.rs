@@ -46,8 +46,7 @@ struct Path<P, G> {
     ray: Ray,
     throughput: Vec3,
     radiance: Vec3,
-    /// The last scattering event, if light sampling there could also have found the light that the next ray hits; else
-    /// `None`.
+    /// The last scattering event, if light sampling there could also have found a light that the next ray hits; else `None`.
     last: Option<LastScatter<P>>,
     /// The number of scattering events so far.
     depth: u32,
@@ -68,29 +67,31 @@ struct Path<P, G> {
     survival: f32,
     /// True if glass reflected or refracted the path in a lobe of less than [`RARE_LOBE`] of the light.
     is_rare: bool,
-    /// True while the emission of light sources seen directly is wanted, and all scattering so far was specular with a
+    /// True while the emission of directly visible lights is requested, and all scattering so far was specular with a
     /// probability of at least [`CERTAIN_LOBE`].
     is_direct: bool,
-    /// The place of the path between direct and indirect light.
+    /// The stage of the path, which separates direct from indirect lighting.
     part: Part,
-    /// The direct part of the radiance, once the path gathers indirect light.
+    /// The radiance from direct lighting, set when the path starts to gather indirect lighting.
     direct: Vec3,
-    /// The state of the light at vertices.
+    /// The state of the additional light at vertices.
     gathered: G,
 }
 
-/// A path's place between direct and indirect light.
+/// A path's stage, by its non-specular scattering events. It separates direct from indirect lighting.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Part {
-    /// Mirrors, glass and smooth coats alone have scattered the path so far.
+    /// Only mirrors, glass and smooth coats have scattered the path so far.
     First,
-    /// One rough surface or point in a medium has scattered it. Light sources that it meets still add direct light.
+    /// One non-specular surface or point in a medium has scattered the path. Lights that the next ray hits still count as
+    /// direct lighting.
     Once,
-    /// The path has met a second one, where light is indirect; or neither features nor indirect light are wanted.
+    /// The path has reached a second such vertex, whose lighting is indirect. Also the stage of all paths if neither features
+    /// nor indirect lighting are requested.
     Indirect,
 }
 
-/// A scattering event at which a light was sampled too.
+/// A scattering event at which a light was sampled as well.
 #[derive(Clone, Copy)]
 struct LastScatter<P> {
     position: Vec3,
@@ -102,8 +103,7 @@ struct LastScatter<P> {
 
 /// A surface point at which a path scatters.
 ///
-/// It borrows the hit, BSDF and frame: only structs behind pointers live in memory, so the other fields stay in
-/// registers.
+/// Hit, BSDF and frame are borrowed: only structs behind pointers live in memory, so the other fields stay in registers.
 struct Vertex<'a> {
     at: &'a Interaction<'a>,
     bsdf: &'a Bsdf<'a>,
@@ -115,13 +115,14 @@ struct Vertex<'a> {
 }
 
 impl<P, G> Path<P, G> {
-    /// Returns true while features are wanted and all scattering so far was by mirrors, glass and smooth coats.
+    /// Returns true while features are requested and all scattering so far was by mirrors, glass and smooth coats.
     #[inline(always)]
     fn is_smooth(&self, draws: &Draws<'_>) -> bool {
         self.part == Part::First && draws.wants_features()
     }
 
-    /// Ends the direct light of a path that has been scattered once, before a vertex adds light that it scatters.
+    /// Marks the radiance so far as direct lighting if one vertex has scattered the path. Called before the next vertex adds
+    /// scattered light.
     #[inline(always)]
     fn begins_indirect(&mut self) {
         if self.part == Part::Once {
@@ -205,8 +206,8 @@ impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w,
         }
     }
 
-    /// Returns the radiance that a hit area light emits along the path's ray, with the multiple-importance weight of
-    /// BSDF sampling.
+    /// Returns the radiance that an area light emits from its hit point back along the path's ray, with the
+    /// multiple-importance weight of BSDF sampling.
     #[inline(always)]
     fn emitted(&self, path: &Path<S::Place, G::State>, at: &Interaction<'_>) -> Vec3 {
         let (lights, light) = (&self.world.lights, at.part.light);
@@ -224,14 +225,13 @@ impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w,
         }
     }
 
-    /// Returns the radiance that an unlit surface shows along the path's ray.
+    /// Returns the radiance of an unlit surface along the path's ray.
     #[inline(never)]
     fn shown(&self, path: &Path<S::Place, G::State>, at: &Interaction<'_>, surface: &Surface) -> Vec3 {
         path.throughput * self.world.bsdf_of(at, surface).albedo()
     }
 
-    /// Carries out one scattering event: adds direct light and samples the next ray. Returns false if the path ends
-    /// here.
+    /// Performs one scattering event: adds direct light and samples the next ray. Returns false if the path ends here.
     #[inline(always)]
     fn scatter(
         &self,
@@ -315,10 +315,9 @@ impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w,
         path.throughput.max_element() > 0.0
     }
 
-    /// Returns the light from one sampled light source that is scattered back along the path at a vertex (next-event
-    /// estimation).
+    /// Returns the radiance that a vertex scatters back along the path from one sampled light (next-event estimation).
     ///
-    /// `u[0]` selects the light source; `u[1]` and `u[2]` select a direction to it.
+    /// `u[0]` selects the light; `u[1]` and `u[2]` select a direction to it.
     #[inline(always)]
     fn direct(
         &self,
@@ -338,7 +337,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w,
         scattered
     }
 
-    /// Returns the light of a sample that is scattered back along the path at a vertex, with the multiple-importance
+    /// Returns the radiance that a vertex scatters back along the path from a light sample, with the multiple-importance
     /// weight of light sampling.
     #[inline(always)]
     fn scattered(&self, path: &mut Path<S::Place, G::State>, vertex: &Vertex<'_>, light: &LightSample) -> Vec3 {

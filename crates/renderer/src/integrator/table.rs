@@ -44,7 +44,7 @@ pub enum MakeError {
 pub struct IntegratorEntry {
     /// The integrator's name on the command line.
     pub name: &'static str,
-    /// A description of the integrator in one line, for help texts.
+    /// A one-line description of the integrator, for help texts.
     pub about: &'static str,
     /// The publication that the integrator comes from; `docs/references.bib` lists it in full.
     pub source: &'static str,
@@ -64,7 +64,7 @@ impl IntegratorEntry {
     }
 }
 
-/// The reason why a request for an integrator, `NAME` or `NAME:key=value,…`, was refused.
+/// The reason why an integrator could not be made from a request, `NAME` or `NAME:key=value,…`.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum IntegratorError {
@@ -83,7 +83,7 @@ pub enum IntegratorError {
     NotMade {
         /// The name of the integrator.
         integrator: &'static str,
-        /// The error of the parameter, or the effect with advice.
+        /// The problem: a parameter error, or the unsupported effect with advice.
         reason: MakeError,
     },
 }
@@ -118,7 +118,7 @@ pub fn make<'w>(request: &str, world: &'w World) -> Result<Box<dyn Integrator + 
     make_among(INTEGRATORS, request, world)
 }
 
-/// Makes an integrator as [`make`] does, from a table that may have entries of other crates.
+/// Makes an integrator as [`make`] does, from a table that may include entries of other crates.
 ///
 /// # Errors
 ///
@@ -132,8 +132,8 @@ pub fn make_among<'w>(
     (entry.make)(parameters, world).map_err(|reason| IntegratorError::NotMade { integrator: entry.name, reason })
 }
 
-/// Checks a request without a world, against a table that may have entries of other crates. The integrator's name and the
-/// names of its parameters must be known; values are not checked.
+/// Checks a request against a table that may include entries of other crates. The names of the integrator and its parameters
+/// must be known. No world is needed, since values are not checked.
 ///
 /// # Errors
 ///

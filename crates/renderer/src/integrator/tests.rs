@@ -1,4 +1,4 @@
-//! Roulette and learned light selection change no mean; ambient occlusion has its closed form.
+//! Tests that roulette and learned light selection leave means unchanged, and that ambient occlusion has its closed form.
 
 use super::code::{ENVIRONMENT, ROULETTE, SEVERAL_LIGHTS};
 use super::{AmbientOcclusion, FixedSelector, LearnedSelector, LightSelector, NoVertexLight, PathTracer};
@@ -6,7 +6,7 @@ use crate::camera::Pinhole;
 use crate::light::LightSelection;
 use crate::support::*;
 
-/// Inside a closed ball of this albedo, with lamps in it: radius, place and radiance.
+/// Returns a world inside a closed sphere of albedo `rho` with spherical lights, each given by radius, position and radiance.
 fn closed(rho: f32, depth: u32, lamps: &[(f64, [f64; 3], f32)]) -> World {
     let mut scene = scene([16; 2], 80.0, DVec3::ZERO, DVec3::Z);
     scene.max_depth = Some(depth);
@@ -18,7 +18,7 @@ fn closed(rho: f32, depth: u32, lamps: &[(f64, [f64; 3], f32)]) -> World {
     world(&scene)
 }
 
-/// The light of the image's halves, left and right, over 16 seeds, and rays a sample.
+/// Returns the mean radiance of the image's left and right half over 16 seeds, and the number of rays per sample.
 fn rendered(mut integrator: impl Integrator) -> ([Mean; 2], f64) {
     let frame = Frame::new(16, 16).expect("not empty");
     let limits = Limits::samples(64 * frame.pixels() as u64);
@@ -33,15 +33,15 @@ fn rendered(mut integrator: impl Integrator) -> ([Mean; 2], f64) {
     ([0, 1].map(|half| films.iter().map(|film| sum(film, half)).collect()), rays / films.len() as f64)
 }
 
-/// Asserts that two images agree and that a third, the negative control, does not: two tests at 1e-6, where Student's t of
-/// 15 degrees of freedom stays below 8.
+/// Asserts that two images agree and that a third, the negative control, differs: two tests at a level of 1e-6, for which
+/// Student's t with 15 degrees of freedom stays below 8.
 fn assert_alike(one: [Mean; 2], other: [Mean; 2], control: [Mean; 2]) {
     let [found, wrong] =
         [other, control].map(|b| (0..2).map(|h| one[h].against_estimate(&b[h]).t().abs()).fold(0.0, f64::max));
     assert!(found < 8.0 && wrong > 8.0, "{found} standard errors, {wrong} of the control: {one:?}, {other:?}");
 }
 
-/// Negative control: what paths of more than 12 events find is missed where they are cut, 7 % by then.
+/// Negative control: cutting paths at 12 scattering events loses 7 % of the light.
 #[test]
 fn roulette_changes_no_mean_l13() {
     let [long, short] = [24, 12].map(|depth| closed(0.8, depth, &[(0.2, [0.3, 0.5, 0.2], 10.0)]));
@@ -52,7 +52,7 @@ fn roulette_changes_no_mean_l13() {
     assert_alike(with, without, cut);
 }
 
-/// Negative control: light met by chance weighted with the wrong probability.
+/// Negative control: light found by BSDF sampling is weighted with the wrong probability.
 fn learning_changes_no_mean<const CODE: u32>(mut world: World) {
     world.set_light_selection(LightSelection::Learned);
     let learning = || PathTracer::<Pinhole, LearnedSelector, CODE>::new(&world, NoVertexLight);
@@ -63,15 +63,15 @@ fn learning_changes_no_mean<const CODE: u32>(mut world: World) {
     assert_alike(by_power, rendered(learning()).0, rendered(forgetful).0);
 }
 
-/// Three lamps of unlike power that fill much of what is seen from some places: light is met by chance as often as it is
-/// chosen.
+/// Three lights of different power that fill much of the view from some points, so that BSDF sampling finds them as often as
+/// light sampling.
 #[test]
 fn learned_selection_of_lights_changes_no_mean() {
     let lamps = [(0.3, [0.5, 0.4, 0.3], 1.0), (0.15, [-0.7, 0.3, 0.3], 3.0), (0.25, [0.1, -0.6, 0.4], 0.4)];
     learning_changes_no_mean::<SEVERAL_LIGHTS>(closed(0.5, 3, &lamps));
 }
 
-/// Two balls, the nearer in the light of an image that is bright on a side and black on another.
+/// Two spheres in an environment map that is bright on one side and black on the other.
 #[test]
 fn learned_selection_of_an_environment_maps_tiles_changes_no_mean() {
     let mut scene = scene([16; 2], 50.0, DVec3::ZERO, DVec3::Z);
@@ -88,7 +88,7 @@ fn learned_selection_of_an_environment_maps_tiles_changes_no_mean() {
     learning_changes_no_mean::<{ SEVERAL_LIGHTS | ENVIRONMENT }>(world(&scene));
 }
 
-/// A sphere of radius r at height h hides (r / h)^2 of the hemisphere of the point below, cosine-weighted: its form factor.
+/// A sphere of radius r at height h hides (r / h)^2 of the cosine-weighted hemisphere of the point below: its form factor.
 #[test]
 fn ambient_occlusion_below_a_sphere_is_one_minus_its_form_factor() {
     // One pixel looks down from the side onto the point of the floor below the ball.
@@ -113,7 +113,7 @@ fn ambient_occlusion_below_a_sphere_is_one_minus_its_form_factor() {
     assert_eq!(mean(&mut AmbientOcclusion::new(&closed(0.8, 1, &[]), f64::INFINITY), 1024), 0.0);
 }
 
-/// The effects of a scene call for all code that its world uses: a form without it would lose light in silence.
+/// The effects of a scene select all code that its world uses. A path tracer without that code would lose light silently.
 #[test]
 fn effects_call_for_all_code_that_a_world_uses() {
     for name in bundled::names() {

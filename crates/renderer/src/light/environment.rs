@@ -42,7 +42,7 @@ impl Environment {
         // Under a stretch, equal areas of the image would no longer cover the expected solid angles.
         let constant = matches!(radiance, EnvironmentRadiance::Constant(_));
         if !sound || !(constant || even_scale(&to_world).is_some()) {
-            let what = "the environment's transform flattens or stretches space, or is not finite; rotate, mirror and scale \
+            let what = "the environment's transform is not finite, not invertible or not uniform; rotate, mirror and scale \
                         uniformly only";
             return Err(SceneError::new(at, what));
         }
@@ -140,7 +140,7 @@ fn lit(wi: Vec3, radiance: Vec3, pdf: f32) -> Option<LightSample> {
 
 /// Returns the error of an environment's radiance that is negative or not finite.
 pub(super) fn radiance_error(at: &Source, value: [f32; 3]) -> SceneError {
-    let remedy = "give finite numbers of at least 0";
+    let remedy = "use finite numbers of at least 0";
     SceneError::new(at, format!("the environment's radiance {value:?} is invalid; {remedy}"))
 }
 
@@ -163,7 +163,7 @@ const SQUARE: [usize; 2] = [6, 6];
 /// The index of tiles that emit nothing, or almost nothing.
 const BLACK: u32 = u32::MAX;
 
-/// The tiles of an environment map. An environment of constant radiance is not divided, since that does not pay.
+/// The tiles of an environment map. An environment of constant radiance is not divided, since that is not worth its cost.
 ///
 /// Directions in each tile are sampled by luminance. If tiles are selected in proportion to [`Tiles::share`],
 /// directions have the same density as without tiles. One look-up returns the radiance in a direction and its tile.

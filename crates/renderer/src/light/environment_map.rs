@@ -14,17 +14,18 @@ use std::sync::Arc;
 
 /// An environment map. Radiance is constant within a texel, as in pbrt-v4, so that the sampling density is exact.
 ///
-/// Light sampling selects a block of texels by a table small enough for the processor's cache, then a texel of the
-/// block by its luminance, which takes one more cache line. The density in a direction follows from its texel alone.
+/// Light sampling first selects a block of texels by a table small enough for the processor's cache. It then selects a texel
+/// of the block by luminance, which reads one more cache line. The density of a direction depends on its texel only.
 #[derive(Clone, Debug)]
 pub(super) struct Map {
     layout: Layout,
     size: [u32; 2],
     scale: f32,
     texels: Texels,
-    /// The image, if packed texels differ from it. They are the density then, and the image is the radiance.
+    /// The image, if the packed texels differ from it. The packed texels then provide only the density, and the image the
+    /// radiance.
     image: Option<Arc<Image>>,
-    /// The part that is the whole map.
+    /// The whole map as one part.
     pub(super) whole: Part,
     /// The mean luminance of the map over the sphere of directions.
     pub(super) average: f64,
@@ -37,17 +38,17 @@ pub(super) enum Layout {
     EqualArea,
 }
 
-/// A rectangle of blocks of a map, which is sampled by itself.
+/// A rectangle of blocks of a map, which can be sampled separately.
 #[derive(Clone, Debug)]
 pub(super) struct Part {
     cells: PiecewiseConstant2d,
-    /// The column and row of its first block.
+    /// The column and row of the part's first block.
     first: [usize; 2],
-    /// The probability with which sampling of the whole map falls into it.
+    /// The probability that a sample of the whole map falls into this part.
     pub(super) share: f64,
 }
 
-/// The light of a map in a direction.
+/// The radiance of a map from a direction, and the direction's density and block.
 pub(super) struct MapLight {
     pub(super) radiance: Vec3,
     /// The solid-angle density with which the whole map samples the direction.
@@ -56,28 +57,28 @@ pub(super) struct MapLight {
     pub(super) block: [usize; 2],
 }
 
-/// The least part of its luminance by which a texel is sampled.
+/// The smallest sampling weight of a texel, as a fraction of its luminance.
 const LEAST: f32 = 0.125;
 /// The number of texels along the side of a block.
 const SIDE: usize = 4;
 
-/// 4 x 4 texels, row by row, in one cache line. Each has three bytes, and in its highest byte the biased exponent of a
-/// factor, as in Radiance HDR files. Blocks at the edge of the image are filled up with black.
+/// 4 x 4 texels, row by row, in one cache line. A texel has one byte per channel and, in the highest byte, the biased exponent
+/// of their common factor, as in Radiance HDR files. Blocks at the edge of the image are padded with black.
 #[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
 struct Block([[u32; SIDE]; SIDE]);
 
-/// The packed texels of a map, and the density by which they are sampled.
+/// The packed texels of a map, and the density with which they are sampled.
 ///
-/// The density is the luminance less its mean [Karlik et al. 2019]: BSDF sampling, which multiple importance sampling
-/// weighs against it, finds the even part of the light well. [`LEAST`] keeps a density where there is light, for what
-/// samples lights alone.
+/// The density is proportional to the luminance minus its mean [Karlik et al. 2019]. BSDF sampling, combined with it by
+/// multiple importance sampling, finds the uniform part of the light well. [`LEAST`] keeps the density of texels that emit
+/// light positive, for methods that sample only lights.
 #[derive(Clone, Debug)]
 struct Texels {
     blocks: Vec<Block>,
     /// The numbers of blocks across and down.
     count: [usize; 2],
-    /// For each row of each row of blocks, the density over the unit square of a texel of weight 1.
+    /// For each row of texels, grouped by rows of blocks: the density of a texel of weight 1 over the unit square.
     shares: Vec<[f32; SIDE]>,
     /// The mean luminance over the sphere of directions.
     mean: f32,
@@ -90,8 +91,8 @@ impl Map {
         let wrong = |what: String| SceneError::new(at, what);
         if layout == Layout::EqualArea && width != height {
             return Err(wrong(format!(
-                "an equal-area environment image must be square, not {width} x {height}; use a square image, or one in \
-                 latitude and longitude"
+                "an equal-area environment image must be square, not {width} x {height}; use a square image, or a \
+                 latitude-longitude map"
             )));
         }
         if !(scale.is_finite() && scale >= 0.0) {
@@ -130,7 +131,8 @@ impl Map {
         MapLight { radiance: self.radiance(texel, [column, row]), pdf: density * factor, block }
     }
 
-    /// Returns a direction in the light's space, its radiance and its solid-angle density, sampled in a part.
+    /// Samples a direction in a part of the map. Returns it in the light's space, with its radiance and its solid-angle
+    /// density.
     #[inline(always)]
     pub(super) fn sample(&self, part: &Part, u: [f32; 2]) -> Option<(Vec3, Vec3, f32)> {
         let cell = part.cells.sample(u)?;
@@ -147,7 +149,7 @@ impl Map {
         Some((w, radiance, weights[row][column] * factor / part.share as f32))
     }
 
-    /// Returns the part of the map with these columns and rows of blocks.
+    /// Returns the part of the map with these ranges of columns and rows of blocks.
     pub(super) fn part(&self, ranges: [Range<usize>; 2]) -> Option<Part> {
         self.texels.part(ranges, self.whole.cells.total()).ok()
     }
@@ -163,7 +165,7 @@ impl Map {
         self.size[0] == self.size[1]
     }
 
-    /// Reads pixels of a block early, so that their cache lines are loaded when one is needed.
+    /// Reads pixels of a block before they are needed, to load their cache lines.
     #[inline(always)]
     fn look(&self, [column, row]: [usize; 2]) {
         let Some(image) = &self.image else { return };
@@ -184,7 +186,8 @@ impl Map {
 }
 
 impl Texels {
-    /// Packs an image. Returns it with its mean luminance over the sphere of directions; `None` if it is black.
+    /// Packs an image. Returns the texels, and the image's mean luminance over the sphere of directions. Returns `None` if the
+    /// image is black.
     fn new(layout: Layout, image: &Image) -> Option<(Self, f64)> {
         let count = [image.width().div_ceil(SIDE), image.height().div_ceil(SIDE)];
         let mut blocks = vec![Block([[0; SIDE]; SIDE]); count[0] * count[1]];
@@ -215,7 +218,7 @@ impl Texels {
         (average > 0.0 && share(0).is_finite()).then_some((texels, average))
     }
 
-    /// Returns the density of a texel, up to a factor.
+    /// Returns the density of a texel, up to a constant factor.
     #[inline(always)]
     fn weight(&self, texel: u32) -> f32 {
         let light = luminance(texel);
@@ -244,7 +247,7 @@ impl Texels {
         [row(0), row(1), row(2), row(3)]
     }
 
-    /// Returns the part with these columns and rows of blocks. Its share is relative to `whole`.
+    /// Returns the part with these ranges of columns and rows of blocks. `whole` is the total weight of the map.
     fn part(&self, [columns, rows]: [Range<usize>; 2], whole: f64) -> Result<Part, Error> {
         let places = rows.clone().flat_map(|row| columns.clone().map(move |column| [column, row]));
         let weights: Vec<f32> = places.map(|place| sum(sums(&self.weights(place)))).collect();
@@ -264,8 +267,8 @@ fn sums([a, b, c, d]: &[[f32; SIDE]; SIDE]) -> [f32; SIDE] {
     [sum(*a), sum(*b), sum(*c), sum(*d)]
 }
 
-/// Selects one of four weights by a number in `[0, 1)`. Returns its index and the number rescaled to its interval. A weight
-/// of 0 is not selected if another is positive.
+/// Selects one of four weights by a number in `[0, 1)`. Returns the index, and the number rescaled to the weight's interval. A
+/// weight of 0 is not selected if another is positive.
 #[inline(always)]
 fn select(weights: [f32; SIDE], u: f32) -> (usize, f32) {
     let [a, b, c, d] = weights;
@@ -276,7 +279,7 @@ fn select(weights: [f32; SIDE], u: f32) -> (usize, f32) {
     (index, ((at - ends[index]) / weights[index]).min(BELOW_ONE))
 }
 
-/// Packs a texel. The largest channel keeps 8 bits, the others as many places.
+/// Packs a texel. All channels share the exponent of the largest one, which keeps 8 significant bits.
 fn pack(rgb: [f32; 3]) -> u32 {
     let largest = rgb.into_iter().fold(0.0, f32::max);
     // A normal number's exponent, less 7 for the bits of a byte.
@@ -289,7 +292,7 @@ fn pack(rgb: [f32; 3]) -> u32 {
     exponent << 24 | b << 16 | g << 8 | r
 }
 
-/// Returns the channels of a packed texel, before its factor, and the factor.
+/// Returns the channels of a packed texel without their common factor, and the factor.
 #[inline(always)]
 fn parts(texel: u32) -> ([f32; 3], f32) {
     let byte = |shift: u32| (texel >> shift & 0xFF) as f32;
@@ -380,7 +383,7 @@ mod tests {
         Map::new(layout, &image, 1.0, &Source::default()).expect("sound").expect("not black")
     }
 
-    /// The texels of Radiance HDR files, other than the faintest, and black; others keep the image.
+    /// Radiance HDR texels, except the faintest, are packed exactly. Maps keep the images of other texels.
     #[test]
     fn texels_of_eight_bits_and_an_exponent_come_back_to_the_last_bit() {
         let texel = |i: u32| [i * 7, i * 31, i * 57].map(|m| (m % 256) as f32 * 2.0_f32.powi((i % 200) as i32 - 110));
@@ -398,7 +401,7 @@ mod tests {
         assert!(exact.find(center).radiance.to_array() == finer[5]);
     }
 
-    /// One texel of two million. No sample weighs more than 8 times the mean.
+    /// One bright texel among two million. No sample has more than 8 times the mean weight.
     #[test]
     fn a_sun_of_one_texel_is_sampled_by_itself() {
         let mut pixels = vec![[0.5; 3]; 2048 * 1024];
@@ -434,7 +437,8 @@ mod tests {
         }
     }
 
-    /// On the border of the square, the middle of each side mirrors a direction into itself: nothing jumps there.
+    /// Each border point of the square maps to the same direction as its mirror image about the middle of the side, so the map
+    /// is continuous.
     #[test]
     fn the_border_closes() {
         for i in 0..=64 {

@@ -9,25 +9,25 @@ use dapple_geometry::{Geometry, PrimitiveId, Shape, SurfacePoint};
 use glam::{DVec3, Vec3};
 use std::f64::consts::PI;
 
-/// A mesh whose triangles all emit the same radiance; see [`TexturedLight`](super::TexturedLight) for others.
+/// A mesh whose triangles all emit the same radiance; see [`TexturedLight`](super::TexturedLight) for varying emission.
 #[derive(Clone, Debug)]
 pub(crate) struct MeshLight {
     pub(super) lamp: Lamp,
     pub(super) facets: Vec<Facet>,
     choice: Discrete,
-    /// For lights of at most [`FEW`] triangles: where each triangle's part of the unit interval starts, and 1 divided
-    /// by its length. Empty for larger lights.
+    /// For lights of at most [`FEW`] triangles: the start of each triangle's interval in the unit interval, and 1 divided by
+    /// the interval's length. Empty for larger lights.
     ///
     /// For a light of two triangles, this linear search takes half the time of the table.
     few: Vec<[f32; 2]>,
     pub(super) area: f64,
-    /// The squared distance from a sampled point beyond which no triangle is near enough for [`Facet::near`].
+    /// The squared distance from a sampled point beyond which [`Facet::near`] returns `None` for every triangle.
     near_squared: f32,
     /// The index in `facets` of each triangle of the mesh; empty if all triangles have an area.
     facet_of: Vec<u32>,
 }
 
-/// The largest number of triangles for which a linear search selects one.
+/// The largest number of triangles for which one is selected by linear search.
 const FEW: usize = 8;
 
 /// One triangle of a mesh light, prepared for sampling.
@@ -42,11 +42,11 @@ pub(super) struct Facet {
     /// A bound on the rounding error of a sampled point, per axis.
     error: Vec3,
     pub(super) primitive: PrimitiveId,
-    /// The probability of its selection: its fraction of the light's area, unless triangles have weights.
+    /// The probability of selecting this triangle: its fraction of the light's area, unless triangles have weights.
     pub(super) share: f32,
     /// The squared distance from the centroid to the farthest corner.
     ///
-    /// From points nearer than this distance, the triangle is sampled by solid angle; from others, by area.
+    /// From points nearer than this, the triangle is sampled by solid angle; from others, by area.
     reach_squared: f32,
 }
 
@@ -55,7 +55,7 @@ impl Facet {
         self.corner + (self.edges[0] + self.edges[1]) * (1.0 / 3.0)
     }
 
-    /// Returns the point at these coordinates along the two edges, with the normal of the winding.
+    /// Returns the point at these coordinates along the two edges. Its normal follows the triangle's winding.
     #[inline(always)]
     fn point(&self, b1: f32, b2: f32) -> SurfacePoint {
         let position = self.corner + self.edges[0] * b1 + self.edges[1] * b2;
@@ -66,8 +66,8 @@ impl Facet {
         [self.corner, self.corner + self.edges[0], self.corner + self.edges[1]]
     }
 
-    /// Returns the triangle's projection on the sphere around a nearby point, for sampling by solid angle. Returns
-    /// `None` for distant points.
+    /// Returns the triangle's projection onto the sphere around a nearby point, for sampling by solid angle. Returns `None`
+    /// for distant points.
     ///
     /// The result depends only on the triangle and the point, so sampling and density always agree on the method.
     fn near(&self, from: Vec3) -> Option<SphericalTriangle> {
@@ -79,7 +79,7 @@ impl Facet {
         SphericalTriangle::new([corner, corner + edges[0], corner + edges[1]].map(|c| c - from))
     }
 
-    /// Returns a point's coordinates along the two edges, held within the triangle.
+    /// Returns a point's coordinates along the two edges, clamped to the triangle.
     pub(super) fn coordinates(&self, position: Vec3) -> [f32; 2] {
         let [e0, e1] = self.edges.map(Vec3::as_dvec3);
         let (to, across) = ((position - self.corner).as_dvec3(), e0.cross(e1));
@@ -87,7 +87,7 @@ impl Facet {
         within([to.cross(e1).dot(across) * scale, e0.cross(to).dot(across) * scale])
     }
 
-    /// Returns where a direction from a point meets the triangle, as coordinates along its two edges.
+    /// Returns the intersection of the triangle with the ray from a point in `direction`, as coordinates along the two edges.
     fn intersection(&self, from: Vec3, direction: DVec3) -> [f32; 2] {
         let [e0, e1] = self.edges.map(Vec3::as_dvec3);
         let to = from.as_dvec3() - self.corner.as_dvec3();
@@ -98,7 +98,7 @@ impl Facet {
     }
 }
 
-/// Returns coordinates along two edges of a triangle, moved into it. Rounding can lead slightly out of it.
+/// Clamps coordinates along two edges to the triangle. Rounding may have moved them slightly out of it.
 fn within(coordinates: [f64; 2]) -> [f32; 2] {
     let [b1, b2] = coordinates.map(|x| if x.is_finite() { x.clamp(0.0, 1.0) } else { 0.0 });
     let over = (b1 + b2).max(1.0);
@@ -114,8 +114,8 @@ impl MeshLight {
         Self::weighted(geometry, shape, lamp, sides, |_| 1.0)
     }
 
-    /// Makes the light as [`Self::new`] does, of triangles that are selected by area times `weight`, which receives a
-    /// triangle's number.
+    /// Makes the light as [`Self::new`] does, but selects triangles by area times `weight`. `weight` receives the number of a
+    /// triangle.
     pub(super) fn weighted(
         geometry: &Geometry,
         shape: u32,
@@ -213,8 +213,8 @@ impl MeshLight {
         self.facets.get(number).filter(|f| f.primitive == point.primitive).map(|_| number)
     }
 
-    /// Samples the light as [`LightSource::sample`] does. `area_of` returns a triangle's area divided by the probability
-    /// of its selection.
+    /// Samples the light as [`LightSource::sample`] does. `area_of` returns a triangle's area divided by the probability of
+    /// selecting it.
     #[inline(always)]
     pub(super) fn sample_by(&self, from: Vec3, u: [f32; 2], area_of: impl Fn(usize) -> f32) -> Option<LightSample> {
         let (index, within) = self.choose(u[0])?;
@@ -293,8 +293,8 @@ impl LightSource for MeshLight {
     }
 }
 
-/// A spherical triangle: the projection of a triangle on the unit sphere around a point. Computations use f64, since near a
-/// light they subtract nearly equal numbers.
+/// A spherical triangle: the projection of a triangle onto the unit sphere around a point. Computations use f64, since they
+/// subtract nearly equal numbers close to a light.
 #[derive(Clone, Copy, Debug)]
 struct SphericalTriangle {
     /// The unit vectors from the point to the corners.
@@ -307,8 +307,8 @@ struct SphericalTriangle {
 
 /// The solid angle in steradians below which sampling by area is as good; pbrt-v4 uses 3e-4.
 const LEAST: f64 = 1e-3;
-/// The triple product of the unit vectors to the corners at or below which the point counts as in the triangle's
-/// plane, because of rounding.
+/// The largest triple product of the unit vectors to the corners at which the point counts as in the triangle's plane, because
+/// of rounding.
 const FLAT: f64 = 1e-9;
 
 impl SphericalTriangle {
@@ -352,7 +352,7 @@ impl SphericalTriangle {
     }
 }
 
-/// Returns the unit vector on the arc from `from` towards `to`, at an angle of this cosine from `from`.
+/// Returns the unit vector on the arc from `from` towards `to` whose angle from `from` has this cosine.
 fn towards(from: DVec3, to: DVec3, cosine: f64) -> DVec3 {
     from * cosine + (to - from * to.dot(from)).normalize_or_zero() * (1.0 - cosine * cosine).max(0.0).sqrt()
 }

@@ -11,14 +11,14 @@ use glam::{DAffine3, DVec3, Vec3};
 /// Checks an intensity or irradiance: all channels must be finite and at least 0. Returns `None` if all are 0.
 pub(super) fn checked(value: [f32; 3], at: &Source) -> Result<Option<Vec3>, SceneError> {
     if value.iter().any(|x| !(x.is_finite() && *x >= 0.0)) {
-        let remedy = "give finite numbers of at least 0";
+        let remedy = "use finite numbers of at least 0";
         return Err(SceneError::new(at, format!("the light's intensity {value:?} is invalid; {remedy}")));
     }
     Ok((value != [0.0; 3]).then_some(Vec3::from_array(value)))
 }
 
 pub(super) fn transform_error(at: &Source) -> SceneError {
-    let what = "the light's transform flattens space, stretches the cone of a spot, or is not finite; move, rotate, mirror \
+    let what = "the light's transform is not finite or not invertible, or it stretches a spot's cone; move, rotate, mirror \
                 and scale uniformly only";
     SceneError::new(at, what)
 }
@@ -59,7 +59,7 @@ impl PointLight {
         Ok((intensity != Vec3::ZERO).then_some(Self { position: position.as_vec3(), intensity }))
     }
 
-    /// Returns the expectation of a point light at this position that emits a given intensity in all directions.
+    /// Returns the expectation of a point light at this position with the given intensity in all directions.
     fn expectation_of(&self, intensity: f64) -> Expectation {
         Expectation::Near { middle: self.position, radius: 0.0, facing: Vec3::ZERO, intensity: intensity as f32 }
     }
@@ -128,7 +128,7 @@ impl SpotLight {
     ) -> Result<Option<Self>, SceneError> {
         if !(0.0 <= falloff_start && falloff_start <= cone && 0.0 < cone && cone <= 180.0) {
             let what = format!("the spot's cone of {cone} degrees with a falloff from {falloff_start} is invalid");
-            return Err(SceneError::new(at, what + "; give 0 <= start <= cone <= 180, cone above 0"));
+            return Err(SceneError::new(at, what + "; use 0 <= start <= cone <= 180, cone above 0"));
         }
         if even_scale(&to_world.matrix3).is_none() {
             return Err(transform_error(at));
@@ -139,7 +139,7 @@ impl SpotLight {
         Ok(point.map(|point| Self { point, axis, edge: height(cone), core: height(falloff_start), falloff }))
     }
 
-    /// Returns the intensity relative to the one on the axis, 0 to 1, at an angle whose `1 - cos` is `height`.
+    /// Returns the intensity relative to that on the axis, 0 to 1, at the angle whose `1 - cos` is `height`.
     #[inline]
     fn share(&self, height: f32) -> f32 {
         if height <= self.core {
@@ -153,7 +153,7 @@ impl SpotLight {
         }
     }
 
-    /// Returns the light's power relative to a point light with the axis intensity in all directions, 0 to 1.
+    /// Returns the spot's power relative to a point light with the axis intensity in all directions, 0 to 1.
     fn share_of_sphere(&self) -> f64 {
         let [edge, core] = [self.edge, self.core].map(f64::from);
         // The means of the two falloff functions over x from 0 to 1.
@@ -196,8 +196,8 @@ impl LightSource for SpotLight {
         4.0 * luminance(self.point.intensity) * self.share_of_sphere()
     }
 
-    /// Returns the expectation of a point light of the same power. The cone may cross a cell anywhere, so its shape is
-    /// learned.
+    /// Returns the expectation of a point light of the same power. A cell may be partly inside the cone, so the
+    /// cone's shape is learned.
     fn expectation(&self) -> Expectation {
         self.point.expectation_of(luminance(self.point.intensity) * self.share_of_sphere())
     }

@@ -27,14 +27,14 @@ impl SphereLight {
         Self { lamp, centre, radius, reach: radius + error, flip }
     }
 
-    /// Returns the centre, the radius and the radiance; `None` if it shines inwards only.
+    /// Returns the centre, the radius and the radiance; `None` if the sphere emits inwards only.
     pub(super) fn seen_from_outside(&self) -> Option<(Vec3, f32, Vec3)> {
         let radiance = self.lamp.radiance(self.flip);
         (radiance != Vec3::ZERO).then_some((self.centre, self.radius, radiance))
     }
 
-    /// Returns the squared sine of half the angle that the sphere subtends at `axis` from its centre; `None` inside
-    /// the sphere.
+    /// Returns the squared sine of half the angle that the sphere subtends at the point `axis` (relative to its centre).
+    /// Returns `None` inside the sphere.
     #[inline]
     fn sine_squared(&self, axis: Vec3) -> Option<f32> {
         let squared = axis.length_squared();
@@ -138,7 +138,7 @@ impl DiskLight {
         Self { lamp, centre, frame: ShadingFrame::from_normal(normal), radius, inner_radius }
     }
 
-    /// Returns the point of the area that belongs to `u` in `[0, 1)^2`, by an area-preserving map from the disk to the
+    /// Returns the point of the disk or ring that `u` in `[0, 1)^2` selects, by an area-preserving map from the disk to the
     /// ring.
     #[inline]
     fn point(&self, u: [f32; 2]) -> SurfacePoint {

@@ -1,11 +1,11 @@
-//! The distribution by which a renderer selects one of several lights.
+//! The probability distribution by which one of several lights is selected for sampling.
 
 use crate::shading::discrete::Discrete;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::str::FromStr;
 
-/// The distribution by which the renderer selects one of several lights to sample.
+/// The probability distribution by which the renderer selects one of several lights to sample.
 ///
 /// # Examples
 ///
@@ -52,9 +52,9 @@ impl fmt::Display for LightSelection {
     }
 }
 
-/// An unknown name was given for a [`LightSelection`].
+/// The error of an unknown [`LightSelection`] name.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("light selection \"{name}\" is unknown; give {}", LightSelection::ALL.map(LightSelection::name).join(", "))]
+#[error("light selection \"{name}\" is unknown; use one of {}", LightSelection::ALL.map(LightSelection::name).join(", "))]
 pub struct UnknownLightSelection {
     name: String,
 }
@@ -75,10 +75,10 @@ const STEPS: u64 = 1 << 24;
 
 /// Returns the distribution that selects lights in proportion to `powers`, with a positive probability for each.
 ///
-/// Probabilities are multiples of 2^-24. Each light gets 2^-24, and the rest is distributed by power. A random number
-/// of 24 bits therefore selects each light exactly as often as its probability states. Otherwise a light with a
-/// probability of 10^-12 would never be selected and be missing from the image. With more than 2^23 lights,
-/// probabilities are not rounded.
+/// Probabilities are multiples of 2^-24: each light gets 2^-24, and the rest is distributed by power. A random number of 24
+/// bits therefore selects each light exactly as often as its probability states. Otherwise a light with a probability of
+/// 10^-12 would never be selected, and its light would be missing from the image. With more than 2^23 lights, probabilities
+/// are not rounded.
 pub(super) fn by_power(powers: &[f64]) -> Discrete {
     let total: f64 = powers.iter().sum();
     let sound = total > 0.0 && total.is_finite();
@@ -116,7 +116,7 @@ mod tests {
         }
         assert_eq!("cells".parse(), Ok(LightSelection::Learned));
         let wrong = "cell".parse::<LightSelection>().map_err(|e| e.to_string());
-        assert_eq!(wrong, Err("light selection \"cell\" is unknown; give power, uniform, learned".to_owned()));
+        assert_eq!(wrong, Err("light selection \"cell\" is unknown; use one of power, uniform, learned".to_owned()));
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! The functions of a kind of light, and what they return: samples of arriving light, and rays that leave.
+//! The trait of all kinds of lights, and its results: samples of arriving light, and rays that leave a light.
 
 use crate::shading::discrete::BELOW_ONE;
 use crate::shading::{ShadingFrame, warp};
@@ -12,8 +12,8 @@ pub(crate) trait LightSource {
     /// no light arrives at `from` from the sampled direction.
     fn sample(&self, from: Vec3, u: [f32; 2]) -> Option<LightSample>;
 
-    /// Returns the solid-angle density with which [`Self::sample`] at one point samples the direction to another one, on
-    /// the light's shape.
+    /// Returns the solid-angle density with which [`Self::sample`] at `from` samples the direction to `point` on the light's
+    /// shape.
     ///
     /// Returns 0 for lights without a shape.
     #[inline]
@@ -21,7 +21,7 @@ pub(crate) trait LightSource {
         0.0
     }
 
-    /// Returns the emission of an area light, its mean if it varies; `None` for lights without a shape.
+    /// Returns the emission of an area light, averaged if it varies; `None` for lights without a shape.
     #[inline]
     fn lamp(&self) -> Option<&Lamp> {
         None
@@ -37,39 +37,39 @@ pub(crate) trait LightSource {
         0.0
     }
 
-    /// Samples a ray that leaves the light, as [`Lights::sample_emission`](crate::light::Lights::sample_emission) does. `light` and `pmf` are left to the caller.
+    /// Samples a ray that leaves the light, as [`Lights::sample_emission`](crate::light::Lights::sample_emission) does. The
+    /// caller sets `light` and `pmf`.
     ///
-    /// The default is that of light from infinity, whose directions are those of [`Self::sample`].
+    /// The default serves light from infinity, with directions from [`Self::sample`].
     fn emit(&self, scene: &SceneSphere, place: [f32; 2], towards: [f32; 2]) -> Option<EmittedLight> {
         let sample = self.sample(scene.centre, towards)?;
         Some(scene.parallel(-sample.wi, sample.radiance, sample.pdf, place))
     }
 
-    /// Returns the densities of [`Self::emit`]; see [`Lights::emission_pdf`]. The default is that of area lights.
+    /// Returns the densities of [`Self::emit`]; see [`Lights::emission_pdf`]. The default serves area lights.
     fn emission_pdf(&self, scene: &SceneSphere, point: &SurfacePoint, direction: Vec3) -> EmissionPdf {
         let cosine = point.normal.dot(direction);
         self.lamp().map_or(scene.parallel_pdf(0.0), |lamp| lamp.emission_pdf(cosine, self.area() as f32))
     }
 
-    /// Returns the luminance of the light's radiant power, divided by pi. An environment or distant light counts with
-    /// the power that enters the scene's bounding sphere. `scene_radius` is the sphere's radius. The default is that of
-    /// area lights.
+    /// Returns the luminance of the light's radiant power, divided by pi. For an environment or distant light, this is the
+    /// power that enters the scene's bounding sphere, whose radius is `scene_radius`. The default serves area lights.
     fn power(&self, _scene_radius: f64) -> f64 {
         self.area() * self.lamp().map_or(0.0, Lamp::brightness)
     }
 
-    /// Returns an approximation of the light's contribution, which learned selection uses before it has samples.
+    /// Returns an approximation of the light's contribution. Learned selection uses it until it has samples.
     fn expectation(&self) -> Expectation;
 }
 
-/// The place that a light sample comes from.
+/// The origin of sampled light.
 #[derive(Clone, Copy, Debug)]
 pub enum Target {
     /// A point on the surface of an area light.
     Surface(SurfacePoint),
     /// The position of a point or spot light.
     Point(Vec3),
-    /// A place infinitely far away.
+    /// A point at infinity.
     Far,
 }
 
@@ -85,22 +85,21 @@ impl Target {
     }
 }
 
-/// A sample of the light that arrives at a point, without regard to occlusion.
+/// A sample of the light that arrives at a point. Occlusion is not tested.
 #[derive(Clone, Copy, Debug)]
 pub struct LightSample {
     /// The unit direction to the light.
     pub wi: Vec3,
-    /// The linear RGB radiance from `wi`. For a light without extent, the irradiance on a surface that faces the
-    /// light.
+    /// The linear RGB radiance from `wi`. For a delta light: the irradiance on a surface that faces the light.
     pub radiance: Vec3,
-    /// The solid-angle density of `wi` times the probability of selecting the light, above 0. For a light without
-    /// extent, the probability alone.
+    /// The solid-angle density of `wi` times the probability of selecting the light, above 0. For a delta light: the
+    /// probability alone.
     pub pdf: f32,
-    /// The place that the light comes from.
+    /// The point that the light comes from.
     pub target: Target,
-    /// True if the light has no extent, so that no ray can hit it.
+    /// True for a delta light, which no ray can hit.
     ///
-    /// The sample then gets no multiple-importance weight against BSDF sampling.
+    /// Such a sample gets no multiple-importance weight against BSDF sampling.
     pub delta: bool,
 }
 
@@ -121,15 +120,15 @@ pub(crate) struct Lamp {
 }
 
 impl Lamp {
-    /// Returns the emitted radiance in a direction. `cosine` is taken between the direction and the normal of the
+    /// Returns the radiance emitted in a direction. `cosine` is the cosine between that direction and the normal of the
     /// emitting side.
     #[inline]
     pub(super) fn radiance(&self, cosine: f32) -> Vec3 {
         if cosine > 0.0 || (self.two_sided && cosine < 0.0) { self.radiance } else { Vec3::ZERO }
     }
 
-    /// Returns the densities of a ray that leaves a lamp of this area. `cosine` is taken between the ray and the normal
-    /// of the emitting side.
+    /// Returns the densities of a ray that leaves an area light of this area. `cosine` is the cosine between the ray and the
+    /// normal of the emitting side.
     pub(super) fn emission_pdf(&self, cosine: f32, area: f32) -> EmissionPdf {
         let direction = if self.two_sided { 0.5 * cosine.abs() } else { cosine.max(0.0) } * FRAC_1_PI;
         EmissionPdf { position: area.recip(), direction }
@@ -140,7 +139,7 @@ impl Lamp {
         luminance(self.radiance) * if self.two_sided { 2.0 } else { 1.0 }
     }
 
-    /// Returns the luminance of the radiant intensity that a flat emitter of this area has along its normal.
+    /// Returns the luminance of a flat emitter's radiant intensity along its normal. `area` is the emitter's area.
     pub(super) fn intensity(&self, area: f64) -> f32 {
         (luminance(self.radiance) * area) as f32
     }
@@ -156,8 +155,8 @@ pub(super) fn luminance(rgb: Vec3) -> f64 {
     dapple_core::film::luminance(rgb.to_array().map(f64::from))
 }
 
-/// Returns the light sample of a point that was sampled uniformly on `area`. `side` is 1 if the point's normal is on
-/// the emitting side, and -1 if it is on the other.
+/// Returns the light sample for a point sampled uniformly on `area`. `side` is 1 if the point's normal is on the emitting
+/// side, else -1.
 #[inline(always)]
 pub(super) fn sample_on(lamp: &Lamp, from: Vec3, point: SurfacePoint, side: f32, area: f32) -> Option<LightSample> {
     let to = point.position - from;
@@ -181,7 +180,7 @@ pub(crate) fn area_to_solid_angle(from: Vec3, point: &SurfacePoint, area: f32) -
     squared / (cosine * area)
 }
 
-/// The sphere around a scene. Light from infinity enters it through a disk of its radius.
+/// The bounding sphere of a scene. Light from infinity enters it through a disk of the same radius.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SceneSphere {
     pub(crate) centre: Vec3,
@@ -189,13 +188,13 @@ pub(crate) struct SceneSphere {
 }
 
 impl SceneSphere {
-    /// Returns the area density of a point on the disk, and 1 / pi for a scene that is a point.
+    /// Returns the area density of a point on the disk; 1 / pi for a scene that is a single point.
     fn disk_pdf(&self) -> f32 {
         FRAC_1_PI / (self.radius * self.radius)
     }
 
-    /// Returns the emission of parallel light: a ray in the unit `direction` that starts on the disk in front of the
-    /// sphere, at the place `u` in `[0, 1)^2`.
+    /// Returns a ray of parallel light in the unit `direction`. `u` in `[0, 1)^2` selects its origin on the disk in front of
+    /// the sphere.
     pub(super) fn parallel(&self, direction: Vec3, radiance: Vec3, pdf: f32, u: [f32; 2]) -> EmittedLight {
         let (disk, frame) = (warp::concentric_disk(u), ShadingFrame::from_normal(direction));
         let on = frame.tangent * disk.x + frame.bitangent * disk.y - direction;
@@ -209,27 +208,28 @@ impl SceneSphere {
     }
 }
 
-/// The densities with which [`Lights::sample_emission`](crate::light::Lights::sample_emission) samples a ray, without the selection of the light.
+/// The densities with which [`Lights::sample_emission`](crate::light::Lights::sample_emission) samples a ray, without the
+/// probability of selecting the light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EmissionPdf {
-    /// The area density of the ray's origin: on the surface of an area light, or on the disk of the scene's radius across
-    /// the rays of a light from infinity. 1 for a point or a spot.
+    /// The area density of the ray's origin on an area light. For light from infinity: on a disk of the scene's radius,
+    /// perpendicular to the ray. 1 for a point or a spot.
     pub position: f32,
     /// The solid-angle density of the direction. 1 for a distant light.
     pub direction: f32,
 }
 
-/// A ray that leaves a light, with the light along it.
+/// A ray that leaves a light, with the light that it carries.
 #[derive(Clone, Copy, Debug)]
 pub struct EmittedLight {
     /// The index of the light in [`Lights`](crate::light::Lights).
     pub light: u32,
     /// The probability with which the light was selected.
     pub pmf: f32,
-    /// The place that the ray leaves: [`Target::Surface`] with the normal on the emitting side, [`Target::Point`], or
+    /// The point that the ray leaves: [`Target::Surface`] with the normal on the emitting side, [`Target::Point`], or
     /// [`Target::Far`].
     pub source: Target,
-    /// The origin of the ray. For a light from infinity, a point outside the sphere around the scene.
+    /// The origin of the ray. For light from infinity, a point outside the scene's bounding sphere.
     pub position: Vec3,
     /// The unit direction of the ray.
     pub direction: Vec3,
@@ -243,8 +243,8 @@ pub struct EmittedLight {
 }
 
 impl EmittedLight {
-    /// Returns the flux that the ray stands for: radiance times cosine over all densities. Its mean over random rays is
-    /// the power of all lights.
+    /// Returns the flux of the ray: radiance times cosine over all densities. Its expectation is the total power of all
+    /// lights.
     pub fn flux(&self) -> Vec3 {
         self.radiance * (self.cosine / (self.pmf * self.pdf.position * self.pdf.direction))
     }
@@ -257,8 +257,8 @@ impl EmittedLight {
         }
     }
 
-    /// Returns the emission of a point on an area light. `point` has its normal on the emitting side, and `u` in
-    /// `[0, 1)^2` selects the side of a two-sided lamp and the direction.
+    /// Returns a ray that leaves a point on an area light. `point` has its normal on the emitting side. `u` in `[0, 1)^2`
+    /// selects the side of a two-sided light and the direction.
     pub(super) fn from_surface(lamp: &Lamp, mut point: SurfacePoint, u: [f32; 2], area: f32) -> Option<Self> {
         let mut u = u;
         if lamp.two_sided {
@@ -271,7 +271,7 @@ impl EmittedLight {
         Self::leaving(lamp, point, direction, area)
     }
 
-    /// Returns the emission of a point on an area light in a direction. Both were sampled with the densities of
+    /// Returns the ray from a point on an area light in a direction. Both were sampled with the densities of
     /// [`Self::from_surface`].
     pub(super) fn leaving(lamp: &Lamp, point: SurfacePoint, direction: Vec3, area: f32) -> Option<Self> {
         let cosine = point.normal.dot(direction);
@@ -281,29 +281,29 @@ impl EmittedLight {
         (area > 0.0 && cosine > 0.0).then_some(emitted)
     }
 
-    /// Returns the emission of a point without extent, in a direction sampled with density `pdf`.
+    /// Returns the ray from a point light in a direction sampled with density `pdf`.
     pub(super) fn from_point(position: Vec3, direction: Vec3, intensity: Vec3, pdf: f32) -> Self {
         let (source, pdf) = (Target::Point(position), EmissionPdf { position: 1.0, direction: pdf });
         EmittedLight { light: 0, pmf: 1.0, source, position, direction, radiance: intensity, cosine: 1.0, pdf }
     }
 }
 
-/// A light's strength and position, reduced to the numbers that approximate its contribution anywhere in the scene.
+/// The strength and position of a light, simplified to approximate the light's contribution anywhere in the scene.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Expectation {
     /// A light within the scene: an area, point or spot light.
     Near {
         middle: Vec3,
         radius: f32,
-        /// The mean of the emitting sides' unit normals. It is shorter the more they differ, and zero if the light
-        /// emits to all sides.
+        /// The mean of the emitting sides' unit normals. It is shorter the more they differ, and zero for a light that emits
+        /// in all directions.
         facing: Vec3,
         /// The luminance of the radiant intensity along `facing`.
         intensity: f32,
     },
     /// A light from infinity: an environment, a tile of it, or a distant light.
     Far {
-        /// The unit direction to the light; zero if light comes from all sides.
+        /// The unit direction to the light; zero if light arrives from all directions.
         towards: Vec3,
         irradiance: f32,
     },

@@ -10,19 +10,19 @@ use dapple_scene::TextureId;
 use glam::Vec3;
 use std::sync::Arc;
 
-/// The number of points in all at which a light's texture is averaged.
+/// The total number of points at which a light's texture is averaged.
 const POINTS: usize = 1 << 18;
-/// The most points along a side of one triangle.
+/// The largest number of points along a side of one triangle.
 const MOST_ALONG: usize = 64;
-/// The part of the light's mean emission that every triangle has at least in its selection: the points may miss a bright
+/// The smallest selection weight of a triangle, as a fraction of the light's mean emission. The points may miss a bright
 /// texel.
 const LEAST: f32 = 0.01;
 
-/// A mesh that emits a texture. A triangle is selected by its mean emission, and the emission of a sampled point is that
-/// of its texel.
+/// A mesh whose emission is a texture. Triangles are selected by their mean emission; a sampled point emits the colour of its
+/// texel.
 #[derive(Clone, Debug)]
 pub(crate) struct TexturedLight {
-    /// The mesh, which emits the mean.
+    /// The mesh, with the mean emission.
     mesh: MeshLight,
     emission: TexturedEmission,
     /// The texture coordinates of each triangle's corners.
@@ -31,23 +31,23 @@ pub(crate) struct TexturedLight {
     areas: Vec<f32>,
 }
 
-/// An emission that varies by a texture.
+/// An emission that varies with a texture.
 #[derive(Clone, Debug)]
 pub(crate) struct TexturedEmission {
-    /// The factor of the texture, and the sides that emit.
+    /// The factor of the texture's values, and the emitting sides.
     pub(crate) lamp: Lamp,
     pub(crate) texture: TextureId,
     pub(crate) textures: Arc<Textures>,
 }
 
 impl TexturedEmission {
-    /// Returns the radiance at texture coordinates. What is no radiance counts as black.
+    /// Returns the radiance at texture coordinates. Invalid values (negative or not finite) become black.
     fn at(&self, uv: [f32; 2]) -> Vec3 {
         let radiance = self.lamp.radiance * self.textures.look_up(self.texture, uv);
         if radiance.is_finite() { radiance.max(Vec3::ZERO) } else { Vec3::ZERO }
     }
 
-    /// Returns the mean over a triangle, by a grid of `along` points per side.
+    /// Returns the mean emission of a triangle, on a grid of `along` points per side.
     fn mean(&self, uvs: &[[f32; 2]; 3], along: usize) -> Vec3 {
         let mut sum = Vec3::ZERO;
         for (i, j) in (0..along).flat_map(|i| (0..along - i).map(move |j| (i, j))) {
@@ -59,7 +59,7 @@ impl TexturedEmission {
 
 impl TexturedLight {
     /// Makes the light of the mesh with index `shape` in `geometry`, as [`MeshLight::new`] does. `uvs` holds the texture
-    /// coordinates of its vertices, or none.
+    /// coordinates of the vertices; it may be empty.
     pub(crate) fn new(
         (geometry, shape): (&Geometry, u32),
         emission: TexturedEmission,
@@ -87,7 +87,7 @@ impl TexturedLight {
         Some(Self { mesh, emission, uvs, areas })
     }
 
-    /// Returns the radiance of a point of the light, on either side that emits.
+    /// Returns the radiance that a point of the light emits on its emitting sides.
     #[cold]
     #[inline(never)]
     pub(super) fn radiance(&self, point: &SurfacePoint) -> Vec3 {
@@ -97,7 +97,8 @@ impl TexturedLight {
         self.emission.at(between(&[first, second, corner], along_edges))
     }
 
-    /// Returns the area by whose inverse the point's triangle is sampled; infinite for a point that is not on the light.
+    /// Returns the area of the point's triangle divided by the probability of selecting it; infinite for a point that is not
+    /// on the light.
     fn area_at(&self, point: &SurfacePoint) -> f32 {
         self.mesh.facet_at(point).map_or(f32::INFINITY, |facet| self.areas[facet])
     }
@@ -143,7 +144,7 @@ impl LightSource for TexturedLight {
     }
 }
 
-/// Returns the texture coordinates at weights of the first two of three corners.
+/// Returns the texture coordinates at barycentric weights; `a` and `b` are the weights of the first two corners.
 fn between(uvs: &[[f32; 2]; 3], [a, b]: [f32; 2]) -> [f32; 2] {
     [0, 1].map(|i| a * uvs[0][i] + b * uvs[1][i] + (1.0 - a - b) * uvs[2][i])
 }

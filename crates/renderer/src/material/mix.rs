@@ -7,8 +7,8 @@ use dapple_scene::{Material, MaterialKind, Scalar};
 /// The largest depth of nested mixes.
 const DEEPEST: u32 = 16;
 
-/// Returns the surface of material `index` at a point, and the surface's index. If the material is a mix, one of the
-/// mixed materials is returned.
+/// Returns the surface of material `index` at a point, and its index. For a mix, returns the surface and index of one of the
+/// mixed materials.
 ///
 /// The random number `choice` in `[0, 1)` selects a material with the mix's amounts at the point as probabilities.
 /// Nested mixes reuse the rescaled remainder of `choice`.
@@ -36,7 +36,7 @@ pub(crate) fn resolve<'w>(
     (surface, index)
 }
 
-/// Returns the probability with which [`resolve`] returns a surface that shadow rays pass. Calls `point` for mixes only.
+/// Returns the probability with which [`resolve`] returns a surface that shadow rays pass. `point` is called only for mixes.
 pub(crate) fn passed_share(
     surfaces: &[Surface],
     index: u32,
@@ -77,7 +77,7 @@ pub(crate) fn check_mixes(materials: &[Material]) -> Vec<MaterialError> {
             let MaterialKind::Mix { materials: parts, .. } = &material.kind else { return Vec::new() };
             let parts = parts.map(|part| part.0 as usize);
             for part in parts.iter().filter(|&&part| part >= materials.len()) {
-                wrong.push(MaterialError::new(material, format!("it mixes material {part}, which is not there")));
+                wrong.push(MaterialError::new(material, format!("it mixes material {part}, which does not exist")));
             }
             parts.into_iter().filter(|&part| part < materials.len()).collect()
         })
@@ -101,7 +101,7 @@ pub(crate) fn check_mixes(materials: &[Material]) -> Vec<MaterialError> {
                 if level == DEEPEST + 1 {
                     wrong.push(MaterialError::new(
                         &materials[at],
-                        format!("mixes are mixed more than {DEEPEST} times over: make them simpler"),
+                        format!("mixes are nested more than {DEEPEST} deep; simplify them"),
                     ));
                 }
                 levels[at] = Some(level);
@@ -113,7 +113,7 @@ pub(crate) fn check_mixes(materials: &[Material]) -> Vec<MaterialError> {
             if within[part] {
                 let circle = path.iter().skip_while(|(on, _)| *on != part).map(|(on, _)| *on);
                 let names: Vec<String> = circle.map(|on| format!("\"{}\"", materials[on].name)).collect();
-                let what = format!("it is mixed of itself, through {}: break the circle", names.join(", "));
+                let what = format!("the mix contains itself through {}; remove one of these mixes", names.join(", "));
                 wrong.push(MaterialError::new(&materials[part], what));
             } else {
                 path.push((part, 0));

@@ -1,4 +1,4 @@
-//! Materials ready to shade.
+//! Tests of materials prepared for shading.
 
 use super::*;
 use crate::support::{add_texture, diffuse, metal};
@@ -87,7 +87,7 @@ fn mixes_that_are_none_are_refused_by_name() {
     let problems = told(&circle);
     assert!(problems.len() == 1 && problems[0].contains("\"a\"") && problems[0].contains("\"b\""), "{problems:?}");
     assert_eq!(told(&[named("self", mix([0, 0], 0.5))]).len(), 2, "once for each part");
-    assert!(told(&[named("lost", mix([7, 0], 0.5))]).iter().any(|p| p.contains("not there")));
+    assert!(told(&[named("lost", mix([7, 0], 0.5))]).iter().any(|p| p.contains("does not exist")));
     // Deep, but no circle; beyond all measure, told once; and no stack overflows.
     let chain = |n: u32| -> Vec<Material> {
         let link = |i: u32| named("link", if i + 1 < n { mix([i + 1, i + 1], 0.5) } else { diffuse(0.5) });

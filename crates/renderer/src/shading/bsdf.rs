@@ -11,17 +11,16 @@ use dapple_scene::effectively_smooth;
 use glam::Vec3;
 use std::f32::consts::{FRAC_1_PI, PI};
 
-/// The largest microfacet width of a lobe that counts as smooth for the features of denoisers.
+/// The largest microfacet width of a lobe that counts as smooth for the denoiser's features.
 ///
-/// At 0.02 a lobe is 2 degrees wide, so that a reflection in it has detail. Following lobes of width 0.1 blurred more
-/// than it kept on four of six scenes.
+/// A lobe of width 0.02 spans 2 degrees, so that its reflections show detail. Following lobes of width 0.1 blurred more than
+/// it preserved on four of six scenes.
 const NARROW: f32 = 0.02;
 
 /// The BSDF at a surface point, with its textures already evaluated.
 ///
-/// A small `Copy` value that is made at each hit; data that depends only on the material is computed once. Opaque
-/// surfaces scatter on both sides: as in pbrt-v4, a `wo` below the surface is mirrored through the point. No light
-/// passes an opaque surface.
+/// It is a small `Copy` value made at each hit; data that depends only on the material is precomputed. Opaque surfaces scatter
+/// on both sides: as in pbrt-v4, a `wo` below the surface is mirrored through the point. No light passes an opaque surface.
 ///
 /// All directions are unit vectors in the shading frame and point away from the surface. The caller must reject
 /// directions that would leak through the *geometric* surface where the shading normal differs from its normal.
@@ -54,7 +53,7 @@ pub enum Bsdf<'m> {
     },
     /// A dielectric coat over a metal; each layer is rough or smooth. Made by [`Bsdf::coated_conductor`].
     CoatedConductor {
-        /// The coat, with its tables of the metal's light that passes it.
+        /// The coat, with its tables for light reflected by the metal below.
         coat: &'m MetalCoat,
         /// The metal's complex index of refraction relative to the coat's.
         ior: ComplexIor,
@@ -130,8 +129,8 @@ impl<'m> Bsdf<'m> {
         })
     }
 
-    /// Returns the world-space direction `v` in the shading frame. Lambertian reflection needs only z, so its x and y
-    /// are 0.
+    /// Returns the world-space direction `v` in the shading frame. For Lambertian reflection, which needs only z, x and y are
+    /// 0.
     #[inline(always)]
     pub(crate) fn local(&self, frame: &ShadingFrame, v: Vec3) -> Vec3 {
         match self {
@@ -271,7 +270,7 @@ impl<'m> Bsdf<'m> {
         }
     }
 
-    /// Returns true if light may be transmitted, with `wi` and `wo` on different sides.
+    /// Returns true if light may be transmitted, that is, scattered to the other side of the surface.
     #[inline]
     pub fn transmits(&self) -> bool {
         matches!(
@@ -329,8 +328,8 @@ impl<'m> Bsdf<'m> {
         }
     }
 
-    /// Returns true if [`sample`](Self::sample) with this `lobe` samples a rough lobe so narrow that reflections and
-    /// refractions in it have detail. It serves the features of denoisers, not light transport.
+    /// Returns true if [`sample`](Self::sample) with this `lobe` samples a rough lobe so narrow that its reflections and
+    /// refractions show detail. It is used for the features of denoisers, not for light transport.
     #[inline(never)]
     pub fn samples_narrow_lobe(&self, wo: Vec3, lobe: f32) -> bool {
         let narrow = |m: &TrowbridgeReitz| m.alpha()[0].max(m.alpha()[1]) <= NARROW;
@@ -393,7 +392,7 @@ impl<'m> Bsdf<'m> {
     }
 }
 
-/// A coat over Lambertian reflection, with the values that depend only on `wo`.
+/// The values of a coat over Lambertian reflection that depend only on `wo`.
 struct CoatSeen {
     transmittance: f32,
     /// The probability of sampling the coat's own reflection: its fraction of the reflected light.

@@ -25,11 +25,11 @@ use dapple_scene::effectively_smooth;
 use glam::Vec3;
 use std::f32::consts::FRAC_1_PI;
 
-/// The number of cells of the tables over the cosine. The hardest case, a smooth coat's transmittance, has an error
-/// below 1e-4 (a relative error below 1e-3 at a cosine of 0.01).
+/// The number of cells of the tables over the cosine. The hardest case, the transmittance of a smooth coat, has an error below
+/// 1e-4 (a relative error below 1e-3 at a cosine of 0.01).
 const CELLS: usize = 256;
 
-/// The parameters of a [`Coat`], with the meaning that pbrt-v4's `coateddiffuse` material gives them.
+/// The parameters of a [`Coat`], as in pbrt-v4's `coateddiffuse` material.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CoatOptions {
     /// The coat's index of refraction relative to the outside's, in `[0.1, 10]`.
@@ -37,9 +37,9 @@ pub struct CoatOptions {
     /// The microfacet widths along the two tangents. The coat is smooth if [`effectively_smooth`] returns true for
     /// them or `eta` is 1.
     pub alpha: [f32; 2],
-    /// The optical thickness along the normal, at least 0. Light that crosses the coat at an angle with cosine `c`
-    /// inside keeps the fraction `exp(-thickness / c)`. A coat that scatters with an albedo passes most of the
-    /// scattered light on; give `1 - albedo` times its thickness.
+    /// The optical thickness along the normal, at least 0. Light that crosses the coat at an angle with cosine `c` inside
+    /// keeps the fraction `exp(-thickness / c)`. For a scattering coat, which transmits most of the scattered light, use `1 -
+    /// albedo` times its thickness.
     pub thickness: f32,
     /// The largest number of events in pbrt-v4's random walk between the layers; `u32::MAX` for no limit.
     pub max_depth: u32,
@@ -109,7 +109,8 @@ impl Coat {
         })
     }
 
-    /// Returns the fractions of light from outside at this cosine: what reaches the base, and what the coat reflects.
+    /// Returns the fraction of light from outside at this cosine that reaches the base, and the fraction that the coat
+    /// reflects.
     #[inline]
     pub(crate) fn transmittance_and_reflectance(&self, cos: f32) -> [f32; 2] {
         interpolate::<CELLS>(&self.table, cos)
@@ -156,7 +157,7 @@ impl Coat {
     }
 }
 
-/// The coat's interface as seen from either side, with the quadrature nodes for averages over it.
+/// The coat's interface, for light from either side, with the quadrature nodes for averages.
 struct Interface {
     microfacets: Option<TrowbridgeReitz>,
     thickness: f64,
@@ -183,8 +184,8 @@ impl Interface {
         sums.map(|x| x as f32)
     }
 
-    /// Returns the fraction of light from below at cosine `mu` that returns to the base, after two crossings of the
-    /// coat.
+    /// Returns the fraction of light from below at cosine `mu` that the coat reflects back to the base, including absorption
+    /// in two crossings.
     fn returned_from_below(&self, mu: f32, eta: f32) -> f32 {
         let mut sum = 0.0;
         self.for_each_facet(mu, |w, m, weight| {
@@ -198,8 +199,8 @@ impl Interface {
         sum as f32
     }
 
-    /// Calls `visit(w, m, weight)` for microfacet normals `m` visible from the direction `w` of cosine `mu`. The
-    /// weights sum to 1.
+    /// Calls `visit(w, m, weight)` for microfacet normals `m` visible from the direction `w` with cosine `mu`. The weights sum
+    /// to 1.
     fn for_each_facet(&self, mu: f32, mut visit: impl FnMut(Vec3, Vec3, f64)) {
         let w = Vec3::new(((1.0 - mu) * (1.0 + mu)).sqrt(), 0.0, mu);
         let Some(microfacets) = &self.microfacets else {
@@ -218,8 +219,8 @@ impl Interface {
         }
     }
 
-    /// Returns the probability that light which a visible facet scatters from `wo` towards `wi` is not shadowed:
-    /// `G(wo, wi) / G1(wo)`.
+    /// Returns the probability that light scattered by a visible facet from `wo` towards `wi` is not shadowed: `G(wo, wi) /
+    /// G1(wo)`.
     fn shadowing(&self, wo: Vec3, wi: Vec3) -> f32 {
         self.microfacets.as_ref().map_or(1.0, |m| {
             let (co, ci) = (wo.z.abs(), wi.z.abs());
@@ -234,7 +235,7 @@ impl Interface {
     }
 
     /// Returns the cosine-weighted average of `f` over the hemisphere. The intervals between consecutive `cosines` are
-    /// integrated separately; each may start like a square root.
+    /// integrated separately; `f` may behave like a square root at the start of each.
     fn average(&self, cosines: &[f64], f: impl Fn(f32) -> f32) -> f64 {
         let nodes = gauss_legendre(48);
         let mut sum = 0.0;

@@ -24,8 +24,7 @@ impl Tint {
     /// The tint without effect, with both factors 1.
     pub const WHITE: Self = Self { reflectance: Vec3::ONE, transmittance: Vec3::ONE };
 
-    /// Returns the probability of sampling the reflection at a Fresnel reflectance of `reflectance`. Transmission has
-    /// the remaining probability.
+    /// Returns the probability of sampling reflection rather than transmission at a Fresnel reflectance of `reflectance`.
     #[inline]
     fn chance(&self, reflectance: f32) -> f32 {
         // With equal factors, Fresnel's reflectance as the probability gives every sample the same weight.
@@ -78,7 +77,7 @@ impl SmoothDielectric {
 /// A rough interface of glass [Walter et al. 2007].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RoughDielectric {
-    /// The index of refraction inside relative to the one outside. It must not be 1, which is no interface.
+    /// The index of refraction inside relative to the one outside. It must not be 1, at which there is no interface.
     pub eta: f32,
     /// The microfacet distribution of the interface.
     pub microfacets: TrowbridgeReitz,
@@ -145,9 +144,9 @@ impl RoughDielectric {
     /// Returns `f` and the density for `wo` above and `wi` below [Walter et al. 2007, eq. 16, 17 and 21, divided by
     /// `eta^2`]. `outside` is true if `wo` is outside the glass.
     ///
-    /// The half vector is `h = a + eta b` for the direction `a` outside and `b` inside, in both directions of travel.
-    /// The two values therefore differ only by the factor `eta^2`. The root of the Jacobian's denominator is `|h|`,
-    /// and the cosines of both directions cancel with those in the masking term.
+    /// The half vector is `h = a + eta b` for the direction `a` outside and `b` inside, in both directions of travel. The two
+    /// values therefore differ only by the factor `eta^2`. The square root of the Jacobian's denominator is `|h|`, and the
+    /// cosines of both directions cancel with those in the masking term.
     #[inline]
     fn transmitted(&self, wo: Vec3, wi: Vec3, outside: bool) -> (Vec3, f32) {
         let (a, b) = if outside { (wo, wi) } else { (wi, wo) };
@@ -172,8 +171,8 @@ impl RoughDielectric {
     }
 }
 
-/// Samples a thin pane of glass as [`Bsdf::sample`](super::Bsdf::sample) does. Light is mirrored, or passes in the
-/// same direction.
+/// Samples a thin pane of glass as [`Bsdf::sample`](super::Bsdf::sample) does. Light is mirrored or passes without changing
+/// its direction.
 #[inline]
 pub(super) fn sample_pane(eta: f32, wo: Vec3, lobe: f32) -> BsdfSample {
     let reflectance = fresnel::pane(wo.z.abs(), eta);

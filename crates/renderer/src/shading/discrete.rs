@@ -9,17 +9,16 @@ const MAX_SIDE: usize = 1 << 20;
 
 /// A discrete distribution over items, with probabilities proportional to their weights.
 ///
-/// Sampling inverts the cumulative distribution, so well-distributed random numbers give well-distributed items; an
-/// alias table would not. A guide table [Chen and Asau 1974] finds the item in constant expected time. Sums are
-/// computed in f64.
+/// Sampling inverts the cumulative distribution, so that well-distributed random numbers select well-distributed items, unlike
+/// with an alias table. A guide table [Chen and Asau 1974] finds the item in constant expected time. Sums are computed in f64.
 ///
 /// A distribution without a positive weight is *empty*: no item can be sampled.
 ///
-/// A random number of 24 bits selects an item with a probability that is a multiple of 2^-24. With 10^6 items, single
-/// frequencies can be off by some percent, but sums over neighbours are not.
+/// A random number of 24 bits selects an item with a probability that is a multiple of 2^-24. With 10^6 items, the frequencies
+/// of single items can be off by some percent, but those of ranges of items are not.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Discrete {
-    /// `ends[i]` is the cumulative probability of items `0..=i`. It is 1 from the last item with a positive weight on.
+    /// `ends[i]` is the cumulative probability of items `0..=i`. It is 1 at and after the last item with a positive weight.
     ends: Vec<f64>,
     /// `guide[j]` is the item that the random number `j / n` selects, for n items.
     guide: Vec<u32>,
@@ -38,7 +37,7 @@ pub struct Choice {
 }
 
 impl Discrete {
-    /// Makes the distribution with these weights, of which there may be at most 2^32 - 1.
+    /// Makes the distribution with at most 2^32 - 1 weights.
     ///
     /// # Errors
     ///
@@ -71,8 +70,8 @@ impl Discrete {
         Some(invert(&self.ends, first, last, u))
     }
 
-    /// Returns the probability of item `index`. It is 0 if the weight is too small, relative to the others, for the
-    /// item ever to be selected.
+    /// Returns the probability of item `index`. It is 0 if the weight is so small, relative to the others, that the item is
+    /// never selected.
     ///
     /// # Panics
     ///
@@ -105,11 +104,11 @@ impl Discrete {
 #[derive(Clone, Debug, PartialEq)]
 pub struct PiecewiseConstant2d {
     rows: Discrete,
-    /// The cumulative probabilities of each row's cells, one row after another, as the `ends` of a [`Discrete`]. A
-    /// random number has no more digits than an f32 below 1.
+    /// The cumulative probabilities of each row's cells, row after row, like `ends` of a [`Discrete`]. Single precision
+    /// suffices, since random numbers have no more digits.
     columns: Vec<f32>,
-    /// The guide tables of the rows, one after another, each with `slots + 1` entries: entry `j` is the column that
-    /// the random number `j / slots` selects, and the last entry is the last column.
+    /// The guide tables of the rows, row after row, each with `slots + 1` entries. Entry `j` is the column selected by the
+    /// random number `j / slots`; the last entry is the last column.
     guides: Vec<u32>,
     slots: usize,
     width: usize,
@@ -158,8 +157,8 @@ impl PiecewiseConstant2d {
         Ok(Self { rows: Discrete::from_checked(totals.into_iter()), columns, guides, slots, width: size[0] })
     }
 
-    /// Selects a cell by two random numbers, clamped to `[0, 1)`: its row by the second, its column by the first.
-    /// Returns `None` if all weights are 0.
+    /// Selects a cell by random numbers, clamped to `[0, 1)`: `u[1]` selects the row and `u[0]` the column. Returns `None` if
+    /// all weights are 0.
     #[inline]
     pub fn sample(&self, u: [f32; 2]) -> Option<GridCell> {
         let row = self.rows.sample(u[1])?;
@@ -203,7 +202,7 @@ fn cumulative(weights: impl Iterator<Item = f64>) -> (Vec<f64>, f64) {
     (ends, total)
 }
 
-/// Returns the items that the random numbers `slot / slots` select.
+/// Returns the items selected by the random numbers `slot / slots`.
 fn guide<T: Copy + Into<f64>>(ends: &[T], slots: usize) -> impl Iterator<Item = u32> {
     let (mut item, last) = (0, ends.len() - 1);
     (0..slots).map(move |slot| {

@@ -1,19 +1,20 @@
-//! glTF's surface [Khronos 2021, app. B]: a share of metal, the rest Lambertian reflection below a glossy layer, and a clear
+//! glTF's surface [Khronos 2021, app. B]: a mixture of metal and of Lambertian reflection below a glossy layer, with a clear
 //! coat above both.
 //!
-//! glTF's formulas reflect more light than arrives at grazing angles. Here each layer passes on only what the one above
-//! does not reflect, by its albedo `E` from a table, so that energy is conserved and both directions are alike:
+//! glTF's formulas reflect more light than arrives at grazing angles. Here each layer receives only the light that the layers
+//! above do not reflect, by their albedo `E` from a table. Energy is therefore conserved, and the BSDF is reciprocal:
 //!
 //! `f = (1 - m) b / pi * (1 - E(wo)) (1 - E(wi)) / (1 - mean E) + F D G / (4 cos cos) + f_more`
 //!
-//! * `b`: the base colour; `m`: the share of metal; `E`: the albedo of the glossy layer where it is no metal.
-//! * `F`: Schlick's Fresnel reflectance of the mixture, which is `b` along the normal for a metal; `D`, `G`: the microfacets'
+//! * `b`: the base colour; `m`: the fraction of metal; `E`: the albedo of the glossy layer above the diffuse part.
+//! * `F`: Schlick's Fresnel reflectance of the mixture, which is `b` along the normal for a metal; `D`, `G`: the microfacet
 //!   terms.
-//! * `f_more`: the light that microfacets reflect more than once [Kulla and Conty 2017], which rough metals would lose.
-//! * A clear coat multiplies the diffuse part in the same way, and the glossy part by the smaller share that it passes
-//!   in either direction.
+//! * `f_more`: the light reflected more than once between microfacets [Kulla and Conty 2017], which rough metals would
+//!   otherwise lose.
+//! * A clear coat multiplies the diffuse part in the same way. It multiplies the glossy part by the smaller of its
+//!   transmittances for the two directions.
 //!
-//! Beside it, glossy reflection above diffuse reflection by the models of pbrt-v3's `plastic` and `substrate` materials.
+//! The module also has the glossy reflection above diffuse reflection of pbrt-v3's `plastic` and `substrate` materials.
 //!
 //! All functions expect directions on the side `z > 0`.
 
@@ -25,19 +26,19 @@ use std::sync::LazyLock;
 
 /// The number of intervals of the table along the cosine, and along the square root of the microfacet width.
 const CELLS: usize = 32;
-/// The number of microfacet normals per side of the square of random numbers, for one entry of the table.
+/// The number of microfacet normals per side of a square grid, for one entry of the table.
 const NORMALS: usize = 24;
-/// Fresnel reflectance of a clear coat along the normal: an index of refraction of 1.5.
+/// The Fresnel reflectance of a clear coat along the normal, for an index of refraction of 1.5.
 const COAT_NORMAL: f32 = 0.04;
-/// Fresnel reflectance of a clear coat along the normal and at grazing angles.
+/// The Fresnel reflectance of a clear coat along the normal and at grazing angles.
 const COAT: Vec2 = Vec2::new(COAT_NORMAL, 1.0);
 
 /// A metal, or a diffuse surface below a glossy layer, or a mixture of both.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Layered<'m> {
-    /// The colour, 0 to 1 per channel: of diffuse reflection, and of a metal's reflection along the normal.
+    /// The base colour, 0 to 1 per channel: the diffuse reflectance, and the metal's reflectance along the normal.
     pub base: Vec3,
-    /// The share of metal, 0 to 1.
+    /// The fraction of metal, 0 to 1.
     pub metallic: f32,
     /// The microfacet distribution of the glossy layer and of the metal.
     pub microfacets: TrowbridgeReitz,
@@ -45,29 +46,29 @@ pub struct Layered<'m> {
     pub layers: &'m Layers,
 }
 
-/// The parts of a [`Layered`] surface that do not vary over it.
+/// The parameters of a [`Layered`] surface that are the same everywhere on it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Layers {
     /// The Fresnel reflectance of the glossy layer along the normal, 0 to 1 per channel.
     pub normal: Vec3,
     /// The Fresnel reflectance of the glossy layer at grazing angles, 0 to 1.
     pub grazing: f32,
-    /// The share of the surface under a clear coat, 0 to 1, and the coat's microfacets.
+    /// The fraction of the surface under a clear coat, 0 to 1, and the coat's microfacet distribution.
     pub coat: Option<(f32, TrowbridgeReitz)>,
 }
 
 /// The values of a surface that depend only on `wo`.
 struct Seen {
-    /// The fraction that the glossy layer over the diffuse part reflects, per channel.
+    /// The fraction of light reflected by the glossy layer above the diffuse part, per channel.
     layer: Vec3,
-    /// The fraction that the coat reflects.
+    /// The fraction of light reflected by the coat.
     coat: f32,
     /// The probabilities of sampling the coat, and of sampling the coat or the glossy layer.
     chances: [f32; 2],
 }
 
 impl Layered<'_> {
-    /// Samples a direction: `lobe` selects the layer, `u` the direction in it.
+    /// Samples a direction: `lobe` selects the layer, and `u` the direction.
     #[inline]
     pub(super) fn sample(&self, wo: Vec3, u: [f32; 2], lobe: f32) -> Vec3 {
         let [coat, glossy] = self.seen(wo).chances;
@@ -78,7 +79,7 @@ impl Layered<'_> {
         }
     }
 
-    /// Returns the microfacets of the layer that [`sample`](Self::sample) selects; `None` for the diffuse one.
+    /// Returns the microfacet distribution of the layer that [`sample`](Self::sample) selects; `None` for the diffuse layer.
     pub(super) fn sampled(&self, wo: Vec3, lobe: f32) -> Option<&TrowbridgeReitz> {
         let [coat, glossy] = self.seen(wo).chances;
         match &self.layers.coat {
@@ -147,13 +148,13 @@ impl Layered<'_> {
         Seen { layer, coat, chances }
     }
 
-    /// The Fresnel reflectance of the glossy layer over the diffuse part.
+    /// Returns the Fresnel reflectance of the glossy layer above the diffuse part.
     #[inline]
     fn layer(&self) -> Schlick {
         Schlick { normal: self.layers.normal, grazing: self.layers.grazing }
     }
 
-    /// Returns `f` of the glossy layer's Fresnel reflectance and of the metal's, mixed by the share of metal.
+    /// Returns `f` of the glossy layer's Fresnel reflectance and of the metal's, mixed by the fraction of metal.
     #[inline]
     fn mixed(&self, f: impl Fn(Schlick) -> Vec3) -> Vec3 {
         let metal = Schlick { normal: self.base, grazing: 1.0 };
@@ -165,8 +166,8 @@ impl Layered<'_> {
     }
 }
 
-/// Schlick's approximation of a Fresnel reflectance [Schlick 1994, eq. 15], by its values along the normal and at grazing
-/// angles.
+/// Schlick's approximation of a Fresnel reflectance [Schlick 1994, eq. 15], given by its values along the normal and at
+/// grazing angles.
 #[derive(Clone, Copy)]
 struct Schlick {
     normal: Vec3,
@@ -174,21 +175,21 @@ struct Schlick {
 }
 
 impl Schlick {
-    /// Returns the reflectance where the fifth power of `1 - cos` is `beyond`.
+    /// Returns the reflectance at the cosine for which `beyond` is `(1 - cos)^5`.
     #[inline]
     fn at(self, beyond: f32) -> Vec3 {
         self.normal + beyond * (self.at_grazing() - self.normal)
     }
 
-    /// Returns the fraction that a layer reflects, given the table's values at a cosine and their mean.
+    /// Returns the fraction of light that a layer reflects, from the table's values at a cosine and their mean.
     #[inline]
     fn reflected(self, at: Split, mean: Split) -> Vec3 {
         let once = self.normal * at.x + self.at_grazing() * at.y;
         (once + self.repeated(mean) * (1.0 - at.element_sum())).min(Vec3::ONE)
     }
 
-    /// Returns the factor of light after several reflections between microfacets [Kulla and Conty 2017], given the mean
-    /// values of the table.
+    /// Returns the factor of light reflected several times between microfacets [Kulla and Conty 2017], from the mean values of
+    /// the table.
     #[inline]
     fn repeated(self, mean: Split) -> Vec3 {
         // The mean of Schlick's reflectance over cosine-weighted directions has a 21st of the grazing part.
@@ -203,17 +204,17 @@ impl Schlick {
     }
 }
 
-/// The two parts of a layer's albedo: the factors of its Fresnel reflectance along the normal (x) and at grazing angles (y).
+/// The two coefficients of a layer's albedo: of its Fresnel reflectance along the normal (x) and at grazing angles (y).
 type Split = Vec2;
 
-/// Albedos of microfacets by the cosine and the width, and their cosine-weighted means over the hemisphere.
+/// The albedos of microfacets by cosine and width, and their cosine-weighted means over the hemisphere.
 struct Table {
-    /// By width, then by cosine.
+    /// The albedos, indexed by width, then by cosine.
     at: Box<[[Split; CELLS + 1]; CELLS + 1]>,
     means: [Split; CELLS + 1],
 }
 
-/// The table of all widths, made at its first use in some 10 ms.
+/// The table for all widths, computed at first use in about 10 ms.
 static TABLE: LazyLock<Table> = LazyLock::new(Table::new);
 
 impl Table {
@@ -253,14 +254,14 @@ impl Table {
     }
 }
 
-/// The row of the table for a microfacet distribution, and the share of the next row.
+/// Returns the table row of a microfacet distribution, and the weight of the next row for interpolation.
 #[inline]
 fn width(microfacets: &TrowbridgeReitz) -> (usize, f32) {
     let [x, y] = microfacets.alpha();
     cell((x * y).sqrt().sqrt(), CELLS)
 }
 
-/// Integrates the albedo of microfacets for one direction, over visible normals on a grid.
+/// Returns the albedo of microfacets for one direction, integrated over a grid of visible normals.
 fn albedo(microfacets: &TrowbridgeReitz, cosine: f32) -> Split {
     let wo = Vec3::new((1.0 - cosine * cosine).max(0.0).sqrt(), 0.0, cosine);
     let mut sum = [0.0f64; 2];
@@ -286,8 +287,8 @@ fn fifth_power(x: f32) -> f32 {
 /// The index of refraction of [`Plastic`]'s glossy reflection.
 const PLASTIC_ETA: f32 = 1.5;
 
-/// The sum of Lambertian reflection and a rough dielectric's reflection, as pbrt-v3's `plastic`. More light than
-/// arrives may be reflected, since the glossy part does not reduce the diffuse one.
+/// The sum of Lambertian reflection and a rough dielectric's reflection, as in pbrt-v3's `plastic`. It may reflect more light
+/// than arrives, since the glossy part does not reduce the diffuse part.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plastic {
     /// The fraction of light reflected diffusely, per channel.
@@ -380,8 +381,8 @@ fn share(a: f32, b: f32) -> f32 {
 mod tests {
     use super::*;
 
-    /// White metal without loss reflects all light at every roughness and angle: the albedos of one and of several
-    /// reflections add up to 1.
+    /// A white metal without absorption reflects all light at every roughness and angle: the albedos of single and repeated
+    /// reflections sum to 1.
     #[test]
     fn albedos_of_a_white_metal_are_one() {
         let metal = Schlick { normal: Vec3::ONE, grazing: 1.0 };

@@ -1,9 +1,9 @@
 //! A dielectric coat over a metal, as a closed formula.
 //!
-//! Light may be reflected by the coat, or pass through the coat and be reflected by the metal. Part of the metal's
-//! light is reflected back down by the coat and meets the metal again. pbrt-v4 estimates this by a random walk at
-//! every evaluation. Here, all light from the metal is a single lobe: a metal's lobe as seen through the coat. With
-//! the coat's own reflection `f_coat` and index of refraction `eta`, the BSDF is
+//! Light may be reflected by the coat, or pass through the coat and be reflected by the metal. The coat reflects part of the
+//! metal's light back down to the metal. pbrt-v4 estimates this by a random walk at every evaluation. Here, all light from the
+//! metal is a single lobe: a metal's lobe as seen through the coat. With the coat's own reflection `f_coat` and index of
+//! refraction `eta`, the BSDF is
 //!
 //! `f = f_coat + P(wo) P(wi) r / (eta^2 sqrt((1 - Q(wo) r) (1 - Q(wi) r))) L(wo', wi')`
 //!
@@ -18,9 +18,9 @@
 //!   geometric series in `Q r`.
 //!
 //! `P` and `Q` are tables over the cosine. When the material is made, they are fitted to random walks over a metal of
-//! reflectance 1: `P` to the light after one reflection from the metal, `Q` to the light after all. For each `wo`, the
-//! total reflected light is therefore right. The formula ignores that repeated reflections widen the lobe. If both
-//! layers are smooth, it is exact. `f` is reciprocal and needs no random numbers.
+//! reflectance 1: `P` to the light after one reflection from the metal, `Q` to the light after any number of reflections. For
+//! each `wo`, the total reflected light is therefore correct. The formula ignores that repeated reflections widen the lobe. If
+//! both layers are smooth, it is exact. `f` is reciprocal and needs no random numbers.
 //!
 //! The test `cargo test -p dapple-renderer --test renderer shading_metal_coat:: -- --nocapture` compares the reflected
 //! light with independent random walks over one metal (standard error 0.2 to 4 %):
@@ -40,14 +40,14 @@ use glam::Vec3;
 
 /// The number of cells of the table over the cosine.
 const CELLS: usize = 64;
-/// The number of random walks per cosine. More walks would improve rough layers seen from above, but not at grazing
+/// The number of random walks per cosine. More walks would improve rough layers viewed along the normal, but not at grazing
 /// angles.
 const WALKS: u64 = 1024;
-/// The smallest cosine at which walks start, in place of 0.
+/// The smallest cosine from which walks start, used instead of 0.
 const GRAZING: f32 = 1e-3;
 
-/// A coat over a metal, with tables that take about 0.2 s per material; two smooth layers need none. The metal's
-/// reflectance may vary from hit to hit.
+/// A coat over a metal. Its tables take about 0.2 s per material; two smooth layers need none. The metal's reflectance may
+/// vary from hit to hit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MetalCoat {
     coat: Coat,
@@ -83,7 +83,7 @@ impl MetalCoat {
         Ok(Self { coat, lobe, table })
     }
 
-    /// Returns the metal's index of refraction relative to the coat's, from the one relative to the outside's.
+    /// Returns the metal's index of refraction relative to the coat's. `ior` is relative to the outside's.
     pub(crate) fn below(&self, ior: ComplexIor) -> ComplexIor {
         ComplexIor { eta: ior.eta / self.coat.eta(), k: ior.k / self.coat.eta() }
     }
@@ -220,7 +220,7 @@ impl MetalCoat {
     }
 }
 
-/// The metal's lobe, as the microfacet widths of the metal and of the coat; 0 for a smooth layer.
+/// The widths of the metal's lobe: the microfacet widths of the metal and of the coat; 0 for a smooth layer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Lobe {
     metal: [f32; 2],
@@ -269,7 +269,7 @@ struct Walks<'c> {
     options: CoatOptions,
 }
 
-/// The fractions of light that leave the coat again: after one reflection from the metal, and after any number.
+/// The fractions of light that leave the coat again after exactly one reflection from the metal, and after any number.
 type Light = [f64; 2];
 
 impl Walks<'_> {
@@ -337,8 +337,8 @@ impl Walks<'_> {
         total
     }
 
-    /// Splits light from the side `w.z > 0` at one facet of the coat. Returns the mirrored and the refracted
-    /// direction, each with its fraction of the light.
+    /// Splits light from the side `w.z > 0` at one facet of the coat. Returns the mirrored and the refracted direction, each
+    /// with its fraction of the light.
     fn border(&self, w: Vec3, eta: f32, u: [f32; 2]) -> [Option<(Vec3, f32)>; 2] {
         let microfacets = self.coat.microfacets();
         let m = microfacets.map_or(Vec3::Z, |m| m.sample_visible(w, u));
@@ -354,7 +354,8 @@ impl Walks<'_> {
         [back, out]
     }
 
-    /// Samples one reflection from the metal of reflectance 1: a direction, and the fraction of light not shadowed.
+    /// Samples one reflection from a metal of reflectance 1. Returns the direction, and the fraction of light that is not
+    /// shadowed.
     fn base(&self, w: Vec3, u: [f32; 2]) -> Option<(Vec3, f32)> {
         let Some(metal) = &self.metal else { return Some((Vec3::new(-w.x, -w.y, w.z), 1.0)) };
         let up = mirror(w, metal.sample_visible(w, u));
@@ -366,8 +367,8 @@ impl Walks<'_> {
         (-self.options.thickness / cos).exp()
     }
 
-    /// Returns samples of the directions in which the lobe's light leaves, for light from cosine `mu`, as table
-    /// positions with weights.
+    /// Samples the directions in which the lobe's light leaves, for light incident at cosine `mu`. Returns them as weighted
+    /// table positions.
     fn links(&self, mu: f32, lobe: &Lobe, points: &Sobol) -> Vec<Link> {
         let eta = self.coat.eta();
         let wo = Vec3::new(((1.0 - mu) * (1.0 + mu)).sqrt(), 0.0, mu);
@@ -387,7 +388,7 @@ impl Walks<'_> {
     }
 }
 
-/// A fraction of the light that leaves, and the position of its cosine in the table.
+/// A fraction of the light that leaves, and the table position of its cosine.
 struct Link {
     cell: usize,
     t: f64,

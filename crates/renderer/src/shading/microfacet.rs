@@ -1,5 +1,4 @@
-//! Rough surfaces as microfacets: the Trowbridge-Reitz (GGX) distribution with Smith's masking and
-//! shadowing.
+//! Rough surfaces as microfacets: the Trowbridge-Reitz (GGX) distribution with Smith's masking and shadowing.
 
 use super::Error;
 use super::trigonometry::sin_cos_turn;
@@ -104,8 +103,8 @@ impl TrowbridgeReitz {
     }
 }
 
-/// Returns the cosine between the half vector of two unit vectors and either of them, from their sum `h`: half its
-/// length. Unlike a scalar product, it is exactly symmetric and precise at grazing angles.
+/// Returns the cosine between two unit vectors' half vector and either of them: half the length of their sum `h`. Unlike a
+/// scalar product, it is exactly symmetric and precise at grazing angles.
 #[inline]
 pub(super) fn half_angle_cosine(h: Vec3) -> f32 {
     0.5 * h.length()

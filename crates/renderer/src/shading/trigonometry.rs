@@ -1,4 +1,4 @@
-//! Trigonometric functions of angles in turns, by polynomials that give the same bits on every machine.
+//! Trigonometric functions of angles in turns, by polynomials that are bit-identical on every machine.
 //!
 //! The platform's `sin`, `cos` and `atan2` differ in the last bit between systems. The functions here use only
 //! additions, multiplications and divisions, which IEEE 754 defines exactly. A turn is a full circle, so a random
@@ -6,8 +6,7 @@
 
 /// Returns the sine and cosine of `turn` full turns, with an error below 2e-7, for `|turn| <= 2^20`.
 ///
-/// The reduction to an eighth of a turn is exact. The polynomials are the ones of sinf and cosf in Cephes [Moshier
-/// 1992].
+/// The reduction to an eighth of a turn is exact. The polynomials are those of sinf and cosf in Cephes [Moshier 1992].
 #[inline]
 pub(crate) fn sin_cos_turn(turn: f32) -> (f32, f32) {
     // Adding and subtracting 1.5 * 2^23 rounds to the nearest integer, ties to even. It avoids a call into libm on
@@ -34,7 +33,7 @@ pub(super) fn sin_cos_within_an_eighth(x: f32) -> (f32, f32) {
 
 /// Returns the angle of the point `(x, y)` in turns, in `[0, 1)`, with an error below 1e-7; 0 at the origin.
 ///
-/// The polynomial is the one of atanf in Cephes [Moshier 1992].
+/// The polynomial is that of atanf in Cephes [Moshier 1992].
 #[inline]
 pub fn turn_of(y: f32, x: f32) -> f32 {
     let (near, far) = (x.abs().min(y.abs()), x.abs().max(y.abs()));

@@ -48,11 +48,10 @@ pub fn uniform_triangle(u: [f32; 2]) -> [f32; 3] {
     [b0, b1, (1.0 - b0 - b1).max(0.0)]
 }
 
-/// Samples a unit direction uniformly in a cone around +z. `one_minus_cos` is `1 - cos` of the angle between the axis
-/// and the cone's edge, in `(0, 2]`.
+/// Samples a unit direction uniformly in a cone around +z. `one_minus_cos` is `1 - cos` of the cone's half-angle, in `(0, 2]`.
 ///
-/// The cosine itself would round to 1 for the narrow cone of a distant light. [`one_minus_cos`] computes its
-/// difference from 1.
+/// For the narrow cone of a distant light, the cosine itself would round to 1. [`one_minus_cos`] computes `1 - cos` from the
+/// sine.
 #[inline]
 pub fn uniform_cone(u: [f32; 2], one_minus_cos: f32) -> Vec3 {
     let height = u[0] * one_minus_cos;
@@ -71,9 +70,9 @@ pub fn one_minus_cos(sin2: f32) -> f32 {
     sin2 / (1.0 + (1.0 - sin2).max(0.0).sqrt())
 }
 
-/// Returns a point of the concentric map and its radius in `[0, 1]`. In each of the square's four triangles, the
-/// larger coordinate is the signed radius. The ratio of the smaller coordinate to the larger one gives the angle, at
-/// most an eighth of a turn.
+/// Returns a point of the concentric map, and the point's radius in `[0, 1]`. In each of the square's four triangles, the
+/// coordinate of larger magnitude is the signed radius. The ratio of the other coordinate to it gives the angle, at most an
+/// eighth of a turn.
 #[inline]
 fn concentric(u: [f32; 2]) -> (f32, Vec2) {
     let (a, b) = (2.0 * u[0] - 1.0, 2.0 * u[1] - 1.0);

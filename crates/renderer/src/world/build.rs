@@ -18,7 +18,7 @@ use glam::{DAffine3, DVec3, Vec3};
 use std::cell::LazyCell;
 use std::sync::Arc;
 
-/// The reason why a camera, a light or a medium of a scene was refused.
+/// The reason why a camera, a light or a medium of a scene was rejected.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{at}: {what}")]
 pub struct SceneError {
@@ -38,11 +38,11 @@ impl SceneError {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{}", problems.join("\n"))]
 pub struct WorldError {
-    /// The problems, each as one sentence that begins with the line of the object.
+    /// The problems, one sentence each, starting with the line of the object in the scene file.
     pub problems: Vec<String>,
 }
 
-/// A list of problems, so that all problems of a scene are reported together.
+/// A list of problems. All problems of a scene are reported together.
 #[derive(Default)]
 pub(super) struct Problems(Vec<String>);
 
@@ -147,8 +147,8 @@ impl World {
     }
 }
 
-/// Marks the parts that rays may pass without scattering. Returns two flags: true if a surface transmits light, and
-/// true if a part is passable.
+/// Marks the parts that rays may pass without scattering. Returns two flags: true if a surface transmits light, and true if
+/// rays may pass a part.
 fn mark_passable(parts: &mut [Part], object_parts: &mut [Part], surfaces: &[Surface]) -> [bool; 2] {
     let (mut has_transmission, mut has_passable_surfaces) = (false, false);
     for part in parts.iter_mut().chain(object_parts) {
@@ -177,8 +177,7 @@ fn part(shape: &DescribedShape) -> Part {
     }
 }
 
-/// Returns a shape's geometry in the renderer's space and its other properties. Fails with a message if the geometry
-/// is invalid.
+/// Returns a shape's geometry in the renderer's space and its other properties. Returns a message if the geometry is invalid.
 pub(super) fn convert(shape: &DescribedShape, space: &Space) -> Result<(Shape, Part), String> {
     let to_world = space.apply(shape.to_world);
     let mirrors = shape.to_world.matrix3.determinant() < 0.0;
@@ -203,7 +202,7 @@ pub(super) fn convert(shape: &DescribedShape, space: &Space) -> Result<(Shape, P
     Ok((geometry.map_err(|e| e.to_string())?, part))
 }
 
-/// Returns unit vertex normals in world space, multiplied by `sign`. Normals of length 0 stay zero.
+/// Returns the mesh's unit vertex normals in world space, multiplied by `sign`. Normals of length 0 stay zero.
 fn world_normals(mesh: &MeshData, to_world: DAffine3, sign: f32) -> Vec<Vec3> {
     let turn = to_world.matrix3.inverse().transpose();
     let unit = |n: &[f32; 3]| (turn * Vec3::from_array(*n).as_dvec3()).normalize_or_zero().as_vec3() * sign;
@@ -241,11 +240,11 @@ fn lights(
     Lights::new(lights, SceneSphere { centre: low + (high - low) * 0.5, radius })
 }
 
-/// Returns the emission of an area light; `None` if it is black. Fails with a message if a number is invalid.
+/// Returns the emission of an area light; `None` if it is black. Returns a message if a number is invalid.
 fn lamp(emission: Emission) -> Result<Option<Lamp>, String> {
     let Emission { radiance, two_sided, .. } = emission;
     if radiance.iter().any(|x| !(x.is_finite() && *x >= 0.0)) {
-        return Err(format!("an emission of {radiance:?} is invalid; give finite numbers of at least 0"));
+        return Err(format!("an emission of {radiance:?} is invalid; use finite numbers of at least 0"));
     }
     let radiance = Vec3::from_array(radiance);
     Ok((radiance != Vec3::ZERO).then_some(Lamp { radiance, two_sided }))
@@ -289,14 +288,14 @@ fn textured_light(
 ) -> Result<Option<Light>, String> {
     let Described::Mesh(_) = described else {
         let name = described.name();
-        return Err(format!("a {name} cannot shine by a texture; make it a mesh, or give it one radiance"));
+        return Err(format!("a {name} cannot emit a texture; use a mesh, or a constant radiance"));
     };
     let light = TexturedLight::new((geometry, number), emission, &sides(geometry, number, part), &part.uvs);
     Ok(light.map(|light| Light::Textured(Box::new(light))))
 }
 
-/// Returns one sign per triangle, or one for all: -1 if the emitting side is opposite to the winding normal, else 1.
-/// If there are vertex normals, they determine the emitting side.
+/// Returns one sign per triangle, or a single sign for all: -1 if the emitting side is opposite to the winding normal, else 1.
+/// Vertex normals, if there are any, determine the emitting side.
 fn sides(geometry: &Geometry, number: u32, part: &Part) -> Vec<f32> {
     let Shape::Mesh(mesh) = &geometry.shapes()[number as usize] else { return Vec::new() };
     if part.normals.is_empty() {

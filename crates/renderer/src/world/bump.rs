@@ -6,8 +6,8 @@ use crate::shading::ShadingFrame;
 use dapple_geometry::{Mesh, Shape};
 use glam::Vec3;
 
-/// The step in u and v for the slope of a bump map: pbrt-v4's default without a known footprint [Pharr et al. 2023,
-/// sec. 10.5.3].
+/// The step in u and v at which a bump map's slope is measured: pbrt-v4's default without a known footprint [Pharr et al.
+/// 2023, sec. 10.5.3].
 const STEP: f32 = 5e-4;
 
 impl World {
@@ -27,8 +27,8 @@ impl World {
         derivatives.map(|d| to_world.map_or(d, |map| (map.matrix3 * d.as_dvec3()).as_vec3()))
     }
 
-    /// Returns the shading frame of a hit whose material has a normal map or a bump map. A normal map takes
-    /// precedence.
+    /// Returns the shading frame of a hit whose material has a normal map or a bump map. If it has both, the normal map is
+    /// used.
     ///
     /// The frame's z axis is on the side of the geometric normal.
     #[inline(never)]
@@ -53,9 +53,9 @@ impl World {
     }
 }
 
-/// Returns the normal of a surface of unit normal `n` after displacement along `n` by a height. `derivatives` are the
-/// derivatives of the position with respect to u and v, `rise` those of the height. The result is `(p_u + h_u n) x
-/// (p_v + h_v n)`, on the side of `n` [Pharr et al. 2023, eq. 10.16, for a height of 0].
+/// Returns the normal of a surface with unit normal `n` that a height displaces along `n`. `derivatives` are the derivatives
+/// of the position with respect to u and v, and `rise` those of the height. The result is `(p_u + h_u n) x (p_v + h_v n)`, on
+/// the side of `n` [Pharr et al. 2023, eq. 10.16, for a height of 0].
 fn tilt(n: Vec3, derivatives: [Vec3; 2], rise: [f32; 2]) -> Vec3 {
     // Vertex normals are not perpendicular to their triangle, so only the derivatives' parts perpendicular to `n`
     // count.

@@ -1,5 +1,5 @@
-//! The part of a camera ray that samplers and filters read: the features of its first hit and of the first rough surface, the
-//! dimensions with a meaning, and the motion of the hit across the image.
+//! Data of camera paths for samplers and filters: features of the first hit and of the first non-specular surface, the random
+//! numbers with a geometric meaning, and the motion of the hit across the image.
 
 use super::{Interaction, NO_LIGHT, World};
 use crate::blocks;
@@ -11,29 +11,30 @@ use dapple_scene::Effect;
 use glam::{DVec3, Vec3};
 use std::ops::Range;
 
-/// A group of random numbers, and its dimensions that have a meaning.
+/// A group of random numbers, and the range of its dimensions that have a geometric meaning.
 pub type BlockDimensions = (Block, Range<u8>);
 
-/// The dimensions in which the samples of the path tracer have a meaning.
+/// The sample dimensions of the path tracer with a geometric meaning: pixel position, lens, time and light.
 #[non_exhaustive]
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SampleDimensions {
-    /// The place in the pixel: two dimensions.
+    /// The position in the pixel: two dimensions.
     pub place: BlockDimensions,
     /// The point on the lens: two dimensions, or none without a lens.
     pub lens: BlockDimensions,
     /// The time within the exposure: one dimension, or none if nothing moves.
     pub time: BlockDimensions,
-    /// The point on the light: two dimensions, or none unless there is one light with an extent.
+    /// The point on the light: two dimensions, or none unless the only light is an area light or an environment.
     pub light: BlockDimensions,
-    /// The first use of other random numbers, as a noun phrase: light that scatters more than once, scattering in media, surfaces
-    /// that rays may pass, the selection among lights, and directions towards lights with an extent.
+    /// The first use of other random numbers, as a noun phrase: multiple scattering, scattering in media, surfaces that rays
+    /// may pass, the selection among lights, or scattered directions towards an area light or environment. `None` if there is
+    /// none.
     pub outside: Option<&'static str>,
 }
 
 impl World {
-    /// Returns the dimensions in which the samples of the path tracer have a meaning. `None` for pixel filters other than a box of
-    /// one pixel, since the place in the pixel is not a coordinate then.
+    /// Returns the sample dimensions of the path tracer with a meaning. Returns `None` for pixel filters other than a box
+    /// of one pixel, in which the position in the pixel is not a random number.
     pub fn sample_dimensions(&self) -> Option<SampleDimensions> {
         let is_light_a_coordinate = self.lights.len() == 1 && !self.lights.has_delta();
         self.filter.is_one_pixel().then(|| SampleDimensions {
@@ -45,7 +46,7 @@ impl World {
         })
     }
 
-    /// Returns the first use of random numbers beside these dimensions, as a noun phrase.
+    /// Returns the first use of random numbers other than these dimensions, as a noun phrase.
     fn outside(&self) -> Option<&'static str> {
         let has = |effect| self.effects.has(effect);
         let uses = [
@@ -68,7 +69,7 @@ impl World {
         self.first_hit_of(*ray, *at, self.surface(at, u))
     }
 
-    /// Returns the features of a first hit as [`Self::first_hit`] does, for a material that is known already.
+    /// Returns the features of a first hit as [`Self::first_hit`] does, for the already selected material `surface`.
     ///
     /// Not inlined, since most renders need no such features. Arguments are passed by value, so that the caller's
     /// copies stay in registers.
@@ -87,10 +88,10 @@ impl World {
             .with_primitive(at.hit.primitive)
     }
 
-    /// Returns the features of a surface that a path meets behind mirrors, glass or smooth coats.
+    /// Returns the features of a surface that a path hits behind mirrors, glass or smooth coats.
     ///
-    /// `u` in `[0, 1)` selects one material if the surface is a mix. `tint` is the share of light that the surfaces before
-    /// pass on, and `length` the path's length up to the last of them.
+    /// `u` in `[0, 1)` selects one material if the surface is a mix. `tint` is the fraction of light that the previous
+    /// surfaces transmit to the camera, and `length` the path's length up to the last of them.
     pub fn surface_features(
         &self,
         ray: &Ray,
@@ -102,10 +103,9 @@ impl World {
         self.features_of(*ray, *at, self.surface(at, u), tint, length)
     }
 
-    /// Returns the features of a surface that a path meets behind mirrors, glass or smooth coats, as filters use them.
+    /// Returns the features as [`Self::surface_features`] does, for the already selected material `surface`.
     ///
-    /// `tint` is the share of light that these pass on, and `length` the path's length up to the last of them. Not
-    /// inlined, as [`Self::first_hit_of`].
+    /// Not inlined, for the same reasons as [`Self::first_hit_of`].
     #[inline(never)]
     pub(crate) fn features_of(
         &self,
@@ -123,9 +123,10 @@ impl World {
     }
 
     /// Returns the trajectory of a camera ray's first hit: its depth, and its motion across the image while the shutter is
-    /// open, with the object and the camera. Reflections, and what is behind glass, are taken to move with the surface hit.
+    /// open. The motion includes that of the object and of the camera. Reflections and objects behind glass are assumed to
+    /// move with the surface that was hit.
     ///
-    /// Returns `None` for a hit in the plane of the lens, and for a motion beyond the range of `f32`.
+    /// Returns `None` for a hit in the plane of the lens, and for a motion that overflows `f32`.
     pub fn trajectory(&self, at: &Interaction<'_>) -> Option<Trajectory> {
         let now = at.point.position.as_dvec3();
         let ends = match self.geometry.to_world(at.hit.shape, at.time).filter(|_| self.moves) {
@@ -150,7 +151,7 @@ impl World {
         sound(0.0, self.motion(at, here.z))
     }
 
-    /// Returns the change of a position while the shutter is open, relative to `depth`.
+    /// Returns the change of a position while the shutter is open, divided by `depth`.
     fn motion(&self, at: impl Fn(f32, usize) -> DVec3, depth: f64) -> DVec3 {
         if !self.moves {
             return DVec3::ZERO;
@@ -160,18 +161,18 @@ impl World {
     }
 }
 
-/// Returns the trajectory if its numbers are finite in `f32`.
+/// Returns the trajectory; `None` if a number is not finite in `f32`.
 fn sound(inverse_depth: f64, motion: DVec3) -> Option<Trajectory> {
     let (inverse_depth, motion) = (inverse_depth as f32, motion.as_vec3());
     (inverse_depth.is_finite() && motion.is_finite()).then(|| Trajectory { inverse_depth, motion: motion.to_array() })
 }
 
-/// Returns the factor, 1 or -1, that turns a surface's normals to the side that the ray came from.
+/// Returns the factor, 1 or -1, that flips a surface's normals to the side of the ray's origin.
 fn side(ray: &Ray, at: &Interaction<'_>) -> f32 {
     if at.point.normal.dot(ray.direction) > 0.0 { -1.0 } else { 1.0 }
 }
 
-/// Returns a surface's albedo: 1 for emitters.
+/// Returns the albedo of a surface; 1 for emitters.
 fn albedo(at: &Interaction<'_>, bsdf: &Bsdf<'_>) -> Vec3 {
     if at.part.light == NO_LIGHT { bsdf.albedo() } else { Vec3::ONE }
 }
@@ -192,7 +193,7 @@ mod tests {
         scene
     }
 
-    /// A scene whose light scatters once, from one point light.
+    /// Returns a scene with a single point light and one scattering event per path.
     fn simple(name: &str) -> Scene {
         let scene = Scene { max_depth: Some(1), ..boxed(name) };
         let effects = [Effect::Environment, Effect::SoftShadows, Effect::SeveralLights];
@@ -206,7 +207,8 @@ mod tests {
         world.sample_dimensions().unwrap_or_else(|| panic!("no dimensions"))
     }
 
-    /// Place, lens, time and light have these numbers of dimensions, but for pixel filters other than a box of one pixel.
+    /// Pixel position, lens, time and light have these numbers of dimensions. Other pixel filters than a box of one pixel have
+    /// none.
     #[test]
     fn dimensions_are_those_that_the_scene_uses() {
         for (scene, expected) in
@@ -224,7 +226,7 @@ mod tests {
         }
     }
 
-    /// The number of samples whose radiance changes with the random numbers outside the dimensions.
+    /// Returns the number of samples whose radiance changes with the random numbers outside the dimensions.
     fn changed(world: &World) -> usize {
         let SampleDimensions { place, lens, time, light, .. } = dimensions(world);
         let is_inside = |block, lane| {
@@ -265,7 +267,7 @@ mod tests {
         }
     }
 
-    /// The first hits of some camera rays: place in the image, point on the lens, hit, trajectory and time.
+    /// Returns the first hits of some camera rays: image position, point on the lens, hit, trajectory and time.
     fn hits(world: &World) -> Vec<([f32; 2], Vec2, Interaction<'_>, Trajectory, f32)> {
         let points = Random::new(4);
         let ids = (0..400).map(|k| SampleId::new([k % SIZE[0], k / SIZE[0] % SIZE[1]], 0, u64::from(k)));

@@ -1,4 +1,4 @@
-//! Objects, instances of objects, moving shapes, and the time in which the shutter is open.
+//! Objects, instances of objects, moving shapes, and the time interval in which the shutter is open.
 
 use super::build::{Problems, convert};
 use super::{Interaction, Part, World};
@@ -38,7 +38,7 @@ impl<'a> Placements<'a> {
             match spaces.get(object as usize) {
                 None => problems.add(
                     &instance.source,
-                    format!("the instance is one of object {object}, which does not exist; define it"),
+                    format!("the instance refers to object {object}, which does not exist; define it"),
                 ),
                 Some(None) => {}
                 Some(Some(inner)) => {
@@ -50,11 +50,11 @@ impl<'a> Placements<'a> {
         all
     }
 
-    /// Adds a moving shape as the only instance of an object of its own. The caller puts an empty mesh in its place
-    /// among the base shapes, so that indices stay the same.
+    /// Adds a moving shape as the only instance of an object of its own. The caller replaces it by an empty mesh among the
+    /// base shapes, so that indices stay the same.
     pub(super) fn add_moving(&mut self, shape: &DescribedShape, problems: &mut Problems) {
         if shape.emission.is_some() {
-            problems.add(&shape.source, "a shape that moves cannot emit light; keep it still".into());
+            problems.add(&shape.source, "a shape that moves cannot emit light; remove motion or emission".into());
         }
         let inner = DescribedShape { to_world: DAffine3::IDENTITY, moves_to: None, emission: None, ..shape.clone() };
         let object = self.objects.len() as u32;
@@ -64,7 +64,7 @@ impl<'a> Placements<'a> {
         }
     }
 
-    /// Adds an object in a space of its own, and returns that space. Returns `None` if a problem was reported.
+    /// Adds an object in its own space, and returns that space. Returns `None` if a problem was reported.
     fn add_object(&mut self, shapes: &[DescribedShape], source: &Source, problems: &mut Problems) -> Option<Space> {
         let own = Space::of_shapes(shapes);
         let mut geometry = Vec::with_capacity(shapes.len());
@@ -96,7 +96,7 @@ impl<'a> Placements<'a> {
         let Some(motion) = motion else { return };
         let determinant = start.matrix3.determinant();
         if !start.is_finite() || determinant == 0.0 || !determinant.is_finite() {
-            problems.add(source, "the transform is not finite or flattens space; check its scales".into());
+            problems.add(source, "the transform is not finite or not invertible; check its scales".into());
             return;
         }
         let motion = self.shutter.seen(motion.after(inner.inverse()));
@@ -113,7 +113,7 @@ impl<'a> Placements<'a> {
     }
 }
 
-/// Returns an empty mesh, which takes the place of a moving shape among the base shapes.
+/// Returns an empty mesh, which replaces a moving shape among the base shapes.
 pub(super) fn empty_mesh() -> Option<Shape> {
     Mesh::new(Vec::new(), Vec::new()).ok().map(Shape::from)
 }
@@ -121,10 +121,10 @@ pub(super) fn empty_mesh() -> Option<Shape> {
 /// Reports properties that the shapes of an object must not have: emission and motion.
 fn refuse(shape: &DescribedShape, problems: &mut Problems) {
     if shape.emission.is_some() {
-        problems.add(&shape.source, "a shape of an object cannot emit light; move the lamp out of the object".into());
+        problems.add(&shape.source, "a shape of an object cannot emit light; move the light out of the object".into());
     }
     if shape.moves_to.is_some() {
-        problems.add(&shape.source, "a shape of an object cannot move within it; move the instance".into());
+        problems.add(&shape.source, "a shape of an object cannot move within the object; move the instance".into());
     }
 }
 
@@ -143,8 +143,8 @@ impl World {
         }
     }
 
-    /// Returns the interaction for a hit of an instance. Normals are transformed by the inverse transpose, so that
-    /// they stay on their side under a mirroring transform.
+    /// Returns the interaction for a hit of an instance. Normals are transformed by the inverse transpose, so that a mirroring
+    /// transform does not flip them to the other side.
     #[inline(never)]
     pub(super) fn instance_interaction(&self, ray: &Ray, hit: Hit, time: f32) -> Interaction<'_> {
         let mut point = self.geometry.surface_at(ray, &hit, time);
@@ -203,10 +203,9 @@ impl Problems {
     }
 }
 
-/// The interval of time, within a scene's motion, in which the camera's shutter is open.
+/// The interval in which the camera's shutter is open, relative to the time span of the scene's motion.
 pub(super) struct Shutter {
-    /// The opening and closing time in `[0, 1]`, where the motion takes place from 0 to 1. Both are 0 if nothing
-    /// moves.
+    /// The opening and closing time. The motion starts at time 0 and ends at 1. Both times are 0 if nothing moves.
     pub(super) open: [f32; 2],
 }
 
@@ -215,7 +214,7 @@ impl Shutter {
     ///
     /// # Errors
     ///
-    /// A message if the scene has motion and its times are not finite or not in order.
+    /// Returns a message if the scene has motion and its times are not finite or not in order.
     pub(super) fn of(scene: &Scene) -> Result<Self, String> {
         let moves = scene.camera.moves_to.is_some()
             || scene.shapes.iter().any(|shape| shape.moves_to.is_some())
@@ -232,14 +231,14 @@ impl Shutter {
         if !sound || from > to || opens > closes {
             let at = &scene.camera.source;
             return Err(format!(
-                "{at}: the shutter is open from {opens} to {closes} and things move from {from} to {to}; give finite \
-                 times, the later one second"
+                "{at}: the shutter is open from {opens} to {closes} and the motion lasts from {from} to {to}; use \
+                 finite times, none ending before it starts"
             ));
         }
         Ok(Self { open: [opens, closes].map(|t| ((t - from) / (to - from)).clamp(0.0, 1.0) as f32) })
     }
 
-    /// Returns the motion unchanged, or its constant pose if the shutter opens and closes at the same time.
+    /// Returns the motion; if the shutter opens and closes at the same time, returns the constant pose of that time.
     pub(super) fn seen(&self, motion: Motion) -> Motion {
         if self.open[0] == self.open[1] { Motion::still(motion.at(self.open[0])) } else { motion }
     }

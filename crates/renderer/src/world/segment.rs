@@ -1,4 +1,4 @@
-//! Rays that pass surfaces without scattering, and media: queries for integrators.
+//! Queries for integrators about media, and about rays that pass surfaces without scattering.
 
 use super::{Interaction, NO_MEDIUM, World};
 use crate::light::Target;
@@ -11,7 +11,7 @@ use glam::Vec3;
 /// reach 100.
 pub(crate) const MOST_PASSED: u32 = 10_000;
 
-/// The part of a surface through which a ray passes it without scattering.
+/// The reason why a ray passes a surface without scattering.
 pub(crate) enum PassedThrough<'w> {
     Hole,
     /// A boundary between media.
@@ -21,15 +21,15 @@ pub(crate) enum PassedThrough<'w> {
 }
 
 impl World {
-    /// Returns the scattering at a hit and its shading frame. Returns `None` if the ray passes the surface: through a
-    /// hole, or because the surface only separates media or is unlit. `u` returns random numbers in `[0, 1)` for the opacity and for
-    /// the selection of a mixed material; it is called where one is needed.
+    /// Returns the BSDF at a hit and its shading frame. Returns `None` if the ray passes the surface: through a hole, or
+    /// because the surface only separates media or is unlit. `u` returns random numbers in `[0, 1)` for the opacity and for
+    /// the selection of a mixed material; it is called only if one is needed.
     pub fn scattering(&self, at: &Interaction<'_>, u: impl FnOnce() -> [f32; 2]) -> Option<(Bsdf<'_>, ShadingFrame)> {
         let surface = self.surface_met(at, u).ok()?;
         Some((self.bsdf_of(at, surface), self.frame_of(at, surface)))
     }
 
-    /// Returns the material that a ray meets at a hit, or else that it passes the surface, as [`Self::scattering`] does.
+    /// Returns the material at a hit, or the reason why the ray passes the surface. `u` is as for [`Self::scattering`].
     #[inline(always)]
     pub(crate) fn surface_met(
         &self,
@@ -59,19 +59,19 @@ impl World {
         self.camera_medium
     }
 
-    /// Returns the index of the medium that a ray enters if it leaves a hit along `direction`. `medium` is the medium
-    /// through which it arrived.
+    /// Returns the index of the medium that a ray enters if it leaves a hit along `direction`. `medium` is the medium through
+    /// which it arrived.
     pub fn medium_beyond(&self, at: &Interaction<'_>, direction: Vec3, medium: u32) -> u32 {
         at.medium_beyond(direction, medium)
     }
 
-    /// Returns the share of light per channel that a medium passes on over a distance. It is 1 for vacuum.
+    /// Returns the transmittance of a medium over a distance, per channel. It is 1 for vacuum.
     pub fn medium_transmittance(&self, medium: u32, distance: f32) -> Vec3 {
         if medium == NO_MEDIUM { Vec3::ONE } else { self.media.medium(medium).transmittance(distance) }
     }
 
-    /// Returns the share of light per channel that arrives along a shadow ray to `target`, and the number of rays traced.
-    /// The ray starts in `medium`.
+    /// Returns the transmittance per channel along a shadow ray to `target`, and the number of rays traced. The ray starts in
+    /// `medium`.
     #[inline(always)]
     pub fn transmittance(&self, ray: Ray, target: &Target, time: f32, medium: u32) -> (Vec3, u32) {
         if self.has_passable_surfaces {
@@ -84,7 +84,7 @@ impl World {
         (share, 1)
     }
 
-    /// Returns [`Self::transmittance`] in scenes with passable surfaces.
+    /// Returns the result of [`Self::transmittance`] in scenes with passable surfaces.
     #[inline(never)]
     fn transmittance_past_surfaces(&self, mut ray: Ray, target: &Target, time: f32, mut medium: u32) -> (Vec3, u32) {
         let mut share = Vec3::ONE;

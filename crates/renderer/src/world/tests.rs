@@ -1,4 +1,4 @@
-//! Instances against copies, motion against what stands still; derivatives by u and v.
+//! Tests of instances against copies, of moving shapes against shapes at rest, and of the derivatives by u and v.
 
 use crate::Space;
 use crate::support::*;
@@ -9,7 +9,7 @@ fn vector(rng: &mut Pcg64Mcg) -> DVec3 {
     DVec3::from_array(std::array::from_fn(|_| rng.random_range(-1.0..1.0)))
 }
 
-/// Turned, stretched, every other time mirrored, moved.
+/// Returns a random map that rotates, stretches and moves, and mirrors in half of the cases.
 fn map(rng: &mut Pcg64Mcg) -> DAffine3 {
     let turn = DMat3::from_axis_angle(vector(rng).normalize(), rng.random_range(-3.0..3.0));
     let stretch = DMat3::from_diagonal(DVec3::from_array(std::array::from_fn(|_| rng.random_range(0.3..2.0))));
@@ -17,7 +17,7 @@ fn map(rng: &mut Pcg64Mcg) -> DAffine3 {
     DAffine3 { matrix3: turn * stretch * side, translation: vector(rng) * 4.0 }
 }
 
-/// A tent of two triangles, with or without normals and texture coordinates.
+/// Returns a tent of triangles, with or without normals and texture coordinates.
 fn tent(is_smooth: bool) -> Geometry {
     let positions = [[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.0], [0.0, -0.2, 1.0]].map(DVec3::from).into();
     let (mut normals, mut uvs) = (vec![], vec![]);
@@ -38,7 +38,7 @@ fn sphere(radius: f64, line_number: u32, material: u32) -> Shape {
     Shape::new(Geometry::Sphere { radius }, DAffine3::IDENTITY, MaterialId(material), line(line_number))
 }
 
-/// Every kind of shape, some turned around, placed by maps of their own.
+/// Returns every kind of shape, some with reversed orientation, each with its own transform.
 fn shapes(rng: &mut Pcg64Mcg) -> Vec<Shape> {
     let disk = Geometry::Disk { height: 0.5, radius: 1.0, inner_radius: 0.2 };
     let kinds = [tent(false), tent(true), Geometry::Sphere { radius: 0.7 }, disk];
@@ -49,7 +49,7 @@ fn shapes(rng: &mut Pcg64Mcg) -> Vec<Shape> {
     (0..).zip(kinds).map(shape).collect()
 }
 
-/// Shapes, objects, and instances of objects with their place and where they move.
+/// Returns a scene of shapes, objects, and instances of objects with their transform and the end of their motion.
 fn scene(shapes: Vec<Shape>, objects: Vec<Vec<Shape>>, instances: &[(u32, DAffine3, Option<DAffine3>)]) -> Scene {
     let mut scene = Scene { shapes, ..Scene::default() };
     for _ in 0..8 {
@@ -66,8 +66,8 @@ fn scene(shapes: Vec<Shape>, objects: Vec<Vec<Shape>>, instances: &[(u32, DAffin
     scene
 }
 
-/// Instances look like copies from all sides, normals and sides included. A copy's vertex normals are taken to the world
-/// before they are interpolated: so maps here stretch them alike. Only a ray along an edge may be decided otherwise.
+/// Instances match copies from all sides, including normals and orientation. A copy's vertex normals are transformed before
+/// they are interpolated, so these maps stretch all axes equally. Only rays along an edge may differ.
 #[test]
 fn instances_look_like_copies() {
     let mut rng = Pcg64Mcg::seed_from_u64(41);
@@ -159,7 +159,7 @@ fn what_moves_stands_where_its_time_says() {
     assert!(hits > 2000 && odd <= 8, "{hits} hits, {odd} of 8000 rays decided otherwise");
 }
 
-/// A ball that goes from x = 0 to x = 8.
+/// Returns a sphere that moves from x = 0 to x = 8.
 fn rolling(motion_times: [f64; 2], shutter: [f64; 2]) -> Scene {
     let ball = Shape { moves_to: Some(at(8.0, 0.0, 0.0)), ..sphere(1.0, 10, 0) };
     let mut scene = scene(vec![ball], vec![], &[]);
@@ -167,7 +167,8 @@ fn rolling(motion_times: [f64; 2], shutter: [f64; 2]) -> Scene {
     scene
 }
 
-/// A closed shutter sees the ball at rest; rays need no time then. The space holds both ends of a motion.
+/// If the shutter opens and closes at the same time, the sphere is at rest and rays need no time. The space includes both ends
+/// of a motion.
 #[test]
 fn the_shutter_sees_its_part_of_the_motion() {
     for (times, shutter, expected) in [
@@ -213,7 +214,7 @@ fn what_cannot_be_placed_is_told_with_its_line() {
         (object(Shape { emission: shines, ..ball() }), "made.pbrt:10: a shape of an object cannot emit light"),
         (object(Shape { moves_to, ..ball() }), "made.pbrt:10: a shape of an object cannot move"),
         (object(Shape { material: MaterialId(9), ..ball() }), "made.pbrt:10: the shape has material 9"),
-        (placed(3, identity, None), "made.pbrt:23: the instance is one of object 3"),
+        (placed(3, identity, None), "made.pbrt:23: the instance refers to object 3"),
         (placed(0, DAffine3::from_scale(DVec3::new(0.0, 1.0, 1.0)), None), "made.pbrt:20: the transform"),
         (placed(0, identity, Some(mirror)), "made.pbrt:20: a motion's determinant is -1"),
         (scene(vec![moving_lamp], vec![], &[]), "made.pbrt:10: a shape that moves cannot emit light"),
@@ -227,7 +228,7 @@ fn what_cannot_be_placed_is_told_with_its_line() {
     }
 }
 
-/// Rays from all around to all over the scene, of which one in a few hits along an axis or a pole.
+/// Returns a ray from around the scene towards a random point of it. One in a few rays hits along an axis or a pole.
 fn ray(rng: &mut Pcg64Mcg, world: &World) -> Ray {
     let [low, high] = world.shape_bounds(0);
     let (middle, size) = ((low + high) * 0.5, (high - low).length());
@@ -241,7 +242,7 @@ fn ray(rng: &mut Pcg64Mcg, world: &World) -> Ray {
     Ray::new(from, (to - from).normalize())
 }
 
-/// A step along the derivative by u changes u and nothing else, and so for v; of shapes turned, stretched, mirrored.
+/// A step along the derivative by u changes only u, and likewise for v, on shapes that are rotated, stretched and mirrored.
 #[test]
 fn derivatives_of_spheres_and_disks_match_differences_l12() {
     let mut rng = Pcg64Mcg::seed_from_u64(13);

@@ -176,7 +176,7 @@ fn spheres_with_emissive_textures_are_refused() {
     let mut scene = lit(1, false);
     scene.shapes[0].geometry = Geometry::Sphere { radius: 1.0 };
     let message = refusal(&scene);
-    assert!(message.contains("made.pbrt:10: a sphere cannot shine by a texture; make it a mesh"), "{message}");
+    assert!(message.contains("made.pbrt:10: a sphere cannot emit a texture; use a mesh"), "{message}");
 }
 
 /// An unlit plate, in front of a lamp and above a floor, and a mirror behind it.

@@ -10,38 +10,39 @@ use glam::Vec3;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Vertex<'w> {
     pub(crate) kind: Kind<'w>,
-    /// The position, with the geometric normal of a surface. Points in space have the normal 0.
+    /// The position, with the geometric normal of a surface. Points that are not on a surface have the normal 0.
     pub(crate) point: SurfacePoint,
-    /// The unit direction towards the previous vertex. For a vertex at infinity, the direction in which it lies.
+    /// The unit direction towards the previous vertex. For a vertex at infinity, the direction towards this vertex.
     pub(crate) wo: Vec3,
-    /// The light or importance that arrives from the previous vertices, over the densities of the vertices so far.
+    /// The radiance or importance that arrives from the previous vertices, divided by the densities of the vertices so far.
     pub(crate) throughput: Vec3,
-    /// True if the next vertex was sampled by a specular lobe, so that nothing can be connected here.
+    /// True if the next vertex was sampled by a specular lobe, so that this vertex cannot be connected.
     pub(crate) specular: bool,
-    /// The density with which its own path samples this vertex, per area; per solid angle at infinity.
+    /// The density with which its own path samples this vertex: per area, or per solid angle at infinity.
     pub(crate) forward: f32,
-    /// The density with which a path in the other direction samples this vertex. Known once the next but one vertex is.
+    /// The density with which a path in the other direction samples this vertex. It is set once the path has two more
+    /// vertices.
     pub(crate) backward: f32,
-    /// The random numbers for a light that is sampled at a vertex of a camera path: the light, and the point on it.
+    /// The random numbers that a vertex of a camera path uses to sample a light: one for the light, two for the point on it.
     pub(crate) to_light: [f32; 3],
 }
 
-/// The place of a vertex.
+/// The kind of a vertex.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Kind<'w> {
-    /// The eye, or a point on the lens or on the screen.
+    /// The start of a camera path: the eye, or a point on the lens or on the screen.
     Camera,
-    /// A surface that scatters. `light` is the index of its area light.
+    /// A surface that scatters light. `light` is the surface's index as an area light; `None` if it emits nothing.
     Surface { bsdf: Bsdf<'w>, frame: ShadingFrame, light: Option<u32> },
-    /// A point of an area light that starts a path.
+    /// A point of an area light at which a path starts.
     Lamp { light: u32 },
-    /// A light that no ray can hit: a point or a spot. Parallel light has the flag `parallel`.
+    /// A light that no ray can hit: a point, a spot or, with `parallel`, a distant light.
     Delta { parallel: bool },
     /// A direction of the environment.
     Sky,
 }
 
-/// The direction of transport: the end from which a path is traced.
+/// The end from which a path is traced.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum From {
     /// A camera path, which carries importance.
@@ -54,11 +55,12 @@ pub(crate) enum From {
 pub(crate) struct Scattered {
     /// The unit direction to the next vertex.
     pub(crate) direction: Vec3,
-    /// The factor of the throughput.
+    /// The factor by which the throughput is multiplied.
     pub(crate) weight: Vec3,
-    /// The density of the direction per solid angle; for a specular lobe, the probability of the lobe.
+    /// The solid-angle density of the direction; for a specular lobe, the lobe's probability.
     pub(crate) forward: f32,
-    /// The density with which the opposite path samples the direction to the previous vertex, in the same measure.
+    /// The density with which a path in the opposite direction samples the direction to the previous vertex, in the
+    /// same measure.
     pub(crate) backward: f32,
     /// True for a specular lobe.
     pub(crate) specular: bool,
@@ -66,18 +68,18 @@ pub(crate) struct Scattered {
     pub(crate) eta: f32,
 }
 
-/// Scattering from one given direction into another: its value and the densities of sampling either direction.
+/// The scattering between two given directions, with the density of sampling each from the other.
 pub(crate) struct Connected {
-    /// The factor of the throughput of a path that arrives along one direction and leaves along the other.
+    /// The throughput factor of a path that arrives along one direction and leaves along the other.
     pub(crate) factor: Vec3,
     /// The solid-angle density of the leaving direction.
     pub(crate) forward: f32,
-    /// The solid-angle density of the direction to the previous vertex, for a path in the opposite direction.
+    /// The solid-angle density with which a path in the opposite direction samples the direction to the previous vertex.
     pub(crate) backward: f32,
 }
 
 impl<'w> Vertex<'w> {
-    /// Makes a vertex that its own path samples with the density `forward`.
+    /// Makes a vertex that its own path samples with density `forward`.
     pub(crate) fn new(kind: Kind<'w>, point: SurfacePoint, wo: Vec3, throughput: Vec3, forward: f32) -> Self {
         Self { kind, point, wo, throughput, specular: false, forward, backward: 0.0, to_light: [0.0; 3] }
     }
@@ -87,12 +89,12 @@ impl<'w> Vertex<'w> {
         matches!(self.kind, Kind::Sky | Kind::Delta { parallel: true, .. })
     }
 
-    /// Returns true if a path from the other end can be connected here. Vertices on smooth surfaces cannot.
+    /// Returns true if a path from the other end can be connected here. Smooth surfaces cannot be connected.
     pub(crate) fn connects(&self) -> bool {
         matches!(&self.kind, Kind::Surface { bsdf, .. } if !bsdf.is_specular())
     }
 
-    /// Returns the index of the area light on which the vertex lies.
+    /// Returns the index of the area light that contains the vertex; `None` for other vertices.
     pub(crate) fn lamp(&self) -> Option<u32> {
         match self.kind {
             Kind::Surface { light, .. } => light,
@@ -101,7 +103,7 @@ impl<'w> Vertex<'w> {
         }
     }
 
-    /// Returns the cosine between a unit direction and the geometric normal; 1 for a point in space.
+    /// Returns the absolute cosine between a unit direction and the geometric normal; 1 for a point that is not on a surface.
     pub(crate) fn cosine(&self, direction: Vec3) -> f32 {
         match self.kind {
             Kind::Surface { .. } | Kind::Lamp { .. } => self.point.normal.dot(direction).abs(),
@@ -109,8 +111,8 @@ impl<'w> Vertex<'w> {
         }
     }
 
-    /// Returns the density per area at this vertex of a direction that was sampled at `from` with a density per solid
-    /// angle. A vertex at infinity keeps the density per solid angle.
+    /// Converts the solid-angle density `solid_angle` of a direction sampled at `from` to the density per area at this vertex.
+    /// A vertex at infinity keeps the solid-angle density.
     pub(crate) fn density_from(&self, from: Vec3, solid_angle: f32) -> f32 {
         if self.is_far() {
             return solid_angle;
@@ -121,13 +123,13 @@ impl<'w> Vertex<'w> {
         if density.is_finite() { density } else { 0.0 }
     }
 
-    /// Returns the point with its geometric normal turned to the side of a direction.
+    /// Returns the point with its geometric normal flipped to the side of a direction.
     pub(crate) fn facing(&self, direction: Vec3) -> SurfacePoint {
         let normal = self.point.normal;
         SurfacePoint { normal: if normal.dot(direction) < 0.0 { -normal } else { normal }, ..self.point }
     }
 
-    /// Samples the direction to the next vertex of a path from the camera or from a light. `u` in `[0, 1)^2` selects the
+    /// Samples the direction to the next vertex. `from` is the end at which the path starts. `u` in `[0, 1)^2` selects the
     /// direction, and `lobe` in `[0, 1)` the lobe. Returns `None` if the path ends here.
     pub(crate) fn scatter(&self, from: From, u: [f32; 2], lobe: f32) -> Option<Scattered> {
         let Kind::Surface { bsdf, frame, .. } = &self.kind else { return None };
@@ -157,8 +159,8 @@ impl<'w> Vertex<'w> {
         sound.then_some(Scattered { direction, weight, forward, backward, specular, eta })
     }
 
-    /// Returns the scattering of a path from the camera or from a light into the unit `direction`. Returns `None` if
-    /// nothing is scattered there.
+    /// Returns the scattering into the unit `direction`. `from` is the end at which the path starts. Returns `None` if nothing
+    /// is scattered in that direction.
     pub(crate) fn connect(&self, from: From, direction: Vec3) -> Option<Connected> {
         let Kind::Surface { bsdf, frame, .. } = &self.kind else { return None };
         let [wo, wi] = [self.wo, direction].map(|w| frame.to_local(w));
@@ -176,12 +178,12 @@ impl<'w> Vertex<'w> {
     }
 }
 
-/// Returns a point in space, without a surface.
+/// Returns a point that is not on a surface.
 pub(super) fn point_in_space(position: Vec3) -> SurfacePoint {
     SurfacePoint { position, error: Vec3::ZERO, normal: Vec3::ZERO, primitive: PrimitiveId::NONE }
 }
 
-/// Returns the kind and the place of a vertex on light number `light`. `far` is the place of light from infinity.
+/// Returns the kind and the point of a vertex on light number `light`. `far` is the point to use for light from infinity.
 pub(super) fn on_light<'w>(light: u32, target: Target, is_delta: bool, far: Vec3) -> (Kind<'w>, SurfacePoint) {
     match target {
         Target::Surface(point) => (Kind::Lamp { light }, point),

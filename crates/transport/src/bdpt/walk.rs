@@ -1,5 +1,5 @@
-//! Random walks: the vertices of camera and light paths, and what the path tracer reports of camera paths too: features for
-//! filters, and emission seen directly.
+//! Random walks that sample camera and light paths. For camera paths, they also record what the path tracer reports: features
+//! for filters, and the emission of directly visible lights.
 
 use super::Bdpt;
 use super::vertex::{From, Kind, Vertex, on_light, point_in_space};
@@ -15,22 +15,22 @@ const ROULETTE_FROM: u32 = 4;
 /// The largest survival probability of Russian roulette, so that every path ends.
 const SURVIVAL: f32 = 0.99;
 
-/// The number of the light path's first group. Those of the camera path are below; those of media, which are refused, and
-/// of the time above ([`blocks`]).
+/// The number of the light path's first group. The groups of the camera path have smaller numbers. Those of time, and of media
+/// (which are rejected), have larger ones ([`blocks`]).
 pub(crate) const OF_LIGHT: u32 = 1 << 27;
-/// The group for the start of the light path: the light (dimension 0) and the place on it (2 and 3).
+/// The group for the start of the light path: the light (dimension 0) and the point on it (2 and 3).
 const LIGHT_START: Block = Block::new(OF_LIGHT);
 /// The group for the first direction of the light path (dimensions 0 and 1).
 const LIGHT_DIRECTION: Block = Block::new(OF_LIGHT + 1);
 
-/// Returns the group for the point on the lens (dimensions 0 and 1) and the scattered direction (2 and 3) at a vertex of
-/// the light path. `vertex` counts its scattering events from 0.
+/// Returns the group for the point on the lens (dimensions 0 and 1) and the scattered direction (2 and 3) at a vertex of the
+/// light path. `vertex` is the number of scattering events before this one.
 pub(crate) const fn light_scatter(vertex: u32) -> Block {
     Block::new(OF_LIGHT + 2).at(vertex, 2)
 }
 
 /// Returns the group for the choices at a vertex of the light path: the material (dimension 0), the lobe (1) and Russian
-/// roulette (2). `vertex` counts its scattering events from 0.
+/// roulette (2). `vertex` is the number of scattering events before this one.
 pub(crate) const fn light_choose(vertex: u32) -> Block {
     Block::new(OF_LIGHT + 3).at(vertex, 2)
 }
@@ -39,12 +39,12 @@ pub(crate) const fn light_choose(vertex: u32) -> Block {
 struct Walk {
     ray: Ray,
     throughput: Vec3,
-    /// The density of the ray's direction: per solid angle, or per area across the ray.
+    /// The density of the ray's direction: per solid angle or, if `is_per_area`, per area perpendicular to the ray.
     density: f32,
     is_per_area: bool,
-    /// The product of the squared indices of refraction crossed, by which the throughput of a camera path is scaled.
+    /// The product of the squared relative indices of refraction crossed, by which the throughput of a camera path is scaled.
     eta_squared: f32,
-    /// The throughput of which roulette counts the survivors.
+    /// The reference throughput: Russian roulette computes survival probabilities relative to it.
     unit: f32,
     /// The product of the survival probabilities so far.
     survival: f32,
@@ -55,20 +55,20 @@ impl Walk {
         Self { ray, throughput, density: 0.0, is_per_area: false, eta_squared: 1.0, unit, survival: 1.0 }
     }
 
-    /// Returns the share of light that the vertices so far pass on to the camera.
+    /// Returns the fraction of light that the vertices so far transmit to the camera.
     fn tint(&self) -> Vec3 {
         self.throughput * (self.eta_squared * self.survival)
     }
 }
 
-/// Returns two blocks of random numbers, the second one only if the path `goes_on`.
+/// Returns two blocks of random numbers. The second is requested only if the path `goes_on`; else it is zero.
 fn numbers(draws: &Draws<'_>, [first, second]: [Block; 2], goes_on: bool) -> [[f32; 4]; 2] {
     if goes_on { draws.two_blocks([first, second]) } else { [draws.block(first), [0.0; 4]] }
 }
 
 impl<'w> Bdpt<'w> {
-    /// Returns the vertex of a surface that the ray of a walk hits, which comes from the vertex `before`. `mix` in `[0, 1)`
-    /// selects the material of a mix.
+    /// Returns the vertex at a surface that the walk's ray from vertex `before` hits. `mix` in `[0, 1)` selects one material
+    /// if the surface is a mix.
     fn surface(&self, at: &Interaction<'w>, walk: &Walk, before: &Vertex<'_>, mix: f32) -> Vertex<'w> {
         let (bsdf, frame) = self.world.bsdf(at, mix);
         let kind = Kind::Surface { bsdf, frame, light: at.light() };
@@ -80,8 +80,8 @@ impl<'w> Bdpt<'w> {
         Vertex { forward, ..vertex }
     }
 
-    /// Traces the camera path of a sample into `path`, from the camera on. Fills in the features of the estimate, and
-    /// counts rays in its cost. Returns the time of the sample, and the number of vertices whose emission is seen directly.
+    /// Traces the camera path of a sample into `path`, starting at the camera. Sets the features of the estimate, and adds the
+    /// rays to its cost. Returns the time of the sample, and the number of vertices whose emission is directly visible.
     pub(super) fn camera_path(
         &self,
         draws: &Draws<'_>,
@@ -121,7 +121,7 @@ impl<'w> Bdpt<'w> {
         (time, seen.direct)
     }
 
-    /// Traces the light path of a sample into `path`, from the light on, and counts its rays in `rays`.
+    /// Traces the light path of a sample into `path`, starting at the light, and adds its rays to `rays`.
     pub(super) fn light_path(&self, draws: &Draws<'_>, time: f32, path: &mut Vec<Vertex<'w>>, rays: &mut u32) {
         let world = self.world;
         // A camera path has two vertices at least, or the camera alone if light is connected to it.
@@ -165,8 +165,8 @@ impl<'w> Bdpt<'w> {
         }
     }
 
-    /// Scatters a walk at its last vertex. Returns false if it ends there. `u` holds the numbers for the direction, the
-    /// lobe and roulette.
+    /// Scatters a walk at its last vertex. Returns false if the walk ends there. `u` holds the random numbers for the
+    /// direction, the lobe and Russian roulette.
     fn step(&self, from: From, path: &mut [Vertex<'w>], walk: &mut Walk, u: [f32; 4], event: u32) -> bool {
         let last = path.len() - 1;
         let Some(next) = path[last].scatter(from, [u[0], u[1]], u[2]) else { return false };
@@ -192,19 +192,19 @@ impl<'w> Bdpt<'w> {
     }
 }
 
-/// The part of a camera path that mirrors, glass and smooth coats show.
+/// The part of a camera path that is visible directly or through mirrors, glass and smooth coats.
 struct Seen<'a> {
     world: &'a World,
     draws: &'a Draws<'a>,
     /// The number of surfaces so far.
     surfaces: u32,
-    /// True while features are wanted and all scattering so far was smooth.
+    /// True while features are requested and all scattering so far was smooth.
     is_smooth: bool,
-    /// True if glass scattered the path by a lobe of less than [`RARE_LOBE`] of the light.
+    /// True if glass scattered the path in a lobe with less than [`RARE_LOBE`] of the light.
     is_rare: bool,
     /// True while all scattering so far was specular with a probability of at least [`CERTAIN_LOBE`].
     is_direct: bool,
-    /// The number of vertices, the camera included, whose emission is seen directly.
+    /// The number of vertices whose emission is directly visible, the camera included.
     direct: usize,
 }
 
@@ -214,8 +214,8 @@ impl<'a> Seen<'a> {
         Self { world, draws, surfaces: 0, is_smooth, is_rare: false, is_direct, direct: if is_direct { 2 } else { 0 } }
     }
 
-    /// Records a path that leaves the scene along a ray at a time. `tint` is the share of light that the surfaces so far
-    /// pass on.
+    /// Records that the path leaves the scene; `at` is the ray and its time. `tint` is the fraction of light that the surfaces
+    /// so far transmit to the camera.
     fn background(&self, at: (&Ray, f32), tint: Vec3, estimate: &mut Estimate) {
         if self.surfaces == 0 && self.draws.wants_trajectory() {
             estimate.trajectory = self.world.background_trajectory(at.0, at.1);
@@ -230,7 +230,7 @@ impl<'a> Seen<'a> {
         });
     }
 
-    /// Records a surface that a ray hits. `mix` selects the material of a mix.
+    /// Records a surface that a ray hits. `mix` selects one material if the surface is a mix.
     fn surface(&mut self, (ray, at, mix): (&Ray, &Interaction<'_>, f32), tint: Vec3, estimate: &mut Estimate) {
         let (world, draws) = (self.world, self.draws);
         if self.surfaces == 0 && draws.wants_first_hit() {
@@ -247,7 +247,8 @@ impl<'a> Seen<'a> {
         self.surfaces += 1;
     }
 
-    /// Records that the path scattered at a vertex, by the lobe that `lobe` in `[0, 1)` selected with a `density`.
+    /// Records that the path was scattered at a vertex. `lobe` in `[0, 1)` selected the lobe, and `density` is the density of
+    /// the new direction.
     fn scattered(&mut self, vertex: &Vertex<'_>, density: f32, lobe: f32) {
         let Kind::Surface { bsdf, frame, .. } = &vertex.kind else { return };
         if self.is_smooth {

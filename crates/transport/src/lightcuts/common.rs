@@ -1,7 +1,8 @@
-//! Common cuts of clusters [after Wang et al. 2011]: points near each other start from the same cut, and refine it.
+//! Common cuts of clusters [after Wang et al. 2011]: nearby points start from the same cut, and refine it.
 //!
-//! Clusters are the patches of radiosity. Some points that the camera sees have their cuts made before the first sample.
-//! The common cut of a cluster holds the groups that no such point of it divides. Groups above are never visited again.
+//! Clusters are the patches of radiosity. Before the first sample, cuts are computed for some points that the camera sees. The
+//! common cut of a cluster consists of the groups that none of the cluster's points divides. Rendering never visits groups
+//! above it.
 
 use super::{CutLight, Lit, Member, NodeId, Refinement};
 use crate::patches::Patches;
@@ -10,20 +11,20 @@ use dapple_core::{Frame, parallel};
 use dapple_renderer::{GatherPoint, World};
 use std::collections::BTreeMap;
 
-/// Probes for each cluster, on average over those that the camera sees.
+/// The mean number of probes per cluster, over the clusters that the camera sees.
 const PROBES: u32 = 4;
 
-/// The common cuts of clusters, one for each side of each.
+/// The common cuts of clusters, one for each side of a cluster.
 #[derive(Clone, Debug)]
 pub(super) struct CommonCuts {
     patches: Patches,
-    /// The place in `nodes` where the cut of each side begins. Sides that no probe met have an empty cut.
+    /// The start index in `nodes` of each side's cut. Sides that no probe hit have an empty cut.
     starts: Vec<u32>,
     nodes: Vec<NodeId>,
 }
 
 impl CommonCuts {
-    /// The common cut at a surface point, empty where no probe lay.
+    /// Returns the common cut at a surface point; empty if no probe hit that side of its cluster.
     pub(super) fn at(&self, world: &World, vertex: &GatherPoint<'_>) -> &[NodeId] {
         let key = self.patches.side_at(world, vertex.at, vertex.back);
         &self.nodes[self.starts[key] as usize..self.starts[key + 1] as usize]
@@ -31,7 +32,7 @@ impl CommonCuts {
 }
 
 impl CutLight<'_> {
-    /// Makes the common cuts of clusters from the cuts of probes. Returns them with the number of rays.
+    /// Computes the common cuts of clusters from the cuts of probes. Returns them with the number of rays traced.
     pub(super) fn common_cuts(&self, patches: Patches, frame: &Frame) -> (CommonCuts, u64) {
         let side = f64::from(PROBES * self.options.clusters).sqrt().ceil() as u32;
         let mut probes: BTreeMap<usize, Vec<[u32; 2]>> = BTreeMap::new();
@@ -53,7 +54,7 @@ impl CutLight<'_> {
         (CommonCuts { patches, starts, nodes }, rays)
     }
 
-    /// The groups that none of the points behind these pixels divides.
+    /// Returns the groups that are not divided in the cut of any of these pixels' first hits, and the number of rays traced.
     fn common_cut(&self, pixels: &[[u32; 2]]) -> (Vec<NodeId>, u64) {
         let (mut common, mut rays, mut made): (Option<Vec<NodeId>>, u64, _) = (None, 0, Refinement::default());
         for pixel in pixels {
@@ -69,7 +70,7 @@ impl CutLight<'_> {
         (common.unwrap_or_default(), rays)
     }
 
-    /// The cut that takes the upper node of two sorted cuts everywhere, sorted.
+    /// Returns the coarsest common ancestor cut of two sorted cuts: everywhere the upper of their nodes, sorted.
     fn upper(&self, cuts: [&[NodeId]; 2]) -> Vec<NodeId> {
         let (mut waiting, mut found): (Vec<NodeId>, _) = (self.roots().collect(), Vec::new());
         while let Some(id) = waiting.pop() {

@@ -1,30 +1,30 @@
-//! Trees of point-like lights, and bounds of what their nodes contribute.
+//! Trees of lights reduced to points, and upper bounds on the contributions of their nodes.
 
 use dapple_renderer::light::Target;
 use glam::Vec3;
 
-/// The number of sets of representatives. Their errors average out over samples.
+/// The number of sets of representative lights. Their errors average out over samples.
 pub(super) const SETS: usize = 4;
 
 /// A light reduced to a point, or to a direction.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PointLight {
-    /// The place at which shadow rays end.
+    /// The target of shadow rays.
     pub(super) target: Target,
     /// The position. For light from infinity, the unit direction towards it.
     pub(super) position: Vec3,
-    /// The unit normal of a flat emitter, whose light falls off with the cosine; zero if it emits to all sides.
+    /// The unit normal of a flat emitter, whose light falls off with the cosine; zero if it emits in all directions.
     pub(super) facing: Vec3,
     /// The largest linear RGB radiant intensity. For light from infinity, the irradiance.
     pub(super) intensity: Vec3,
-    /// The radius of a sphere that shines around the position; shadow rays end there.
+    /// The radius of a spherical light around the position, on which shadow rays end; 0 for other lights.
     pub(super) radius: f32,
-    /// The index of a light without extent, whose intensity depends on the direction; `u32::MAX` for other lights.
+    /// The index of a delta light, whose intensity depends on the direction; `u32::MAX` for other lights.
     pub(super) delta: u32,
 }
 
 impl PointLight {
-    /// A point on a surface, in space, or infinitely far away.
+    /// Makes a point on a surface, in space, or at infinity.
     pub(super) fn new(position: Vec3, facing: Vec3, intensity: Vec3, target: Target) -> Self {
         Self { target, position, facing, intensity, radius: 0.0, delta: u32::MAX }
     }
@@ -33,13 +33,13 @@ impl PointLight {
 /// A node of a tree: a group of lights.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Node {
-    /// The corners of the box around the positions.
+    /// The corners of the positions' bounding box.
     pub(super) low: Vec3,
     pub(super) high: Vec3,
     /// Half of the box's diagonal.
     reach: f32,
-    /// The axis of the cone around the normals, and the cosine and sine of its half-angle. The cosine is -1 for lights
-    /// that emit to all sides.
+    /// The axis of a cone that contains all normals, and the cosine and sine of its half-angle. The cosine is -1 for lights
+    /// that emit in all directions.
     pub(super) axis: Vec3,
     pub(super) cone: [f32; 2],
     /// The sum of the intensities, and its luminance.
@@ -47,23 +47,23 @@ pub(super) struct Node {
     pub(super) strength: f32,
     /// The two children; `None` for a leaf.
     pub(super) children: Option<[u32; 2]>,
-    /// The light that stands for the group, in each set.
+    /// The representative light of the group, in each set.
     pub(super) lights: [u32; SETS],
 }
 
-/// A tree over some lights of one kind. Node 0 is the root.
+/// A binary tree over lights of one kind. Node 0 is the root.
 #[derive(Clone, Debug, Default)]
 pub(super) struct LightTree {
     pub(super) lights: Vec<PointLight>,
     pub(super) nodes: Vec<Node>,
-    /// True if positions are directions towards light from infinity.
+    /// True for light from infinity, whose positions are directions towards the light.
     pub(super) far: bool,
 }
 
 impl LightTree {
-    /// Builds a tree by halving groups at the median of the box's longest side. Normals count as further coordinates, as
-    /// long as the scene: neighbours that face apart are separated. Merging the cheapest pairs instead, as Walter et al. do,
-    /// makes cuts of the same size on the scene `many-lights`.
+    /// Builds a tree by splitting groups at the median of their box's longest side. Normals count as further coordinates,
+    /// scaled to the size of the scene, so that nearby lights with different normals are separated. Walter et al. merge the
+    /// cheapest pairs instead, which gives cuts of the same size on the scene `many-lights`.
     pub(super) fn new(lights: Vec<PointLight>, far: bool, scene_radius: f32) -> Self {
         let mut tree = Self { nodes: Vec::with_capacity(2 * lights.len()), lights, far };
         if !tree.lights.is_empty() {
@@ -99,7 +99,7 @@ impl LightTree {
         number
     }
 
-    /// The group of two groups with these numbers.
+    /// Returns the group that combines the groups of two nodes. `number` is the index of the new node.
     fn around(&self, number: u32, children: [u32; 2]) -> Node {
         let [a, b] = children.map(|child| self.nodes[child as usize]);
         let (axis, cone) = join([(a.axis, a.cone), (b.axis, b.cone)]);
@@ -116,8 +116,7 @@ impl LightTree {
     }
 }
 
-/// The smallest cone around two cones with equal treatment of both: an axis between them, and a half-angle that holds
-/// both.
+/// Returns a small cone that contains two cones. The axis lies between theirs, and the result does not depend on their order.
 fn join([(a, of_a), (b, of_b)]: [(Vec3, [f32; 2]); 2]) -> (Vec3, [f32; 2]) {
     const ALL: (Vec3, [f32; 2]) = (Vec3::ZERO, [-1.0, 0.0]);
     if of_a[0] <= -1.0 || of_b[0] <= -1.0 {
@@ -136,7 +135,7 @@ fn join([(a, of_a), (b, of_b)]: [(Vec3, [f32; 2]); 2]) -> (Vec3, [f32; 2]) {
     if cosine <= -1.0 { ALL } else { (axis, [cosine, (1.0 - cosine * cosine).max(0.0).sqrt()]) }
 }
 
-/// A hash of a node and a set, in `[0, 1)`.
+/// Returns a hash of a node and a set, in `[0, 1)`.
 fn hash(node: u32, set: u32) -> f32 {
     let mut x = node.wrapping_mul(0x9e37_79b9) ^ set.wrapping_mul(0x85eb_ca6b) ^ 0x5bd1_e995;
     x = (x ^ (x >> 16)).wrapping_mul(0x7feb_352d);
@@ -157,11 +156,11 @@ impl Node {
         Self { low, high, reach: 0.0, axis, cone, intensity, strength, children: None, lights: [number; SETS] }
     }
 
-    /// An upper bound of the irradiance that the group's lights make at a point, in luminance; the point's unit normal
-    /// faces the lit side. A bound far below `enough` need not be tight.
+    /// Returns an upper bound on the luminance of the irradiance from the group's lights at a point. The point's unit normal
+    /// is on the lit side. A bound far below `enough` need not be tight.
     ///
-    /// It is the strength times the largest cosine at the surface, times the largest at the lights, over the least squared
-    /// distance: each over the whole box and cone [Walter et al. 2005].
+    /// The bound is the strength times the largest cosine at the surface and the largest cosine at the lights, divided by the
+    /// smallest squared distance. Each extreme is taken over the whole box and cone [Walter et al. 2005].
     pub(super) fn bound(&self, far: bool, position: Vec3, normal: Vec3, enough: f32) -> f32 {
         if far {
             // Directions towards the lights within the box around them.
@@ -188,8 +187,8 @@ impl Node {
     }
 }
 
-/// The largest cosine between a unit axis and the vectors to the points of a box, at most 1. `squared` is the least squared
-/// distance of its points from the origin, and `reach` half of its diagonal.
+/// Returns an upper bound, at most 1, on the cosine between a unit axis and the vectors from the origin to a box. `squared` is
+/// the smallest squared distance between the box and the origin, and `reach` half of the box's diagonal.
 #[inline]
 fn largest_cosine([low, high]: [Vec3; 2], squared: f32, reach: f32, axis: Vec3) -> f32 {
     let best = (axis * low).max(axis * high);
@@ -204,7 +203,7 @@ fn largest_cosine([low, high]: [Vec3; 2], squared: f32, reach: f32, axis: Vec3) 
     (along / (along * along + across * across).max(squared).sqrt()).min(1.0)
 }
 
-/// The largest cosine after turning by at most the half-angle of a cone.
+/// Returns the largest cosine after a rotation by at most the half-angle of a cone.
 fn widened(cosine: f32, [cone_cosine, cone_sine]: [f32; 2]) -> f32 {
     if cosine >= cone_cosine {
         return 1.0;

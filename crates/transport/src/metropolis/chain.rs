@@ -1,9 +1,9 @@
 //! Markov chains over the random numbers of samples [Kelemen et al. 2002].
 //!
-//! A state is the coordinates that one sample requested. A small step moves each of them a little, a large step replaces
-//! all. Numbers that a longer path requests for the first time are new ones, and those that a shorter path no longer
-//! requests are forgotten: such moves between states of different length keep the balance, since the density of new
-//! coordinates is 1 [Green 1995].
+//! A state holds the random numbers that one sample requested. A small step moves each number a little; a large step replaces
+//! all. A longer path gets new numbers for its additional requests, and a shorter path drops the numbers that it no longer
+//! requests. Such moves between states of different length preserve detailed balance, since the density of new numbers is 1
+//! [Green 1995].
 
 use crate::bdpt::OF_LIGHT;
 use crate::walk::BELOW_ONE;
@@ -13,22 +13,23 @@ use dapple_renderer::blocks;
 use glam::Vec3;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// The smallest and the largest move of a coordinate by a small step. Moves are log-uniform between them.
+/// The smallest and the largest change of a number in a small step. Changes are log-uniform between them.
 const MOVES: [f32; 2] = [1.0 / 1024.0, 1.0 / 64.0];
 
-/// Light that a sample adds to a pixel of the window, such that its mean over all samples is the image's.
+/// A contribution of a sample to a pixel of the window: the pixel's index, and the light. Its mean over all samples is the
+/// image.
 pub(super) type Deposit = (u32, Vec3);
 
-/// The function over random numbers whose light the chains distribute.
+/// The target function of the chains: the light of a sample as a function of its random numbers.
 pub(super) trait Target: Sync {
-    /// Adds the light of a sample to `found`, and returns the number of rays traced.
+    /// Adds the contributions of a sample to `found`, and returns the number of rays traced.
     fn evaluate(&self, draws: &Draws<'_>, found: &mut Vec<Deposit>) -> u32;
 }
 
-/// The groups of random numbers that a sample requested: of the camera path, of the light path, and others.
+/// The groups of random numbers that a sample requested, in three lists: for the camera path, for the light path, and others.
 type State = [Vec<[f32; 4]>; 3];
 
-/// Returns the list of a [`State`] with a group, and its place there.
+/// Returns the list of a [`State`] that contains group `block`, and the group's index in that list.
 fn place_of(block: u32) -> (usize, u32) {
     const OTHERS: u32 = 2 * OF_LIGHT;
     match block {
@@ -39,22 +40,22 @@ fn place_of(block: u32) -> (usize, u32) {
     }
 }
 
-/// The random numbers of a proposed sample: a pure function of the current state and a key.
+/// The random numbers of a proposed sample, as a pure function of the current state and a key.
 struct Proposal<'a> {
     current: &'a State,
     is_large: bool,
     key: u64,
     frame: &'a Frame,
-    /// The number of groups requested, for each list of the state.
+    /// The number of groups requested from each list of the state.
     used: [AtomicU32; 3],
 }
 
-/// Returns a number in `[0, 1)` for a key.
+/// Returns a random number in `[0, 1)` for a key.
 fn uniform(key: u64) -> f32 {
     (key >> 40) as f32 / (1 << 24) as f32
 }
 
-/// Moves a coordinate by a small step, around the unit interval.
+/// Returns a number moved by a small step, modulo 1.
 fn moved(x: f32, u: f32) -> f32 {
     let (sign, u) = if u < 0.5 { (-1.0, 2.0 * u) } else { (1.0, 2.0 * u - 1.0) };
     let length = MOVES[1] * libm::expf(u * libm::logf(MOVES[0] / MOVES[1]));
@@ -72,7 +73,7 @@ impl Proposal<'_> {
         }
     }
 
-    /// Returns the pixel of the sample, and the place in it.
+    /// Returns the pixel of the sample, and the position in the pixel.
     fn pixel(&self) -> ([u32; 2], [f32; 2]) {
         let [x, y, ..] = self.coordinates(0, blocks::CAMERA.number());
         let (origin, size) = (self.frame.origin(), self.frame.size());
@@ -85,7 +86,7 @@ impl Proposal<'_> {
         ([column, row], [u, v])
     }
 
-    /// Returns the coordinates that were requested, as a state.
+    /// Returns the requested random numbers as a state.
     fn into_state(self) -> State {
         std::array::from_fn(|list| {
             let used = self.used[list].load(Ordering::Relaxed);
@@ -115,12 +116,12 @@ impl PointSet for Proposal<'_> {
     }
 }
 
-/// A sample with its light.
+/// A sample with its contributions.
 #[derive(Default)]
 struct Sample {
     state: State,
     light: Vec<Deposit>,
-    /// The summed luminance of the light, the chains' target.
+    /// The summed luminance of the contributions, to which the chains' density is proportional.
     brightness: f64,
     rays: u64,
 }
@@ -129,7 +130,7 @@ struct Sample {
 pub(super) struct Chains<'a> {
     pub(super) target: &'a dyn Target,
     pub(super) frame: &'a Frame,
-    /// The key of all random numbers.
+    /// The key from which all random numbers are derived.
     pub(super) key: u64,
     /// The probability of a large step.
     pub(super) large: f32,
@@ -149,7 +150,7 @@ impl Chains<'_> {
         Sample { state: proposal.into_state(), light, brightness, rays }
     }
 
-    /// Returns the brightness and the rays of independent sample number `i`, from which a chain may start.
+    /// Returns the brightness of independent sample number `i`, at which a chain may start, and the number of rays traced.
     pub(super) fn brightness_of_seed(&self, i: u64) -> (f64, u64) {
         let Sample { brightness, rays, .. } = self.seed(i);
         (brightness, rays)
@@ -159,8 +160,9 @@ impl Chains<'_> {
         self.sample(&State::default(), true, mix(self.key ^ mix(2 * i)))
     }
 
-    /// Runs chain number `chain` of `length` mutations from independent sample number `start`. Returns the light of each
-    /// state, divided by its brightness and weighted by its expected stay, and the number of rays.
+    /// Runs chain number `chain` for `length` mutations, starting at independent sample number `start`. Returns the
+    /// contributions of each state, divided by the state's brightness and weighted by its expected number of steps, and the
+    /// number of rays.
     pub(super) fn run(&self, chain: u64, start: u64, length: u64) -> (Vec<Deposit>, u64) {
         let mut current = self.seed(start);
         let (mut found, mut rays, mut stay) = (Vec::new(), current.rays, 0.0);

@@ -6,7 +6,7 @@ pub(super) fn triangle_area([a, b, c]: [DVec3; 3]) -> f64 {
     0.5 * (b - a).cross(c - a).length()
 }
 
-/// Divides a triangle into `parts * parts` equal ones, row by row of the first corner's weight downwards.
+/// Divides a triangle into `parts * parts` equal parts, in rows by decreasing weight of the first corner.
 pub(super) fn divide([a, b, c]: [DVec3; 3], parts: u32, mut add: impl FnMut([DVec3; 3])) {
     let point = |i: u32, j: u32| a + ((b - a) * f64::from(i) + (c - a) * f64::from(j)) / f64::from(parts);
     for i in 0..parts {
@@ -19,7 +19,8 @@ pub(super) fn divide([a, b, c]: [DVec3; 3], parts: u32, mut add: impl FnMut([DVe
     }
 }
 
-/// The number that [`divide`] gives to the part at the weights of the second and third corner.
+/// Returns the index, in the order of [`divide`], of the part that contains a point. `v` and `w` are the weights of the second
+/// and third corner.
 pub(super) fn part_at([v, w]: [f32; 2], parts: u32) -> u32 {
     let scaled = [v, w].map(|weight| weight * parts as f32);
     let i = (scaled[0] as u32).min(parts - 1);

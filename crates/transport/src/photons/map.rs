@@ -1,42 +1,42 @@
-//! The radii of passes, and photons by place.
+//! The radii of passes, and a spatial hash of photons.
 
 use glam::{IVec3, Vec3};
 use std::f32::consts::PI;
 
-/// The squared radius of a pass, over that of the first.
+/// Returns the squared radius of a pass relative to that of the first pass.
 pub(super) fn shrunk(alpha: f64, pass: u32) -> f64 {
     (1..=pass).map(f64::from).fold(1.0, |square, i| square * (i + alpha) / (i + 1.0))
 }
 
-/// Light that arrived at a surface.
+/// A photon: flux that arrived at a surface.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Photon {
     pub(super) position: Vec3,
-    /// The unit direction that the light came from.
+    /// The unit direction from which the light came.
     pub(super) from: Vec3,
     /// The unit geometric normal of the surface.
     pub(super) normal: Vec3,
     pub(super) flux: Vec3,
-    /// The number of scattering events on the way.
+    /// The number of scattering events before the arrival.
     pub(super) bounces: u32,
-    /// True if all of them were specular.
+    /// True if all scattering events were specular.
     pub(super) is_caustic: bool,
 }
 
 /// The photons of one pass, for look-ups within a fixed radius.
 #[derive(Clone, Debug, Default)]
 pub(super) struct PhotonMap {
-    /// Sorted by bucket, then in the order of emission, so that sums have the same bits every time.
+    /// The photons, sorted by bucket, then by order of emission, so that sums are always bit-identical.
     photons: Vec<Photon>,
     /// The index of each bucket's first photon, and the number of photons.
     starts: Vec<u32>,
     pub(super) radius: f32,
-    /// 1 over the area of a look-up times the number of emitted photons.
+    /// The reciprocal of the product of a look-up's area and the number of emitted photons.
     pub(super) density: f32,
 }
 
 impl PhotonMap {
-    /// Sorts the photons that arrived of `emitted` ones. Cells are as wide as the look-up's disk.
+    /// Sorts the `arrived` photons, of `emitted` ones, into cells. A cell is as wide as the look-up's disk.
     pub(super) fn new(arrived: &[Photon], emitted: u32, radius: f32) -> Self {
         let buckets = arrived.len().next_power_of_two();
         let mut map = Self { photons: Vec::new(), starts: vec![0; buckets + 1], radius, density: 0.0 };
@@ -58,7 +58,7 @@ impl PhotonMap {
         (position * (0.5 / self.radius)).floor().as_ivec3()
     }
 
-    /// The hash of a cell [Teschner et al. 2003].
+    /// Returns the bucket of a cell by a hash [Teschner et al. 2003].
     fn bucket(&self, cell: IVec3) -> u32 {
         let hash = (cell.x as u32).wrapping_mul(73_856_093)
             ^ (cell.y as u32).wrapping_mul(19_349_663)

@@ -1,7 +1,7 @@
-//! Features of the first rough surface that a path meets behind mirrors, glass and smooth coats, and the emission of lamps
-//! that it sees on the way.
+//! Features of the first non-specular surface behind mirrors, glass and smooth coats, and the emission of lights that are
+//! directly visible on the way.
 //!
-//! They ride along with the path: no rays and no random numbers of their own. Where a surface both reflects and
+//! They are recorded while a path is traced, without additional rays or random numbers. Where a surface both reflects and
 //! refracts, or shows its base through a coat, they follow the lobe that the path samples.
 
 use super::transmission::MediumEnd;
@@ -18,13 +18,13 @@ use dapple_core::{Draws, Estimate, SurfaceFeatures};
 use dapple_geometry::spawn_ray;
 use glam::Vec3;
 
-/// The path tracer with code for all effects, which follows paths for their features alone.
+/// The path tracer with code for all effects, used to trace paths for their features only.
 type AnyPath<'w> = PathTracer<'w, General, FixedSelector, { code::ALL }>;
 
 impl World {
-    /// Returns the first hit and the features of a sample without its light, and their cost in rays; and the emission of lamps
-    /// seen directly, if `draws` wants it. They have the distribution of those of a path tracer with at most `depth` scattering
-    /// events.
+    /// Returns the first hit and the features of a sample without its radiance, and their cost in rays. Adds the emission of
+    /// directly visible lights if `draws` requests it. The result has the same distribution as for a path tracer with at most
+    /// `depth` scattering events.
     #[inline(never)]
     pub fn features_alone(&self, draws: &Draws<'_>, depth: u32) -> Estimate {
         AnyPath::new(self, NoVertexLight).follow(draws, depth)
@@ -32,7 +32,7 @@ impl World {
 }
 
 impl<'w> AnyPath<'w> {
-    /// Follows a path through mirrors, glass and smooth coats to the first rough surface, `depth` of them at most.
+    /// Traces a path through at most `depth` mirrors, glass surfaces and smooth coats to the first non-specular surface.
     fn follow(&self, draws: &Draws<'_>, depth: u32) -> Estimate {
         let mut path = self.begin(draws);
         let mut estimate = Estimate::new([0.0; 3]);
@@ -85,8 +85,8 @@ impl<'w> AnyPath<'w> {
         estimate
     }
 
-    /// Samples the next ray as a whole sample does. Returns false if the path ends at this surface, or its scattering is
-    /// rough.
+    /// Samples the next ray as for a complete sample. Returns false if the path ends at this surface, or if the sampled lobe
+    /// is rough.
     fn passes_on(&self, draws: &Draws<'_>, path: &mut Path<(), ()>, at: &Interaction<'w>, surface: &Surface) -> bool {
         let world = self.world;
         if surface.black {
@@ -123,7 +123,7 @@ impl<'w> AnyPath<'w> {
 }
 
 impl<L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'_, L, S, E, G> {
-    /// Returns the share of light that the surfaces and media of the path so far pass on to the camera.
+    /// Returns the fraction of light that the path's surfaces and media so far transmit to the camera.
     #[inline(always)]
     pub(super) fn tint(path: &Path<S::Place, G::State>) -> Vec3 {
         // The radiance scaling of refraction and the weights of roulette are taken out again.
@@ -132,14 +132,14 @@ impl<L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'_, L, 
     }
 }
 
-/// Returns the length of the path up to the last surface that was recorded.
+/// Returns the length of the path from the camera to the last recorded surface.
 pub(super) fn length(estimate: &Estimate) -> f32 {
     let first = estimate.first_hit.map_or(0.0, |hit| hit.depth);
     estimate.features.map_or(first, |features| features.depth)
 }
 
-/// Returns the features of a path that leaves the scene after mirrors, glass or smooth coats: the normal is 0, as for
-/// the background. Position and depth are those of the last surface.
+/// Returns the features of a path that leaves the scene after mirrors, glass or smooth coats. The normal is 0, as for the
+/// background; position and depth are those of the last surface.
 #[inline(never)]
 pub(super) fn of_background(estimate: &Estimate, tint: Vec3, rare: bool) -> Option<SurfaceFeatures> {
     let last = estimate.features.or_else(|| estimate.first_hit.as_ref().map(SurfaceFeatures::from))?;

@@ -24,7 +24,7 @@ pub(super) enum MediumEnd {
 }
 
 impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w, L, S, E, G> {
-    /// Returns the material of the surface at a hit. Returns `None` if the ray passes the surface; the path then
+    /// Returns the material of the surface at a hit. Returns `None` if the ray passes the surface, in which case the path
     /// continues behind it.
     #[inline(always)]
     pub(super) fn surface_at(

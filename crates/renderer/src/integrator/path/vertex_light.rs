@@ -1,4 +1,4 @@
-//! Light that reaches the vertices of a path by other means than the path itself, such as photons.
+//! Light at path vertices from other sources than the path itself, such as photon maps.
 
 use crate::shading::{Bsdf, ShadingFrame};
 use crate::world::Interaction;
@@ -6,18 +6,19 @@ use dapple_core::integrator::{Pass, PreparationCost, Prepares};
 use dapple_core::{Draws, Frame, Worker};
 use glam::Vec3;
 
-/// A source of light at the vertices of a path tracer's paths. It takes the place of a part of what paths find.
+/// A source of light at the vertices of a path tracer's paths, such as a photon map. It replaces a part of the light that
+/// paths find themselves.
 ///
-/// It is a type parameter of [`PathTracer`](super::PathTracer), so that path tracers without one have no code for it.
-/// The defaults are those of no light.
+/// It is a type parameter of [`PathTracer`](super::PathTracer), so that path tracers without such a source have no code for
+/// it. The default methods add no light.
 pub trait VertexLight: Sync {
-    /// True if paths have code for this light.
+    /// True if the path tracer needs code for this source.
     const ACTIVE: bool;
-    /// The state of a path, in which the light notes what it has added.
+    /// The state of a path, which records the light that this source has added.
     type State: Copy + Default;
 
-    /// Returns the radiance that this light adds towards the previous vertex, at a surface that is not a mirror or clear
-    /// glass, and the number of rays traced.
+    /// Returns the radiance that this source adds towards the previous vertex, and the number of rays traced. The surface at
+    /// the vertex is neither a mirror nor clear glass.
     fn gather(
         &self,
         _state: &mut Self::State,
@@ -28,46 +29,46 @@ pub trait VertexLight: Sync {
         (Vec3::ZERO, 0)
     }
 
-    /// Returns true if the path samples a light at the vertex at which this light is gathered next.
+    /// Returns true if the path tracer samples a light at this vertex too, before it calls [`gather`](Self::gather).
     fn samples_lights(&self, _state: &Self::State, _vertex: &GatherPoint<'_>) -> bool {
         true
     }
 
-    /// Returns the share of light that the path carries on from a surface by its lobes that are not specular, 0 to 1. The rest
-    /// was added at earlier vertices. Emission of the surface counts in full.
+    /// Returns the fraction of light, 0 to 1, that the path still adds from this surface's non-specular lobes. The rest was
+    /// added at earlier vertices. The surface's own emission is not reduced.
     fn share(&self, _state: &Self::State, _vertex: &GatherPoint<'_>) -> f32 {
         1.0
     }
 
-    /// Notes that the path goes on from a surface, by a specular lobe or another one.
+    /// Records that the path was scattered at a surface, by a specular lobe or by another one.
     fn scattered(&self, _state: &mut Self::State, _specular: bool) {}
 
-    /// Notes that the path was scattered by a medium.
+    /// Records that the path was scattered by a medium.
     fn scattered_in_medium(&self, _state: &mut Self::State) {}
 
-    /// Returns true if this light stands for the emission of light number `light` that a path hits. The path then does not
-    /// count it. `u32::MAX` is the environment. `specular` is true if the last scattering event was specular.
+    /// Returns true if this source already includes the emission of light number `light` that a path hits, so that the path
+    /// must not add it. `u32::MAX` is the environment. `specular` is true if the last scattering event was specular.
     fn replaces(&self, _state: &Self::State, _light: u32, _specular: bool) -> bool {
         false
     }
 
-    /// Returns true if the path ends at the surface that it hits, after its emission. `specular` is true for a mirror and
-    /// clear glass.
+    /// Returns true if the path ends at the surface that it hits, after adding the surface's emission. `specular` is true for
+    /// a mirror or clear glass.
     fn ends(&self, _state: &Self::State, _specular: bool) -> bool {
         false
     }
 
-    /// As [`Integrator::prepares`](dapple_core::Integrator::prepares).
+    /// See [`Integrator::prepares`](dapple_core::Integrator::prepares).
     fn prepares(&self) -> Prepares {
         Prepares::Never
     }
 
-    /// As [`Integrator::prepare`](dapple_core::Integrator::prepare).
+    /// See [`Integrator::prepare`](dapple_core::Integrator::prepare).
     fn prepare(&mut self, _pass: &Pass<'_>) -> PreparationCost {
         PreparationCost::default()
     }
 
-    /// As [`Integrator::memory`](dapple_core::Integrator::memory).
+    /// See [`Integrator::memory`](dapple_core::Integrator::memory).
     fn memory(&self, _frame: &Frame) -> u64 {
         0
     }
@@ -78,9 +79,9 @@ pub trait VertexLight: Sync {
 pub struct GatherPoint<'a> {
     /// The surface point.
     pub at: &'a Interaction<'a>,
-    /// The surface's scattering.
+    /// The BSDF of the surface.
     pub bsdf: &'a Bsdf<'a>,
-    /// The shading frame of the scattering.
+    /// The shading frame, in which the BSDF's directions are.
     pub frame: &'a ShadingFrame,
     /// The unit direction towards the previous vertex, in the shading frame.
     pub wo: Vec3,
@@ -90,7 +91,7 @@ pub struct GatherPoint<'a> {
     pub depth: u32,
 }
 
-/// No light at vertices: a path tracer by itself.
+/// No additional light at vertices: the path tracer by itself.
 #[derive(Clone, Copy, Debug)]
 pub struct NoVertexLight;
 
