@@ -48,7 +48,7 @@ fn what_does_not_fit_is_refused_before_it_starts_z03() {
     assert!(said.err.contains("checkpoint 64.0 MiB"), "{}", said.err);
     // Files are read whole.
     folder.write("long.pbrt", vec![b' '; 3 << 20]);
-    folder.says("render long.pbrt --memory 2M", 1, &["it is 3.0 MiB long"]);
+    folder.says("render long.pbrt --memory 2M", 1, &["the file has 3.0 MiB"]);
     // A subdivision surface is refused before it is made: a pyramid of 2^22 triangles would take some 300 MiB.
     let pyramid = "Shape \"loopsubdiv\" \"integer levels\" [ 10 ] \"integer indices\" [ 0 1 2 0 2 3 0 3 1 1 3 2 ]\n\
         \"point3 P\" [ 0 0 1 1 0 0 -1 1 0 -1 -1 0 ]\n";
