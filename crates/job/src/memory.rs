@@ -189,7 +189,7 @@ pub struct MemoryEstimate {
     scene: u64,
     film: u64,
     /// Names and bytes of other data that last for the whole render: the sampler's state, light that the integrator prepares,
-    /// and at most so much for learned light selection.
+    /// and an upper bound for learned light selection.
     others: [(&'static str, u64); 3],
     /// The name of each stage of the render, and its bytes; only one stage at a time is in memory.
     stages: Vec<(&'static str, u64)>,

@@ -44,7 +44,7 @@ pub struct RenderSpec {
     pub sampler: String,
     /// The point set (where samples lie), `NAME` or `NAME:key=value,…`.
     pub points: String,
-    /// The filter (denoiser), `NAME` or `NAME:key=value,…`; `none` leaves each pixel the mean of its samples.
+    /// The filter (denoiser), `NAME` or `NAME:key=value,…`; with `none`, each pixel is the mean of its own samples.
     pub filter: String,
     /// The integrator, `NAME` or `NAME:key=value,…`. `auto` selects `photons` or `path` by the scene's caustics.
     pub integrator: String,
@@ -249,7 +249,7 @@ impl RenderSpec {
         Self { points: points.into(), ..self }
     }
 
-    /// Sets the filter (denoiser), `NAME` or `NAME:key=value,…`; `none` leaves each pixel the mean of its samples.
+    /// Sets the filter (denoiser), `NAME` or `NAME:key=value,…`; with `none`, each pixel is the mean of its own samples.
     #[must_use]
     pub fn filter(self, filter: impl Into<String>) -> Self {
         Self { filter: filter.into(), ..self }

@@ -7,7 +7,7 @@ use dapple_classics::{
 };
 use dapple_core::Filter;
 
-/// The input that methods placing their own samples lack without a scene.
+/// The name of the input that methods which place samples need from a scene.
 const DIMENSIONS: &str = "the meaning of the samples' dimensions";
 
 fn refused(error: ClusterInputError, of: &'static str) -> RegistryError {

@@ -105,7 +105,7 @@ impl ClusterInputError {
     }
 }
 
-/// The input that most methods with clusters lack without a scene.
+/// The name of the input that most methods with clusters need from a scene.
 pub(crate) const CLUSTERS: &str = "clusters of the scene's surfaces";
 
 /// Clusters, and the function that traces probes for the sampler `cluster-thesis`.

@@ -57,7 +57,7 @@ impl RunBudget {
         matches!(self, Self::TimeOf(_))
     }
 
-    /// The number of samples per pixel in the budget; for equal time, that of the baseline's run.
+    /// The number of samples per pixel in the budget; for equal time, the number in the baseline's run.
     pub fn spp(self) -> u64 {
         match self {
             Self::Spp(spp) | Self::TimeOf(spp) => spp,

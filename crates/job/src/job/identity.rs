@@ -50,7 +50,7 @@ pub(super) fn identity(job: &Job) -> Result<Identity, JobError> {
     Ok(Identity::new(pairs))
 }
 
-/// Returns an error if the settings of the file at `path`, `there`, differ from those of this render, `here`.
+/// Returns an error if `there`, the settings of the file at `path`, differ from `here`, the settings of this render.
 pub(super) fn same_render(path: &Path, here: &Identity, there: &Identity) -> Result<(), JobError> {
     match here.differences(there) {
         differences if differences.is_empty() => Ok(()),
