@@ -1,7 +1,7 @@
 //! Nanoseconds per block of four coordinates, read through `Draws` and `&dyn PointSet` as in a render. Criterion's
 //! throughput is in blocks.
 //!
-//! Run `cargo bench -p dapple-benches --bench blocks`, and the same with `RUSTFLAGS="-C target-cpu=native"` for AVX2.
+//! Run `cargo bench -p dapple-benches --bench blocks`; for AVX2, set `RUSTFLAGS="-C target-cpu=native"`.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use dapple_core::{Block, Draws, PointSet, SampleId};
@@ -13,7 +13,7 @@ use std::hint::black_box;
 /// Blocks per iteration: 16 samples of 16 blocks.
 const BLOCKS: u64 = 256;
 
-/// The sum of all coordinates, so that none is optimised away.
+/// The sum of all coordinates, which keeps the compiler from removing their computation.
 fn read(points: &dyn PointSet, pixel: u32) -> f32 {
     let mut sum = 0.0;
     for index in 0..16 {

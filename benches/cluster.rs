@@ -1,6 +1,6 @@
-//! Triangles per second on a fractal height field of about a million triangles (a small one with `--test`).
+//! Clustered triangles per second, on a fractal height field of about a million triangles (a small one with `--test`).
 //!
-//! `RAYON_NUM_THREADS=1 cargo bench -p dapple-benches --bench cluster` for time on one core.
+//! `RAYON_NUM_THREADS=1 cargo bench -p dapple-benches --bench cluster` measures one core.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use dapple_clustering::{ClusterParams, Grouping, Insertion, Triangles, cluster};

@@ -1,6 +1,6 @@
-//! The cost of the render loop, of allocation and of planning on one thread.
+//! The cost of the render loop, of sample allocation and of planning, on one thread.
 //!
-//! The loop's own price per sample is the time of `render/*` or `pull/*` less that of `direct`, over 2^18 samples.
+//! The loop's own cost per sample is the time of `render/*` or `pull/*` minus the time of `direct`, divided by 2^18 samples.
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use dapple_adaptive::{Adaptive, VarianceOptions};
@@ -37,7 +37,7 @@ fn on_one_thread<T: Send>(work: impl FnOnce() -> T + Send) -> T {
     rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a pool").install(work)
 }
 
-/// The same work through the same plugs, but for the loop: dynamic calls and a sum per pixel.
+/// The same work through the same interfaces without Dapple's loop: dynamic calls, and a sum per pixel.
 fn direct(integrator: &dyn Integrator, points: &dyn PointSet) -> f64 {
     let mut observed = Worker::default();
     let mut total = 0.0;

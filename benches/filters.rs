@@ -1,4 +1,4 @@
-//! Cost of the filters per pixel on one thread, at their default radius of 4 pixels: time over 2^20 pixels.
+//! The cost of the filters on one thread, with default parameters. Criterion's throughput is in pixels.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use dapple_core::samplers::Uniform;
@@ -33,7 +33,7 @@ fn film(side: u32, spp: u64, needs: Needs) -> Film {
     Render::new(frame, &limits).needs(needs).run(&mut Stripes, &mut Uniform::new(Random::new(1))).expect("a film")
 }
 
-/// The blurs on 2^20 pixels, then filters over halves and first hits on a quarter of them.
+/// Measures blurs on 2^20 pixels, and filters that use halves and features on a quarter of that.
 fn filters(c: &mut Criterion) {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a pool");
     let plain = film(SIDE, 4, Needs::none());

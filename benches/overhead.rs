@@ -1,7 +1,7 @@
 //! The cost of a session per sample beyond the host's own loop: its random numbers, `Tile::add` and `Round::submit`.
 //!
 //! `cargo bench -p dapple-benches --bench overhead` prints nanoseconds on one thread, with the statistics that the default pair
-//! records. Required: under 20 ns. `--test` runs it once and small.
+//! records. The goal is under 20 ns. `--test` runs it once at a small size.
 
 #![expect(clippy::print_stdout, reason = "the program prints its result")]
 
@@ -14,7 +14,7 @@ use std::time::Instant;
 /// The side of the image, and of the host's blocks.
 const SIDES: [u32; 2] = [256, 32];
 
-/// Numbers that cost next to nothing.
+/// A point set that costs almost nothing.
 struct Cheap;
 
 impl PointSet for Cheap {
@@ -27,7 +27,7 @@ impl PointSet for Cheap {
     }
 }
 
-/// The blocks of the image.
+/// The blocks of the image, each as `[x0, y0, x1, y1]`.
 fn blocks() -> impl Iterator<Item = [u32; 4]> {
     let [whole, side] = SIDES;
     let corners =
@@ -35,7 +35,7 @@ fn blocks() -> impl Iterator<Item = [u32; 4]> {
     corners.map(move |[x, y]| [x, y, x + side, y + side])
 }
 
-/// The host's own loop: a mean of each pixel.
+/// The host's own loop: computes the mean of each pixel.
 fn own(points: &dyn PointSet, spp: u32) -> Vec<[f32; 3]> {
     let mut image = vec![[0.0; 3]; (SIDES[0] * SIDES[0]) as usize];
     for [x0, y0, x1, y1] in blocks() {

@@ -1,7 +1,7 @@
-//! The cost of a plan on one thread, without the caller's rays. Divide by the 2^18 pixels for the cost per pixel.
+//! The cost of a plan on one thread, excluding the caller's rays. Divide by 2^18 for the cost per pixel.
 //!
-//! With one probe per pixel, in callgrind's instructions per pixel (x86-64, release): probing 160, importance 285,
-//! counts 250. This is about 75 ns in total. A jittered probe takes 260 more for its coordinates.
+//! With one probe per pixel, in callgrind's instructions per pixel (x86-64, release): probing 160, importance 285, counts 250.
+//! This is about 75 ns in total. A jittered probe needs 260 more for its coordinates.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use dapple_cluster_adaptive::{
@@ -21,7 +21,7 @@ fn frame() -> Frame {
     Frame::new(SIDE, SIDE).expect("a frame")
 }
 
-/// A cluster every 8 x 8 pixels, and sky above.
+/// Returns hits as if each 8 x 8 pixels showed one cluster, with sky above.
 fn shoot(ray: ProbeRay) -> Option<ProbeHit> {
     let [x, y] = ray.pixel;
     let primitive = (y / 8) * (SIDE / 8) + x / 8;

@@ -1,16 +1,16 @@
-//! Quality of the samplers, tracked by criterion: the error at an equal budget, and the time to a given error.
+//! The quality of the samplers, tracked by criterion: the error at an equal budget, and the time to reach a given error.
 //!
 //! ```sh
 //! RAYON_NUM_THREADS=1 cargo bench -p dapple-benches --bench quality -- --save-baseline before
 //! RAYON_NUM_THREADS=1 cargo bench -p dapple-benches --bench quality -- --baseline before
 //! ```
 //!
-//! The first method is that of `dapple render` without options; light selection is its default for all of them.
+//! The first method is the default of `dapple render`; all methods use its default light selection.
 //!
-//! Each iteration renders with its own seed. Criterion thus sees how errors scatter and reports only larger changes.
+//! Each iteration renders with its own seed, so that criterion measures the scatter of errors and reports only larger changes.
 //!
-//! `relMSE` is the squared error over the squared reference + 0.01, averaged over iterations. The reference has
-//! independent points and other seeds. It is rendered when the bench starts.
+//! `relMSE` is the squared error divided by (squared reference + 0.01), averaged over iterations. The reference has independent
+//! points and other seeds. It is rendered when the bench starts.
 
 use criterion::measurement::{Measurement, ValueFormatter, WallTime};
 use criterion::{BenchmarkGroup, Criterion, SamplingMode, Throughput};
@@ -22,7 +22,7 @@ use std::cell::Cell;
 use std::time::{Duration, Instant};
 
 const SCENES: [&str; 2] = ["cornell", "teapot"];
-/// The sampler and the filter of each method, that of `dapple render` first.
+/// The sampler and the filter of each method; the default of `dapple render` is first.
 const METHODS: [[&str; 2]; 5] = [
     [DEFAULT_SAMPLER, DEFAULT_FILTER],
     ["uniform", "none"],
@@ -30,7 +30,7 @@ const METHODS: [[&str; 2]; 5] = [
     ["mitchell", "none"],
     ["cluster-thesis", "none"],
 ];
-/// The seed of the reference. Those of the benches begin at 1.
+/// The seed of the reference. The seeds of the benches begin at 1.
 const REFERENCE_SEED: u64 = 1 << 32;
 
 /// A measurement of error instead of time. Criterion plans its iterations in nanoseconds; errors are scaled up so that
@@ -105,7 +105,7 @@ impl Course {
         course
     }
 
-    /// An image and its seconds, clusters, planning and filter included.
+    /// An image, and the seconds for clustering, planning, tracing and filtering.
     fn render(&self, [sampler, filter]: [&str; 2], points: &str, spp: u64) -> (Vec<[f32; 3]>, f64) {
         let seed = self.seed.replace(self.seed.get() + 1);
         let clock = Instant::now();
@@ -115,7 +115,7 @@ impl Course {
         (image.filtered.radiance, clock.elapsed().as_secs_f64())
     }
 
-    /// The relMSE and the seconds.
+    /// The relMSE and the seconds of a render.
     fn run(&self, method: [&str; 2], spp: u64) -> [f64; 2] {
         let (image, seconds) = self.render(method, "sobol", spp);
         let pixels = |values| Pixels::new([self.side; 2], values).expect("pixels");
@@ -125,8 +125,8 @@ impl Course {
 
     /// The seconds until the error reaches `target`.
     ///
-    /// Budgets are doubled until it does, up to 2^12 samples per pixel. Between the last two budgets, error and time
-    /// are interpolated as powers of the budget.
+    /// Budgets are doubled until then, up to 2^12 samples per pixel. Between the last two budgets, error and time are
+    /// interpolated as powers of the budget.
     fn seconds_to(&self, method: [&str; 2], target: f64) -> f64 {
         let mut last: Option<[f64; 2]> = None;
         for power in 2..=12 {
@@ -147,7 +147,7 @@ fn name_of([sampler, filter]: [&str; 2]) -> String {
     if filter == "none" { sampler.to_owned() } else { format!("{sampler} + {filter}") }
 }
 
-/// Runs ten iterations, however long they take.
+/// Configures ten iterations, regardless of their duration.
 fn few<M: Measurement>(group: &mut BenchmarkGroup<'_, M>) {
     let instant = Duration::from_nanos(1);
     group.sample_size(10).sampling_mode(SamplingMode::Flat).warm_up_time(instant).measurement_time(instant);

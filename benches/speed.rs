@@ -1,4 +1,4 @@
-//! Speed on the bundled scenes: clusters, whole renders and filters. The benches of the crates measure single parts.
+//! Speed on the bundled scenes: clustering, whole renders and filters.
 //!
 //! ```sh
 //! RAYON_NUM_THREADS=1 cargo bench -p dapple-benches --bench speed
@@ -18,7 +18,7 @@ const SEED: u64 = 2016;
 const SAMPLERS: [&str; 4] = ["uniform", "variance", "mitchell", "cluster-thesis"];
 const FILTERS: [&str; 2] = ["gaussian", "cluster-gaussian"];
 
-/// Returns true with `--test`: everything then runs once and small.
+/// Returns `true` with `--test`, where everything runs once at a small size.
 fn is_test() -> bool {
     std::env::args().any(|word| word == "--test")
 }
@@ -28,7 +28,7 @@ fn world(name: &str, side: u32) -> Arc<World> {
     Arc::new(World::with_resolution(&scene, [side; 2]).expect("a sound scene"))
 }
 
-/// Triangles per second, of `cluster` alone and of a whole first call with its copies.
+/// Triangles per second, of `cluster` alone and of a first call that includes copying the world's triangles.
 fn clustering(criterion: &mut Criterion) {
     let world = world("terrain", 64);
     let triangles = WorldTriangles::of(&world);
@@ -40,7 +40,7 @@ fn clustering(criterion: &mut Criterion) {
     group.finish();
 }
 
-/// A film of the world, recorded for the filter.
+/// A film of the world, with the statistics that `filter` needs.
 fn film(world: &Arc<World>, sampler: &str, filter: &str, side: u32, spp: u64) -> Film {
     let points = registry::points("sobol", PointSettings { seed: SEED, spp: Some(spp) }).expect("points");
     let mut inputs = MethodInputs::of(world.clone());
@@ -53,7 +53,7 @@ fn film(world: &Arc<World>, sampler: &str, filter: &str, side: u32, spp: u64) ->
     Render::new(frame, &limits).needs(needs).run(&mut *integrator(world), &mut *sampler).expect("a film")
 }
 
-/// Samples per second, planning and clusters included.
+/// Samples per second, including planning and clustering.
 fn renders(criterion: &mut Criterion) {
     let (side, spp) = if is_test() { (8, 4) } else { (64, 16) };
     for name in ["cornell", "teapot", "terrain"] {

@@ -1,11 +1,11 @@
-//! The error of images that are denoised from buffers, by what the buffers hold: halves, variance and features.
+//! The error of images denoised from buffers, for different contents of the buffers: halves, variance and features.
 //!
 //! ```sh
 //! cargo run --release --example denoise_buffers -- --full
 //! ```
 //!
-//! Figures are sRGB MSE (0 to 255) against references, at 16 samples per pixel, less the noise of the references. Prints Markdown. Without `--full` a small
-//! form runs in seconds.
+//! Figures are sRGB MSE (0 to 255) against references, at 16 samples per pixel, with the noise of the references subtracted.
+//! Prints Markdown. Without `--full`, a small version runs in seconds.
 
 #![expect(clippy::print_stdout, reason = "a program whose table is its result")]
 
@@ -95,7 +95,7 @@ impl Buffers {
         image.normal(&self.normal).albedo(&self.albedo)
     }
 
-    /// All features with their variances.
+    /// Adds all features with their variances.
     fn known<'a>(&'a self, image: Denoise<'a>) -> Denoise<'a> {
         let [normal, albedo, position] = &self.spread;
         image
@@ -107,7 +107,7 @@ impl Buffers {
             .emission(&self.emission)
     }
 
-    /// All features.
+    /// Adds all features without variances.
     fn guided<'a>(&'a self, image: Denoise<'a>) -> Denoise<'a> {
         let image = self.surfaces(image).position(&self.position).depth(&self.depth);
         image.coverage(&self.coverage).emission(&self.emission)

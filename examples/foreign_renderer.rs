@@ -1,12 +1,11 @@
-//! Dapple in your own renderer: clusters, adaptive sampling and denoising for a renderer that shares no code with
-//! Dapple.
+//! Dapple in your own renderer: clusters, adaptive sampling and denoising for a renderer that shares no code with Dapple.
 //!
 //! ```sh
 //! cargo run --release --example foreign_renderer -- out
 //! ```
 //!
-//! Everything from [`V3`] on is the foreign renderer: vectors, scene, ray tracer, integrator and image files. It gives
-//! Dapple three things: slices of triangles, a closure that finds first hits, and an [`Integrator`].
+//! Everything from [`V3`] on is the foreign renderer: vectors, scene, ray tracer, integrator and image files. It passes three
+//! things to Dapple: slices of triangles, a closure that finds first hits, and an [`Integrator`].
 //!
 //! The program renders uniformly and cluster-adaptively with equally many samples, filters both images and prints their
 //! errors. It writes `image.ppm`, `samples.ppm` (white = many samples) and `clusters.ppm` to the given folder, or else
@@ -34,7 +33,7 @@ const SEEDS: u64 = 5;
 /// Student's t for 95 % and `SEEDS - 1` degrees of freedom.
 const STUDENT: f64 = 2.776;
 const REFERENCE_SPP: u64 = 256;
-/// The number of clusters: each holds some triangles and is small enough to separate places.
+/// The number of clusters. Each contains several triangles, and is small enough to separate objects.
 const CLUSTERS: u32 = 1000;
 
 fn main() -> Result<()> {
@@ -83,15 +82,15 @@ fn main() -> Result<()> {
     let [u, a] = [0, 1].map(|which| pairs.iter().map(|pair| pair[which].record().rays).sum::<u64>());
     let more = 100.0 * ((a + SEEDS * probes.cost().rays) as f64 / u as f64 - 1.0);
     println!(
-        "\nAdaptive images took {more:.1} % more rays, probes included. A gain below that vanishes at equal rays."
+        "\nAdaptive images used {more:.1} % more rays, probes included. A gain smaller than this vanishes at equal numbers of rays."
     );
     let own = rel_mse(&first, &second)? / 4.0;
     println!("The reference, {REFERENCE_SPP} samples per pixel, has an error of {own:.1e}.");
     write_images(&folder, &pairs[0][1], &clusters_seen)
 }
 
-/// One image with a mean of exactly `spp` samples per pixel. These filters need only means and counts, which are always
-/// recorded. Others have further [`Needs`], to be passed here.
+/// Renders an image with a mean of exactly `spp` samples per pixel. This program's filters need only means and counts, which
+/// are always recorded. The needs of other filters would be passed to [`Render`] here.
 fn image(scene: &mut Scene, sampler: &mut dyn Sampler, spp: u64) -> Result<Film> {
     let frame = Frame::new(SIZE[0], SIZE[1])?;
     let limits = Limits::samples(spp * frame.pixels() as u64);
@@ -105,7 +104,7 @@ fn rel_mse(image: &[[f32; 3]], reference: &[[f32; 3]]) -> Result<f64> {
 /// Prints errors as means over seeds, and ratios as geometric means with a 95 % interval (paired by seed, Student's t).
 fn print_table(filters: &[Box<dyn Filter>], pairs: &[[Film; 2]], reference: &[[f32; 3]]) -> Result<()> {
     println!("relMSE at {}x{} pixels, {SPP} samples per pixel on average, {SEEDS} seeds.", SIZE[0], SIZE[1]);
-    println!("A ratio below 1 is a gain of the adaptive image, above 1 a loss.\n");
+    println!("A ratio below 1 means that the adaptive image has less error.\n");
     println!("| filter | uniform | cluster-adaptive | ratio |\n|---|---|---|---|");
     for filter in filters {
         let errors = |which: usize| -> Result<Vec<f64>> {
@@ -192,16 +191,16 @@ impl V3 {
     }
 }
 
-/// Triangles per leaf of the tree.
+/// The largest number of triangles in a leaf of the tree.
 const LEAF: usize = 4;
 const EYE: V3 = v3(0.0, -9.0, 3.2);
 /// The width of a pixel at distance 1.
 const PIXEL_WIDTH: f32 = 1.1 / SIZE[0] as f32;
-/// The lamp: a square that shines down, invisible to the camera.
+/// The centre of the light: a square facing down, invisible to the camera.
 const LAMP: V3 = v3(3.0, -2.0, 6.0);
 const LAMP_SIDE: f32 = 2.0;
 const LAMP_RADIANCE: f32 = 16.0;
-/// Water, clay and chalk.
+/// The albedos of water, clay and chalk.
 const ALBEDO: [[f32; 3]; 3] = [[0.25, 0.4, 0.45], [0.75, 0.35, 0.2], [0.8, 0.8, 0.75]];
 
 fn sky(direction: V3) -> [f32; 3] {
@@ -221,7 +220,8 @@ struct Scene {
     positions: Vec<V3>,
     triangles: Vec<[u32; 3]>,
     materials: Vec<u32>,
-    /// The triangles in the order of the tree's leaves. Those of node `i` are halved between `2 i + 1` and `2 i + 2`.
+    /// The triangles in the order of the tree's leaves. The children `2 i + 1` and `2 i + 2` of node `i` have half of its
+    /// triangles each.
     order: Vec<u32>,
     boxes: Vec<[V3; 2]>,
 }
@@ -267,7 +267,8 @@ impl Scene {
         self.triangles[triangle as usize].map(|v| self.positions[v as usize])
     }
 
-    /// Halves the triangles from `start` to `end` along the longest axis of their box until they fit a leaf.
+    /// Builds the tree below `node`: halves the triangles from `start` to `end` along the longest axis of their box until they
+    /// fit into a leaf.
     fn build(&mut self, node: usize, start: usize, end: usize) {
         let mut part = self.order[start..end].to_vec();
         let corners = || part.iter().flat_map(|&t| self.corners(t));
@@ -288,7 +289,7 @@ impl Scene {
         self.build(2 * node + 2, middle, end);
     }
 
-    /// The nearest triangle within `reach`.
+    /// The nearest triangle within distance `reach`.
     fn first_hit(&self, from: V3, direction: V3, reach: f32) -> Option<Hit> {
         let inverse = V3(direction.0.map(|x| 1.0 / x));
         let (mut nearest, mut found) = (reach, None);
@@ -322,7 +323,7 @@ impl Scene {
         Some(Hit { t: nearest, triangle, normal: normal * side })
     }
 
-    /// The unit direction from the eye through a place on the film, in pixels from its upper left corner.
+    /// The unit direction from the eye through a point on the film, in pixels from the upper left corner.
     fn camera_ray(&self, film: [f32; 2]) -> V3 {
         let forward = (v3(0.0, 0.0, 0.5) - EYE).unit();
         let right = forward.cross(v3(0.0, 0.0, 1.0)).unit();
@@ -330,7 +331,8 @@ impl Scene {
         (forward + right * x - right.cross(forward) * y).unit()
     }
 
-    /// The light from a point of the lamp that `place` reflects, per albedo; `None` if it is 0 without tracing a ray.
+    /// The radiance that `place` reflects from a point on the light, divided by the albedo. `None` if it is 0 without tracing a
+    /// ray.
     fn lamp_light(&self, place: V3, normal: V3, [u, v]: [f32; 2]) -> Option<f32> {
         let to = LAMP + v3(u - 0.5, v - 0.5, 0.0) * LAMP_SIDE - place;
         let distance = to.dot(to).sqrt();
@@ -355,8 +357,8 @@ fn intersect([a, b, c]: [V3; 3], from: V3, direction: V3) -> Option<f32> {
 const FILM: Block = Block::new(0);
 const LIGHTS: Block = Block::new(1);
 
-/// The interface to Dapple: the random numbers of one sample in, its radiance out. Direct light of the lamp and the
-/// sky.
+/// The interface to Dapple: the random numbers of one sample in, its radiance out. The radiance is direct lighting by the light
+/// and the sky.
 impl Integrator for Scene {
     fn estimate(&self, draws: &Draws<'_>, _: &mut Worker) -> Estimate {
         let [u, v, ..] = draws.block(FILM);
@@ -383,7 +385,7 @@ impl Integrator for Scene {
     }
 }
 
-/// Writes a binary PPM of values in `[0, 1]`. Larger ones are clipped.
+/// Writes a binary PPM of values in `[0, 1]`. Larger values are clipped.
 fn write_ppm(path: &Path, pixels: &[[f32; 3]]) -> Result<()> {
     let mut file = format!("P6\n{} {}\n255\n", SIZE[0], SIZE[1]).into_bytes();
     file.extend(pixels.iter().flatten().map(|x| (255.0 * x + 0.5) as u8));

@@ -1,6 +1,6 @@
 //! Dapple in your own renderer, in 100 lines: a small sphere tracer that uses Dapple's samplers.
 //! `cargo run --release --example minimal -- out` writes `out/uniform.ppm`, `out/adaptive.ppm` and `out/samples.ppm`
-//! (white = many samples), and prints the error of both images. It uses Dapple's samplers and point sets, nothing else.
+//! (white = many samples), and prints the error of both images. It uses only Dapple's samplers and point sets.
 #![expect(clippy::print_stdout, reason = "the program prints its result")]
 
 use dapple_adaptive::Adaptive;
@@ -33,7 +33,7 @@ const BALLS: [(V, f32, V); 4] = [
 const EYE: V = [0.0, 1.2, -6.0];
 const SUN: V = [0.5, 0.7, -0.5];
 
-/// The nearest ball on a ray, and its distance.
+/// The nearest ball on a ray, and the distance to the hit.
 fn meet(from: V, direction: V) -> Option<(usize, f32)> {
     let distance = |(centre, radius, _): &(V, f32, V)| {
         let to = add(*centre, -1.0, from);

@@ -4,10 +4,10 @@
 //! docs/results/make predicted-error
 //! ```
 //!
-//! An estimate comes from two independently scrambled halves. It has one degree of freedom for each pixel and channel,
-//! pooled over square blocks of pixels. Its 95 % interval is Student's t with as many degrees of freedom as pixels. It
-//! should contain the reference in 95 % of pixels and channels, and be as narrow as possible. Prints Markdown
-//! (`docs/results/to_csv.py` makes CSV of it). Without `--full` a small form runs in seconds.
+//! Errors are estimated from two independently scrambled halves. An estimate has one degree of freedom for each pixel and
+//! channel, and is pooled over square blocks of pixels. Its 95 % interval uses Student's t with as many degrees of freedom as
+//! the block has pixels. The interval should contain the reference in 95 % of pixels and channels, and be as narrow as
+//! possible. Prints Markdown (`docs/results/to_csv.py` converts it to CSV). Without `--full`, a small version runs in seconds.
 
 #![expect(clippy::print_stdout, reason = "a program whose table is its result")]
 
@@ -22,7 +22,7 @@ type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 
 const SCENES: [&str; 5] = ["cornell", "teapot", "terrain", "lens", "glass"];
 const SAMPLERS: [&str; 2] = ["uniform", "variance"];
-/// Sides of the pooled blocks, in pixels.
+/// The sides of the pooled blocks in pixels.
 const BLOCKS: [u32; 5] = [1, 2, 4, 8, 16];
 
 struct Size {
@@ -37,7 +37,7 @@ struct Course {
     world: Arc<World>,
     frame: Frame,
     reference: Vec<[f64; 3]>,
-    /// Variance of each pixel of the reference.
+    /// The variance of each pixel of the reference.
     noise: Vec<[f64; 3]>,
 }
 
@@ -51,14 +51,14 @@ fn main() -> Result<()> {
     let courses: Vec<(&str, Course)> =
         SCENES.iter().map(|&name| Ok((name, Course::new(name, &size)?))).collect::<Result<_>>()?;
     println!(
-        "{0}x{0} pixels, {1} seeds, Sobol' points; references {2} spp of random points, their own variance taken out.\n",
+        "{0}x{0} pixels, {1} seeds, Sobol' points; references of {2} spp of random points, with their own variance subtracted.\n",
         size.side, size.seeds, size.reference_spp
     );
     println!(
-        "Predicted over true relMSE (geometric mean, 95 % interval over seeds), and the share of pixels and channels"
+        "Predicted over true relMSE (geometric mean, 95 % interval over seeds), and the fraction of pixels and channels"
     );
     println!(
-        "whose 95 % interval holds the reference, with the interval's mean width over that of the true scatter, by"
+        "whose 95 % interval contains the reference (x: the interval's mean width over that of the true scatter), by"
     );
     println!("side of the pooled blocks:\n");
     let heads: Vec<String> = BLOCKS.iter().map(|side| format!("{side}x{side}")).collect();
@@ -71,7 +71,9 @@ fn main() -> Result<()> {
             }
         }
     }
-    println!("\nWhere `--error` ends: true relMSE over the requested one (geometric mean, 95 % interval), and spp.\n");
+    println!(
+        "\nRenders with `--error`: true relMSE over the requested relMSE (geometric mean, 95 % interval), and spp.\n"
+    );
     println!("| scene | sampler | asked | true / asked | predicted / asked | spp |");
     println!("|---|---|---|---|---|---|");
     for (name, course) in &courses {
@@ -104,7 +106,7 @@ impl Course {
         Ok(Render::new(self.frame, &limits).needs(needs).run(&mut *integrator(&self.world), &mut *sampler)?)
     }
 
-    /// The relMSE of a film, without the reference's own variance.
+    /// The relMSE of a film, with the error due to the reference's own variance subtracted.
     fn error(&self, film: &Film) -> f64 {
         let channels = self.frame.pixels() * 3;
         let sum: f64 = (0..channels).map(|k| self.squared(film, k) / (self.at(k).powi(2) + RELATIVE_EPSILON)).sum();
@@ -116,7 +118,7 @@ impl Course {
         self.reference[k / 3][k % 3]
     }
 
-    /// The squared error of channel `k % 3` of pixel `k / 3`, less the mean contribution of the reference.
+    /// The squared error of channel `k % 3` of pixel `k / 3`, minus the variance of the reference there.
     fn squared(&self, film: &Film, k: usize) -> f64 {
         (film.mean(k / 3)[k % 3] - self.at(k)).powi(2) - self.noise[k / 3][k % 3]
     }
@@ -138,8 +140,8 @@ impl Course {
         Ok(format!("{:.2} [{:.2}, {:.2}] | {}", ratio.value, ratio.low, ratio.high, cells.join(" | ")))
     }
 
-    /// Three sums: channels whose interval contains the reference, all channels, and half widths over 1.96 root mean
-    /// squared errors of the block.
+    /// Three sums over pixels and channels: those whose interval contains the reference, all, and the ratios of the interval's
+    /// half width to 1.96 times the block's root mean squared error.
     fn covered(&self, film: &Film, side: u32) -> Result<[f64; 3]> {
         let [width, height] = self.frame.size();
         let mut found = [0.0; 3];

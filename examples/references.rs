@@ -1,13 +1,13 @@
-//! Published scenes beside pbrt-v4's images of them: ratios of means and of block means, and pairs of images.
+//! Comparison of published scenes with pbrt-v4's images of them: ratios of means and of block means, and pairs of images.
 //!
 //! ```sh
 //! cargo run --release --example references -- --full [--images DIR] [SCENE]... > table.md
 //! ```
 //!
-//! Renders each scene of `shared/scenes/pbrt-v4` that has an image in `shared/references`, at that image's size. It
-//! uses the scene's own depth, a box filter and uniform `sobol`, several times with other seeds. `--images` writes
-//! `SCENE.png`: Dapple on the left, pbrt on the right. Prints Markdown (`docs/results/to_csv.py` makes CSV of it).
-//! Without `--full` a few samples show that it works.
+//! Renders each scene of `shared/scenes/pbrt-v4` that has an image in `shared/references`, at that image's size. It uses the
+//! scene's own depth limit, a box filter and uniform `sobol` samples, with several seeds. `--images` writes `SCENE.png`: Dapple
+//! on the left, pbrt on the right. Prints Markdown (`docs/results/to_csv.py` converts it to CSV). Without `--full`, it renders
+//! only a few samples, as a test.
 
 #![expect(clippy::print_stdout, clippy::print_stderr, reason = "a program whose table is its result")]
 
@@ -21,7 +21,7 @@ use std::path::{Path, PathBuf};
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 
-/// Scenes, with the samples per pixel of each replicate.
+/// The scenes, with the number of samples per pixel in each replicate.
 const SCENES: [(&str, u64); 8] = [
     ("cornell-box", 64),
     ("veach-mis", 128),
@@ -32,9 +32,9 @@ const SCENES: [(&str, u64); 8] = [
     ("veach-bidir", 256),
     ("water-caustic", 64),
 ];
-/// Replicates; their spread is the noise of Dapple's images.
+/// The number of replicates; their scatter gives the noise of Dapple's images.
 const SEEDS: u64 = 8;
-/// Pixels along a block's side.
+/// The side of a block in pixels.
 const BLOCK: u32 = 10;
 
 fn main() -> Result<()> {
@@ -46,7 +46,7 @@ fn main() -> Result<()> {
             "--images" => images = Some(PathBuf::from(arguments.next().ok_or("--images needs a folder")?)),
             name if SCENES.iter().any(|(known, _)| *known == name) => wanted.push(argument),
             other if Path::new(other).is_dir() => {}
-            other => return Err(format!("scene \"{other}\" is unknown; the list SCENES has all").into()),
+            other => return Err(format!("unknown scene \"{other}\"; the constant SCENES lists all scenes").into()),
         }
     }
     let folder = std::env::var("DAPPLE_SCENES").unwrap_or_else(|_| "../shared/scenes".into());

@@ -2,13 +2,14 @@
 //!
 //! `cargo bench -p dapple-benches --bench price` takes two or three minutes, on a machine that does nothing else. Arguments after `--`:
 //!
-//! * `--quick` or `--test`: takes seconds; failures are exact, prices are rough;
-//! * `--overflow-checks WITH WITHOUT`: two builds of `dapple`, with overflow checks and without; adds their price.
+//! * `--quick` or `--test`: takes seconds; counts of failures are exact, prices are rough;
+//! * `--overflow-checks WITH WITHOUT`: two builds of `dapple`, with and without overflow checks; adds the price of these
+//!   checks.
 //!
-//! A price is the time with the safeguard over the time without it, from pairs that alternate in one process on one thread.
-//! It has a median and an interval with at least 95 % confidence, whatever the noise (order statistics). Film, loading and
-//! checkpoints are timed apart and compared with the whole. Breaks are counted, not timed: the same numbers on every
-//! machine.
+//! A price is the time with the safeguard divided by the time without it, measured in alternating pairs in one process on one
+//! thread. It is given as a median with an interval of at least 95 % confidence for any distribution of noise (order
+//! statistics). Film, loading and checkpoints are timed separately and compared with a whole render. Failures are counted, so
+//! their numbers are the same on every machine.
 
 #![allow(clippy::print_stdout, clippy::print_stderr, missing_docs, unreachable_pub, reason = "a program")]
 
@@ -48,7 +49,7 @@ fn main() -> Result<()> {
     Ok(())
 }
 
-/// One safeguard: its price and its use.
+/// One safeguard: its price, and the failures that it prevents.
 #[derive(Debug)]
 pub struct Row {
     pub safeguard: &'static str,
@@ -56,11 +57,12 @@ pub struct Row {
     pub price: Ratio,
     /// The work that was timed.
     price_of: String,
-    /// The smallest inputs tried that break without it; empty where none is known.
+    /// The smallest tested inputs that fail without the safeguard; empty if none is known.
     pub breaks: Vec<Break>,
 }
 
-/// An input, the visible defect, and the failures among all trials: rays, pixels, samples or images.
+/// An input, the visible defect, and the numbers of failures among `of` trials (rays, pixels, samples or images), without and
+/// with the safeguard.
 #[derive(Debug)]
 pub struct Break {
     input: String,
@@ -70,7 +72,7 @@ pub struct Break {
     pub with: u64,
 }
 
-/// Measures every safeguard that can be left out of this program, in order of the chain from scene to file, on one thread.
+/// Measures every safeguard that this program can run without, on one thread, in order from scene to file.
 pub fn prices(quick: bool) -> Result<Vec<Row>> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
     pool.install(|| {
@@ -125,9 +127,9 @@ pub struct Ratio {
 }
 
 impl Ratio {
-    /// The median of at least one ratio, with an interval between order statistics. It holds for any distribution,
+    /// The median of at least one ratio, with an interval between order statistics. The interval is valid for any distribution,
     /// since the number of ratios below the median is binomial [after David and Nagaraja 2003, section 7.1]. It is the
-    /// narrowest with at least 95 %. Fewer than six ratios give the range from least to most.
+    /// narrowest one with at least 95 % confidence. With fewer than six ratios, it is the range of all ratios.
     pub fn of(mut ratios: Vec<f64>) -> Self {
         ratios.sort_by(f64::total_cmp);
         let n = ratios.len();
@@ -146,12 +148,12 @@ impl Ratio {
     }
 }
 
-/// Ratios of pairs, each from one call. The pair's number decides which of the two goes first.
+/// The median of `count` ratios, each from one call of `pair` with the number of the pair.
 fn pairs(count: usize, pair: impl FnMut(usize) -> Result<f64>) -> Result<Ratio> {
     Ok(Ratio::of((0..count).map(pair).collect::<Result<_>>()?))
 }
 
-/// Both, the first one first if `number` is even. Drift thus affects both alike.
+/// Runs both, `with` first if `number` is even. Drift of the machine thus affects both equally.
 pub fn in_turn<T>(
     number: usize,
     with: impl FnOnce() -> Result<T>,
@@ -165,14 +167,14 @@ pub fn in_turn<T>(
     Ok([with()?, without])
 }
 
-/// The seconds of some work.
+/// The seconds that `work` takes.
 fn seconds<T>(work: impl FnOnce() -> T) -> f64 {
     let start = Instant::now();
     black_box(work());
     start.elapsed().as_secs_f64()
 }
 
-/// The ratio of the whole to the whole without a part, which costs `part` more than its replacement.
+/// The ratio of the time `whole` to the time without the safeguard, which takes `part` longer than its replacement.
 pub fn of_whole(whole: f64, part: f64) -> f64 {
     // On a machine that stalls between two clock readings, the part may seem as long as the whole.
     whole / (whole - part).max(0.01 * whole)
@@ -182,13 +184,13 @@ fn scene(name: &str) -> Result<Scene> {
     Ok(bundled::files(name).ok_or("there is no such bundled scene")?.read()?)
 }
 
-/// A part of the work on samples.
+/// A step of the work on samples.
 type Part<'a> = &'a dyn Fn(&[[f32; 3]]);
 
-/// Samples per pixel of the sums.
+/// The number of samples per pixel that are summed.
 const SPP: usize = 16;
 
-/// The Cornell box: its samples are the cheapest of all bundled scenes, so that parts weigh the most.
+/// The Cornell box. Its samples are the cheapest of all bundled scenes, so that the relative cost of safeguards is largest.
 struct Image {
     world: World,
     frame: Frame,
@@ -212,7 +214,7 @@ impl Image {
         self.spp * self.frame.pixels() as u64
     }
 
-    /// Limits with two slices, so that a render has a middle.
+    /// Limits with two slices, so that a render can be stopped halfway.
     fn limits(&self) -> Limits {
         Limits::samples(self.samples()).with_schedule(Schedule::default().with_slice_spp((self.spp / 2) as u32))
     }
@@ -223,7 +225,7 @@ impl Image {
         Ok(render.run(&mut *integrator(&self.world), &mut Self::sampler())?)
     }
 
-    /// Seconds of a whole render.
+    /// The seconds of a whole render.
     fn seconds(&self, needs: Needs) -> Result<f64> {
         let start = Instant::now();
         black_box(self.render(needs, &mut NoMonitor)?);
@@ -236,7 +238,8 @@ impl Image {
         format!("rendering {} ({width}x{height}, {} spp, one thread)", Self::NAME, self.spp)
     }
 
-    /// The price of a part of the work on each sample, relative to a whole render, and its nanoseconds.
+    /// The price of the first step instead of the second for each sample, relative to a whole render, and the difference in
+    /// nanoseconds.
     fn of_render(&self, count: usize, runs: usize, part: [Part<'_>; 2]) -> Result<(Ratio, f64)> {
         let mut rng = Pcg64Mcg::seed_from_u64(5);
         let samples: Vec<[f32; 3]> =
@@ -253,7 +256,7 @@ impl Image {
     }
 }
 
-/// The row of overflow checks. `without` and `with` are builds of the program that differ in nothing else.
+/// The row of overflow checks. `without` and `with` are builds of the program that differ only in these checks.
 pub fn overflow_checks(without: &Path, with: &Path, quick: bool) -> Result<Row> {
     // A scene with one light, one with an environment map, and one with hundreds of thousands of triangles.
     const SCENES: [&str; 3] = ["cornell", "teapot", "terrain"];
@@ -274,7 +277,7 @@ pub fn overflow_checks(without: &Path, with: &Path, quick: bool) -> Result<Row> 
     })
 }
 
-/// The seconds of tracing that a program reports.
+/// The seconds of tracing that `program` reports for a render.
 fn trace(program: &Path, words: &str) -> Result<f64> {
     let wrong =
         |why: &str| format!("{}: {why}; it must be a build of dapple, see docs/results/price.md", program.display());
@@ -288,5 +291,5 @@ fn trace(program: &Path, words: &str) -> Result<f64> {
     }
     let said: Option<serde_json::Value> = serde_json::from_slice(&output.stdout).ok();
     let seconds = said.and_then(|said| said["seconds"]["trace"].as_f64());
-    Ok(seconds.filter(|s| *s > 0.0).ok_or_else(|| wrong("it says nothing of tracing"))?)
+    Ok(seconds.filter(|s| *s > 0.0).ok_or_else(|| wrong("its output has no time of tracing"))?)
 }

@@ -1,4 +1,4 @@
-//! Each safeguard: the time of its part, and the inputs that break without it.
+//! The safeguards: the time of each, and the inputs that fail without it.
 
 use super::{Break, Image, Ratio, Result, Row, SPP, in_turn, of_whole, pairs, scene, seconds};
 use dapple_core::film::{RejectedReason, RgbMoments};
@@ -16,7 +16,7 @@ use rand_pcg::Pcg64Mcg;
 use std::hint::black_box;
 use std::time::Instant;
 
-/// Scenes are moved to the origin and scaled in f64, before conversion to f32.
+/// Recentring: scenes are moved to the origin and scaled in f64, before conversion to f32.
 pub(crate) fn recentring(count: usize) -> Result<Row> {
     // Half a million corners.
     const LOADED: &str = "terrain";
@@ -48,7 +48,7 @@ pub(crate) fn recentring(count: usize) -> Result<Row> {
     })
 }
 
-/// The distance from which more than one in a hundred pixels sees something else, in powers of ten.
+/// The smallest power of ten as distance from the origin at which more than 1 % of primary rays hit another triangle.
 fn scenes_far_away() -> Result<Break> {
     const MOVED: &str = "teapot";
     let scene = scene(MOVED)?;
@@ -76,7 +76,7 @@ fn scenes_far_away() -> Result<Break> {
     found
 }
 
-/// Shape and primitive on a ray.
+/// The shape and primitive that a ray hits.
 type Hit = Option<(u32, u32)>;
 
 /// The hits of the camera's rays in a world.
@@ -85,7 +85,7 @@ struct View {
     seen: Vec<Hit>,
 }
 
-/// The hits in the renderer's space, and those in the file's, as in a renderer without recentring.
+/// The hits in the renderer's space, and the hits in the file's space, as in a renderer without recentring.
 fn views(scene: &Scene) -> Result<(View, Vec<Hit>)> {
     const SIDE: u32 = 64;
     let world = World::with_resolution(scene, [SIDE; 2])?;
@@ -115,7 +115,7 @@ fn views(scene: &Scene) -> Result<(View, Vec<Hit>)> {
     Ok((View { world, seen }, raw))
 }
 
-/// A pixel of a typical small renderer: sums and sums of squares in f32.
+/// A pixel as in many small renderers: sums and sums of squares in f32.
 #[derive(Clone, Copy, Default)]
 struct Sums {
     count: u32,
@@ -143,7 +143,7 @@ impl Sums {
     }
 }
 
-/// Pixels of [`SPP`] samples each.
+/// Adds the samples to pixels of [`SPP`] samples each.
 #[inline]
 fn sum_up<P: Clone + Default>(samples: &[[f32; 3]], mut push: impl FnMut(&mut P, [f32; 3])) {
     let mut pixels = vec![P::default(); samples.len() / SPP];
@@ -153,7 +153,7 @@ fn sum_up<P: Clone + Default>(samples: &[[f32; 3]], mut push: impl FnMut(&mut P,
     black_box(pixels);
 }
 
-/// Statistics in f64 by Welford's method, against sums in f32.
+/// Film: statistics in f64 by Welford's method, compared with sums in f32.
 pub(crate) fn precise_sums(count: usize, runs: usize, image: &Image) -> Result<Row> {
     let with = |samples: &[[f32; 3]]| sum_up(samples, RgbMoments::push);
     let without = |samples: &[[f32; 3]]| sum_up(samples, Sums::push);
@@ -167,7 +167,7 @@ pub(crate) fn precise_sums(count: usize, runs: usize, image: &Image) -> Result<R
     })
 }
 
-/// Bright, smooth pixels whose variance is off by more than a factor of two.
+/// Counts bright, smooth pixels whose variance is wrong by more than a factor of two.
 fn variances() -> Break {
     const PIXELS: u64 = 1000;
     let mut rng = Pcg64Mcg::seed_from_u64(6);
@@ -190,7 +190,7 @@ fn variances() -> Break {
     Break { input, seen, of: PIXELS, without, with }
 }
 
-/// Pixels of one colour, many samples.
+/// Counts pixels of one colour whose mean is wrong after many samples.
 fn means() -> Break {
     const PIXELS: u32 = 16;
     let [mut without, mut with] = [0; 2];
@@ -211,7 +211,7 @@ fn means() -> Break {
     Break { input, seen, of: PIXELS.into(), without, with }
 }
 
-/// The test that each sample is a valid radiance.
+/// Invalid samples: the test that each sample is a valid radiance.
 pub(crate) fn invalid_samples(count: usize, runs: usize, image: &Image) -> Result<Row> {
     let with = |samples: &[[f32; 3]]| {
         let mut rejected = 0_u64;
@@ -256,7 +256,7 @@ impl Integrator for Faulty {
     }
 }
 
-/// Invalid pixels in an image smoothed over 5x5 pixels, caused by three invalid samples.
+/// Counts the invalid pixels that three invalid samples cause in an image smoothed over 5x5 pixels.
 fn holes() -> Result<Break> {
     let side = Faulty::SIDE as usize;
     let frame = Frame::new(Faulty::SIDE, Faulty::SIDE)?;
@@ -284,7 +284,7 @@ fn holes() -> Result<Break> {
     Ok(Break { input, seen, of: (side * side) as u64, without: wrong(&mean), with: wrong(&|i| film.mean(i)) })
 }
 
-/// Independent halves: the only honest error estimate of low-discrepancy samples.
+/// Independent halves, without which errors of low-discrepancy samples cannot be estimated reliably.
 pub(crate) fn halves(count: usize, image: &Image) -> Result<Row> {
     let price = pairs(count, |number| {
         let [with, without] =
@@ -300,7 +300,8 @@ pub(crate) fn halves(count: usize, image: &Image) -> Result<Row> {
     })
 }
 
-/// Pixels that brighten from one corner to the opposite one: `4 u v` times a level, which is their mean.
+/// Pixels with the integrand `4 u v` times a level, which is the pixel's mean. The level grows from one corner of the image to
+/// the opposite one.
 struct Smooth;
 
 impl Smooth {
@@ -318,7 +319,7 @@ impl Integrator for Smooth {
     }
 }
 
-/// The number of images whose predicted relMSE is off by more than a factor of 2, from halves and from the samples'
+/// Counts images whose predicted relMSE is wrong by more than a factor of 2, for predictions from halves and from the samples'
 /// variance.
 fn predictions() -> Result<Break> {
     const IMAGES: u64 = 16;
@@ -352,7 +353,7 @@ fn predictions() -> Result<Break> {
     Ok(Break { input, seen, of: IMAGES, without, with })
 }
 
-/// A killed render resumes from its last checkpoint.
+/// Checkpoints: a killed render resumes from its last checkpoint.
 pub(crate) fn checkpoints(count: usize, image: &Image) -> Result<Row> {
     /// Default seconds between checkpoints of `dapple render`.
     const EVERY: f64 = 60.0;
@@ -386,11 +387,11 @@ pub(crate) fn checkpoints(count: usize, image: &Image) -> Result<Row> {
     })
 }
 
-/// Writes a checkpoint after the first slice, and can stop there.
+/// A monitor that writes a checkpoint after the first slice, and can stop there.
 struct Middle<'a> {
     store: &'a Store,
     stop: bool,
-    /// Seconds spent on the checkpoint; 0 before it.
+    /// Seconds spent on the checkpoint; 0 before the checkpoint.
     seconds: f64,
     saved: std::result::Result<(), dapple_job::checkpoint::Error>,
 }
@@ -419,7 +420,7 @@ impl Monitor for Middle<'_> {
     }
 }
 
-/// Kills a render half-way. Counts the samples traced twice for the same image, and adds the pixels that differ.
+/// Kills a render halfway. Counts the samples that are traced again after resuming, and adds the number of pixels that differ.
 fn killed(image: &Image, store: &Store) -> Result<Break> {
     let stopped = Middle::new(store, true).render(image)?.record().samples;
     let whole = image.render(Needs::none(), &mut NoMonitor)?;

@@ -53,7 +53,7 @@ fn grid(n: u32, m: u32, place: impl Fn(f64, f64) -> DVec3) -> Soup {
     (positions.collect(), triangles.collect())
 }
 
-/// A sum of sines of growing frequency and falling height.
+/// A sum of sines of increasing frequency and decreasing amplitude.
 fn ripples(p: DVec3, octaves: i32) -> f64 {
     (0..octaves)
         .map(|k| {
@@ -79,7 +79,7 @@ fn terrain() -> Soup {
     })
 }
 
-/// A room around a mesh, as in published figures of other tracers.
+/// A mesh enclosed in a room, as in published measurements of other ray tracers.
 fn enclosed(soup: Soup) -> Vec<Soup> {
     let mut soups = vec![soup];
     for axis in 0..3 {
@@ -131,14 +131,14 @@ pub(crate) fn rays(scene: &Geometry, [eye, target, light]: [Vec3; 3]) -> [Vec<Ra
     [primary, bounce, shadow]
 }
 
-/// A scene by name: triangles, and the positions of eye, target and light.
+/// A scene: name, triangles, and the positions of eye, target and light.
 pub(crate) struct Scene {
     pub(crate) name: &'static str,
     pub(crate) soups: Vec<Soup>,
     pub(crate) views: [Vec3; 3],
 }
 
-/// The names of all scenes.
+/// All scenes.
 pub(crate) fn scenes() -> [Scene; 4] {
     let box_views = [Vec3::new(2.75, 2.75, -8.0), Vec3::new(2.75, 2.75, 0.0), Vec3::new(2.75, 5.4, 2.8)];
     let views = [Vec3::new(1.0, 1.6, -3.2), Vec3::ZERO, Vec3::new(1.0, 3.5, -1.0)];

@@ -1,5 +1,5 @@
-//! Finds the git commit of the build, for `study.json` and reports: the environment variable `DAPPLE_COMMIT`, else the
-//! commit recorded in a published package, else that of the repository. Unknown is an empty text.
+//! Finds the git commit of the build, for `study.json` and reports: the environment variable `DAPPLE_COMMIT`, else the commit
+//! recorded in a published package, else the repository's commit. An empty text means unknown.
 
 #![allow(clippy::print_stdout)]
 
@@ -23,7 +23,7 @@ fn of_package(package: &Path) -> Option<String> {
     Some(rest.split('"').nth(1)?.chars().take(12).collect())
 }
 
-/// The commit that is checked out, with a `+` if tracked files have changes. `None` if the repository around the
+/// The commit that is checked out, with a `+` appended if tracked files have changes. `None` if the repository around the
 /// package is not Dapple's.
 fn of_repository(package: &Path) -> Option<String> {
     let git = |arguments: &[&str]| {

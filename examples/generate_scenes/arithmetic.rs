@@ -1,4 +1,4 @@
-//! Vectors, angles and noise whose results are bitwise the same on every machine.
+//! Vectors, angles and noise with bit-identical results on every machine.
 
 pub(crate) fn sub(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
@@ -41,7 +41,7 @@ pub(crate) fn mix<const N: usize>(a: [f64; N], b: [f64; N], t: f64) -> [f64; N] 
 
 /// Returns the sine and the cosine of an angle of `turns` full turns, within 1e-12, for `turns` in `[0, 1]`.
 ///
-/// Uses Taylor polynomials about the nearest quarter turn: the platform's functions differ in the last bit between
+/// Uses Taylor polynomials about the nearest quarter turn, because the platform's functions differ in the last bit between
 /// machines.
 pub(crate) fn sin_cos(turns: f64) -> [f64; 2] {
     let quarter = (4.0 * turns).round();

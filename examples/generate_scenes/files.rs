@@ -1,4 +1,4 @@
-//! Meshes under construction as binary PLY files, radiance as PFM and colour as TGA images.
+//! Construction of meshes, and encoding of meshes as binary PLY files, of radiance as PFM and of colours as TGA images.
 
 use super::arithmetic::{add, cross, dot, lat_long_direction, normalize, sub};
 
@@ -41,8 +41,8 @@ impl Mesh {
 
     /// Sets the vertex normals of a height field (z up) to the area-weighted mean of the adjoining triangles' normals.
     ///
-    /// Each mean is then tilted upwards if needed, so that it lies on the outer side of each of these triangles. On
-    /// sharp ridges the mean alone would not.
+    /// Each mean is then tilted upwards if needed, so that it points to the outer side of each of these triangles. On sharp
+    /// ridges, the mean alone would not.
     pub(crate) fn smooth_normals(&mut self) {
         const LEAST_COSINE: f64 = 0.05;
         let mut sums = vec![[0.0; 3]; self.positions.len()];
@@ -132,7 +132,7 @@ pub(crate) fn lat_long_pfm(width: usize, height: usize, radiance: impl Fn([f64; 
     bytes
 }
 
-/// Encodes an uncompressed TGA image of grey, RGB or RGBA bytes. `pixel` returns those at a column and a row, counted from
+/// Encodes an uncompressed TGA image of grey, RGB or RGBA bytes. `pixel` returns the bytes at a column and a row, counted from
 /// the top left.
 pub(crate) fn tga<const N: usize>([width, height]: [u16; 2], pixel: impl Fn(u16, u16) -> [u8; N]) -> Vec<u8> {
     // True colour, or grey.

@@ -4,9 +4,9 @@
 //! cargo run --example generate_scenes -- [FOLDER]
 //! ```
 //!
-//! These are meshes, images, and the scene files of many equal parts, `grass` and `many-lights`, of which the first part is
-//! written by hand and kept. All other scene files are written by hand. The bytes are the same on every machine: all
-//! arithmetic is `+ - * /` and `sqrt` on `f64`, which IEEE 754 rounds in one way, and Rust neither fuses nor reorders these
+//! These are meshes, images, and the scene files with many repeated objects, `grass` and `many-lights`. The handwritten first
+//! part of these two is kept. All other scene files are written by hand. The bytes are the same on every machine: all
+//! arithmetic is `+ - * /` and `sqrt` on `f64`, whose rounding IEEE 754 defines, and Rust neither fuses nor reorders these
 //! operations. A test compares the committed files with the result.
 
 mod arithmetic;

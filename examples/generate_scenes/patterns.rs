@@ -1,10 +1,10 @@
-//! Scenes of many equal parts, grass and small lamps, and images of one pattern, a leaf and rings.
+//! Scenes with many repeated objects (grass, small lights), and images of patterns (a leaf, rings).
 
 use super::arithmetic::{mix_bits, sin_cos};
 use super::files::tga;
 use std::fmt::Write;
 
-/// The part of a scene file that was written by hand, up to the line that begins the generated part.
+/// The handwritten first part of a scene file, up to the line `first`, which begins the generated part.
 fn head(text: &str, first: &str) -> String {
     text.split_once(first).map_or(text, |(head, _)| head).to_owned()
 }
@@ -50,7 +50,7 @@ fn tuft(kind: u64) -> String {
     format!("  Shape \"trianglemesh\"\n    \"point3 P\" [{points}]\n    \"integer indices\" [{indices}]\n")
 }
 
-/// Returns the text of the meadow's scene file, with new tufts.
+/// Returns the text of the meadow's scene file, with regenerated tufts.
 pub(crate) fn grass(text: &str) -> String {
     let mut text = head(text, "\nObjectBegin \"tuft 0\"");
     for kind in 0..KINDS {
@@ -75,30 +75,30 @@ pub(crate) fn grass(text: &str) -> String {
     text
 }
 
-/// Lamps along each side of their square.
+/// The number of lights along each side of their square.
 const LAMPS: u32 = 100;
-/// Distance of neighbouring lamps, in lamp radii.
+/// The distance between neighbouring lights, in radii of a light.
 const LAMP_SPACING: u32 = 12;
-/// Radius of a lamp in metres.
+/// The radius of a light in metres.
 const LAMP_RADIUS: f64 = 0.006;
 
-/// Groups of lamps: linear RGB radiance. Powers differ up to 15 times.
+/// The linear RGB radiance of each group of lights. Powers differ by a factor of up to 15.
 const GROUPS: [[f64; 3]; 5] =
     [[24.0, 15.0, 7.0], [5.0, 8.0, 3.0], [3.0, 6.0, 12.0], [12.0, 3.0, 2.0], [40.0, 36.0, 30.0]];
 
-/// The group of the lamp at a place of the square: patches of 20 x 25 lamps.
+/// The group of the light at a column and row of the square. Groups form patches of 20 x 25 lights.
 fn group_of(column: u32, row: u32) -> u32 {
     (column / 20 + 2 * (row / 25)) % 5
 }
 
-/// The height in lamp radii at a place of the square: a sheet that hangs in waves.
+/// The height, in radii of a light, at a column and row of the square: a wavy sheet.
 fn height(column: u32, row: u32) -> i64 {
     let [wave, _] = sin_cos(f64::from(column) / 25.0);
     let [_, other] = sin_cos(f64::from(row) / 40.0);
     (40.0 + 12.0 * wave + 8.0 * other).round() as i64
 }
 
-/// Returns the text of the scene file of many lights, with new lights.
+/// Returns the text of the scene file of many lights, with regenerated lights.
 pub(crate) fn many_lights(text: &str) -> String {
     let mut text = head(text, "AttributeBegin\nScale");
     for (group, [r, g, b]) in GROUPS.into_iter().enumerate() {

@@ -12,12 +12,12 @@ const STEPS: usize = 12;
 /// quarter turn, and height.
 type Ring = [f64; 3];
 
-/// The profile of the lid, which is turned about the z axis: cubic Bezier pieces that share their end points. Outside
-/// is to the left of the profile's direction, seen with the radius to the right and the height up.
+/// The profile of the lid, which is rotated about the z axis: cubic Bezier pieces that share end points. With the radius to the
+/// right and the height up, the outside is to the left of the profile's direction.
 ///
-/// Newell's table [Newell 1975; Crow 1987] gives each quarter turn of a piece as 4 x 4 points `(r, 0), (r, l), (l, r),
-/// (0, r)` at four heights. `LID` and `BODY` are that table without its repetitions. `l / r` is 0.56 throughout but for
-/// the knob's 0.45 / 0.8.
+/// Newell's table [Newell 1975; Crow 1987] gives each quarter turn of a piece as 4 x 4 points `(r, 0), (r, l), (l, r), (0, r)`
+/// at four heights. `LID` and `BODY` are that table without its repetitions. `l / r` is 0.56 everywhere except at the knob
+/// (0.45 / 0.8).
 const LID: [Ring; 7] = [
     [0.0, 0.0, 3.15],
     [0.8, 0.45, 3.15],
@@ -28,8 +28,8 @@ const LID: [Ring; 7] = [
     [1.3, 0.728, 2.4],
 ];
 
-/// The profile of the body, in the form of `LID`: rim, upper body, lower body, and the bottom, which others added to
-/// Newell's teapot.
+/// The profile of the body, in the form of `LID`: rim, upper body, lower body, and the bottom, a later addition to Newell's
+/// teapot.
 const BODY: [Ring; 13] = [
     [1.4, 0.784, 2.4],
     [1.3375, 0.749, 2.53125],
@@ -84,7 +84,7 @@ type Patch = [[[f64; 3]; 4]; 4];
 /// The patches of one part of the teapot, indexed `[piece][column]`. The columns of a piece close to a ring.
 type Part = Vec<Vec<Patch>>;
 
-/// Returns the patches of a profile turned about the z axis: four quarter turns per cubic piece.
+/// Returns the patches of a profile rotated about the z axis: four quarter turns per cubic piece.
 fn turned(profile: &[Ring]) -> Part {
     let quarter = |[r, l, z]: Ring, turn: usize| {
         [[r, 0.0, z], [r, l, z], [l, r, z], [0.0, r, z]].map(|[x, y, z]| match turn {

@@ -16,12 +16,12 @@ const SPREAD: f64 = 0.5;
 const DEPTH_KEPT: f64 = -0.04;
 const SEED: u64 = 2016;
 
-/// Number of octaves of noise in the ground. The last octave is about as long as a far cell is wide; more would alias.
-/// `COARSE_OCTAVES` make the smoothed ground, whose slope selects the material.
+/// Number of octaves of noise in the ground. The wavelength of the last octave is about the width of a far cell; more octaves
+/// would alias. `COARSE_OCTAVES` make the smoothed ground, whose slope selects the material.
 const OCTAVES: u32 = 7;
 const COARSE_OCTAVES: u32 = 4;
 
-/// Returns the height of the ground at a point. `octaves` is the number of octaves of its noise.
+/// Returns the height of the ground at a point. `octaves` is the number of octaves of noise.
 fn height([x, y]: [f64; 2], octaves: u32) -> f64 {
     let river = 1.6 * gradient_noise([0.17 * y, 0.5], SEED + 100) + 0.25 * gradient_noise([0.6 * y, 3.5], SEED + 101);
     let off = (x - river).abs();

@@ -1,11 +1,11 @@
-//! Dapple in a renderer whose functions draw from a generator of the thread, which they reach without an argument.
+//! Dapple in a renderer whose functions draw random numbers from a thread-local generator, without passing it as an argument.
 //!
 //! ```sh
 //! cargo run --release --example global_generator
 //! ```
 //!
-//! It renders the scene with the host's own generator and with Dapple, as many samples each, and prints the errors against
-//! a reference of many samples. Only the part between the marks of the plug knows Dapple.
+//! It renders the scene with the host's own generator and with Dapple, with equal numbers of samples, and prints the errors
+//! against a reference of many samples. Only the code between the two `plug` marks uses Dapple.
 
 #![expect(clippy::print_stdout, reason = "the program prints its result")]
 
@@ -27,7 +27,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         pairs.map(|(x, r)| (x - r).powi(2) / (r * r + 0.01)).sum::<f32>() / (3 * SIZE[0] * SIZE[1]) as f32
     };
     let (plain, dapple) = (error(&render(SPP, 2)), error(&render_with_dapple(2)?.radiance));
-    println!("relMSE {plain:.2e} by itself, {dapple:.2e} with Dapple: {:.3} of it", dapple / plain);
+    println!("relMSE {plain:.2e} without Dapple, {dapple:.2e} with Dapple: ratio {:.3}", dapple / plain);
     Ok(())
 }
 
@@ -47,7 +47,7 @@ fn render_with_dapple(seed: u64) -> Result<Filtered, Error> {
 }
 // --- end of plug
 
-/// The host's own loop: as many samples in each pixel.
+/// The host's own loop: the same number of samples in each pixel.
 fn render(spp: u32, seed: u64) -> Vec<Rgb> {
     let pixel = |i: u32| {
         GENERATOR.set(Box::new(Pcg64Mcg::seed_from_u64(seed << 32 | u64::from(i))));
@@ -94,9 +94,9 @@ struct Hit {
     colour: Rgb,
 }
 
-/// The distance from pillar to pillar, and their radius.
+/// The distance between neighbouring pillars, and the radius of a pillar.
 const PILLARS: (f32, f32) = (1.8, 0.3);
-/// A lamp: centre, radius and radiance. Only the lit surfaces are seen.
+/// A spherical light: centre, radius and radiance. It is invisible to camera rays.
 const LAMP: (V3, f32, Rgb) = ([0.9, 2.2, 2.7], 0.25, [60.0, 45.0, 28.0]);
 const SKY: Rgb = [0.08, 0.11, 0.18];
 
@@ -138,7 +138,7 @@ fn radiance(pixel: [u32; 2]) -> (Rgb, Option<Hit>) {
     (light, first)
 }
 
-/// The part of the lamp's radiance that a surface reflects, by a random point of the lamp.
+/// The fraction of the light's radiance that a surface reflects, estimated with a random point on the light.
 fn reflected(surface: &Hit) -> f32 {
     let (centre, radius, _) = LAMP;
     let out = direction();

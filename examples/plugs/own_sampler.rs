@@ -1,11 +1,11 @@
-//! Dapple in a renderer with a `Sampler` trait of its own, and a queue of image blocks for its worker threads.
+//! Dapple in a renderer with its own `Sampler` trait, and a queue of image blocks for its worker threads.
 //!
 //! ```sh
 //! cargo run --release --example own_sampler
 //! ```
 //!
-//! It renders the scene with the host's own sampler and with Dapple, as many samples each, and prints the errors against
-//! a reference of many samples. Only the part between the marks of the plug knows Dapple.
+//! It renders the scene with the host's own sampler and with Dapple, with equal numbers of samples, and prints the errors
+//! against a reference of many samples. Only the code between the two `plug` marks uses Dapple.
 
 #![expect(clippy::print_stdout, reason = "the program prints its result")]
 
@@ -27,7 +27,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         pairs.map(|(x, r)| (x - r).powi(2) / (r * r + 0.01)).sum::<f32>() / (3 * SIZE[0] * SIZE[1]) as f32
     };
     let (plain, dapple) = (error(&render(SPP, 2)), error(&render_with_dapple(2)?.radiance));
-    println!("relMSE {plain:.2e} by itself, {dapple:.2e} with Dapple: {:.3} of it", dapple / plain);
+    println!("relMSE {plain:.2e} without Dapple, {dapple:.2e} with Dapple: ratio {:.3}", dapple / plain);
     Ok(())
 }
 
@@ -53,7 +53,7 @@ fn render_with_dapple(seed: u64) -> Result<Filtered, Error> {
 }
 // --- end of plug
 
-/// The host's own loop: as many samples in each pixel of each block.
+/// The host's own loop: the same number of samples in each pixel of each block.
 fn render(spp: u32, seed: u64) -> Vec<Rgb> {
     let image = Mutex::new(vec![[0.0; 3]; (SIZE[0] * SIZE[1]) as usize]);
     let Ok(()) = for_each_block(|[x0, y0, x1, y1]| {
@@ -68,7 +68,7 @@ fn render(spp: u32, seed: u64) -> Vec<Rgb> {
     image.into_inner().expect("no worker panics")
 }
 
-/// Worker threads take blocks `[x0, y0, x1, y1]` of the image from a queue.
+/// Calls `work` for each block `[x0, y0, x1, y1]` of the image. Worker threads take the blocks from a queue.
 fn for_each_block<E: Send>(work: impl Fn([u32; 4]) -> Result<(), E> + Sync) -> Result<(), E> {
     let [columns, rows] = SIZE.map(|n| n.div_ceil(16));
     let queue = AtomicU32::new(0);
@@ -86,7 +86,7 @@ fn for_each_block<E: Send>(work: impl Fn([u32; 4]) -> Result<(), E> + Sync) -> R
     })
 }
 
-/// The host's interface of random numbers.
+/// The host's interface for random numbers.
 trait Sampler {
     fn get_1d(&mut self) -> f32;
     fn get_2d(&mut self) -> [f32; 2];
@@ -127,13 +127,13 @@ struct Hit {
     colour: Rgb,
 }
 
-/// Boxes between two corners, with their colours. The first is the room, seen from within.
+/// Boxes, each by two corners and a colour. The first box is the room, seen from inside.
 const BOXES: [([V3; 2], Rgb); 3] = [
     ([[0.0, 0.0, -2.0], [1.0; 3]], [0.7, 0.65, 0.6]),
     ([[0.15, 0.0, 0.5], [0.4, 0.6, 0.75]], [0.65, 0.15, 0.1]),
     ([[0.55, 0.0, 0.2], [0.85, 0.3, 0.5]], [0.15, 0.45, 0.2]),
 ];
-/// A lamp below the ceiling that shines down: corner, sides and radiance.
+/// A light below the ceiling, facing down: corner, sides and radiance.
 const LAMP: (V3, [f32; 2], Rgb) = ([0.35, 0.999, 0.4], [0.3, 0.3], [14.0, 11.0, 8.0]);
 
 /// The nearest wall on a ray.
@@ -176,7 +176,7 @@ fn radiance(pixel: [u32; 2], sampler: &mut dyn Sampler) -> (Rgb, Option<Hit>) {
     (light, first)
 }
 
-/// The part of the lamp's radiance that a surface reflects, by a random point of the lamp.
+/// The fraction of the light's radiance that a surface reflects, estimated with a random point on the light.
 fn reflected(at: &Hit, [u, v]: [f32; 2]) -> f32 {
     let (corner, [width, depth], _) = LAMP;
     let to = add(add(corner, 1.0, [u * width, 0.0, v * depth]), -1.0, at.at);

@@ -4,8 +4,8 @@
 //! cargo run --release --example rng_everywhere
 //! ```
 //!
-//! It renders the scene with the host's own loop and with Dapple, as many samples each, and prints the errors against a
-//! reference of many samples. Only the part between the marks of the plug knows Dapple.
+//! It renders the scene with the host's own loop and with Dapple, with equal numbers of samples, and prints the errors against
+//! a reference of many samples. Only the code between the two `plug` marks uses Dapple.
 
 #![expect(clippy::print_stdout, reason = "the program prints its result")]
 
@@ -27,7 +27,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         pairs.map(|(x, r)| (x - r).powi(2) / (r * r + 0.01)).sum::<f32>() / (3 * WIDTH * HEIGHT) as f32
     };
     let (plain, dapple) = (error(&render(&scene, SPP, 2)), error(&render_with_dapple(&scene, 2)?.radiance));
-    println!("relMSE {plain:.2e} by itself, {dapple:.2e} with Dapple: {:.3} of it", dapple / plain);
+    println!("relMSE {plain:.2e} without Dapple, {dapple:.2e} with Dapple: ratio {:.3}", dapple / plain);
     Ok(())
 }
 
@@ -46,7 +46,7 @@ fn render_with_dapple(scene: &[Sphere], seed: u64) -> Result<Filtered, Error> {
 }
 // --- end of plug
 
-/// The host's own loop: as many samples in each pixel.
+/// The host's own loop: the same number of samples in each pixel.
 fn render(scene: &[Sphere], spp: u32, seed: u64) -> Vec<[f32; 3]> {
     let pixel = |i: u32| {
         let mut rng = Pcg64Mcg::seed_from_u64(seed << 32 | u64::from(i));
@@ -86,9 +86,9 @@ struct Sphere {
     centre: Vec3,
     radius: f64,
     colour: Vec3,
-    /// The spread of its reflections; `None` for a matte sphere.
+    /// The spread of glossy reflections; `None` for a matte sphere.
     rough: Option<f64>,
-    /// The strength with which it shines; 0 unless it is a lamp.
+    /// The emitted radiance, as a factor of `colour`; 0 unless the sphere is a light.
     shine: f64,
 }
 
@@ -110,7 +110,7 @@ fn scene() -> Vec<Sphere> {
     ]
 }
 
-/// A ray through a random place in a pixel, from a random place on the lens.
+/// A ray through a random point in a pixel, from a random point on the lens.
 fn camera_ray([column, row]: [u32; 2], rng: &mut impl Rng) -> Ray {
     let x = (f64::from(column) + rng.random::<f64>()) / f64::from(WIDTH) - 0.5;
     let y = (f64::from(row) + rng.random::<f64>()) / f64::from(WIDTH) - 0.35;
@@ -119,7 +119,7 @@ fn camera_ray([column, row]: [u32; 2], rng: &mut impl Rng) -> Ray {
     Ray { from: eye, to: unit(add([5.6 * x, 1.0 - 5.6 * y, 0.0], -1.0, eye)) }
 }
 
-/// A random point in the unit ball: the first of the random points in a cube that lies in it.
+/// A random point in the unit ball, by rejection sampling in a cube.
 fn in_ball(rng: &mut impl Rng) -> Vec3 {
     loop {
         let point = from_fn(|_| rng.random_range(-1.0..1.0));

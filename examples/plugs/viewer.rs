@@ -1,11 +1,11 @@
-//! Dapple in a viewer that shows better and better images until somebody closes its window.
+//! Dapple in a progressive viewer that improves its image until the window is closed.
 //!
 //! ```sh
 //! cargo run --release --example viewer
 //! ```
 //!
-//! It shows the scene with the host's own loop and with Dapple, as many samples each, and prints the errors of the last
-//! images against a reference of many samples. Only the part between the marks of the plug knows Dapple.
+//! It shows the scene with the host's own loop and with Dapple, with equal numbers of samples, and prints the errors of the
+//! last images against a reference of many samples. Only the code between the two `plug` marks uses Dapple.
 
 #![expect(clippy::print_stdout, reason = "the program prints its result")]
 
@@ -17,7 +17,7 @@ use std::f32::consts::TAU;
 
 const SIZE: [u32; 2] = [96, 72];
 const PIXELS: usize = 96 * 72;
-/// The number of images until somebody closes the window. The last has 16 samples per pixel.
+/// The number of images shown until the window is closed. The last image has 16 samples per pixel.
 const UPDATES: usize = 10;
 const REFERENCE_SPP: usize = 512;
 
@@ -34,7 +34,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     };
     let samples = view_with_dapple(2, &mut window)? as usize;
     let (plain, dapple) = (error(&own(samples.div_ceil(PIXELS), 2)), error(&window.image));
-    println!("relMSE {plain:.2e} by itself, {dapple:.2e} with Dapple: {:.3} of it", dapple / plain);
+    println!("relMSE {plain:.2e} without Dapple, {dapple:.2e} with Dapple: ratio {:.3}", dapple / plain);
     Ok(())
 }
 
@@ -57,7 +57,7 @@ fn view_with_dapple(seed: u64, window: &mut Window) -> Result<u64, Error> {
 }
 // --- end of plug
 
-/// The host's own loop: a sample in each pixel, and an image, over and over.
+/// The host's own loop: repeatedly adds one sample to each pixel and shows the image.
 fn view(seed: u64, window: &mut Window) {
     let mut sum = vec![[0.0; 3]; PIXELS];
     for spp in 1_u32.. {
@@ -72,7 +72,7 @@ fn view(seed: u64, window: &mut Window) {
     }
 }
 
-/// The window of the viewer, which somebody closes after some images.
+/// A stand-in for the viewer's window, which is closed after a number of images.
 struct Window {
     image: Vec<Rgb>,
     updates: usize,
@@ -114,7 +114,7 @@ struct Hit {
 
 const HIGHEST: f32 = 3.0;
 
-/// The height and the colour of the tower on a cell of the city's grid. Streets have height 0.
+/// The height and the colour of the tower in a cell of the city's grid. Streets have height 0.
 fn tower(x: i32, z: i32) -> (f32, Rgb) {
     let hash = (x.wrapping_mul(0x2c1b_3c6d) ^ z.wrapping_mul(0x297a_2d39)).wrapping_mul(0x1b87_3593) as u32;
     if x.rem_euclid(3) == 0 || z.rem_euclid(5) == 0 || x.abs() > 5 || z > 9 {
@@ -124,7 +124,7 @@ fn tower(x: i32, z: i32) -> (f32, Rgb) {
     (0.5 + (HIGHEST - 0.5) * of(24), [0.35 + 0.5 * of(16), 0.4 + 0.3 * of(8), 0.35 + 0.3 * of(12)])
 }
 
-/// The first tower or street on a ray, which walks through the cells of the grid.
+/// The first tower or street on a ray, found by traversing the cells of the grid.
 fn hit(from: V3, to: V3) -> Option<Hit> {
     let (mut cell, mut t, mut axis) = ([from[0].floor(), from[2].floor()], 0.0, 1);
     for _ in 0..64 {

@@ -4,8 +4,8 @@
 //! cargo run --release --example wavefront
 //! ```
 //!
-//! It renders the scene with the host's own waves and with Dapple's, as many samples each, and prints the errors against
-//! a reference of many samples. Only the part between the marks of the plug knows Dapple.
+//! It renders the scene with the host's own waves and with Dapple's, with equal numbers of samples, and prints the errors
+//! against a reference of many samples. Only the code between the two `plug` marks uses Dapple.
 
 #![expect(clippy::print_stdout, reason = "the program prints its result")]
 
@@ -28,7 +28,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         pairs.map(|(x, r)| (x - r).powi(2) / (r * r + 0.01)).sum::<f32>() / (3 * SIZE[0] * SIZE[1]) as f32
     };
     let (plain, dapple) = (error(&render(SPP, 2)), error(&render_with_dapple(2)?.radiance));
-    println!("relMSE {plain:.2e} by itself, {dapple:.2e} with Dapple: {:.3} of it", dapple / plain);
+    println!("relMSE {plain:.2e} without Dapple, {dapple:.2e} with Dapple: ratio {:.3}", dapple / plain);
     Ok(())
 }
 
@@ -48,7 +48,7 @@ fn render_with_dapple(seed: u64) -> Result<Filtered, Error> {
 }
 // --- end of plug
 
-/// The host's own loop: as many waves over the whole image as samples per pixel.
+/// The host's own loop: one wave over the whole image per sample.
 fn render(spp: u32, seed: u64) -> Vec<Rgb> {
     let pixels = || (0..SIZE[0] * SIZE[1]).map(|i| [i % SIZE[0], i / SIZE[0]]);
     let mut image = vec![[0.0; 3]; pixels().count()];
@@ -111,7 +111,7 @@ fn trace(pixels: impl Iterator<Item = [u32; 2]>, random: impl Fn(usize, u32) -> 
 }
 
 const EYE: V3 = [0.0, 1.5, -6.0];
-/// A lamp that shines down: corner, sides and radiance.
+/// A light facing down: corner, sides and radiance.
 const LAMP: (V3, [f32; 2], Rgb) = ([1.0, 4.0, -1.5], [1.2, 1.2], [28.0, 26.0, 22.0]);
 /// Centres, radii and colours.
 const BALLS: [(V3, f32, Rgb); 4] = [
@@ -145,7 +145,7 @@ fn meet(from: V3, to: V3) -> Option<Hit> {
     balls.chain(floor).min_by(|a, b| a.t.total_cmp(&b.t))
 }
 
-/// Adds the light of the lamp at the hit, and scatters the path there.
+/// Adds direct lighting at the hit, and scatters the path there.
 fn shade(path: &mut Path, [lamp_u, lamp_v, u, v]: [f32; 4]) {
     let Some(hit) = path.hit.take() else {
         path.radiance = from_fn(|c| path.radiance[c] + path.weight[c] * [0.15, 0.2, 0.3][c]);

@@ -16,7 +16,7 @@ await visited(wrong, async (page) => {
   check(adaptive < 0.15 * uniform && adaptive > 0, `at 8 samples per pixel, errors of ${uniform} and ${adaptive}`);
   if (process.argv[2]) await page.screenshot({ path: process.argv[2] });
 
-  // Sliders begin anew, also while it renders.
+  // Sliders restart the renders, even while they run.
   await page.locator('#seed').fill('3');
   await page.locator('#spp').fill('4');
   await page.waitForSelector('body[data-state=running]');

@@ -1,4 +1,4 @@
-// node examples/web/test.mjs: the module of `examples/web/build` has the bits of a native render, without a clock and without threads.
+// node examples/web/test.mjs: checks that the module of `examples/web/build` is bit-identical to a native render, without a clock or threads.
 import { readFileSync } from 'node:fs';
 import { fileURLToPath } from 'node:url';
 

@@ -1,4 +1,5 @@
-//! Every fuzz target: `Cargo.toml` builds this file once for each, and the program's name selects the function.
+//! The main file of every fuzz target. `Cargo.toml` builds this file once per target, and the program's name selects the
+//! function.
 
 #![no_main]
 

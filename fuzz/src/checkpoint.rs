@@ -4,7 +4,7 @@ use dapple_core::render::TracedRows;
 use dapple_core::{Snapshot, container};
 use dapple_job::checkpoint::StateFile;
 
-/// A file, a snapshot and traced rows, and the same as a section with the right checksum.
+/// Parses `data` as a state file, a snapshot and traced rows, and as the header section of a file with a valid checksum.
 pub fn checkpoint(data: &[u8]) {
     let mut signed = container::begin(0);
     container::append(&mut signed, "header", data);

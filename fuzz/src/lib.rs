@@ -7,7 +7,7 @@ use dapple_scene::model::{read_obj, read_ply, read_stl};
 use dapple_scene::pbrt::{ReadOptions, read_scene_from};
 use glam::Vec3;
 
-/// A scene file, next to a mesh, an image and a file to include.
+/// Reads `data` as a scene file, next to a mesh, an image and a file to include.
 pub fn scene(data: &[u8]) {
     let mesh = b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
         element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
@@ -26,14 +26,14 @@ pub fn scene(data: &[u8]) {
     }
 }
 
-/// A PLY mesh.
+/// Reads `data` as a PLY mesh.
 pub fn ply(data: &[u8]) {
     if let Ok(mesh) = read_ply(data) {
         mesh.data.check().expect("what is read is whole");
     }
 }
 
-/// An OBJ mesh whose material file has the same bytes.
+/// Reads `data` as an OBJ mesh whose material file has the same bytes.
 pub fn obj(data: &[u8]) {
     let files: &[(&str, &[u8])] = &[("m.obj", data), ("m.mtl", data)];
     if let Ok(model) = read_obj(data) {
@@ -42,7 +42,7 @@ pub fn obj(data: &[u8]) {
     let _ = dapple_scene::read_any_from(files, "m.obj", &Default::default());
 }
 
-/// A glTF file, text or binary, whose image has the same bytes.
+/// Reads `data` as a glTF file, text or binary, whose image has the same bytes.
 pub fn gltf(data: &[u8]) {
     let files: &[(&str, &[u8])] = &[("m.gltf", data), ("p.png", data)];
     match dapple_scene::read_any_from(files, "m.gltf", &Default::default()) {
@@ -51,14 +51,14 @@ pub fn gltf(data: &[u8]) {
     }
 }
 
-/// An STL mesh.
+/// Reads `data` as an STL mesh.
 pub fn stl(data: &[u8]) {
     if let Ok(mesh) = read_stl(data) {
         mesh.data.check().expect("what is read is whole");
     }
 }
 
-/// An image of any format. The name is that of a TGA, which has no signature.
+/// Reads `data` as an image of any format. The file name is that of a TGA image, because TGA has no signature.
 pub fn image(data: &[u8]) {
     for encoding in [Encoding::Auto, Encoding::Linear] {
         if let Ok(image) = read_image(data, "a.tga", encoding) {
@@ -70,8 +70,8 @@ pub fn image(data: &[u8]) {
     let _ = read_attributes(data, "a.exr");
 }
 
-/// Arbitrary triangles and rays: a count of vertices, vertices, and triangles of single bytes. Some rays run from
-/// vertex to vertex, others are arbitrary bits of the last bytes.
+/// Intersects triangles with rays. `data` holds the number of vertices, the vertices, and triangles with one byte per index.
+/// Some rays run from vertex to vertex; others are made from the bytes of the triangles.
 pub fn geometry(data: &[u8]) {
     let Some((&count, rest)) = data.split_first() else { return };
     let (numbers, rest) = rest.split_at((usize::from(count) * 12).min(rest.len() / 12 * 12));

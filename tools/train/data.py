@@ -1,4 +1,4 @@
-"""data.py FOLDER FIRST END [STEP]: films of the random scenes FIRST, FIRST + STEP, ... below END as FOLDER/SEED.npz; goes on where it stopped.
+"""data.py FOLDER FIRST END [STEP]: renders films of the random scenes FIRST, FIRST + STEP, ... below END to FOLDER/SEED.npz; resumes where it stopped.
 
 Each scene is rendered at 1, 2 and 4 samples per pixel and at 8 or 16 without the network, and once at 64 with another seed by the default: its
 filtered image is the target, its unfiltered image holds the energy. DAPPLE names the program.
@@ -15,7 +15,7 @@ import OpenEXR
 
 OPTIONS = "--quiet --threads 1".split()
 WITHOUT = "--filter cluster-regression:network=false".split()
-# Scenes before this seed have box pixels; others say their own.
+# Scenes with smaller seeds use the box pixel filter; others state their own.
 WIDE = 4000
 
 

@@ -1,4 +1,4 @@
-"""export.py STATE OUT: the trained weights, 16 bits each (the upper half of a float), layer after layer: each output's weights, then its bias."""
+"""export.py STATE OUT: writes the trained weights with 16 bits each (the upper half of a float), layer by layer: for each output, the weights and the bias."""
 
 import hashlib
 import sys

@@ -1,4 +1,4 @@
-"""What the network reads of a film, as in crates/denoise/src/network/exposed_film.rs."""
+"""The network's inputs from a film, as in crates/denoise/src/network/exposed_film.rs."""
 
 import numpy as np
 
@@ -45,7 +45,7 @@ def features(film):
 
 
 def without_features(inputs, film):
-    """Inputs as of a film that records no features. `film` is its mean colour."""
+    """The inputs without features. `film` is the film's mean colour."""
     inputs = inputs.copy()
     inputs[..., 0:3], inputs[..., 3:6] = logarithm(film), inputs[..., 6:9]
     inputs[..., 9:15], inputs[..., 20], inputs[..., 21] = 0, 1.5, 0

@@ -1,4 +1,4 @@
-// Sums of the values Z of the eight pixels at distance d, as far as they lie in the image, weighted by exp(-|F_p - F_q|^2), and of the pixel
+// Sums of the values Z of the eight pixels at distance d, if they lie in the image, weighted by exp(-|F_p - F_q|^2), and of the pixel
 // itself with the weight C; and their gradients. Planes: b images, nz values, nf features, h rows, w <= 1024 columns.
 
 #include <cmath>
@@ -18,7 +18,7 @@ template <class Side> static void sides(int y, int h, int w, int d, Side side) {
             if ((dy || dx) && y + dy >= 0 && y + dy < h) side(dy * w + dx, dx < 0 ? -dx : 0, dx > 0 ? w - dx : w);
 }
 
-// The likeness of pixels of a row and those at offset o.
+// The similarity of the pixels of a row to the pixels at offset o.
 static inline void likeness(const float *f, long n, int nf, int o, int x0, int x1, float *k) {
     for (int x = x0; x < x1; x++) k[x] = 0;
     for (int q = 0; q < nf; q++) {

@@ -1,4 +1,4 @@
-"""The network, as in crates/denoise/src/network.rs: a U-Net of isotropic convolutions, and averages weighted by its features."""
+"""The network, as in crates/denoise/src/network.rs: a U-Net of isotropic convolutions, whose features weight averages over pixels."""
 
 import ctypes
 import subprocess
@@ -14,14 +14,14 @@ CHANNELS = (16, 32, 48, 64)
 DISTANCES = (2, 8, 32, 16, 4, 1)
 FEATURES = 8
 LEVELS = len(DISTANCES) + 1
-# Weights in the blend: of the film's averages over albedo and with it by turns, of the image's averages, of the image; and the image's share.
+# Outputs for the blend: weights of the film's averages (alternately over albedo and with it), of the image's averages and of the image; and the image's fraction.
 BLEND = 3 * LEVELS + 2
-# The place of each of the 3x3 weights: centre, edge or corner.
+# The kind of each of the 3x3 weights: centre, edge or corner.
 PLACES = torch.tensor([2, 1, 2, 1, 0, 1, 2, 1, 2])
 
 
 def library():
-    """The averages in C++, built beside this file if it is not there."""
+    """The averages in C++, compiled beside this file on first use."""
     source = Path(__file__).with_name("gather.cpp")
     built = source.with_suffix(".so")
     if not built.exists() or built.stat().st_mtime < source.stat().st_mtime:
@@ -37,7 +37,7 @@ def call(function, tensors, numbers):
 
 
 class Gather(torch.autograd.Function):
-    """Sums of the values of the eight pixels at a distance, weighted by the likeness of their features, and of the pixel itself."""
+    """Sums over the eight pixels at a distance, weighted by the similarity of their features, and over the pixel itself."""
 
     @staticmethod
     def forward(context, values, features, own, distance):

@@ -12,7 +12,7 @@ import numpy as np
 import OpenEXR
 from PIL import Image
 
-# Pixel filters of scenes with a wide one.
+# The pixel filters of scenes with a wide pixel filter.
 WIDE = [
     'PixelFilter "triangle" "float xradius" 1 "float yradius" 1',
     'PixelFilter "gaussian" "float xradius" 1.5 "float yradius" 1.5',
@@ -21,7 +21,7 @@ WIDE = [
 
 
 def noise(r, n, oct=5, rough=0.5):
-    """Noise of n x n pixels in 0 to 1 that repeats."""
+    """Periodic noise of n x n pixels, from 0 to 1."""
     y = np.zeros((n, n))
     for o in range(oct):
         k = 2 ** (o + 1)
@@ -102,7 +102,7 @@ def texture(r, path):
 
 
 class Scene:
-    """A scene that grows a statement at a time; `s.r` has its random numbers, `s.o` its lines."""
+    """A scene under construction, statement by statement; `s.r` is the random number generator, `s.o` the lines."""
 
     def __init__(s, seed, dir):
         s.plain = seed >= 3000
@@ -118,7 +118,7 @@ class Scene:
         s.o.append(" ".join(str(x) for x in a))
 
     def v(s, a):
-        """Numbers in brackets."""
+        """Formats numbers in brackets."""
         return "[ " + " ".join("%.5g" % x for x in np.ravel(a)) + " ]"
 
     def material(s, kinds=None):
@@ -161,7 +161,7 @@ class Scene:
         s.mesh([a, b, c, d], [0, 1, 2, 0, 2, 3], uv=[[0, 0], [q, 0], [q, q], [0, q]])
 
     def box(s, c, h, ang=0):
-        """Adds a box with centre, half of its size, and its turn around the vertical axis."""
+        """Adds a box: centre, half of the size, and rotation about the vertical axis."""
         c, h = np.array(c), np.array(h)
         ca, sa = np.cos(ang), np.sin(ang)
         R = np.array([[ca, -sa, 0], [sa, ca, 0], [0, 0, 1]])
@@ -228,7 +228,7 @@ class Scene:
         s.mesh(P, I)
 
     def thing(s, x, y, z, h):
-        """Adds a random object of size h that stands at a point; few of them move."""
+        """Adds a random object of size h standing at a point; few objects move."""
         r = s.r
         s.w("AttributeBegin")
         s.material()
@@ -287,7 +287,7 @@ class Scene:
         s.w("AttributeEnd")
 
     def lamp(s, c, n, size, power):
-        """Adds a lamp around c that faces n, a rectangle or a sphere, of this power."""
+        """Adds a light of this power around c: a rectangle facing n, or a sphere."""
         n = np.array(n, float)
         n /= np.linalg.norm(n)
         t = np.cross(n, [1, 0, 0] if abs(n[0]) < 0.8 else [0, 1, 0])

@@ -1,4 +1,4 @@
-"""train.py FOLDER STATE [PIXELS]: trains the network on the films in FOLDER for this many pixels (1.2e9); goes on from STATE if it is there.
+"""train.py FOLDER STATE [PIXELS]: trains the network on the films in FOLDER for PIXELS pixels (default 1.2e9); resumes from STATE if it exists.
 
 The loss of a film is the race's: the squared difference in sRGB of means of 4x4 pixels, relative to that of the default's image. Beside it stand
 the same of pixels (a tenth), that of the film's averages alone (0.3), the relative difference of means of 16x16 pixels to the unfiltered target,
@@ -21,7 +21,7 @@ from network import Network
 
 CROP, BATCH, RATE = 128, 8, 2e-3
 COLOURS = (0, 3, 6, 9)
-# The place of the logarithm of the image's error, whose scale differs between versions of the estimate.
+# The index of the logarithm of the image's error, whose scale differs between versions of the estimate.
 ERROR = 22
 
 
@@ -35,7 +35,7 @@ def batched(planes):
 
 
 def load(path):
-    """A scene's films: inputs, mean, albedo, image, target, unfiltered target; the error of the image; samples per pixel."""
+    """A scene's films: inputs, mean, albedo, image, target, unfiltered target, error of the image, and samples per pixel."""
     try:
         planes = np.load(path)
     except (ValueError, OSError):
@@ -57,7 +57,7 @@ def load(path):
 
 
 def batch(films, random):
-    """Crops with their colours permuted, their normals turned, and a few without features; the errors of their films; exposures."""
+    """Random crops (colours permuted, normals rotated, some without features), the errors of their films, and exposures."""
     crops = [[] for _ in range(6)]
     errors, exposures = [], []
     for _ in range(BATCH):
@@ -82,7 +82,7 @@ def batch(films, random):
 
 
 def losses(network, inputs, film, albedo, image, target, raw, error, exposure):
-    """By film: means of 4x4 pixels, pixels, energy, and the film alone."""
+    """The losses of each film: on means of 4x4 pixels, on pixels, of energy, and of the film's blend alone."""
     result, of_film = network(inputs, film, albedo, image)
     exposure = exposure.view(-1, 1, 1, 1)
     mean = lambda x: x.mean((1, 2, 3))

@@ -20,9 +20,7 @@ pub(crate) fn of_job(error: &JobError) -> Failure {
     match error {
         JobError::Spec(error) => of_spec(error),
         JobError::Read(error) => of_reader(error),
-        JobError::NotCalledFor { .. } | JobError::Without { .. } | JobError::NoShard { .. } => {
-            Failure::new(format!("--{error}"))
-        }
+        JobError::NoShard { .. } => Failure::new(format!("--{error}")),
         JobError::CheckpointExists { path } => {
             let with = format!("resume from it with --resume {},", path.display());
             Failure::new(error.to_string().replace("resume from it,", &with))
@@ -33,9 +31,9 @@ pub(crate) fn of_job(error: &JobError) -> Failure {
                 ("lower the resolution", "lower --resolution"),
                 ("leave the filter out", "use --filter none"),
                 ("render crops", "render crops (--crop)"),
-                ("smaller crops", "smaller crops (--crop)"),
+                ("render smaller crops", "render smaller crops (--crop)"),
                 ("is the limit", "is the limit (--memory)"),
-                ("is all there is", "is all there is (--memory SIZE sets another limit)"),
+                ("is all the memory available", "is all the memory available (--memory SIZE sets another limit)"),
                 (SIMPLER, simpler),
             ];
             Failure::new(options.iter().fold(error.to_string(), |text, (what, option)| text.replace(what, option)))

@@ -154,7 +154,9 @@ fn failure_of(error: &StudyError, bar: &mut Bar) -> Failure {
     match error {
         StudyError::Load(JobError::Memory { estimate, limit, .. }) => {
             let limit = limit.bytes().map_or_else(String::new, size);
-            Failure::new(format!("a run takes at least {estimate}, and {limit} is all there is; lower the resolution"))
+            Failure::new(format!(
+                "a run takes at least {estimate}, and {limit} is all the memory available; lower the resolution"
+            ))
         }
         StudyError::Load(error) => crate::failure::of_job(error),
         _ => Failure::lines(error),

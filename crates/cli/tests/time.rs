@@ -13,7 +13,7 @@ fn a_time_limit_that_cannot_be_met_is_named_with_its_excess() {
     let lines: Vec<&str> = said.err.lines().collect();
     let [before, after] = lines[..] else { panic!("two warnings: {}", said.err) };
     assert!(before.starts_with("warning: one sample per pixel will take about "), "{before}");
-    assert!(before.contains(" s, and the time limit is 0.05 s; rendering goes on"), "{before}");
+    assert!(before.contains(" s, but the time limit is 0.05 s; rendering continues"), "{before}");
     assert!(after.starts_with("warning: the render took ") && after.contains("more than the time limit of"), "{after}");
     let json: serde_json::Value = serde_json::from_str(&said.out).expect("JSON");
     assert_eq!(json["samples"], 800 * 600, "one sample per pixel");

@@ -11,15 +11,15 @@ use dapple_core::{Error, Film, Filter, Filtered, Frame, Limits, Needs, Render, S
 /// samples, and fireflies of 10^30 (whose square exceeds `f32`). The checks are:
 ///
 /// * a constant image stays constant;
-/// * radiance is finite, and errors are not negative, and finite in films whose pixels all have samples;
+/// * radiance is finite; errors are not negative, and are finite in films whose pixels all have samples;
 /// * the image and the error map have the size of the frame;
-/// * the bits of the result do not depend on the number of threads;
-/// * a film that lacks statistics that the filter needs is refused with
+/// * results are bit-identical for any number of threads;
+/// * a film without the statistics that the filter needs is refused with
 ///   [`Error::NotRecorded`](dapple_core::Error::NotRecorded).
 ///
 /// # Panics
 ///
-/// If a check fails; the message names it.
+/// If a check fails; the message names the check.
 pub fn filter(make: impl Fn() -> Box<dyn Filter>) {
     filter_on_frames(|_| make());
 }
@@ -28,22 +28,22 @@ pub fn filter(make: impl Fn() -> Box<dyn Filter>) {
 ///
 /// # Panics
 ///
-/// If a check fails; the message names it.
+/// If a check fails; the message names the check.
 pub fn filter_within(tolerance: f32, make: impl Fn() -> Box<dyn Filter>) {
     check(tolerance, &|_| make());
 }
 
-/// Checks filters as [`filter`] does, if `make` creates each one for one frame (because it uses clusters of its pixels,
-/// say).
+/// Checks filters as [`filter`] does, but `make` creates each filter for one frame. Use it for filters that depend on the
+/// frame's pixels, such as on their clusters.
 ///
 /// # Panics
 ///
-/// If a check fails; the message names it.
+/// If a check fails; the message names the check.
 pub fn filter_on_frames(make: impl Fn(&Frame) -> Box<dyn Filter>) {
     check(ROUNDING, &make);
 }
 
-/// The relative change of constant images by normalised `f32` weights.
+/// The tolerated relative change of constant images, due to rounding of normalised `f32` weights.
 const ROUNDING: f32 = 1e-5;
 
 fn check(tolerance: f32, make: &dyn Fn(&Frame) -> Box<dyn Filter>) {
@@ -65,7 +65,7 @@ fn check(tolerance: f32, make: &dyn Fn(&Frame) -> Box<dyn Filter>) {
     }
 }
 
-/// The range of sample counts in a film; a hash of the pixel's index picks the count.
+/// The range of sample counts in a film. A hash of the pixel's index selects the count.
 #[derive(Clone, Copy, Debug)]
 enum Counts {
     /// 0 to 3 samples per pixel.
@@ -118,7 +118,7 @@ fn finite_and_repeatable(filter: &dyn Filter, scene: Scene, counts: Counts, fram
         _ => &[],
     };
     for &threads in threads {
-        assert!(bits(&apply(threads)) == bits(&image), "{case}: {threads} threads give other bits");
+        assert!(bits(&apply(threads)) == bits(&image), "{case}: {threads} threads give a different result");
     }
 }
 
@@ -151,5 +151,5 @@ fn refuses(filter: &dyn Filter, frame: Frame) {
     let bare = film(Scene::Noise, Counts::Uneven, None, frame);
     let answer = filter.apply(&bare);
     let refused = matches!(answer, Err(Error::NotRecorded { .. }));
-    assert!(refused, "{}: a film without needs() is not refused", filter.describe());
+    assert!(refused, "{}: a film without the statistics in needs() is not refused", filter.describe());
 }

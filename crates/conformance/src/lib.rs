@@ -1,7 +1,7 @@
 //! Conformance tests for every Dapple point set, sampler and filter: a dev-dependency of one line.
 //!
-//! Each function panics if a check fails, with a message that names the broken property, the place and the size of the
-//! fault. Call it in a `#[test]`. All inputs are fixed, so a test that passes once always passes.
+//! Each function panics if a check fails, with a message that names the broken property, where it fails and by how
+//! much. Call it in a `#[test]`. All inputs are fixed, so a test that passes once always passes.
 //!
 //! ```
 //! use dapple_conformance::{filter, point_set, sampler};
@@ -52,12 +52,12 @@
 //! # my_filter_conforms();
 //! ```
 //!
-//! [`statistics`] holds tests of claims about images: means, equal images, densities, calibration and bias. [`toys`] has small
-//! points, integrators, samplers and filters to test with.
+//! [`statistics`] holds tests of claims about images: means, equal images, densities, calibration and bias. [`toys`] has simple
+//! point sets, integrators, samplers and filters for tests.
 //!
 //! # Limits
 //!
-//! * The tests cannot know how well a point set is stratified, or how much error a sampler or filter saves.
+//! * The tests do not measure how well a point set is stratified, or how much error a sampler or filter saves.
 //! * They check properties on synthetic images of at most 20x35 pixels, not on scenes.
 
 mod filter;

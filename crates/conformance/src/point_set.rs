@@ -6,28 +6,27 @@ use rayon::prelude::*;
 /// Checks every required property of a [`PointSet`] on fixed inputs.
 ///
 /// * Range: every coordinate is in `[0, 1)`, also at the last index, the last block and far pixels.
-/// * Purity: the same bits in forward, backward and interleaved order, on several threads, in pairs of blocks, and in
+/// * Purity: bit-identical numbers in forward, backward and interleaved order, on several threads, in pairs of blocks, and in
 ///   batches of any size.
-/// * Uniformity: mean and variance of each coordinate over pixels are those of uniform numbers, and values come close
-///   to both 0 and 1.
-/// * Independence: pixels at five lags, streams, and blocks up to number 4000 are uncorrelated, also in the order in
-///   which a pixel's samples run through the range. Sets that couple neighbouring pixels
-///   ([`PointSet::couples_pixels`]) are tested on pixels 1009 columns and rows apart.
+/// * Uniformity: over pixels, each coordinate has the mean and variance of uniform numbers, and comes close to both 0 and 1.
+/// * Independence: pixels at five distances, streams, and blocks up to number 4000 are uncorrelated. Blocks must also order a
+///   pixel's samples differently. Sets that couple neighbouring pixels ([`PointSet::couples_pixels`]) are tested on pixels 1009
+///   columns and rows apart.
 /// * Distinctness: no two samples of a pixel are equal, at the start, past 2^31 and 2^32 and at the end.
-/// * `preferred_count` is at least `n`, never falls, and is its own preferred count.
+/// * `preferred_count(n)` is at least `n`, never decreases with `n`, and is its own preferred count.
 /// * `describe` is not empty and does not change.
 ///
 /// # Precision
 ///
-/// Statistical bounds are at 4.5 standard errors, which independent numbers exceed with probability 6.8e-6 each. Over
-/// all comparisons, a sound point set fails by chance with probability 0.01. As inputs are fixed, it then always fails:
-/// try another seed.
+/// Statistical bounds are at 4.5 standard errors, which independent numbers exceed with probability 6.8e-6 each. Over all
+/// comparisons, a correct point set fails by chance with probability 0.01. Because inputs are fixed, it then always fails: try
+/// another seed.
 ///
-/// Stratification and convergence are not checked here; test them with the point set.
+/// Stratification and convergence are not checked here; test them in the point set's own crate.
 ///
 /// # Panics
 ///
-/// If a check fails; the message names it.
+/// If a check fails; the message names the check.
 pub fn point_set(points: &dyn PointSet) {
     describes_itself(points);
     counts(points);
@@ -45,17 +44,17 @@ pub fn point_set(points: &dyn PointSet) {
 /// The bound of the statistical checks, in standard errors.
 const BOUND: f64 = 4.5;
 
-/// The tested blocks: those of the first 64 coordinates, and some of long paths.
+/// The tested blocks: the blocks of the first 64 coordinates, and some later ones, as used by long paths.
 const BLOCKS: [u32; 20] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 100, 256, 1000, 4000];
 
 fn id(pixel: [u32; 2], stream: u32, index: u64) -> SampleId {
     SampleId::new(pixel, stream, index)
 }
 
-/// The distance of pixels whose numbers must be uncorrelated: a prime, so that it is no multiple of a tile's side.
+/// The distance of pixels whose numbers must be uncorrelated: a prime, so that it is not a multiple of a tile's side.
 const FAR: u32 = 1009;
 
-/// A sample of the pixel at this place among pixels that must be uncorrelated.
+/// A sample of pixel `place` in a grid of pixels that are far enough apart to be uncorrelated.
 fn far_id(points: &dyn PointSet, place: [u32; 2], stream: u32, index: u64) -> SampleId {
     let spacing = if points.couples_pixels() { FAR } else { 1 };
     id(place.map(|c| c * spacing), stream, index)
@@ -84,7 +83,7 @@ fn counts(points: &dyn PointSet) {
     }
 }
 
-/// Indices around which integers of usual widths overflow, up to the capacity.
+/// Indices near which integers of common widths overflow, up to the capacity.
 fn critical_indices(points: &dyn PointSet) -> Vec<u64> {
     let last = points.capacity() - 1;
     let mut indices: Vec<u64> = [8, 16, 24, 31, 32, 53, 63].iter().map(|k| 1_u64 << k).chain([0, last]).collect();
@@ -152,7 +151,7 @@ fn distinct(points: &dyn PointSet) {
     }
 }
 
-/// Checks that the same samples have the same bits when read in four orders and from several threads.
+/// Checks that samples are bit-identical when read in four orders and from several threads.
 fn purity(points: &dyn PointSet) {
     let most = points.capacity().min(16);
     let names: Vec<(SampleId, u32)> = (0..most)
@@ -183,7 +182,7 @@ fn purity(points: &dyn PointSet) {
     }
 }
 
-/// Checks that two blocks read together are those read one by one.
+/// Checks that two blocks read together equal the blocks read one by one.
 fn pairs(points: &dyn PointSet) {
     let bits = |block: [f32; 4]| block.map(f32::to_bits);
     for index in critical_indices(points) {
@@ -225,7 +224,7 @@ fn batches(points: &dyn PointSet) {
     }
 }
 
-/// Checks mean and variance of each coordinate over pixels, whose points are independent in every set.
+/// Checks mean, variance and range of each coordinate over pixels that are independent in every point set.
 fn uniform(points: &dyn PointSet) {
     let side = 128_u32;
     let n = f64::from(side * side);
@@ -258,8 +257,8 @@ fn uniform(points: &dyn PointSet) {
     }
 }
 
-/// The correlation coefficient of two uniform numbers with known moments, times `sqrt(n)`. It is standard normal if the
-/// numbers are independent.
+/// The correlation coefficient of pairs of uniform numbers, whose moments are known. Times `sqrt(n)`, it is standard normal if
+/// the numbers are independent.
 #[derive(Default, Clone, Copy)]
 struct Correlation {
     sum: f64,
@@ -327,7 +326,7 @@ fn streams_are_independent(points: &dyn PointSet) {
     }
 }
 
-/// Checks that different blocks have different scrambles, and different orders of samples within a pixel.
+/// Checks that different blocks have independent scrambles, and different orders of samples within a pixel.
 fn blocks_are_independent(points: &dyn PointSet) {
     let side = 96_u32;
     let n = points.capacity().min(16);
@@ -366,7 +365,7 @@ fn blocks_are_independent(points: &dyn PointSet) {
             let square = order[k] / f64::from(side * side / 16);
             assert!(
                 n < 16 || square < 0.2,
-                "{}: a pixel's samples run through both in a common order, mean squared correlation {square:.2}",
+                "{}: a pixel's samples have the same order in both; mean squared correlation {square:.2}",
                 what()
             );
         }

@@ -7,7 +7,7 @@ use dapple_core::{
     Block, Draws, Error, Estimate, Film, FirstHit, Frame, Integrator, Limits, Needs, Render, Sampler, Snapshot, Worker,
 };
 
-/// The way in which a sampler uses the budget.
+/// The rule by which a sampler spends the budget.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Spending {
     /// The sampler spends every sample of the budget.
@@ -21,18 +21,18 @@ pub enum Spending {
 /// Renders synthetic scenes (black, constant, an edge, noise, fireflies, invalid samples) on frames from 1x1 up. The
 /// checks are:
 ///
-/// * the budget is spent exactly, also if the render loop raises it later;
-/// * every pixel's count lies between floor and ceiling, and every plan is valid;
+/// * the budget is spent exactly, even if it is raised later;
+/// * every pixel's count lies between `min_spp` and `max_spp`, and every plan is valid;
 /// * images have no NaN or infinity;
-/// * the image's bits do not depend on threads, tiles, slices or task order, and a second run repeats them;
-/// * a render resumed from any snapshot ends with the same bits ([`Sampler::save`]);
-/// * the sampler's description begins with its name, and neither changes.
+/// * images are bit-identical for any threads, tiles, slices and task order, and in a second run;
+/// * a render resumed from any snapshot ends with a bit-identical film ([`Sampler::save`]);
+/// * the sampler's description begins with the sampler's name, and neither changes.
 ///
 /// Below 16 samples per pixel a sampler may refuse with [`Error::BudgetTooSmall`](dapple_core::Error::BudgetTooSmall).
 ///
 /// # Panics
 ///
-/// If a check fails; the message names it.
+/// If a check fails; the message names the check.
 pub fn sampler(make: impl Fn() -> Box<dyn Sampler>) {
     sampler_on_frames(|_| make(), Spending::Exact);
 }
@@ -42,22 +42,22 @@ pub fn sampler(make: impl Fn() -> Box<dyn Sampler>) {
 ///
 /// # Panics
 ///
-/// If a check fails; the message names it.
+/// If a check fails; the message names the check.
 pub fn threshold_sampler(make: impl Fn() -> Box<dyn Sampler>) {
     sampler_on_frames(|_| make(), Spending::AtMost);
 }
 
-/// Checks samplers as [`sampler`] does, if `make` creates each one for one frame (because it uses clusters of its
-/// pixels, say).
+/// Checks samplers as [`sampler`] does, but `make` creates each sampler for one frame. Use it for samplers that depend on the
+/// frame's pixels, such as on their clusters.
 ///
 /// # Panics
 ///
-/// If a check fails; the message names it.
+/// If a check fails; the message names the check.
 pub fn sampler_on_frames(make: impl Fn(&Frame) -> Box<dyn Sampler>, spending: Spending) {
     check(&make, spending);
 }
 
-/// A maker of samplers. No type parameter, so that the checks are compiled once, not for each sampler.
+/// A function that creates samplers. It is a trait object, so that the checks are compiled only once.
 type Make<'a> = &'a dyn Fn(&Frame) -> Box<dyn Sampler>;
 
 /// The frame of most checks: wider than the edge of [`Scene::Edge`], with two surfaces.
@@ -80,7 +80,7 @@ fn check(make: Make<'_>, spending: Spending) {
     impossible(make, frame([5, 4]));
 }
 
-/// Synthetic scenes without geometry, as extreme as any that a sampler or filter may meet.
+/// Synthetic scenes without geometry, as extreme as any scene given to a sampler or filter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Scene {
     Black,
@@ -142,7 +142,7 @@ pub(crate) fn frame(size: [u32; 2]) -> Frame {
     Frame::new(size[0], size[1]).expect("a frame of the checks")
 }
 
-/// All statistics of a film as 64-bit words. Films with equal words can differ in their timings only.
+/// All statistics of a film as 64-bit words. Films with equal words are bit-identical except for timings.
 pub fn bits(film: &Film) -> Vec<u64> {
     let record = film.record();
     let mut bits = vec![record.samples, record.rays, record.blocks, record.rejected];
@@ -182,7 +182,7 @@ pub fn bits(film: &Film) -> Vec<u64> {
 ///
 /// # Panics
 ///
-/// If the pool cannot be made.
+/// If the pool cannot be created.
 pub fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool of threads");
     pool.install(work)
@@ -198,11 +198,11 @@ fn names(make: Make<'_>) {
     let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
     assert!(!name.is_empty() && name.chars().all(plain), "the name {name:?} is not lower case with hyphens");
     assert!(description.starts_with(name), "the description {description:?} does not begin with the name {name:?}");
-    assert_eq!(description, make(&frame([19, 18])).describe(), "a sampler describes itself differently each time");
-    assert_eq!(one.needs(), make(&frame([19, 18])).needs(), "a sampler needs something else each time");
+    assert_eq!(description, make(&frame([19, 18])).describe(), "the sampler's description changes");
+    assert_eq!(one.needs(), make(&frame([19, 18])).needs(), "the sampler's needs change");
 }
 
-/// Renders, and checks that the film keeps to the limits. `None` if the sampler refuses a small budget.
+/// Renders, and checks that the film is within the limits. `None` if the sampler refuses a small budget.
 fn within(make: Make<'_>, spending: Spending, scene: Scene, frame: Frame, limits: &Limits, total: u64) -> Option<Film> {
     let mut sampler = make(&frame);
     let case = format!("{}, {scene:?}, {:?}, {limits:?}", sampler.describe(), frame.size());
@@ -215,7 +215,7 @@ fn within(make: Make<'_>, spending: Spending, scene: Scene, frame: Frame, limits
     Some(film)
 }
 
-/// Checks that a film has the samples of its budget, within bounds.
+/// Checks that a film has as many samples as its budget, and each pixel's count is within its bounds.
 fn is_within(film: &Film, spending: Spending, limits: &Limits, total: u64, case: &str) {
     let (frame, spent) = (film.frame(), film.record().samples);
     match spending {
@@ -224,7 +224,7 @@ fn is_within(film: &Film, spending: Spending, limits: &Limits, total: u64, case:
     }
     let pixels = 0..frame.pixels();
     let taken: u64 = pixels.clone().map(|i| film.count(i) + film.discarded(i).count).sum();
-    assert_eq!(taken, spent, "{case}: samples are lost");
+    assert_eq!(taken, spent, "{case}: the pixels' counts do not add up to the samples spent");
     for i in pixels {
         let count = film.count(i);
         assert!(count >= u64::from(limits.min_spp), "{case}: {count} samples in pixel {i} are below the floor");
@@ -240,7 +240,7 @@ fn spends(make: Make<'_>, spending: Spending, frame: Frame, scene: Scene) {
         let Some(film) = film else { continue };
         if scene == Scene::Constant {
             let off = (0..frame.pixels()).find(|&i| (film.mean(i)[0] - f64::from(0.7f32)).abs() > 1e-6);
-            assert_eq!(off, None, "a pixel of a constant image is not its constant");
+            assert_eq!(off, None, "a pixel of a constant image has another value");
         }
     }
 }
@@ -275,7 +275,7 @@ fn same_bits(make: Make<'_>, frame: Frame, scene: Scene) {
         bits(&film.unwrap_or_else(|e| panic!("{}, {scene:?}: {e}", sampler.describe())))
     };
     let reference = film(1, &limits);
-    assert!(film(1, &limits) == reference, "{scene:?}: a second run gives other bits");
+    assert!(film(1, &limits) == reference, "{scene:?}: a second run gives a different result");
     // The other scenes differ in what is planned, not in how it is shared out.
     let thorough = scene == Scene::Edge;
     let (threads, schedules): (&[usize], &[(u32, u32, u64)]) = match thorough {
@@ -283,7 +283,7 @@ fn same_bits(make: Make<'_>, frame: Frame, scene: Scene) {
         false => (&[3], &[(1, 13, 0xfeed)]),
     };
     for &threads in threads {
-        assert!(film(threads, &limits) == reference, "{scene:?}: {threads} threads give other bits than one");
+        assert!(film(threads, &limits) == reference, "{scene:?}: {threads} threads give a different result than one");
     }
     for &(tile_rows, slice_spp, shuffle) in schedules {
         let mut cut = limits.clone();
@@ -291,7 +291,7 @@ fn same_bits(make: Make<'_>, frame: Frame, scene: Scene) {
             .with_tile_rows(tile_rows)
             .with_slice_spp(slice_spp)
             .with_shuffle(shuffle);
-        assert!(film(3, &cut) == reference, "{scene:?}: {:?} gives other bits", cut.schedule);
+        assert!(film(3, &cut) == reference, "{scene:?}: {:?} gives a different result", cut.schedule);
     }
 }
 
@@ -313,8 +313,8 @@ impl Monitor for Keeper {
     }
 }
 
-/// Checks that a new sampler resumed from any snapshot ends with the same bits. Resumed from the last one with a larger
-/// budget, it ends with the bits of the sampler that spent the smaller one.
+/// Checks that a new sampler, resumed from any snapshot, ends with a bit-identical film. Also resumes the last snapshot with a
+/// larger budget. The film must then be bit-identical to that of one sampler whose budget is raised.
 fn resumes(make: Make<'_>, frame: Frame, scene: Scene) {
     let pixels = frame.pixels() as u64;
     let mut limits = Limits::samples(21 * pixels + 5);
@@ -336,13 +336,16 @@ fn resumes(make: Make<'_>, frame: Frame, scene: Scene) {
         let film = resumed(bytes, &unsliced, 1 + i % 3);
         assert!(
             bits(&film) == whole,
-            "{case}: resumed after slice {i} it gives other bits; save() must return all state"
+            "{case}: resumed after slice {i}, it gives a different result; save() must return all state"
         );
     }
     let later = resumed(&keeper.end, &Limits::samples(43 * pixels), 2);
     let budgets = [21 * pixels + 5, 43 * pixels];
     let same = raised(&mut { scene }, &mut *make(&frame), Needs::none(), frame, &budgets);
-    assert!(bits(&later) == bits(&same), "{case}: a new sampler goes on otherwise than the one of the first budget");
+    assert!(
+        bits(&later) == bits(&same),
+        "{case}: a new sampler continues differently than the one with the first budget"
+    );
 }
 
 fn budget_raised(make: Make<'_>, spending: Spending, frame: Frame, scene: Scene) {
@@ -354,14 +357,14 @@ fn budget_raised(make: Make<'_>, spending: Spending, frame: Frame, scene: Scene)
     is_within(&film, spending, &Limits::samples(steps[4]), steps[4], &case);
 }
 
-/// Checks that counts belong to the pixels of the window, not of the full frame.
+/// Checks that counts refer to the pixels of the window, not of the full frame.
 fn crops(make: Make<'_>, spending: Spending) {
     let window = frame([40, 30]).crop(7, 3, 20, 8).expect("a window of the checks");
     let total = 19 * window.pixels() as u64;
     within(make, spending, Scene::Noise, window, &Limits::samples(total), total);
 }
 
-/// Checks that budgets that no plan can meet give an error, or a plan within the samples left.
+/// Checks that a budget that is too small gives an error, or a plan with at most as many samples as are left.
 fn impossible(make: Make<'_>, frame: Frame) {
     for (total, min_spp) in [(0, 1), (1, 1), (19, 1), (79, 4)] {
         let mut sampler = make(&frame);

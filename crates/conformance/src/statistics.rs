@@ -8,15 +8,15 @@
 //! | a mean is *proven* close to a value | [`Mean::equals`] |
 //! | one of two methods has less error at equal budget | `ratio_interval` and `log_log_fit` of dapple-metrics |
 //! | error estimates are calibrated | [`Calibration`] |
-//! | adaptive counts do not bias the image | [`kept`], [`refined`], [`Bernoulli`], [`BiasedSampler`], [`count_trend`] |
-//! | two images are the same bits | [`bits`](crate::bits), and the checks of samplers and filters |
+//! | adaptive counts do not bias the image | [`kept`], [`refined`], [`Bernoulli`], [`Naive`], [`count_trend`] |
+//! | two images are bit-identical | [`bits`](crate::bits), and the checks of samplers and filters |
 //!
-//! Seeds are fixed. A family of tests raises a false alarm with probability [`FAMILY`] at most: each test runs at the
-//! level [`sidak`], or p-values are [`adjusted`]. [`power`] computes the probability that a test detects a given fault.
-//! Assert it, since a test that cannot fail proves nothing.
+//! Seeds are fixed. The probability of any false alarm in a family of tests is at most [`FAMILY`]: each test runs at the level
+//! [`sidak`], or p-values are [`adjusted`]. [`power`] computes the probability that a test detects a given fault. Assert this
+//! probability, since a test that cannot fail proves nothing.
 //!
-//! Compute variances *between* replicates that have seeds of their own. Samples within one low-discrepancy or adaptive
-//! image are not independent.
+//! Compute variances *between* replicates with different seeds. Samples within one low-discrepancy or adaptive image are not
+//! independent.
 //!
 //! ```
 //! use dapple_conformance::statistics::{FAMILY, Mean, sidak};
@@ -48,7 +48,7 @@ pub enum Verdict {
     Pass,
     /// The claim is refuted at the significance level of the test.
     Fail,
-    /// The samples decide neither; more are needed.
+    /// The samples neither confirm nor refute the claim; more are needed.
     Undecided,
 }
 
@@ -103,7 +103,7 @@ impl Mean {
         MeanTest::new(self.mean - reference.mean, variance.sqrt(), degrees)
     }
 
-    /// Tests that the expectation is below `bound`: the mean must be below by `z` standard errors.
+    /// Tests that the expectation is below `bound`: the mean must be below `bound` by `z` standard errors.
     pub fn below(&self, bound: f64, z: f64) -> Verdict {
         let slack = z * self.standard_error();
         if self.mean + slack < bound {
@@ -155,7 +155,7 @@ impl MeanTest {
         2.0 * student_tail(self.t().abs(), self.degrees_of_freedom)
     }
 
-    /// The standard normal deviate about as probable as t [after Wallace 1959].
+    /// The standard normal deviate with about the same tail probability as t [after Wallace 1959].
     pub fn z(&self) -> f64 {
         let (t, v) = (self.t(), self.degrees_of_freedom);
         ((8.0 * v + 1.0) / (8.0 * v + 3.0) * (v * (t * t / v).ln_1p()).sqrt()).copysign(t)

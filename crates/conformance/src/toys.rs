@@ -1,4 +1,4 @@
-//! Toys for tests: points, integrators, a sampler and a filter that are made of closures.
+//! Simple point sets, integrators, samplers and filters for tests, most of them made of closures.
 //!
 //! ```
 //! use dapple_conformance::toys::{Independent, Traced, one_round};
@@ -26,12 +26,12 @@ use dapple_core::{
 pub struct Independent {
     /// The seed.
     pub seed: u64,
-    /// The number of samples of a pixel's stream.
+    /// The number of samples in each stream of a pixel.
     pub capacity: u64,
 }
 
 impl Independent {
-    /// Points without an end.
+    /// Points with unlimited capacity.
     pub const fn new(seed: u64) -> Self {
         Self { seed, capacity: u64::MAX }
     }
@@ -54,7 +54,7 @@ impl PointSet for Independent {
     }
 }
 
-/// Points from a closure of sample and block.
+/// A point set made of a closure of sample and block.
 pub struct Points<F>(pub F);
 
 impl<F: Fn(SampleId, u32) -> [f32; 4] + Send + Sync> PointSet for Points<F> {
@@ -67,7 +67,7 @@ impl<F: Fn(SampleId, u32) -> [f32; 4] + Send + Sync> PointSet for Points<F> {
     }
 }
 
-/// An integrator from a closure of the random numbers and the worker.
+/// An integrator made of a closure of the random numbers and the worker.
 pub struct Traced<F>(pub F);
 
 impl<F: Fn(&Draws<'_>, &mut Worker) -> Estimate + Sync> Integrator for Traced<F> {
@@ -76,7 +76,7 @@ impl<F: Fn(&Draws<'_>, &mut Worker) -> Estimate + Sync> Integrator for Traced<F>
     }
 }
 
-/// An integrator from a closure of the pixel and four numbers. Half of the radiance is indirect light.
+/// An integrator made of a closure of the pixel and four random numbers. Half of the radiance is indirect lighting.
 pub struct Field<F>(pub F);
 
 impl<F: Fn([u32; 2], [f32; 4]) -> [f32; 3] + Sync> Integrator for Field<F> {
@@ -86,18 +86,18 @@ impl<F: Fn([u32; 2], [f32; 4]) -> [f32; 3] + Sync> Integrator for Field<F> {
     }
 }
 
-/// An integrator that learns from some passes, from a closure that sees the passes so far.
+/// An integrator with training passes, made of a closure that receives the passes so far.
 pub struct Learner<F> {
     /// The closure.
     pub trace: F,
-    /// The number of passes that it wants.
+    /// The number of training passes that the integrator requests.
     pub passes: usize,
-    /// The passes so far.
+    /// The training passes so far.
     pub learned: Vec<TrainingData>,
 }
 
 impl<F: Fn(&[TrainingData], &Draws<'_>, &mut Worker) -> Estimate + Sync> Learner<F> {
-    /// An integrator that has learned nothing yet.
+    /// An integrator without training passes so far.
     pub fn new(passes: usize, trace: F) -> Self {
         Self { trace, passes, learned: Vec::new() }
     }
@@ -117,7 +117,7 @@ impl<F: Fn(&[TrainingData], &Draws<'_>, &mut Worker) -> Estimate + Sync> Integra
     }
 }
 
-/// A sampler from a closure that plans each round.
+/// A sampler made of a closure that plans each round.
 pub struct ToySampler<F> {
     /// The points.
     pub points: Independent,
@@ -159,7 +159,7 @@ pub fn one_round(
     ToySampler { points, needs: Needs::none(), plan }
 }
 
-/// A filter from a closure of the film.
+/// A filter made of a closure of the film.
 pub struct ToyFilter<F> {
     /// The filter's name.
     pub name: &'static str,
@@ -183,7 +183,7 @@ impl<F: Fn(&Film) -> Filtered + Send + Sync> Filter for ToyFilter<F> {
     }
 }
 
-/// Renders with a budget that is raised from each of these numbers of samples to the next.
+/// Renders with a budget that is raised step by step through `budgets` (total numbers of samples). Returns the last film.
 ///
 /// # Panics
 ///

@@ -114,7 +114,7 @@ fn a_common_order_is_rejected() {
         let place = key(&[pixel(&id), id.stream.into(), block.into(), id.index >> 16]);
         [0, 1, 2, 3].map(|k| (((id.index as u32).reverse_bits() ^ mix(place + k) as u32) >> 8) as f32 / 16_777_216.0)
     };
-    rejected(&Points(points), "common order");
+    rejected(&Points(points), "the same order");
 }
 
 /// Sound points with one wrong method.

@@ -1,11 +1,11 @@
-//! Files that stay complete in a crash: checkpoints, plans and traced rows of renders.
+//! Crash-safe files: checkpoints, plans and traced rows of renders.
 //!
 //! * [`Store::save`] writes a temporary file, flushes it to the disk and renames it; the previous version of the file
 //!   is kept beside it. So [`Store::read`] finds a complete file at every moment.
 //! * A [`StateFile`] has an [`Identity`] (the settings that it depends on), and a checksum over every byte.
 //! * [`FileSystem`] holds the calls to the operating system; tests let each call fail.
 //!
-//! The module knows neither films nor scenes: states are bytes, those of `dapple_core::render::Status::snapshot`.
+//! The module does not interpret states: a state is the bytes that `dapple_core::render::Status::snapshot` returns.
 
 mod state_file;
 mod store;

@@ -15,13 +15,13 @@ pub struct WorldTriangles {
     pub positions: Vec<[f32; 3]>,
     /// The three vertex indices of each triangle.
     pub indices: Vec<[u32; 3]>,
-    /// The material's number of each triangle.
+    /// The material index of each triangle.
     pub materials: Vec<u32>,
 }
 
 impl WorldTriangles {
-    /// Copies the triangles of all meshes, in the order of the shapes' numbers. Moving instances are copied as they
-    /// stand when the shutter opens.
+    /// Copies the triangles of all meshes, in the order of shape indices. Moving instances are copied at their position when
+    /// the shutter opens.
     pub fn of(world: &World) -> Self {
         let meshes = || (0..world.geometry().shape_count()).filter_map(|number| world.geometry().shape(number).mesh());
         // All at once, since growing would write everything again.
@@ -60,7 +60,7 @@ pub struct WorldClusters {
     params: ClusterParams,
     labels: Arc<[u32]>,
     clusters: Arc<[Cluster]>,
-    /// For each shape, the number of its first primitive.
+    /// For each shape, the index in `labels` of its first primitive.
     first: Vec<u32>,
     report: Option<ClusterReport>,
     seconds: f64,
@@ -106,7 +106,7 @@ impl WorldClusters {
         &self.params
     }
 
-    /// The cluster's number of each primitive: triangles first, mesh by mesh, then spheres and disks.
+    /// The cluster index of each primitive: triangles first, mesh by mesh, then spheres and disks.
     pub fn labels(&self) -> &Arc<[u32]> {
         &self.labels
     }
@@ -116,13 +116,13 @@ impl WorldClusters {
         &self.clusters
     }
 
-    /// The index among [`labels`](Self::labels) of primitive `primitive` of shape `shape`.
+    /// The index in [`labels`](Self::labels) of primitive `primitive` of shape `shape`.
     #[inline]
     pub fn primitive(&self, shape: u32, primitive: u32) -> u32 {
         self.first[shape as usize] + primitive
     }
 
-    /// The number of the cluster that primitive `primitive` of shape `shape` lies in; `None` for other numbers.
+    /// The index of the cluster that contains primitive `primitive` of shape `shape`; `None` if there is no such primitive.
     pub fn label(&self, shape: u32, primitive: u32) -> Option<u32> {
         let first = self.first.get(shape as usize)?;
         self.labels.get(*first as usize + primitive as usize).copied()
@@ -187,7 +187,8 @@ pub(crate) fn visibility(world: Arc<World>) -> TraceVisibility {
     })
 }
 
-/// First hits of the world through the centres of pixels and lens when the shutter opens.
+/// A tracer of rays through the centres of a pixel and of the lens when the shutter opens. It returns the first hit and the
+/// circle of confusion.
 pub(crate) fn lens_probes(world: Arc<World>) -> LensProbes {
     let has_lens = world.camera().has_lens();
     let trace = move |pixel: [u32; 2]| {

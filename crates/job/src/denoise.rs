@@ -1,7 +1,7 @@
 //! Denoising of image files of any renderer: OpenEXR layers in, an image and its error out.
 //!
-//! [`DenoiseSpec`] names the files and settings; [`denoise_files`] reads and denoises them. Layers are found by the names
-//! that renderers give them ([`KNOWN_LAYERS`]), or by a name that the caller gives. All views of an image are denoised.
+//! [`DenoiseSpec`] names the files and settings; [`denoise_files`] reads and denoises them. Layers are recognised by the names
+//! that common renderers use ([`KNOWN_LAYERS`]), or by names that the caller passes. All views of an image are denoised.
 
 mod assemble;
 mod input;
@@ -26,30 +26,30 @@ use std::time::Instant;
 pub struct DenoiseSpec {
     /// One OpenEXR file with its variance, or two files of the same image rendered with different seeds.
     pub inputs: Vec<PathBuf>,
-    /// Layer names that the caller gives: the kind of layer, and its name in the files.
+    /// Layer names set by the caller: the kind of each layer, and its name in the files.
     pub layers: Vec<(LayerKind, String)>,
-    /// The number of samples per pixel in each file, if the files do not hold it.
+    /// The number of samples per pixel in each file; `None` reads it from the files.
     pub spp: Option<u32>,
-    /// True if the variance in the files is that of the mean, not of one sample.
+    /// `true` if the files hold the variance of each pixel's mean, `false` for the variance of one sample.
     pub variance_of_mean: bool,
     /// The filter; `None` for the default.
     pub filter: Option<String>,
-    /// The place of the light of fireflies, by the default filter.
+    /// The default filter's treatment of the energy of fireflies.
     pub fireflies: FireflyLight,
 }
 
-/// A denoised image in all its views, and what was read for it.
+/// A denoised image in all its views, with notices and timings.
 #[derive(Clone, Debug)]
 pub struct DenoisedImage {
-    /// The views, the default one first; one in files without views.
+    /// The views, the default view first. Files without views have a single one.
     pub views: Vec<DenoisedView>,
     /// The filter with all its parameters.
     pub filter: String,
-    /// Notices about layers that the files lack, about what was cut, and about assumptions; one sentence each.
+    /// Notices about missing layers, cropping and assumptions; one sentence each.
     pub notices: Vec<String>,
-    /// The seconds that reading and filtering took.
+    /// Seconds spent on reading, and on filtering.
     pub seconds: [f64; 2],
-    /// The first input.
+    /// The first input file; EXR outputs are copies of it with the image replaced.
     original: ExrFile<'static>,
 }
 
@@ -69,7 +69,7 @@ pub struct DenoisedView {
 ///
 /// # Errors
 ///
-/// [`DenoiseError`] for files that cannot be read, layers that are missing or do not fit each other, and the filter.
+/// [`DenoiseError`] for files that cannot be read, layers that are missing or inconsistent, and errors of the filter.
 pub fn denoise_files(spec: &DenoiseSpec) -> Result<DenoisedImage, DenoiseError> {
     let filter = spec.filter.as_deref().map(filter).transpose()?;
     let start = Instant::now();
@@ -103,7 +103,7 @@ pub fn denoise_files(spec: &DenoiseSpec) -> Result<DenoisedImage, DenoiseError> 
     Ok(DenoisedImage { views, filter: described, notices, seconds, original })
 }
 
-/// Reads all views. One without a variance is kept as it is if another one has its own.
+/// Reads all views. Skips a view without a variance if another view has one.
 fn read_views(
     spec: &DenoiseSpec,
     inputs: &[Input],
@@ -115,7 +115,9 @@ fn read_views(
             Err(error @ DenoiseError::NoVariance { .. }) => {
                 if let DenoiseError::NoVariance { path, image, .. } = &error {
                     let path = path.display();
-                    images.notices.push(format!("{path}: it has no variance for {image}, which stays noisy, as it is"));
+                    images
+                        .notices
+                        .push(format!("{path}: there is no variance for {image}, so this image is not denoised"));
                 }
                 without.get_or_insert(error);
                 continue;
@@ -131,7 +133,7 @@ fn read_views(
     }
 }
 
-/// A warning about buffers, with advice for files with these layers.
+/// Replaces the advice in a warning about buffers by advice about files with the layers `found`.
 fn for_files(found: &[(LayerKind, String)], warning: &str) -> String {
     let of_mean = found.iter().find(|(kind, _)| *kind == LayerKind::MeanVariance);
     let samples = match of_mean {
@@ -142,7 +144,7 @@ fn for_files(found: &[(LayerKind, String)], warning: &str) -> String {
     mean.replace("take Variance::OfSamples", &samples)
 }
 
-/// Makes a filter by its name, without a scene.
+/// Creates a filter from its description, without a scene.
 fn filter(description: &str) -> Result<Box<dyn dapple_core::Filter>, DenoiseError> {
     match registry::filter(description, &MethodInputs::default()) {
         Ok(made) => Ok(made.filter),
@@ -152,11 +154,13 @@ fn filter(description: &str) -> Result<Box<dyn dapple_core::Filter>, DenoiseErro
 }
 
 impl DenoiseSpec {
-    /// Checks before reading that every output can be written, and that each is a file of its own and none is an input.
+    /// Checks, before any file is read, that every output can be written. No two outputs may be the same file, and no output
+    /// may be an input.
     ///
     /// # Errors
     ///
-    /// [`DenoiseError::Overwrites`], [`DenoiseError::SameOutput`], and [`DenoiseError::Image`] for an unknown extension or a file that cannot be written.
+    /// [`DenoiseError::Overwrites`], [`DenoiseError::SameOutput`], and [`DenoiseError::Image`] for an unknown extension or a
+    /// file that cannot be written.
     pub fn check_outputs(&self, outputs: &[PathBuf]) -> Result<(), DenoiseError> {
         let inputs: Vec<FileIdentity> = self.inputs.iter().map(|input| FileIdentity::of(input)).collect();
         for (i, output) in outputs.iter().enumerate() {
@@ -174,7 +178,7 @@ impl DenoiseSpec {
     }
 }
 
-/// The reason why image files cannot be denoised. Each message says what to do.
+/// The reason why image files cannot be denoised. Each message contains a remedy.
 #[non_exhaustive]
 #[derive(Debug, thiserror::Error)]
 pub enum DenoiseError {
@@ -193,7 +197,7 @@ pub enum DenoiseError {
         source: std::io::Error,
     },
     /// A file of another format, which cannot hold layers.
-    #[error("{}: it is no OpenEXR file; save the image as OpenEXR with its variance, or with a second seed", path.display())]
+    #[error("{}: this is not an OpenEXR file; save the image as OpenEXR with its variance, or render it twice with different seeds", path.display())]
     NotExr {
         /// The file.
         path: PathBuf,
@@ -202,27 +206,27 @@ pub enum DenoiseError {
     #[error(transparent)]
     Image(#[from] ImageError),
     /// Two files of different sizes.
-    #[error("{}: it has {}x{} pixels, and {} has {}x{}; render both alike but for the seed",
+    #[error("{}: the image has {}x{} pixels, but {} has {}x{}; render both with equal settings and different seeds",
         paths[1].display(), sizes[1][0], sizes[1][1], paths[0].display(), sizes[0][0], sizes[0][1])]
     Sizes {
         /// The two files.
         paths: Box<[PathBuf; 2]>,
-        /// The sizes of their displays in pixels.
+        /// The sizes of their display windows in pixels.
         sizes: [[u32; 2]; 2],
     },
     /// Layers without a common pixel.
-    #[error("{}: layer \"{}\" has pixels {}, none of which {} has in layer \"{}\", {}; save both with one data window",
+    #[error("{}: layer \"{}\" covers pixels {}, but {} covers none of them in layer \"{}\", {}; save both files with the same data window",
         paths[1].display(), layers[1], windows[1], paths[0].display(), layers[0], windows[0])]
     Windows {
         /// The two files.
         paths: Box<[PathBuf; 2]>,
         /// The names of the layers.
         layers: Box<[String; 2]>,
-        /// The pixels that they have.
+        /// The data windows of the layers.
         windows: Box<[Window; 2]>,
     },
     /// Two files that show different views.
-    #[error("{}: its image is view \"{}\", and {} has view \"{}\"; give two renders of the same view",
+    #[error("{}: the image shows view \"{}\", but {} shows view \"{}\"; give two renders of the same view",
         paths[1].display(), views[1], paths[0].display(), views[0])]
     Views {
         /// The two files.
@@ -231,24 +235,24 @@ pub enum DenoiseError {
         views: Box<[String; 2]>,
     },
     /// Two files with the same pixels.
-    #[error("{}: its image equals that of {}, so the halves show no noise; give two renders with different seeds, or one file with its variance",
+    #[error("{}: the image is identical to that of {}, so their difference shows no noise; give two renders with different seeds, or one file with its variance",
         paths[1].display(), paths[0].display())]
     Equal {
         /// The two files.
         paths: Box<[PathBuf; 2]>,
     },
     /// Two files of different colour spaces.
-    #[error("{}: its colours are those of {}, and {} has {}; convert one of them, with its variance",
+    #[error("{}: the image is in colour space {}, but {} is in {}; convert one file (image and variance) to the other's colour space",
         paths[1].display(), spaces[1], paths[0].display(), spaces[0])]
     ColorSpaces {
         /// The two files.
         paths: Box<[PathBuf; 2]>,
-        /// Their colour spaces.
+        /// The colour spaces of the two images.
         spaces: Box<[Chromaticities; 2]>,
     },
-    /// A layer that the caller names and that no file has.
-    #[error("{}: it has no layer \"{name}\" for {}; {}its layers are {}", path.display(), kind.name(),
-        near.as_ref().map_or(String::new(), |near| format!("did you mean \"{near}\"? ")), layers.join(", "))]
+    /// A layer that the caller names and that a file lacks.
+    #[error("{}: there is no layer \"{name}\" for {}{}; the file's layers are {}", path.display(), kind.name(),
+        near.as_ref().map_or(String::new(), |near| format!(" (did you mean \"{near}\"?)")), layers.join(", "))]
     NoLayer {
         /// The file.
         path: PathBuf,
@@ -261,8 +265,8 @@ pub enum DenoiseError {
         /// All layers of the file.
         layers: Vec<String>,
     },
-    /// A layer that the caller names, without the channels of its kind.
-    #[error("{}: layer \"{name}\" has the channels {}, but layers of the kind {} have {}; rename them, or name another layer",
+    /// A layer that the caller names and that lacks the channels of its kind.
+    #[error("{}: layer \"{name}\" has the channels {}, but layers of the kind {} have {}; rename the channels, or name another layer",
         path.display(), letters.join(", "), kind.name(), kind.channels())]
     LayerChannels {
         /// The file.
@@ -271,11 +275,11 @@ pub enum DenoiseError {
         kind: LayerKind,
         /// The name that was given.
         name: String,
-        /// The letters of its channels.
+        /// The letters of the layer's channels.
         letters: Vec<String>,
     },
     /// A file without an image.
-    #[error("{}: no image was found among its channels {}; name its layer with --layer color=NAME; its channels are {}",
+    #[error("{}: no image was found among the channels {}; an image has the channels {}; name its layer with --layer color=NAME",
         path.display(), channels.join(", "), LayerKind::Color.channels())]
     NoImage {
         /// The file.
@@ -284,58 +288,58 @@ pub enum DenoiseError {
         channels: Vec<String>,
     },
     /// A file with several images.
-    #[error("{}: it holds several images, {}; name one with --layer color=NAME", path.display(), layers.join(", "))]
+    #[error("{}: the file holds several images, {}; name one with --layer color=NAME", path.display(), layers.join(", "))]
     Ambiguous {
         /// The file.
         path: PathBuf,
-        /// The names of their layers.
+        /// The names of the images' layers.
         layers: Vec<String>,
     },
     /// One file without its variance.
-    #[error("{}: it has no variance for {image}, and one image alone does not show its noise; give a second render with another seed, or name the layer with --layer variance=NAME. Its layers are {}",
+    #[error("{}: there is no variance for {image}, and one image alone does not reveal its noise; give a second render with another seed, or name the variance layer with --layer variance=NAME; the file's layers are {}",
         path.display(), layers.join(", "))]
     NoVariance {
         /// The file.
         path: PathBuf,
-        /// The name of the image's layer, and its view.
+        /// The names of the image's layer and view.
         image: String,
         /// All layers of the file.
         layers: Vec<String>,
     },
-    /// The variance of a sample, without the number of samples.
-    #[error("{}: layer \"{layer}\" holds the variance of a sample, so the number of samples per pixel is needed; give it with --spp N, or --variance-of-mean if the layer holds the variance of the mean", path.display())]
+    /// A variance of one sample, in a file without the number of samples.
+    #[error("{}: layer \"{layer}\" holds the variance of a sample, so the number of samples per pixel is needed; give this number with --spp N, or give --variance-of-mean if the layer holds the variance of the mean", path.display())]
     NoCount {
         /// The file.
         path: PathBuf,
         /// The name of the variance layer.
         layer: String,
     },
-    /// A filter that reads the clusters of a scene.
+    /// A filter that needs the clusters of a scene.
     #[error(
-        "filter \"{filter}\" reads clusters of a scene, which images lack; set outside=1, as in \"{filter}:outside=1\", or leave --filter out"
+        "filter \"{filter}\" needs the clusters of a scene, which image files do not hold; set outside=1, as in \"{filter}:outside=1\", or omit --filter"
     )]
     NeedsScene {
         /// The filter's name.
         filter: &'static str,
     },
     /// An output that is one of the inputs.
-    #[error("{}: it is an input; choose another name for the output", path.display())]
+    #[error("{}: this output is also an input; choose another name for the output", path.display())]
     Overwrites {
         /// The output.
         path: PathBuf,
     },
     /// Two outputs that are one file.
-    #[error("{}: this is the file of {}; give each output its own file", path.display(), first.display())]
+    #[error("{}: this output is the same file as {}; give each output its own file", path.display(), first.display())]
     SameOutput {
         /// The later output.
         path: PathBuf,
-        /// The first output with this file.
+        /// The earlier output that is the same file.
         first: PathBuf,
     },
-    /// A filter that cannot be made.
+    /// A filter that cannot be created.
     #[error(transparent)]
     Registry(#[from] RegistryError),
-    /// Buffers that do not make an image, or an error of the filter.
+    /// Buffers that do not form an image, or an error of the filter.
     #[error(transparent)]
     Core(#[from] dapple_core::Error),
 }

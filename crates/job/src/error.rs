@@ -27,26 +27,26 @@ pub enum JobError {
     /// A scene from which no world can be built for tracing.
     #[error(transparent)]
     World(#[from] WorldError),
-    /// A sampler, a point set or a filter that cannot be made.
+    /// A sampler, a point set or a filter that cannot be created.
     #[error(transparent)]
     Registry(#[from] RegistryError),
-    /// An integrator that cannot be made.
+    /// An integrator that cannot be created.
     #[error(transparent)]
     Integrator(#[from] IntegratorError),
-    /// A limit of error in a render whose integrator adds light to other pixels. Its noise is not in the error of a pixel's
-    /// samples.
+    /// An error limit in a render whose integrator adds light to pixels other than the sampled one. The error estimate does not
+    /// include the noise of that light.
     #[error(
-        "{integrator} lights other pixels than a sample's own, whose error is not estimated; give samples or a time, or turn this light off (splat=0)"
+        "{integrator} adds light to pixels other than the sampled one, and the error of this light is not estimated; limit samples or time instead, or turn this light off (splat=0)"
     )]
     SplatsWithoutError {
         /// The integrator, as requested.
         integrator: String,
     },
-    /// An error from `dapple_core`, which plans and takes the samples.
+    /// An error from `dapple_core`, which plans and traces the samples.
     #[error(transparent)]
     Core(#[from] dapple_core::Error),
     /// An effect (a kind of light transport) that cannot be left out of the scene.
-    #[error("without {effect}: {source}")]
+    #[error("cannot leave out {effect}: {source}")]
     Without {
         /// The effect that was to be left out.
         effect: Effect,
@@ -54,7 +54,7 @@ pub enum JobError {
         source: WithoutError,
     },
     /// A request to leave out an effect that the scene does not use.
-    #[error("without {effect}: the scene does not call for it; it calls for {}", list(called))]
+    #[error("cannot leave out {effect}: the scene does not use this effect; it uses {}", list(called))]
     NotCalledFor {
         /// The effect that was to be left out.
         effect: Effect,
@@ -74,7 +74,7 @@ pub enum JobError {
     /// A checkpoint or a shard that cannot be read or written.
     #[error(transparent)]
     Checkpoint(#[from] checkpoint::Error),
-    /// A checkpoint file that already exists, in a render that does not resume from it; it would be overwritten.
+    /// An existing checkpoint file that the render would overwrite without resuming from it.
     #[error("{path}: a checkpoint exists; resume from it, or remove it and {path}.previous", path = path.display())]
     CheckpointExists {
         /// The path of the existing checkpoint file.
@@ -102,7 +102,7 @@ pub enum JobError {
     /// A panic in the integrator: its message.
     #[error("{0}")]
     Panicked(String),
-    /// An image that cannot be rendered as shards (every N-th row each).
+    /// An image that cannot be rendered as shards (runs of rows, one file for each machine).
     #[error("shard {shard}: {why}")]
     NoShard {
         /// The shard that was requested.
@@ -110,24 +110,26 @@ pub enum JobError {
         /// The reason why the image cannot be sharded.
         why: String,
     },
-    /// A plan from which an image was to be made while samples are left to trace.
-    #[error("{}: samples are left to trace; render its parts, and make the next plan of them", path.display())]
+    /// A plan from which no image can be made yet, because samples are left to trace.
+    #[error("{}: samples are left to trace; render the parts of this plan, then make the next plan from them", path.display())]
     NotDone {
         /// The plan file.
         path: PathBuf,
     },
     /// A description that needs another world (scene built for tracing) than the prepared one.
-    #[error("the description asks for another scene, image or light selection than was prepared; prepare it anew")]
+    #[error(
+        "the description does not match the prepared scene, resolution or light selection; prepare the scene again"
+    )]
     OtherWorld,
     /// A checkpoint or shard of a scene that was read without a digest (hash of its files).
-    #[error("checkpoints and shards need a digest of the scene; load it with one")]
+    #[error("checkpoints and shards need a digest of the scene; load the scene with LoadOptions::digest")]
     NoDigest,
     /// Image files that cannot be written: one message per file.
     #[error("{}", .0.join("\n"))]
     Files(Vec<String>),
 }
 
-/// The suggestion of a bundled scene for a name, up to the list of all.
+/// The suggestion of the bundled scene most similar to `name`, and the article before the list of all scenes.
 fn meant(name: &str) -> String {
     let nearest = dapple_core::options::nearest_name(name, bundled::names().iter().copied());
     nearest.map_or_else(|| "the".to_owned(), |known| format!("did you mean \"{known}\"? The"))
@@ -135,18 +137,18 @@ fn meant(name: &str) -> String {
 
 fn list(effects: &[Effect]) -> String {
     let names: Vec<&str> = effects.iter().map(|effect| effect.name()).collect();
-    if names.is_empty() { "nothing".into() } else { names.join(", ") }
+    if names.is_empty() { "no effect".into() } else { names.join(", ") }
 }
 
 fn refusal(estimate: &MemoryEstimate, limit: MemoryLimit, advice: &str) -> String {
-    let of = if limit.is_given() { "the limit" } else { "all there is" };
+    let of = if limit.is_given() { "the limit" } else { "all the memory available" };
     let bytes = limit.bytes().filter(|bytes| estimate.peak() > *bytes);
     let exceeded = bytes.map_or_else(String::new, |bytes| format!(", and {} is {of}", size(bytes)));
-    format!("this render takes {estimate}{exceeded}; {advice}")
+    format!("this render needs {estimate}{exceeded}; {advice}")
 }
 
 fn other_render(path: &std::path::Path, differences: &[String]) -> String {
-    let first = "the file is of another render; give the arguments that it was made with, or another file:";
+    let first = "the file belongs to another render; use the arguments with which it was made, or another file:";
     let lines = std::iter::once(first).chain(differences.iter().map(String::as_str));
     lines.map(|line| format!("{}: {line}", path.display())).collect::<Vec<_>>().join("\n")
 }

@@ -22,7 +22,7 @@ pub fn read_text(path: &Path, longest: u64) -> std::io::Result<String> {
     text.map(Cow::into_owned).map_err(|what| Error::new(ErrorKind::InvalidData, what))
 }
 
-/// The serialisation of a path: a text, or the list of its bytes if it is not UTF-8.
+/// Serialisation of paths: as text, or as a list of bytes if the path is not UTF-8.
 pub(crate) mod path {
     use serde::de::{Deserializer, Error, SeqAccess, Visitor};
     use serde::ser::Serializer;
@@ -51,7 +51,7 @@ pub(crate) mod path {
         path.to_str().map_or_else(json, str::to_owned)
     }
 
-    /// Returns the path of a text by [`to_text`].
+    /// Parses a text that [`to_text`] returned.
     pub(crate) fn of_text(text: &str) -> PathBuf {
         let list = Some(text).filter(|text| text.starts_with('[')).and_then(|text| serde_json::from_str(text).ok());
         list.map_or_else(|| text.into(), |Json(path)| path)
@@ -93,7 +93,7 @@ pub(crate) mod path {
 pub struct FileIdentity {
     /// The path with links followed, as far as they lead to folders and files that exist.
     place: PathBuf,
-    /// Device and number of the file, if it exists and the system numbers files.
+    /// The device and inode numbers of the file, if the file exists and the system has such numbers.
     number: Option<(u64, u64)>,
 }
 
@@ -146,7 +146,7 @@ impl Default for ContentHash {
 }
 
 impl ContentHash {
-    /// The hash of no bytes.
+    /// The hash of empty data.
     pub fn new() -> Self {
         Self::default()
     }

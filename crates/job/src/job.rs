@@ -53,29 +53,29 @@ pub struct Job {
     cluster_seconds: f64,
     probes: ProbesHandle,
     needs: Needs,
-    /// The bytes of light that the integrator prepares, and the most that it takes by learning.
+    /// Bytes of light that the integrator prepares, and an upper bound on the bytes of its training data.
     integrator_bytes: [u64; 2],
     outputs: OutputFiles,
 }
 
 /// The result of tracing.
 pub struct Traced {
-    /// The film with the samples traced.
+    /// The film with the traced samples.
     pub film: Film,
-    /// The message of an integrator's panic; the film then holds the samples finished before.
+    /// The message of the integrator's panic, if it panicked. The film then holds the samples finished before the panic.
     pub failure: Option<String>,
-    /// The checkpoint file to resume from, or the error that kept it from being written; `None` without checkpoints.
+    /// The file of the final checkpoint, or the error of writing it; `None` if the job writes no checkpoints.
     pub checkpoint: Option<Result<PathBuf, JobError>>,
     /// The number of checkpoints written.
     pub checkpoints_written: u64,
 }
 
 impl Job {
-    /// Reads the scene of a description, builds the world, and makes sampler and filter.
+    /// Reads the scene that `spec` names, builds the world, and creates the sampler and the filter.
     ///
     /// # Errors
     ///
-    /// [`JobError`] if the description is invalid, or the scene or a method cannot be made.
+    /// [`JobError`] if the description is invalid, the scene cannot be read, or a method cannot be created.
     pub fn prepare(spec: &RenderSpec) -> Result<Self, JobError> {
         LoadedScene::read(spec, &LoadOptions::default())?.build()?.job(spec)
     }
@@ -165,7 +165,7 @@ impl Job {
         &self.frame
     }
 
-    /// The budget and the bounds of samples per pixel.
+    /// The budget, and the bounds on the number of samples per pixel.
     pub fn limits(&self) -> &Limits {
         &self.limits
     }
@@ -180,7 +180,7 @@ impl Job {
         &self.described
     }
 
-    /// The integrator, `NAME` or `NAME:key=value,…`: the one in the description, or the one that the scene calls for.
+    /// The integrator in use, `NAME` or `NAME:key=value,…`. For `auto`, this is the integrator chosen for the scene.
     pub fn integrator(&self) -> &str {
         &self.integrator
     }
@@ -190,13 +190,12 @@ impl Job {
         &self.points
     }
 
-    /// Returns `true` if the sampler's counts never depend on samples.
+    /// Returns `true` if the sampler chooses sample counts without using the values of samples.
     pub fn is_a_priori(&self) -> bool {
         self.sampler.a_priori()
     }
 
-    /// The number of rounds in which the sampler spends the budget; `None` if it is unknown, as for a limit of time or
-    /// error.
+    /// The number of rounds in which the sampler spends the budget; `None` if unknown, as under a time or error limit.
     pub fn rounds(&self) -> Option<u32> {
         matches!(self.limits.budget, Budget::Samples(_)).then(|| self.sampler.rounds()).flatten()
     }
@@ -206,17 +205,17 @@ impl Job {
         &self.prepared
     }
 
-    /// The clusters that the sampler uses, else those of the filter; `None` if neither uses any.
+    /// The sampler's clusters or, if the sampler uses none, the filter's. `None` if neither uses clusters.
     pub fn clusters(&self) -> Option<&Arc<WorldClusters>> {
         self.clusters.as_ref()
     }
 
-    /// The estimated memory of the render. `keeps` adds the bytes of a checkpoint.
+    /// The estimated memory of the render, including a checkpoint if `keeps` is `true`.
     pub fn memory(&self, keeps: bool) -> MemoryEstimate {
         self.forecast(keeps).0
     }
 
-    /// The estimated memory, and the bytes of the render's state in a file.
+    /// The estimated memory of the render, and the bytes of its state when encoded for a file.
     fn forecast(&self, keeps: bool) -> (MemoryEstimate, u64) {
         let (frame, limits, needs) = (&self.frame, &self.limits, self.needs);
         let filter = (&*self.filter, self.is_error_of_filtered());
@@ -230,7 +229,7 @@ impl Job {
     ///
     /// # Errors
     ///
-    /// [`JobError`] for limits that the sampler cannot meet, or a checkpoint of another render.
+    /// [`JobError`] for limits that the sampler cannot meet, or for a checkpoint of another render.
     pub fn run(&mut self, checkpoints: Option<Checkpoints>, monitor: &mut dyn JobMonitor) -> Result<Traced, JobError> {
         let (identity, snapshot) = match &checkpoints {
             Some(checkpoints) => self.begun(checkpoints, monitor)?,
@@ -252,14 +251,15 @@ impl Job {
         Ok(Traced { film, failure, checkpoint, checkpoints_written })
     }
 
-    /// Returns `true` if [`finish`](Self::finish) can take a film of a render that differs from this one in its filter only:
-    /// it has the same samples and all statistics. (Independent halves have other samples.)
+    /// Returns `true` if [`finish`](Self::finish) accepts `film`, from a render that differs from this one only in its filter.
+    /// The film must hold every statistic that this render needs, and this filter must have no recorders. Both renders must
+    /// agree on independent halves, because halves change the samples.
     pub fn is_recorded_by(&self, film: &Film) -> bool {
         let (needs, there) = (self.needs.and(self.sampler.needs()), film.needs());
         there.and(needs) == *there && there.halves == needs.halves && self.filter.recorders().is_empty()
     }
 
-    /// Returns `true` if a limit of error concerns the filtered image.
+    /// Returns `true` if an error limit applies to the filtered image.
     pub(crate) fn is_error_of_filtered(&self) -> bool {
         self.spec.error_of == ErrorOf::Filtered && self.filter.name() != Unfiltered.name()
     }

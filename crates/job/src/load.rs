@@ -22,7 +22,7 @@ use std::time::Instant;
 /// Options for reading a scene.
 #[derive(Clone, Copy, Debug)]
 pub struct LoadOptions {
-    /// The largest memory of the render; scene files longer than this are not read.
+    /// The memory limit of the render; scene files larger than this are not read.
     pub limit: MemoryLimit,
     /// If `true`, hashes every byte read. Checkpoints and shards need this digest.
     pub digest: bool,
@@ -35,7 +35,7 @@ impl Default for LoadOptions {
     }
 }
 
-/// A scene that was read, with the description of its render.
+/// A scene as read, with the description of the render.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct LoadedScene {
@@ -43,16 +43,16 @@ pub struct LoadedScene {
     pub spec: RenderSpec,
     /// The scene, changed as the description requires: depth limit, pixel filter and left-out effects.
     pub scene: Arc<Scene>,
-    /// A hash of all bytes read for the scene; `None` if it was read without.
+    /// A hash of all bytes read for the scene; `None` if no hash was requested.
     pub digest: Option<ContentHash>,
-    /// The image's resolution, and the window of it that is rendered.
+    /// The image's resolution, and the window of the image to render.
     pub frame: Frame,
     /// The effects (kinds of light transport) that are left out of the image.
     pub without: Vec<Effect>,
-    /// The warnings so far: adjusted or ignored directives of the scene file, another suggested number of samples,
-    /// effects that are left out, lights found by chance only, and, of a built world, triangles without area.
+    /// The warnings so far, about directives of the scene file, area lights without area, left-out effects, and lights found by
+    /// chance only. [`build`](Self::build) adds a warning about triangles without area.
     pub warnings: Vec<Warning>,
-    /// An estimate of the least memory of the render.
+    /// An estimate of the minimum memory of the render.
     pub memory: MemoryEstimate,
     /// Wall seconds of reading the scene.
     pub seconds: f64,
@@ -106,7 +106,7 @@ impl LoadedScene {
         check_capacity(spec, frame)?;
         if let Some(shard) = spec.shard.filter(|shard| shard.of() > frame.size()[1]) {
             let rows = frame.size()[1];
-            let why = format!("a window of {rows} rows has {rows} shards at most");
+            let why = format!("a window of {rows} rows has at most {rows} shards");
             return Err(JobError::NoShard { shard, why });
         }
         let memory = MemoryEstimate::of_scene(&scene, &frame);
@@ -153,8 +153,8 @@ impl LoadedScene {
 }
 
 impl PreparedScene {
-    /// Prepares a job (one render) on this world. Its description may differ from that of this world in sampler, point
-    /// set, filter, integrator, budget, crop and seed.
+    /// Prepares a job (one render) on this world. `spec` may differ from the description of this world in sampler, point set,
+    /// filter, integrator, budget, crop and seed.
     ///
     /// # Errors
     ///
@@ -176,7 +176,7 @@ fn notices(spec: &RenderSpec, scene: &Scene) -> Vec<Warning> {
     warnings
 }
 
-/// Returns `true` for a shape that should shine, and has no triangle with an area.
+/// Returns `true` for an emissive mesh whose triangles all have zero area.
 fn is_dark_lamp(shape: &Shape) -> bool {
     let (Some(_), Geometry::Mesh(mesh)) = (&shape.emission, &shape.geometry) else { return false };
     mesh.triangles.iter().all(|triangle| {
@@ -190,8 +190,8 @@ fn bundle(name: &Path) -> Option<Bundle> {
     if name.is_file() { None } else { name.to_str().and_then(bundled::files) }
 }
 
-/// Reads the scene of a description, a file or a bundled scene, with a digest if the options request one, and lists the files
-/// that were read.
+/// Reads the scene of a description from a file or from the bundled scenes. Returns the scene, its digest if the options
+/// request one, and the files that were read.
 fn read(spec: &RenderSpec, options: &LoadOptions) -> Result<(Scene, Option<ContentHash>, Vec<PathBuf>), JobError> {
     let path = &*Disk::locate(&spec.scene);
     let mut digest = ContentHash::new();
@@ -235,7 +235,7 @@ impl Files for Recorder {
             let length = std::fs::metadata(path)?.len();
             if length > most {
                 let (length, most) = (crate::memory::size(length), crate::memory::size(most));
-                let what = format!("it is {length} long, and the limit of memory is {most}");
+                let what = format!("the file has {length}, and the memory limit is {most}");
                 return Err(std::io::Error::new(std::io::ErrorKind::OutOfMemory, what));
             }
         }
@@ -306,7 +306,7 @@ pub(crate) fn limits(spec: &RenderSpec, frame: Frame) -> Limits {
     limits
 }
 
-/// Refuses a point set with fewer points per pixel than the budget needs at least.
+/// Returns an error if the point set has fewer points per pixel than the budget requires.
 fn check_capacity(spec: &RenderSpec, frame: Frame) -> Result<(), JobError> {
     let setting = setting(spec, frame);
     let points = registry::points(&spec.points, setting)?;
@@ -317,7 +317,7 @@ fn check_capacity(spec: &RenderSpec, frame: Frame) -> Result<(), JobError> {
     Ok(())
 }
 
-/// Checks a request for an integrator: `auto`, or its name and the names of its parameters.
+/// Checks the description of an integrator: `auto`, or a known name with known parameters.
 ///
 /// # Errors
 ///
@@ -326,10 +326,12 @@ pub fn check_integrator(request: &str) -> Result<(), IntegratorError> {
     if request == DEFAULT_INTEGRATOR { Ok(()) } else { dapple_transport::check_integrator(request) }
 }
 
-/// The integrator of a render, `NAME` or `NAME:key=value,…`, and the caustics that call for photons, if they do.
+/// The integrator of a render, `NAME` or `NAME:key=value,…`. If the default selects photons, also the caustics that are the
+/// reason.
 ///
-/// The default takes photons for a scene with [caustics that paths find by chance only](Effects::found_by_chance). Motion
-/// blur and shards leave it with path tracing, since photons have no time and a shard would trace those of the whole image.
+/// The default selects `photons` for a scene with [caustics that paths find by chance only](Effects::found_by_chance), else
+/// `path`. With motion blur or shards it is always `path`: photons have no time, and each shard would trace the photons of the
+/// whole image.
 pub(crate) fn chosen_integrator(spec: &RenderSpec, scene: &Scene) -> (String, Option<CalledEffect>) {
     if spec.integrator != DEFAULT_INTEGRATOR {
         return (spec.integrator.clone(), None);
@@ -341,8 +343,8 @@ pub(crate) fn chosen_integrator(spec: &RenderSpec, scene: &Scene) -> (String, Op
     }
 }
 
-/// Returns true if an integrator finds light of small lamps through glass: photons, and paths from the lights that are
-/// connected with the camera.
+/// Returns `true` if an integrator finds the light of small lights behind glass. Photon mapping does, and so do methods that
+/// connect light paths to the camera.
 fn finds_caustics(integrator: &str) -> bool {
     let name = integrator.split(':').next().unwrap_or_default().trim();
     matches!(name, "photons" | "metropolis") || name == "bdpt" && !integrator.contains("splat=0")

@@ -1,8 +1,8 @@
 //! Estimates of the memory of scenes, worlds and renders, before they exist.
 //!
-//! All memory that grows with the image is counted (`ImageMemory`). Of scenes, only meshes and images are: names, materials and
-//! lights are too small to matter. Memory already in use is measured if the system reports it, else estimated. While a scene is
-//! read, only the length of each of its files is limited.
+//! All memory that grows with the image is counted (`ImageMemory`). Of scenes, only meshes and images are counted: names,
+//! materials and lights are too small to matter. Memory already in use is taken from the system if it reports it, else
+//! estimated. While a scene is read, only the length of each of its files is limited.
 
 use crate::JobError;
 use dapple_core::limits::Budget;
@@ -17,7 +17,8 @@ use std::sync::Arc;
 /// Bytes of the bounding volume hierarchy per triangle. Measured: 51 to 52 on meshes of 0.1 to 50 million triangles
 /// (docs/results/rays.md).
 const TREE: u64 = 53;
-/// Peak bytes per triangle while the bounding volume hierarchy is built, not counting the meshes. Measured: 155 on 4 million.
+/// Peak bytes per triangle while the bounding volume hierarchy is built, not counting the meshes. Measured: 155 on a mesh of 4
+/// million triangles.
 const BUILDING: u64 = 160;
 /// Bytes per pixel of an environment map's packed texels and sampling tables.
 const ENVIRONMENT: u64 = 5;
@@ -31,13 +32,14 @@ pub fn of_scene(scene: &Scene) -> u64 {
     meshes.chain(images).sum()
 }
 
-/// Returns the bytes of what a mesh has per vertex beside positions.
+/// Returns the bytes of a mesh's normals, texture coordinates and colours.
 fn attributes(mesh: &MeshData) -> u64 {
     of_slice(&mesh.normals) + of_slice(&mesh.uvs) + of_slice(&mesh.colors)
 }
 
-/// Estimates the memory in bytes of the world that [`World::new`](dapple_renderer::World::new) builds for a scene, to within
-/// 10 % for large meshes: of the finished world, then the peak while it is built. The scene itself is not counted.
+/// Estimates two sizes in bytes of the world that [`World::new`](dapple_renderer::World::new) builds for a scene: of the
+/// finished world, and the peak while it is built. The scene itself is not counted. For large meshes the estimates are within
+/// 10 %.
 pub fn of_world(scene: &Scene) -> [u64; 2] {
     // Positions are stored in single precision; normals, texture coordinates and triangles are copied; each triangle
     // gets a normal.
@@ -93,17 +95,17 @@ const PROGRAM: u64 = 16 << 20;
 
 /// The bytes of a render's film, plans and filter, computed from the planes that each part holds at its peak.
 ///
-/// Machines with the same number of threads agree on them. Under a limit of time or error, the figures hold for a render of
-/// more than one round; one round takes less.
+/// The figures are equal on machines with the same number of threads. Under a time or error limit they assume more than one
+/// round; a single round needs less.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct ImageMemory {
     /// The statistics that the film records.
     pub(crate) needs: Needs,
-    /// The film, with discarded samples, and the filtered image that an error limit keeps.
+    /// The film (including discarded samples), and the filtered image that is kept under an error limit.
     pub(crate) film: u64,
     /// The state of the sampler between rounds.
     pub(crate) sampler: u64,
-    /// The peak while a round is planned, besides film and state.
+    /// The peak while a round is planned, excluding the film and the sampler's state.
     pub(crate) planning: u64,
     /// The plan of the round that is traced.
     pub(crate) tracing: u64,
@@ -111,10 +113,10 @@ pub(crate) struct ImageMemory {
 }
 
 impl ImageMemory {
-    /// The memory of a render with these arguments, and of `filter` applied to its film. An error limit concerns the filtered
-    /// image if `judged`.
+    /// The memory of a render with these settings, and of applying `filter` to its film. `judged` states that an error limit
+    /// applies to the filtered image.
     ///
-    /// [Recorders](Recorder) take the words of as many samples per pixel and half as the budget has in the mean.
+    /// [Recorders](Recorder) are assumed to record the budget's mean number of samples per pixel and half.
     pub(crate) fn new(
         sampler: &dyn Sampler,
         (filter, judged): (&dyn Filter, bool),
@@ -140,7 +142,7 @@ impl ImageMemory {
         Self { needs, film, sampler: state, planning, tracing: plan, filter: filter.memory(frame, &needs) }
     }
 
-    /// The bytes of a snapshot. A resumed render holds as many besides the film at first.
+    /// The bytes of a snapshot. A resumed render initially holds its snapshot in addition to the film.
     pub(crate) fn snapshot(&self) -> u64 {
         self.film.saturating_add(self.tracing)
     }
@@ -154,7 +156,7 @@ pub struct MemoryLimit {
 }
 
 impl MemoryLimit {
-    /// Makes a limit that no render exceeds.
+    /// A limit that no render exceeds.
     pub const fn none() -> Self {
         Self { bytes: u64::MAX, given: false }
     }
@@ -186,7 +188,8 @@ pub struct MemoryEstimate {
     /// Bytes of the program and its threads, the scene and the world.
     scene: u64,
     film: u64,
-    /// The other lasting parts: the sampler's state, light that the integrator prepares, and learned light selection, at most.
+    /// Names and bytes of other data that last for the whole render: the sampler's state, light that the integrator prepares,
+    /// and an upper bound for learned light selection.
     others: [(&'static str, u64); 3],
     /// The name of each stage of the render, and its bytes; only one stage at a time is in memory.
     stages: Vec<(&'static str, u64)>,
@@ -195,7 +198,7 @@ pub struct MemoryEstimate {
 }
 
 impl MemoryEstimate {
-    /// The least memory of a render of `scene`, estimated before the world is built.
+    /// The minimum memory of a render of `scene`, estimated before the world is built.
     pub fn of_scene(scene: &Scene, frame: &Frame) -> Self {
         let [built, building] = of_world(scene);
         let now = resident().map_or_else(|| PROGRAM + of_scene(scene), |[now, _]| now);
@@ -203,9 +206,9 @@ impl MemoryEstimate {
         Self { scene: now + built, film, others: [("", 0); 3], stages: Vec::new(), before: now + building }
     }
 
-    /// The memory of a prepared render. `files` is the peak in bytes for writing a file, besides film and image. `keeps` states
-    /// that the film is also encoded as bytes, for a checkpoint or shard. `light` and `training` are the bytes of light that the
-    /// integrator prepares and of what it learns, at most. `self` is the estimate from the scene.
+    /// The memory of a prepared render. `self` is the estimate from the scene. `files` is the peak in bytes for writing a file,
+    /// excluding film and image. `keeps` states that the film is also encoded as bytes, for a checkpoint or shard. `light` is
+    /// the bytes of light that the integrator prepares; `training` is an upper bound on the bytes of its training data.
     pub(crate) fn of_render(&self, memory: &ImageMemory, files: u64, keeps: bool, [light, training]: [u64; 2]) -> Self {
         let [now, most] = resident().unwrap_or([self.scene, 0]);
         let snapshot = if keeps { memory.snapshot() } else { 0 };
@@ -220,8 +223,7 @@ impl MemoryEstimate {
         Self { scene, film: memory.film, others, stages, before: self.before.max(most) }
     }
 
-    /// Adds the copy of the image of `frame` that is shown while the render goes on: radiance, counts and errors, and their
-    /// encoding.
+    /// Adds the copy of the image of `frame` that is shown during rendering: radiance, counts and errors, and their encoding.
     #[must_use]
     pub fn with_live_image(mut self, frame: &Frame) -> Self {
         /// Bytes per pixel: 20 of planes, 8 of counts as they are copied, 12 of a packet or a PNG file.
@@ -230,15 +232,15 @@ impl MemoryEstimate {
         self
     }
 
-    /// Adds a stage that holds `copies` of the render's state of `bytes`: files of a render in stages, or a checkpoint to resume
-    /// from.
+    /// Adds a stage called `name` that holds `copies` copies of the render's state, of `bytes` each. Examples are files of a
+    /// render in stages, and a checkpoint to resume from.
     #[must_use]
     pub(crate) fn with_copies(mut self, name: &'static str, copies: u64, bytes: u64) -> Self {
         self.stages.push((name, bytes.saturating_mul(copies)));
         self
     }
 
-    /// Counts the film only once if it is in memory already, as that of merged shards is.
+    /// Avoids counting the film twice if it is already in memory, such as the film of merged shards.
     #[must_use]
     pub fn with_film_in_memory(self) -> Self {
         Self { scene: self.scene.saturating_sub(self.film), ..self }
@@ -254,7 +256,7 @@ impl MemoryEstimate {
         if self.peak() <= limit.bytes {
             // A trial allocation finds films that are larger than the address space, even without a limit.
             let fits = usize::try_from(self.film).is_ok_and(|film| Vec::<u8>::new().try_reserve_exact(film).is_ok());
-            return if fits { Ok(()) } else { refused("smaller crops fit") };
+            return if fits { Ok(()) } else { refused("render smaller crops") };
         }
         let with_film = self.scene.saturating_add(self.film);
         refused(match self.largest_stage() {

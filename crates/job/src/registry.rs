@@ -1,4 +1,4 @@
-//! The samplers, point sets and filters of `dapple-registry` by name, made for a world.
+//! The samplers, point sets and filters of `dapple-registry` by name, created for a world.
 
 pub use dapple_registry::{
     AnyPoints, Entry, FILTERS, MakeFilter, MakePoints, MakeSampler, NOT_BUILT, POINTS, Parameter, Parameters,
@@ -26,7 +26,7 @@ pub struct MadeSampler {
     pub clusters: Option<Arc<WorldClusters>>,
     /// The probes that the sampler traces for its first plan; stays empty if it traces none.
     pub probes: ProbesHandle,
-    /// The samples that the sampler places; `None` if it places none.
+    /// A handle to the samples that the sampler places itself; `None` if it places none.
     pub placed: Option<PlacedHandle>,
 }
 
@@ -38,7 +38,7 @@ pub struct MadeFilter {
     pub clusters: Option<Arc<WorldClusters>>,
 }
 
-/// Makes a sampler from its description (`NAME` or `NAME:key=value,…`), with the point set `points`.
+/// Creates a sampler from its description (`NAME` or `NAME:key=value,…`), with the point set `points`.
 ///
 /// # Errors
 ///
@@ -51,7 +51,7 @@ pub fn sampler(description: &str, points: AnyPoints, inputs: &MethodInputs) -> R
     Ok(MadeSampler { sampler, clusters: inputs.used.into_inner(), probes, placed })
 }
 
-/// Makes a filter (denoiser) from its description (`NAME` or `NAME:key=value,…`).
+/// Creates a filter (denoiser) from its description (`NAME` or `NAME:key=value,…`).
 ///
 /// # Errors
 ///
@@ -64,13 +64,12 @@ pub fn filter(description: &str, inputs: &MethodInputs) -> Result<MadeFilter, Re
     Ok(MadeFilter { filter, clusters: inputs.used.into_inner() })
 }
 
-/// The world for which a sampler or filter is made, and clusters of it that exist already.
+/// The world for which a sampler or filter is created, and existing clusters of that world.
 #[derive(Clone, Debug, Default)]
 pub struct MethodInputs {
-    /// The world; `None` for methods that need none. The others fail with
-    /// [`RegistryError::NeedsWorld`].
+    /// The world. With `None`, methods that need a world fail with [`RegistryError::NeedsWorld`].
     pub world: Option<Arc<World>>,
-    /// Clusters of the world, for a method with the same parameters of clustering. Another method makes its own.
+    /// Existing clusters of the world. A method with the same clustering parameters reuses them; others compute new ones.
     pub clusters: Option<Arc<WorldClusters>>,
     /// The points of the samples, for a filter that reads their coordinates.
     pub points: Option<FilmPoints>,
@@ -98,7 +97,7 @@ impl<'a> OnWorld<'a> {
         self.inputs.world.as_ref().ok_or(ClusterInputError::NoScene)
     }
 
-    /// The clusters of the world with these parameters: those that exist, or new ones.
+    /// The clusters of the world with these parameters, existing or newly computed.
     fn clusters(&self, params: &ClusterParams) -> Result<Arc<WorldClusters>, ClusterInputError> {
         let known = self.inputs.clusters.as_ref().filter(|known| known.params() == params);
         let clusters = match known {
@@ -158,7 +157,7 @@ impl ClusterInputs for OnWorld<'_> {
     }
 }
 
-/// The dimensions in which the world's samples have a meaning; `None` for pixel filters other than a box of one pixel.
+/// The meaning of each dimension of the world's samples; `None` for pixel filters other than a box one pixel wide.
 fn domain(world: &World) -> Option<Domain> {
     let found = world.sample_dimensions()?;
     let axes =
@@ -169,7 +168,7 @@ fn domain(world: &World) -> Option<Domain> {
     Some(found.outside.into_iter().fold(domain, Domain::with_outside))
 }
 
-/// The points of a film of this world that is rendered with `points`; `None` if their coordinates have no meaning.
+/// The sample points of a film of `world` rendered with `points`; `None` if their coordinates have no known meaning.
 pub fn film_points(world: &World, points: Arc<dyn PointSet>) -> Option<FilmPoints> {
     let defocus = world.camera().defocus().map(|[far, by_inverse_depth]| Defocus::new(far, by_inverse_depth));
     Some(FilmPoints::new(points, domain(world)?).with_defocus(defocus))

@@ -21,9 +21,9 @@ pub const DEFAULT_INTEGRATOR: &str = "auto";
 
 /// A description of a render: all settings that decide the pixels of an image.
 ///
-/// Shards and checkpoints store the description as JSON, and `dapple render --spec FILE` reads it. Paths are text, or a list of bytes where they are not UTF-8.
-/// Fields that are missing from the JSON have the values of [`RenderSpec::new`]; unknown fields are refused. The fields that most
-/// renders set have functions of their names.
+/// Shards and checkpoints store the description as JSON, and `dapple render --spec FILE` reads it. Paths are text, or a list of
+/// bytes if they are not UTF-8. Fields missing from the JSON have the values of [`RenderSpec::new`]; unknown fields are
+/// refused. The most common fields have setter functions of the same names.
 ///
 /// ```
 /// use dapple_job::{BudgetSpec, RenderSpec};
@@ -44,17 +44,17 @@ pub struct RenderSpec {
     pub sampler: String,
     /// The point set (where samples lie), `NAME` or `NAME:key=value,…`.
     pub points: String,
-    /// The filter (denoiser), `NAME` or `NAME:key=value,…`; `none` leaves each pixel the mean of its samples.
+    /// The filter (denoiser), `NAME` or `NAME:key=value,…`; with `none`, each pixel is the mean of its own samples.
     pub filter: String,
-    /// The integrator, `NAME` or `NAME:key=value,…`. `auto` takes `photons` if the scene calls for it, else `path`.
+    /// The integrator, `NAME` or `NAME:key=value,…`. `auto` selects `photons` or `path` by the scene's caustics.
     pub integrator: String,
-    /// The rule by which light sampling selects one of several lights. `None` stands for the default that
-    /// [`RenderSpec::selection`] returns.
+    /// The rule by which light sampling selects one of several lights. With `None`, [`RenderSpec::selection`] returns the
+    /// default.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub light_selection: Option<LightSelection>,
     /// The condition that ends the render.
     pub budget: BudgetSpec,
-    /// The image that a [`BudgetSpec::Error`] concerns.
+    /// The image to which [`BudgetSpec::Error`] applies.
     #[serde(skip_serializing_if = "ErrorOf::is_default")]
     pub error_of: ErrorOf,
     /// The smallest number of samples that each pixel gets.
@@ -63,17 +63,17 @@ pub struct RenderSpec {
     /// [`BudgetSpec::Error`].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_spp: Option<u32>,
-    /// Width and height of the full image in pixels; `None` takes the resolution in the scene.
+    /// Width and height of the full image in pixels; `None` uses the scene's resolution.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub resolution: Option<[u32; 2]>,
-    /// A factor of the width and height in the scene, instead of `resolution`: 0.5 renders a quarter of the pixels.
+    /// A factor on the scene's width and height, instead of `resolution`. At 0.5, a quarter of the pixels are rendered.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub scale: Option<f64>,
     /// The part of the image to render.
     pub crop: CropSpec,
     /// Seed of all random numbers.
     pub seed: u64,
-    /// The largest number of scattering events between camera and light; `None` takes the limit in the scene.
+    /// The largest number of scattering events between camera and light; `None` uses the scene's limit.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_depth: Option<u32>,
     /// The pixel filter: the scene's, or a box one pixel wide.
@@ -83,7 +83,7 @@ pub struct RenderSpec {
     pub without: Vec<Effect>,
     /// If `true`, unsupported directives of a scene are warnings instead of errors.
     pub allow_unsupported: bool,
-    /// The shard (a run of rows of the image) to render; `None` renders the whole image.
+    /// The shard (a subset of the image's rows) to render; `None` renders the whole image.
     #[serde(with = "names::shard", skip_serializing_if = "Option::is_none")]
     pub shard: Option<Shard>,
 }
@@ -92,26 +92,26 @@ pub struct RenderSpec {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum BudgetSpec {
-    /// The render takes the scene file's number of samples per pixel, within the bounds of the description;
-    /// [`DEFAULT_SPP`] if the file states none. The loaded scene's description has the number.
+    /// The scene file's number of samples per pixel, clamped to the bounds of the description. [`DEFAULT_SPP`] if the file
+    /// states none. Loading the scene replaces this variant by [`Spp`](Self::Spp).
     Scene,
-    /// The render takes exactly this mean number of samples per pixel.
+    /// Exactly this mean number of samples per pixel.
     Spp(f64),
-    /// The render takes exactly this number of samples in total.
+    /// Exactly this number of samples in total.
     Samples(u64),
     /// The render ends when the predicted relMSE of the image is at most this value; [`RenderSpec::error_of`] selects
     /// the filtered or the unfiltered image.
     Error(f64),
-    /// The render takes about this many seconds for clustering, planning, tracing and filtering together, at most
-    /// [`MOST_SECONDS`]. Each pixel gets its least number of samples, however long that takes.
+    /// About this many seconds for clustering, planning, tracing and filtering together; at most [`MOST_SECONDS`]. Each pixel
+    /// gets [`RenderSpec::min_spp`] samples, however long that takes.
     Seconds(f64),
 }
 
-/// The image that a limit of error concerns.
+/// The image to which an error limit applies.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ErrorOf {
-    /// The filtered image. A filter without an estimate of its own error, such as `oidn`, leaves the limit with the
+    /// The filtered image. If the filter does not estimate its own error (`oidn`, for example), the limit applies to the
     /// unfiltered image.
     #[default]
     Filtered,
@@ -128,7 +128,7 @@ impl ErrorOf {
 }
 
 impl BudgetSpec {
-    /// The budget of a render of a scene whose file states `spp` samples per pixel.
+    /// Resolves [`Scene`](Self::Scene) for a scene file that states `spp` samples per pixel, clamped to `min` and `max`.
     pub(crate) fn of_scene(self, spp: Option<u32>, [min, max]: [u32; 2]) -> Self {
         match self {
             Self::Scene => Self::Spp(spp.map_or(DEFAULT_SPP, f64::from).max(f64::from(min)).min(f64::from(max))),
@@ -187,8 +187,8 @@ pub enum SpecError {
     Json(#[from] serde_json::Error),
     /// A description in another version of the JSON format than [`SPEC_VERSION`].
     #[error(
-        "the render's description has version {found}, and this Dapple reads version {SPEC_VERSION}; use the version of \
-         Dapple that wrote it, or describe the render again"
+        "the render's description has version {found}, but this Dapple reads version {SPEC_VERSION}; use the version of \
+         Dapple that wrote it, or write a new description"
     )]
     Version {
         /// The format version in the description.
@@ -232,7 +232,7 @@ impl RenderSpec {
         }
     }
 
-    /// The values of fields that JSON lacks; it never lacks the scene.
+    /// The defaults of fields that are missing from JSON. The scene is never missing.
     fn unnamed() -> Self {
         Self::new("")
     }
@@ -249,7 +249,7 @@ impl RenderSpec {
         Self { points: points.into(), ..self }
     }
 
-    /// Sets the filter (denoiser), `NAME` or `NAME:key=value,…`; `none` leaves each pixel the mean of its samples.
+    /// Sets the filter (denoiser), `NAME` or `NAME:key=value,…`; with `none`, each pixel is the mean of its own samples.
     #[must_use]
     pub fn filter(self, filter: impl Into<String>) -> Self {
         Self { filter: filter.into(), ..self }
@@ -344,7 +344,9 @@ impl RenderSpec {
             fine("resolution", dapple_core::Frame::new(w, h))?;
         }
         if let Some(scale) = self.scale {
-            refuse(self.resolution.is_some(), "scale", || "a resolution is given too; give one of the two".into())?;
+            refuse(self.resolution.is_some(), "scale", || {
+                "a resolution is given as well; give only one of them".into()
+            })?;
             refuse(!is_above_zero(scale), "scale", || format!("{scale} is not a finite number above zero"))?;
         }
         fine("sampler", crate::registry::check_sampler(&self.sampler))?;
@@ -357,14 +359,16 @@ impl RenderSpec {
                 .into()
         })?;
         let open = self.shard.is_some() && matches!(self.budget, BudgetSpec::Error(_) | BudgetSpec::Seconds(_));
-        refuse(open, self.budget.field(), || "a shard needs a number of samples; give spp".into())
+        refuse(open, self.budget.field(), || "a shard needs a fixed number of samples; give spp".into())
     }
 
     /// Checks the budget, and the bounds of samples per pixel.
     fn check_budget(&self) -> Result<(), SpecError> {
         let (min, most, field) = (self.min_spp, self.max_spp.unwrap_or(u32::MAX), self.budget.field());
         let above = |what: &dyn std::fmt::Display| {
-            format!("{what} is above the largest number of samples per pixel, {most}; lower one, or raise the other")
+            format!(
+                "{what} is above the maximum number of samples per pixel, {most}; lower the first or raise the second"
+            )
         };
         refuse(min > most, "min_spp", || above(&min))?;
         match self.budget {
@@ -372,13 +376,13 @@ impl RenderSpec {
                 refuse(true, field, || format!("{x} is not a finite number above zero"))
             }
             BudgetSpec::Seconds(x) => refuse(x > MOST_SECONDS, field, || {
-                format!("{x} is above {MOST_SECONDS} (a year); give spp for a render without end")
+                format!("{x} is above the maximum, {MOST_SECONDS} (a year); give fewer seconds, or give spp")
             }),
             BudgetSpec::Samples(n) => refuse(n == 0, field, || "0 samples make no image; give at least 1".into()),
             BudgetSpec::Spp(spp) => {
                 refuse(spp < f64::from(min), field, || {
                     format!(
-                        "{spp} is below the smallest number of samples per pixel, {min}; raise one, or lower the other"
+                        "{spp} is below the minimum number of samples per pixel, {min}; raise the first or lower the second"
                     )
                 })?;
                 refuse(spp > f64::from(most), field, || above(&spp))
@@ -404,12 +408,12 @@ impl RenderSpec {
     }
 }
 
-/// The error of a field whose value is wrong.
+/// Returns an error about `field` if its value is `wrong`.
 fn refuse(wrong: bool, field: &'static str, what: impl FnOnce() -> String) -> Result<(), SpecError> {
     if wrong { Err(SpecError::Field { field, what: what() }) } else { Ok(()) }
 }
 
-/// The error of a check, as that of a field.
+/// Converts the error of a check to an error about `field`.
 fn fine<T>(field: &'static str, checked: Result<T, impl ToString>) -> Result<(), SpecError> {
     checked.map(drop).map_err(|e| SpecError::Field { field, what: e.to_string() })
 }
@@ -446,12 +450,12 @@ impl Shard {
 impl FromStr for Shard {
     type Err = String;
 
-    /// Parses `I/N`, the I-th of N, counted from 1.
+    /// Parses `I/N`: shard I of N, counted from 1.
     fn from_str(text: &str) -> Result<Self, String> {
         let parse = |(i, n): (&str, &str)| Some((i.parse::<u32>().ok()?.checked_sub(1)?, n.parse().ok()?));
         match text.split_once('/').and_then(parse).filter(|(index, of)| index < of) {
             Some((index, of)) => Ok(Self { index, of }),
-            None => Err(format!("\"{text}\" is not a shard I/N, the I-th of N; examples are 1/4 and 4/4")),
+            None => Err(format!("\"{text}\" is not a shard; write I/N with I from 1 to N, such as 1/4 or 4/4")),
         }
     }
 }

@@ -12,34 +12,32 @@ pub enum Warning {
     #[error("{}: {}", .0.source, .0.message)]
     Notice(Notice),
     /// An effect (a kind of light transport) that is left out of the image at the user's request.
-    #[error("without {effect}: {}{}", effect.left_out(), caller(by.as_ref()))]
+    #[error("{effect} is left out: {}{}", effect.left_out(), caller(by.as_ref()))]
     LeftOut {
         /// The effect that is left out.
         effect: Effect,
         /// The first object in the scene that uses the effect; `None` if unknown.
         by: Option<CalledEffect>,
     },
-    /// A light that a path tracer finds by chance only, such as a small lamp behind glass.
+    /// A light that a path tracer finds by chance only, such as a small light behind glass.
     #[error("{}: {}", .0.source, found_by_chance(.0))]
     FoundByChance(CalledEffect),
-    /// A light that a path tracer finds by chance only, and that photons carry instead: the default integrator is
-    /// `photons`.
-    #[error("{}: {}; photons carry it (--integrator path leaves specks)", .0.source, .0.because)]
+    /// A light that a path tracer finds by chance only. The default integrator for the scene is therefore `photons`.
+    #[error("{}: {}; photon mapping renders this light (--integrator path would leave specks)", .0.source, .0.because)]
     Photons(CalledEffect),
-    /// A lamp whose triangles have no area, so that it gives off no light.
-    #[error("{0}: this lamp has no area and gives off no light; make it larger, or remove it")]
+    /// An area light whose triangles have zero area, so that it emits no light.
+    #[error("{0}: this area light has zero area and emits no light; make it larger, or remove it")]
     LampWithoutArea(Source),
-    /// Triangles without area, which are left out: their number.
-    #[error("{0} triangles have no area and are left out")]
+    /// The number of triangles with zero area, which are left out.
+    #[error("{0} triangles have zero area and are left out")]
     DroppedTriangles(usize),
-    /// The newest version of a checkpoint is missing or damaged: the error of reading it. The render resumes from the
-    /// previous version.
-    #[error("{0}; resuming from the checkpoint before it")]
+    /// The error of reading the newest version of a checkpoint. The render resumes from the previous version.
+    #[error("{0}; resuming from its previous version")]
     PreviousCheckpoint(String),
-    /// A checkpoint could not be written: the error. The render continues and tries again.
-    #[error("no checkpoint was written: {0}; rendering goes on, and will try again")]
+    /// The error of writing a checkpoint. The render continues and tries again.
+    #[error("no checkpoint was written: {0}; rendering continues and will try again")]
     NoCheckpoint(String),
-    /// Samples whose radiance was NaN, infinite or negative, and that count as black.
+    /// Samples whose radiance was NaN, infinite or negative; they count as black.
     #[error("{rejected} of {samples} samples were NaN, infinite or negative and count as 0; the first is sample {} of stream {} in pixel ({}, {}) with {points}", first.sample.index, first.sample.stream, first.sample.pixel[0], first.sample.pixel[1])]
     RejectedSamples {
         /// The number of rejected samples.
@@ -53,7 +51,7 @@ pub enum Warning {
     },
     /// A clustering grid that is too coarse for the scene: one voxel holds more than half of the triangles.
     #[error(
-        "one of the clustering grid's {voxels} voxels holds {fullest} of {triangles} triangles, so that clusters separate little; raise k= and clamp=, or leave out objects far away, which stretch the grid"
+        "one of the clustering grid's {voxels} voxels holds {fullest} of {triangles} triangles, so clusters hardly separate objects; raise k= and clamp=, or remove distant objects, which enlarge the grid"
     )]
     DegenerateClusters {
         /// The number of voxels of the grid.
@@ -63,25 +61,25 @@ pub enum Warning {
         /// The number of triangles in the scene.
         triangles: u32,
     },
-    /// Probe rays whose hit position was NaN or infinite, and that count as background: their number.
+    /// The number of probe rays whose hit position was NaN or infinite; they count as background.
     #[error("{0} probes hit a place that is NaN or infinite, and count as background")]
     RejectedProbes(u64),
     /// A render that ended before its predicted error fell to the goal.
-    #[error("the predicted relMSE is {}, and the goal is {goal}: the sampler's threshold or the largest number of samples ended the render", predicted.map_or_else(|| "unknown".to_owned(), |predicted| format!("{predicted:.2e}")))]
+    #[error("the predicted relMSE is {}, but the goal is {goal}: the render ended at the sampler's threshold or at the maximum number of samples", predicted.map_or_else(|| "unknown".to_owned(), |predicted| format!("{predicted:.2e}")))]
     ErrorNotReached {
         /// The predicted relMSE at the end; `None` if unknown.
         predicted: Option<f64>,
         /// The relMSE to reach.
         goal: f64,
     },
-    /// A time limit that the first samples of all pixels exceed, noticed while they are traced.
-    #[error("{} per pixel will take about {} s, and the time limit is {} s; rendering goes on until then, since a pixel without samples is black", least(*min_spp), rounded(*needed), rounded(*limit))]
+    /// A time limit that is too short for the first samples of all pixels, noticed while these samples are traced.
+    #[error("{} per pixel will take about {} s, but the time limit is {} s; rendering continues until then, since a pixel without samples is black", least(*min_spp), rounded(*needed), rounded(*limit))]
     TimeTooShort {
         /// The time limit in seconds.
         limit: f64,
         /// The least number of samples per pixel.
         min_spp: u32,
-        /// The estimated seconds until every pixel has them.
+        /// The estimated seconds until every pixel has `min_spp` samples.
         needed: f64,
     },
     /// A render that took longer than its time limit.
@@ -102,11 +100,11 @@ pub enum Warning {
         /// The name of the filter that was not applied.
         filter: String,
     },
-    /// Pixels with fireflies, which the filter treats apart.
-    #[error("{0}; more samples, or --filter cluster-regression:fireflies=drop, make them vanish")]
+    /// Pixels with fireflies, which the filter treats separately.
+    #[error("{0}; to remove them, use more samples or --filter cluster-regression:fireflies=drop")]
     Fireflies(dapple_core::filter::Fireflies),
     /// Pixel values that were too large for the file format, and were clamped to its maximum.
-    #[error("{}: {values} values were too large for it", path.display())]
+    #[error("{}: {values} values were too large for the format and were clamped", path.display())]
     Clamped {
         /// The path of the image file.
         path: std::path::PathBuf,
@@ -121,14 +119,14 @@ pub enum Warning {
         /// The name of the layer.
         layer: String,
     },
-    /// A shard (every N-th row of an image) whose file is not written, because its render was stopped.
+    /// A shard whose file is not written, because its render was stopped.
     #[error("shard {0} was stopped, and is not written")]
     ShardStopped(crate::Shard),
 }
 
-/// The object that calls for an effect, as the end of a sentence.
+/// The object that uses an effect, as the end of a sentence.
 fn caller(by: Option<&CalledEffect>) -> String {
-    by.map_or_else(String::new, |by| format!("; {} calls for it ({})", by.source, by.because))
+    by.map_or_else(String::new, |by| format!("; {} uses the effect ({})", by.source, by.because))
 }
 
 /// The reason why a render took longer than its time limit.
@@ -152,7 +150,7 @@ fn missing(layer: &str) -> &'static str {
     }
 }
 
-/// A number of samples as words.
+/// A number of samples with its noun.
 fn least(samples: u32) -> String {
     if samples <= 1 { "one sample".into() } else { format!("{samples} samples") }
 }

@@ -1,4 +1,4 @@
-//! Methods that place samples, read their coordinates, or know the lens before they sample.
+//! Methods that place samples themselves, read sample coordinates, or use the lens's blur for planning.
 
 use crate::{AnyPoints, ClusterInputError, ClusterInputs, LensProbes, MadeSampler, Parameters, RegistryError};
 use dapple_classics::{
@@ -7,7 +7,7 @@ use dapple_classics::{
 };
 use dapple_core::Filter;
 
-/// The part that methods which place samples lack without a scene.
+/// The name of the input that methods which place samples need from a scene.
 const DIMENSIONS: &str = "the meaning of the samples' dimensions";
 
 fn refused(error: ClusterInputError, of: &'static str) -> RegistryError {
@@ -17,13 +17,13 @@ fn refused(error: ClusterInputError, of: &'static str) -> RegistryError {
     }
 }
 
-/// The dimensions in which a sampler places or reads samples.
+/// The sample dimensions with a known meaning, for a sampler that places or reads samples.
 fn domain(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Domain, RegistryError> {
     let domain = inputs.domain().map_err(|e| refused(e, p.of()))?;
     domain.ok_or(RegistryError::NeedsWorld { of: p.of(), what: DIMENSIONS })
 }
 
-/// The points of the samples that a filter reads.
+/// The coordinates of the film's samples, for a filter that reads them.
 fn film_points(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<FilmPoints, RegistryError> {
     let points = inputs.film_points().map_err(|e| refused(e, p.of()))?;
     points.ok_or(RegistryError::NeedsWorld { of: p.of(), what: "the coordinates of the film's samples" })
@@ -38,7 +38,7 @@ pub(crate) fn mdas(
     let domain = domain(p, inputs)?;
     if let Some(what) = domain.outside().filter(|_| options.force == 0) {
         let why = format!(
-            "samples depend on {what}, and its noise looks like detail; force=1 samples the scene all the same"
+            "samples depend on {what}, whose noise the sampler would take for detail; set force=1 to render anyway"
         );
         return Err(RegistryError::Points { of: p.of(), why });
     }
@@ -67,7 +67,7 @@ pub(crate) fn of_samples<M: FilterMethod<FilmPoints> + 'static>(
     Ok(Box::new(MethodFilter::new(film_points(p, inputs)?, options)?))
 }
 
-/// First hits through the centre of the lens.
+/// The tracer of first hits through the centre of the lens.
 fn lens_probes(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<LensProbes, RegistryError> {
     let lacks = RegistryError::NeedsWorld { of: p.of(), what: "first hits through the centre of the lens" };
     match inputs.lens_probes() {
@@ -85,8 +85,8 @@ pub(crate) fn fourier_dof(
     let (options, bandwidth): (FourierDofOptions, _) = (p.options()?, p.options()?);
     let probes = lens_probes(p, inputs)?;
     if !probes.has_lens && options.force == 0 {
-        let why = "the camera has no lens, so nothing is out of focus; give it a lens radius, or force=1 to sample by the \
-                   surfaces alone";
+        let why = "the camera has no lens, so nothing is out of focus; give the camera a lens radius, or set force=1 to \
+                   sample by the surfaces alone";
         return Err(p.refuse(why));
     }
     Ok(FourierDof::new(points, probes.trace, options, bandwidth)?.into())

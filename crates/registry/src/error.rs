@@ -24,23 +24,23 @@ pub enum RegistryError {
         /// The fault, and the remedy.
         what: String,
     },
-    /// An entry that uses clusters of a scene, without them.
-    #[error("{of} needs {what}; give it a world, or cluster inputs that have this")]
+    /// An entry that needs clusters or another input from the scene, which is missing.
+    #[error("{of} needs {what}; pass a world, or cluster inputs that provide this")]
     NeedsWorld {
         /// The name of the entry.
         of: &'static str,
-        /// The missing part of the scene, as a noun phrase.
+        /// The missing input, as a noun phrase.
         what: &'static str,
     },
     /// A scene whose surfaces cannot be clustered.
-    #[error("{of}: clusters cannot be made: {why}")]
+    #[error("{of}: clustering failed: {why}")]
     Clusters {
         /// The name of the entry.
         of: &'static str,
         /// The fault, and the remedy.
         why: String,
     },
-    /// A scene in which samples cannot be placed, or coordinates have no meaning.
+    /// A scene in which samples cannot be placed, or in which the meaning of sample coordinates is unknown.
     #[error("{of}: samples cannot be placed: {why}")]
     Points {
         /// The name of the entry.
@@ -48,7 +48,7 @@ pub enum RegistryError {
         /// The fault, and the remedy.
         why: String,
     },
-    /// A filter that this program was built without.
+    /// A filter that is not built into this program.
     #[error(
         "the filter \"{of}\" is not in this program; build it with the feature \"{feature}\" (cargo … --features {feature})"
     )]

@@ -229,10 +229,10 @@ fn james_stein(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Box<dyn Fil
     Ok(Box::new(p.made(JamesStein::with_options(of, p.options()?))?))
 }
 
-/// The feature of filters by Open Image Denoise.
+/// The Cargo feature of the filters that use Open Image Denoise.
 const OIDN: &str = "oidn";
 
-/// Filters that this program was built without, each with its Cargo feature.
+/// Filters that are not built into this program, each with its Cargo feature.
 pub const NOT_BUILT: &[(&str, &str)] =
     if cfg!(feature = "oidn") { &[] } else { &[("oidn", OIDN), ("oidn-blend", OIDN)] };
 
@@ -243,20 +243,22 @@ fn oidn(p: &Parameters) -> Result<Oidn, RegistryError> {
     Ok(Oidn::new(library, options))
 }
 
-/// The library is loaded first, so that its absence is reported before a scene is read.
+/// Creates the filter. Loads the library first, so that its absence is reported before a scene is read.
 #[cfg(feature = "oidn")]
 fn oidn_blend(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Box<dyn Filter>, RegistryError> {
     let oidn = oidn(p)?;
     Ok(Box::new(OidnBlend::new(oidn, cluster_regression(p, inputs)?)))
 }
 
-/// The filter `best`: of those that this program and this machine have, the one with the least error in the race.
+/// The name of the filter `best`: the filter with the least error in the race among those available in this program and on this
+/// machine.
 pub fn best_filter() -> &'static str {
     let found = open_image_denoise().is_some_and(|library| library.is_ok());
     if found { "oidn-blend" } else { crate::DEFAULT_FILTER }
 }
 
-/// The library that `oidn` and `oidn-blend` use: its path and version, or how to get it. `None` without the feature `oidn`.
+/// The library that `oidn` and `both` use: its path and version, or instructions for installing it. `None` without the feature
+/// `oidn`.
 pub fn open_image_denoise() -> Option<Result<String, String>> {
     #[cfg(feature = "oidn")]
     return Some(Library::load().map(ToString::to_string).map_err(|e| e.to_string()));
@@ -282,8 +284,8 @@ fn cluster_regression(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Box<
     labelled(p, inputs, Some(plain.clone()), |label| Ok(plain.clone().with_clusters(label, p.described(CLUSTERING))))
 }
 
-/// Makes a filter with the clusters of the scene. Clusters are requested only if the parameters use them. `without` is
-/// the filter for scenes without clusters; `None` refuses these.
+/// Creates a filter with the clusters of the scene. Clusters are requested only if the parameters use them. `without` is the
+/// filter for scenes without clusters; with `None`, such scenes are an error.
 fn labelled<F: Filter + 'static>(
     p: &Parameters,
     inputs: &dyn ClusterInputs,

@@ -1,4 +1,4 @@
-//! The clusters, probes and coordinates for which samplers and filters are made.
+//! The clusters, probes and sample coordinates that samplers and filters take from a renderer.
 
 use crate::RegistryError;
 #[cfg(feature = "classics")]
@@ -9,24 +9,24 @@ use dapple_core::FirstHit;
 use dapple_denoise::ClusterLookup;
 use std::sync::Arc;
 
-/// Clusters of a scene, first-hit probes, and the meaning of samples' coordinates, for the methods that use them.
+/// Clusters of a scene, first-hit probes, and the meaning of sample coordinates, for the methods that use them.
 ///
-/// A renderer implements this on its scene, or fills [`HostClusters`]. Each part may be missing. `cluster-regression` and
-/// `bilateral` then do without clusters. `cluster-gaussian` and `cluster-thesis` are refused, and so are methods that place
-/// samples or read their coordinates.
+/// A renderer implements this trait for its scene, or fills [`HostClusters`]. Any input may be missing. Without clusters,
+/// `cluster-regression` and `bilateral` work on features alone, and `cluster-gaussian` and `cluster-thesis` cannot be created.
+/// Without known coordinates, methods that place samples or read coordinates cannot be created.
 pub trait ClusterInputs {
-    /// The function from a first hit to its cluster, for clusters made with `params`; `None` without clusters.
+    /// The function that returns the cluster of a first hit, for clusters made with `params`; `None` without clusters.
     ///
     /// # Errors
     ///
-    /// [`ClusterInputError`] if there must be clusters and there are none.
+    /// [`ClusterInputError`] if there is no scene yet, or clustering failed.
     fn labels(&self, params: &ClusterParams) -> Result<Option<ClusterLookup>, ClusterInputError>;
 
-    /// Clusters made with `params`, and the function that traces probes; `None` without them.
+    /// Clusters made with `params`, and the function that traces probes; `None` if there are none.
     ///
     /// # Errors
     ///
-    /// [`ClusterInputError`] if there must be clusters and there are none.
+    /// [`ClusterInputError`] if there is no scene yet, or clustering failed.
     fn probes(&self, params: &ClusterParams) -> Result<Option<ClusterProbes>, ClusterInputError>;
 
     /// The camera's matrix from the world to clip space, for clusters measured on the screen; `None` by default.
@@ -44,7 +44,8 @@ pub trait ClusterInputs {
         Ok(None)
     }
 
-    /// The function that traces shadow rays from the hits of probes, for clusters that know the lights; `None` by default.
+    /// The function that traces shadow rays from the hits of probes, for `cluster-thesis` with `lights` above 0; `None` by
+    /// default.
     ///
     /// # Errors
     ///
@@ -53,8 +54,8 @@ pub trait ClusterInputs {
         Ok(None)
     }
 
-    /// First hits through the centre of the lens, and the lens' blur there, for methods that know the lens before they sample;
-    /// `None` by default.
+    /// The tracer of first hits through the centre of the lens, with the lens's blur at each hit, for methods that plan by the
+    /// lens; `None` by default.
     ///
     /// # Errors
     ///
@@ -63,7 +64,7 @@ pub trait ClusterInputs {
         Ok(None)
     }
 
-    /// The dimensions in which the renderer's samples have a meaning, for samplers that place samples; `None` by default.
+    /// The meaning of the dimensions of the renderer's samples, for samplers that place samples; `None` by default.
     ///
     /// # Errors
     ///
@@ -73,11 +74,11 @@ pub trait ClusterInputs {
         Ok(None)
     }
 
-    /// The points of the film's samples, for filters that read coordinates; `None` by default.
+    /// The coordinates of the film's samples, for filters that read them; `None` by default.
     ///
     /// # Errors
     ///
-    /// [`ClusterInputError`] if the coordinates have no meaning.
+    /// [`ClusterInputError`] if the meaning of the coordinates is unknown.
     #[cfg(feature = "classics")]
     fn film_points(&self) -> Result<Option<FilmPoints>, ClusterInputError> {
         Ok(None)
@@ -88,14 +89,14 @@ pub trait ClusterInputs {
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum ClusterInputError {
-    /// There is no scene yet: methods that use clusters are refused.
+    /// There is no scene yet, so methods that need clusters cannot be created.
     NoScene,
-    /// Surfaces that cannot be clustered, or samples that cannot be placed: the fault, and the remedy.
+    /// Surfaces cannot be clustered, or samples cannot be placed. The text names the problem and the remedy.
     Failed(String),
 }
 
 impl ClusterInputError {
-    /// The error of the method `of`.
+    /// Converts to the error of creating the method `of`.
     pub(crate) fn of(self, of: &'static str) -> RegistryError {
         match self {
             Self::NoScene => RegistryError::NeedsWorld { of, what: CLUSTERS },
@@ -104,23 +105,23 @@ impl ClusterInputError {
     }
 }
 
-/// The part that most methods with clusters lack without a scene.
+/// The name of the input that most methods with clusters need from a scene.
 pub(crate) const CLUSTERS: &str = "clusters of the scene's surfaces";
 
 /// Clusters, and the function that traces probes for the sampler `cluster-thesis`.
 #[derive(Clone)]
 pub struct ClusterProbes {
-    /// The cluster's number of each primitive.
+    /// The cluster index of each primitive.
     pub labels: Arc<[u32]>,
     /// The clusters.
     pub clusters: Arc<[Cluster]>,
-    /// The function that traces a probe ray and returns its first hit, with the hit's index among `labels`.
+    /// The function that traces a probe ray and returns its first hit, and the index in `labels` of the primitive that was hit.
     pub shoot: TraceProbe,
 }
 
 impl ClusterProbes {
-    /// Probes of a scene of objects, each a cluster of its own: spheres, instances, distance fields. `bounds` are the
-    /// smallest and largest corner of each object's bounding box. `shoot` reports the object's number as
+    /// Probes of a scene in which each object (sphere, instance, distance field) is one cluster. `bounds` holds the smallest
+    /// and largest corner of each object's bounding box. `shoot` returns the object's index in `bounds` as
     /// [`ProbeHit::primitive`].
     pub fn of_objects(
         bounds: &[[[f32; 3]; 2]],
@@ -139,13 +140,13 @@ impl ClusterProbes {
     }
 }
 
-/// The function that traces the ray through the centres of a pixel and of the lens, for a pixel of the full image.
+/// A function that traces the ray through the centres of a pixel and of the lens. The pixel is given in the full image.
 ///
 /// It returns the first hit, and the radius in pixels of the circle of confusion there: negative in front of the plane in focus,
 /// 0 without a lens. It must be pure.
 pub type TraceLensProbe = Arc<dyn Fn([u32; 2]) -> (Option<FirstHit>, f32) + Send + Sync>;
 
-/// First hits through the centre of the lens, for the sampler `fourier-dof` and the filter `splat`.
+/// The tracer of first hits through the centre of the lens, for the sampler `fourier-dof` and the filter `splat`.
 #[derive(Clone)]
 pub struct LensProbes {
     /// The function that traces the first hits.
@@ -154,9 +155,9 @@ pub struct LensProbes {
     pub has_lens: bool,
 }
 
-/// Clusters that a renderer makes itself, from the shapes and primitives of its first hits.
+/// Inputs of a renderer with its own clusters, identified by the shapes and primitives of first hits.
 ///
-/// The parameters of clustering (`k`, `clamp`, …) have no effect on them.
+/// The parameters of clustering (`k`, `clamp`, …) have no effect on these clusters.
 ///
 /// ```
 /// use dapple_registry::HostClusters;
@@ -169,7 +170,7 @@ pub struct LensProbes {
 /// ```
 #[derive(Clone, Default)]
 pub struct HostClusters {
-    /// The function from shape and primitive of a first hit to its cluster; it returns `None` outside all clusters.
+    /// The function that returns the cluster of a first hit's shape and primitive, or `None` outside all clusters.
     pub labels: Option<ClusterLookup>,
     /// The clusters and the function that traces probes, for the sampler `cluster-thesis`.
     pub probes: Option<ClusterProbes>,
@@ -179,10 +180,10 @@ pub struct HostClusters {
     pub visibility: Option<TraceVisibility>,
     /// The function that traces first hits through the centre of the lens, for `fourier-dof` and `splat`.
     pub lens_probes: Option<LensProbes>,
-    /// The dimensions in which samples have a meaning, for samplers that place samples.
+    /// The meaning of the dimensions of samples, for samplers that place samples.
     #[cfg(feature = "classics")]
     pub domain: Option<Domain>,
-    /// The points of the film's samples, for filters that read coordinates.
+    /// The coordinates of the film's samples, for filters that read them.
     #[cfg(feature = "classics")]
     pub film_points: Option<FilmPoints>,
 }

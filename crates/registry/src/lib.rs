@@ -34,11 +34,11 @@ pub struct Entry<Make> {
     pub about: &'static str,
     /// The parameters of the entry; groups of them are shared by several entries.
     pub parameters: &'static [&'static [Parameter]],
-    /// The Cargo feature without which programs lack the entry; `None` for entries that every program has.
+    /// The Cargo feature that the entry requires; `None` for entries that are always built in.
     pub feature: Option<&'static str>,
-    /// The publication or program that the method comes from; `docs/references.bib` lists it in full.
+    /// The publication or program from which the method comes; `docs/references.bib` has the full reference.
     pub source: &'static str,
-    /// The cases in which the method fails or loses; a test demands them of each entry.
+    /// The cases in which the method fails or does worse than others. A test requires this text of each entry.
     pub weakness: &'static str,
     make: Make,
 }
@@ -79,7 +79,7 @@ impl<Make> Entry<Make> {
     }
 }
 
-/// The seed and the budget for making a point set, besides its parameters.
+/// The seed and the budget of a point set, in addition to its parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PointSettings {
     /// The seed of all random numbers.
@@ -88,8 +88,7 @@ pub struct PointSettings {
     pub spp: Option<u64>,
 }
 
-/// The parameters of grouping triangles into clusters, for all entries that use clusters. The defaults are those of the
-/// published method.
+/// The parameters of clustering triangles, for all entries that use clusters. The defaults are the published method's.
 const CLUSTERING: &[Parameter] = &[
     Parameter::new(
         "k",
@@ -131,7 +130,7 @@ fn clustering(p: &Parameters) -> Result<ClusterParams, RegistryError> {
     Ok(params)
 }
 
-/// Makes a point set from its description: `NAME` or `NAME:key=value,…`.
+/// Creates a point set from its description: `NAME` or `NAME:key=value,…`.
 ///
 /// # Errors
 ///
@@ -141,7 +140,7 @@ pub fn points(description: &str, setting: PointSettings) -> Result<AnyPoints, Re
     (entry.make)(&parameters, setting)
 }
 
-/// Makes a sampler from its description (`NAME` or `NAME:key=value,…`), with the point set `points`.
+/// Creates a sampler from its description (`NAME` or `NAME:key=value,…`), with the point set `points`.
 ///
 /// # Errors
 ///
@@ -152,13 +151,13 @@ pub fn sampler(description: &str, points: AnyPoints, inputs: &dyn ClusterInputs)
     (entry.make)(&parameters, points, inputs)
 }
 
-/// Makes a filter (denoiser) from its description (`NAME` or `NAME:key=value,…`). `best` is [`best_filter`].
+/// Creates a filter (denoiser) from its description (`NAME` or `NAME:key=value,…`). The name `best` selects [`best_filter`].
 ///
 /// # Errors
 ///
 /// [`RegistryError`] for an unknown name or key, listing the known ones, and for a value out of range.
 /// [`RegistryError::NotBuilt`] for a filter whose feature is off, [`RegistryError::NoLibrary`] for one whose library is
-/// missing. [`RegistryError::NeedsWorld`] if the filter cannot do without clusters and `inputs` has none.
+/// missing. [`RegistryError::NeedsWorld`] if the filter requires clusters and `inputs` has none.
 pub fn filter(description: &str, inputs: &dyn ClusterInputs) -> Result<Box<dyn Filter>, RegistryError> {
     let description = if description.trim() == "best" { best_filter() } else { description };
     let name = match description.split(':').next().unwrap_or_default().trim() {
@@ -180,7 +179,7 @@ pub const DEFAULT_POINTS: &str = "sobol";
 /// The name of the default filter (denoiser).
 pub const DEFAULT_FILTER: &str = "cluster-regression";
 
-/// Makes the default sampler with Sobol' points of this seed, and the default filter without clusters.
+/// Creates the default sampler, with Sobol' points of this seed, and the default filter without clusters.
 ///
 /// ```
 /// use dapple_core::{Frame, Limits, Session};
@@ -195,9 +194,9 @@ pub fn default_pair(seed: u64) -> Methods<'static> {
     default_pair_with(Sobol::new(seed))
 }
 
-/// Makes the default sampler with these points, and the default filter without clusters.
+/// Creates the default sampler with these points, and the default filter without clusters.
 ///
-/// With [`HostNumbers`](dapple_core::HostNumbers), the pair serves renderers that draw random numbers of their own.
+/// With [`HostNumbers`](dapple_core::HostNumbers), the pair suits renderers that draw their own random numbers.
 pub fn default_pair_with(points: impl PointSet + 'static) -> Methods<'static> {
     Methods::from((Adaptive::new(points), ClusterRegression::new()))
 }
@@ -237,13 +236,14 @@ fn without_scene<T>(made: Result<T, RegistryError>) -> Result<(), RegistryError>
     }
 }
 
-/// The rows that `docs/results/methods.py` writes: kind, description of the method and result, with tabs between.
+/// The rows that `docs/results/methods.py` writes: kind, description of the method, and result, separated by tabs.
 const TABLE: &str = include_str!("verdicts.tsv");
 
-/// The results of a method in the race of all methods (docs/results/methods.md): each description of it that took part, with its
-/// result in one line.
+/// The results of a method in the comparison of all methods (docs/results/methods.md). Returns each tested description of the
+/// method with a one-line result.
 ///
-/// `kind` is `sampler`, `points` or `filter`; `name` is the entry's. Methods that took no part have none.
+/// `kind` is `sampler`, `points` or `filter`; `name` is the entry's name. Nothing is returned for methods that were not
+/// compared.
 ///
 /// ```
 /// assert_eq!(dapple_registry::verdicts("sampler", "none of ours").count(), 0);

@@ -4,7 +4,7 @@ use crate::{Entry, Parameter, RegistryError};
 use dapple_core::options::{Options, nearest_name, parse_pairs};
 use std::str::FromStr;
 
-/// The parameter values of one entry: those given, and defaults for the others.
+/// The parameter values of one entry: the given values, and defaults for the other parameters.
 #[derive(Clone, Debug)]
 pub struct Parameters {
     of: &'static str,
@@ -35,9 +35,9 @@ pub(crate) fn find<'a, Make>(
 }
 
 impl Parameters {
-    /// Makes the sampler or filter that the parameter `key` describes, with `/` in place of `:` and `,`:
-    /// `cluster-thesis/k=9/clamp=16`. A description inside that one has `//`, and so on. `make` gets the description as
-    /// the command line takes it.
+    /// Creates the sampler or filter that the parameter `key` describes, with `/` in place of `:` and `,`:
+    /// `cluster-thesis/k=9/clamp=16`. A description nested in this one uses `//`, and so on. `make` receives the description
+    /// with `:` and `,`.
     pub(crate) fn nested<T>(
         &self,
         key: &str,
@@ -60,7 +60,7 @@ impl Parameters {
         RegistryError::Parameter { of: self.of, what: what.to_string() }
     }
 
-    /// The method that was made, or its error as that of the entry's parameters.
+    /// Converts an error of creating a method to an error about the entry's parameters.
     pub(crate) fn made<T>(&self, made: Result<T, impl ToString>) -> Result<T, RegistryError> {
         made.map_err(|e| self.refuse(e))
     }

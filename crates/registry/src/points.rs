@@ -118,7 +118,7 @@ dapple_core::options! {
     }
 }
 
-/// The relation of neighbouring pixels.
+/// The relation between the errors of neighbouring pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Pixels {
     BlueNoise,
@@ -135,7 +135,7 @@ dapple_core::options! {
     }
 }
 
-/// The numbers that tell the pixels of a tile apart.
+/// The kind of keys by which the pixels of a tile differ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Keys {
     Shifts,
@@ -163,7 +163,7 @@ dapple_core::options! {
     }
 }
 
-/// The given count, or the mean budget for 0.
+/// The given count; for 0 the mean budget, or 16 if the budget is unknown.
 fn count(p: &Parameters, s: PointSettings) -> Result<u32, RegistryError> {
     let given = p.options::<CountOptions>()?.count;
     let count = if given == 0 { s.spp.unwrap_or(16) } else { given };
@@ -175,12 +175,12 @@ fn blue_noise(p: &Parameters, s: PointSettings) -> Result<AnyPoints, RegistryErr
     if p.options::<BlueNoiseOptions>()?.keys == Keys::Optimised {
         return match of {
             "sobol" => Ok(Box::new(BlueNoiseKeys::new(s.seed))),
-            of => Err(p.refuse(format!("of = \"{of}\": optimised keys are made for sobol only; use keys=shifts"))),
+            of => Err(p.refuse(format!("of = \"{of}\": optimised keys exist for sobol only; use keys=shifts"))),
         };
     }
     let inner = crate::points(of, s)?;
     if inner.couples_pixels() {
-        return Err(p.refuse(format!("of = \"{of}\" spreads errors over pixels already; use it by itself")));
+        return Err(p.refuse(format!("of = \"{of}\" already distributes errors over pixels; use this set directly")));
     }
     Ok(Box::new(BlueNoise::new(s.seed, inner)))
 }

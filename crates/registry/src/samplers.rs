@@ -27,7 +27,7 @@ pub struct MadeSampler {
     pub sampler: Box<dyn Sampler>,
     /// The probes that the sampler traces for its first plan; stays empty if it traces none.
     pub probes: ProbesHandle,
-    /// The samples that the sampler places; `None` if it places none.
+    /// A handle to the samples that the sampler places itself; `None` if it places none.
     #[cfg(feature = "classics")]
     pub placed: Option<PlacedHandle>,
 }
@@ -272,7 +272,7 @@ fn adaptive(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs) -> Re
     Ok(p.made(sampler.with_error_map(map))?.into())
 }
 
-/// Both samplers take their samples from the same points, as one sequence.
+/// Creates the sampler `then`. Both of its samplers use the same points, as one sequence.
 fn sequence(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs) -> Result<MadeSampler, RegistryError> {
     let points: Arc<dyn PointSet> = Arc::from(points);
     let of = |key: &str| p.nested(key, |inner| crate::sampler(inner, Box::new(points.clone()), inputs));
@@ -288,8 +288,8 @@ fn sequence(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs) -> Re
     })
 }
 
-/// The error map that a sampler uses besides the pooled variance: the error that a filter with default parameters
-/// predicts for its image. For the regression filter, the error after one pass. `None` without a filter.
+/// The error map that a sampler uses in addition to the pooled variance: the error that a filter with default parameters
+/// predicts for its image. For `cluster-regression`, it is the error after one pass. `None` for `by=variance`.
 fn error_map(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Option<ErrorMap>, RegistryError> {
     let name = p.choice("by", &["variance", "nlm", "bilateral", "cluster-regression"].map(|name| (name, name)))?;
     if name == "variance" {
@@ -312,11 +312,11 @@ fn cluster_thesis(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs)
     let placement = match p.value("probes") {
         "centre" => Placement::Centre,
         _ => Placement::Jittered(p.number("probes").map_err(|_| {
-            p.refuse(format!("probes = \"{}\": centre, or a number of rays per pixel, is required", p.value("probes")))
+            p.refuse(format!("probes = \"{}\": use centre, or a number of rays per pixel", p.value("probes")))
         })?),
     };
     if !(1..=256).contains(&placement.per_pixel()) {
-        return Err(p.refuse(format!("probes = \"{placement}\": 1 to 256 per pixel, or centre, are required")));
+        return Err(p.refuse(format!("probes = \"{placement}\": use 1 to 256 per pixel, or centre")));
     }
     let size = p.choice("size", &["box", "triangles", "screen", "hits"].map(|size| (size, size)))?;
     let options: ClusterThesisOptions = p.options()?;

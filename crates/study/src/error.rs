@@ -13,10 +13,10 @@ pub enum StudyError {
     /// A scene that cannot be read or built.
     #[error(transparent)]
     Load(#[from] dapple_job::JobError),
-    /// A scene, a reference, a run or a record that the study cannot use: its name or place, and why, with the remedy.
+    /// A scene, a reference, a run or a record that the study cannot use.
     #[error("{what}: {why}")]
     Refused {
-        /// The name of the scene or run, or the path of the file, with its line if it is one.
+        /// The name of the scene or run, or the path of the file, with a line number for an error in one line.
         what: String,
         /// The problem, and the remedy.
         why: String,
@@ -28,7 +28,7 @@ pub enum StudyError {
         path: PathBuf,
         /// The action that failed, as a verb phrase.
         action: &'static str,
-        /// A phrase about the files that are kept and the remedy.
+        /// The remedy, and for `runs.jsonl` the number of runs that are kept.
         kept: String,
         /// The operating system's error.
         source: std::io::Error,
@@ -49,20 +49,20 @@ impl StudyError {
         Self::Refused { what: what.to_string(), why: why.to_string() }
     }
 
-    /// Refuses a line of `runs.jsonl` that is not a finished run, or a `study.json` that is not a study.
+    /// The error about line `line` of `runs.jsonl` or `study.json`.
     pub(crate) fn line(file: &Path, line: usize, why: impl Display) -> Self {
         let why = format!("{why}; correct it, or remove the line to repeat that run");
         Self::refused(format_args!("{}:{line}", file.display()), why)
     }
 
-    /// Refuses a reference image that does not fit the study: another scene, size or setting.
+    /// The error about a reference image of another scene, size or setting than the study's.
     pub(crate) fn reference(file: &Path, scene: &str, why: impl ToString) -> Self {
         Self::refused(format_args!("{}: not a reference for {scene}", file.display()), why)
     }
 
     pub(crate) fn file(path: &Path, action: &'static str, source: std::io::Error) -> Self {
         let kept = match source.kind() {
-            std::io::ErrorKind::StorageFull | std::io::ErrorKind::QuotaExceeded => "free some space and try again",
+            std::io::ErrorKind::StorageFull | std::io::ErrorKind::QuotaExceeded => "free disk space and try again",
             std::io::ErrorKind::NotFound | std::io::ErrorKind::FileTooLarge => "check the name",
             std::io::ErrorKind::PermissionDenied => "choose another path, or change the permissions",
             _ => "choose another path, or try again",

@@ -29,14 +29,14 @@ use std::time::Instant;
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct External {
-    /// The name under which methods use the program as their filter.
+    /// The name by which methods select the program as their filter.
     pub name: String,
-    /// The program (a path, or a name in `PATH`) and its arguments; no shell is involved. In each argument `{input}`
-    /// and `{output}` stand for the paths of the images, `{threads}` for the study's number of threads.
+    /// The program (a path, or a name in `PATH`) and its arguments; no shell is involved. In each argument, `{input}` and
+    /// `{output}` are replaced by the paths of the images, and `{threads}` by the study's number of threads.
     #[serde(deserialize_with = "command")]
     pub command: Vec<String>,
-    /// The working folder of the program; an empty path is the current folder. In a plan file, it is relative to the
-    /// folder of that file.
+    /// The working folder of the program; an empty path means the current folder. In a plan file, it is relative to the folder
+    /// of that file.
     #[serde(default)]
     pub folder: PathBuf,
 }
@@ -59,18 +59,18 @@ fn command<'de, D: serde::Deserializer<'de>>(from: D) -> Result<Vec<String>, D::
 }
 
 impl External {
-    /// Makes a filter called `name` that runs `command`, a program and its arguments, in the current folder.
+    /// Creates a filter called `name` that runs `command`, a program and its arguments, in the current folder.
     pub fn new(name: &str, command: &[&str]) -> Self {
         let command = command.iter().map(|argument| (*argument).to_owned()).collect();
         Self { name: name.to_owned(), command, folder: PathBuf::new() }
     }
 
-    /// Runs the program on the film; returns the filtered image, and the seconds that filtering took. `unit` is the
-    /// integrator's unit of length, in the file's units; 0 threads mean one per core.
+    /// Runs the program on the film. Returns the filtered image, and the seconds spent on filtering. `unit` is the integrator's
+    /// unit of length in the scene file's units. With 0 threads, the program gets one per core.
     pub(crate) fn apply(&self, film: &Film, unit: f64, threads: usize) -> Result<(Filtered, f64), String> {
         let refuse = |what: String| format!("the filter \"{}\" ({}) {what}", self.name, self.command.join(" "));
         let folder = tempfile::Builder::new().prefix("dapple-").tempdir();
-        let folder = folder.map_err(|e| refuse(format!("needs a temporary folder, which cannot be made: {e}")))?;
+        let folder = folder.map_err(|e| refuse(format!("needs a temporary folder, which cannot be created: {e}")))?;
         let [input, output] = ["input.exr", "output.exr"].map(|name| folder.path().join(name));
         let written = encode(film, unit).and_then(|bytes| std::fs::write(&input, bytes).map_err(|e| e.to_string()));
         written.map_err(|why| refuse(format!("needs its input image, which cannot be written: {why}")))?;
@@ -112,7 +112,7 @@ fn encode(film: &Film, unit: f64) -> Result<Vec<u8>, String> {
     encode_exr(film.frame().size(), &layers, &[]).map(|exr| exr.bytes).map_err(|e| e.to_string())
 }
 
-/// The seconds that the program reports in the last line of its output; without a report, its wall seconds `wall`.
+/// The seconds that the program reports in the last line of its output, or `wall` if it reports none.
 fn seconds(stdout: &[u8], wall: f64) -> Result<f64, String> {
     let text = String::from_utf8_lossy(stdout);
     let Some(last) = text.lines().rev().find(|line| !line.trim().is_empty()) else { return Ok(wall) };

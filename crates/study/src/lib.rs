@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 //!
-//! A [`Plan`] has the [`Method`]s, [`Study`] makes the [`Run`]s in a folder, and [`write_report`] the report and the tables.
+//! A [`Plan`] holds the [`Method`]s, [`Study`] performs the [`Run`]s in a folder, and [`write_report`] writes the report and
+//! the tables.
 
 mod error;
 mod external;

@@ -46,7 +46,7 @@ impl PlanError {
     }
 }
 
-/// A scene of a study, with its reference image and the settings that are its own.
+/// A scene of a study, with its reference image and the settings that apply to this scene only.
 ///
 /// In a plan, it is a table of these keys, or the `source` alone.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Deserialize)]
@@ -58,14 +58,14 @@ pub struct ScenePlan {
     pub name: Option<String>,
     /// The file of the reference image; `None` renders a reference.
     pub reference: Option<PathBuf>,
-    /// Width and height of this scene's images in pixels; `None` takes the study's resolution.
+    /// Width and height of this scene's images in pixels; `None` uses the study's resolution.
     #[serde(default, deserialize_with = "resolution")]
     pub resolution: Option<[u32; 2]>,
-    /// The rule by which light sampling selects one of several lights; `None` takes the study's.
+    /// The rule by which light sampling selects one of several lights; `None` uses the study's rule.
     #[serde(alias = "light_choice")]
     pub lights: Option<LightSelection>,
-    /// The integrator, `NAME` or `NAME:key=value,…`; `None` takes the one that the scene calls for. References are always
-    /// rendered with that one.
+    /// The integrator, `NAME` or `NAME:key=value,…`; `None` selects one for the scene. References are always rendered with the
+    /// integrator selected for the scene.
     pub integrator: Option<String>,
 }
 
@@ -77,7 +77,7 @@ impl FromStr for ScenePlan {
     }
 }
 
-/// The settings of a study as a plan has them. [`resolve`](Self::resolve) checks them and makes a [`Plan`].
+/// The settings of a study as written in a plan. [`resolve`](Self::resolve) checks them and returns a [`Plan`].
 ///
 /// Fields are the keys of the TOML file.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -86,52 +86,53 @@ pub struct PlanSettings {
     /// The scenes; default teapot and terrain, both bundled with Dapple.
     #[serde(deserialize_with = "list")]
     pub scenes: Vec<ScenePlan>,
-    /// The names of those `scenes` that are taken; default all.
+    /// The names of the `scenes` to use; default all.
     pub only: Vec<String>,
-    /// The samplers (how many samples each pixel gets), each combined with every point set and filter; default that of
-    /// `dapple render`, then `uniform`, unless `methods` are set.
+    /// The samplers (how many samples each pixel gets), each combined with every point set and filter; default: the default of
+    /// `dapple render`, and `uniform`. With `methods` set, the default is none.
     pub samplers: Option<Vec<String>>,
     /// The point sets (where samples lie), each combined with every sampler and filter; default `sobol`.
     pub points: Vec<String>,
-    /// The filters (denoisers), each combined with every sampler and point set; default that of `dapple render`, then
-    /// none.
+    /// The filters (denoisers), each combined with every sampler and point set; default: the default of `dapple render`, and
+    /// `none`.
     pub filters: Vec<String>,
-    /// Methods in addition to samplers x points x filters; the only methods if no samplers are set. In a plan, each is
+    /// Methods in addition to samplers x points x filters, or the only methods if no samplers are set. In a plan, each is
     /// `SAMPLER/POINTS/FILTER` or a table.
     #[serde(deserialize_with = "list")]
     pub methods: Vec<Method>,
     /// External programs, which methods can name as their filter.
     pub external: Vec<External>,
-    /// The method with which the others are compared; default uniform/sobol/none. It is added in front of the methods
-    /// if it is not one of them.
+    /// The method with which the others are compared; default uniform/sobol/none. If it is not one of the methods, it is added
+    /// as the first one.
     #[serde(deserialize_with = "one")]
     pub baseline: Method,
     /// The budgets in mean samples per pixel; default 4, 8, 16 and 32.
     pub spp: Option<Vec<u64>>,
-    /// The seeds, one run each per scene, method and budget; default 1 to 8. In a plan, their number or a list.
+    /// The seeds; default 1 to 8. Each scene, method and budget has one run per seed. In a plan: the number of seeds, or a list
+    /// of them.
     #[serde(deserialize_with = "seeds")]
     pub seeds: Option<Vec<u64>>,
-    /// The budget, one of `spp`, that sets the time of equal-time runs: every method gets the time that the baseline
-    /// takes at this budget. 0 leaves out equal-time runs; default the second largest budget.
+    /// The budget, one of `spp`, that sets the time of equal-time runs: every method gets the time that the baseline takes at
+    /// this budget. 0 means no equal-time runs; default the second largest budget.
     pub time_of: Option<u64>,
-    /// If true, defaults are smaller, for a study of less than a minute.
+    /// If true, the default budgets, seeds and resolution are smaller, so that the study takes less than a minute.
     pub quick: bool,
-    /// Width and height of images in pixels; default the size of a scene's reference file, else 128 for both. In a
+    /// Width and height of images in pixels; default: the size of the scene's reference file, or 128x128 without one. In a
     /// plan, `[128, 128]` or `128x128`.
     #[serde(deserialize_with = "resolution")]
     pub resolution: Option<[u32; 2]>,
-    /// The largest number of scattering events between camera and light; default the limit in each scene.
+    /// The largest number of scattering events between camera and light; default each scene's own limit.
     pub max_depth: Option<u32>,
     /// Samples per pixel of rendered reference images, from 2 to 2^32, rounded up to an even number; default 1024.
     pub reference_spp: u64,
     /// The rule by which light sampling selects one of several lights; default that of `dapple render`.
     pub lights: LightSelection,
-    /// The number of threads, at most 1024; 0, the default, is one per core.
+    /// The number of threads, at most 1024; 0, the default, means one per core.
     pub threads: usize,
-    /// If true, each run has a process of its own.
+    /// If true, each run is performed in a new process.
     pub fresh: bool,
-    /// If true, filters that follow each other with the same sampler, points, budget and seed get the same samples, taken once.
-    /// The first of them decides what is recorded, and the time of each counts that.
+    /// If true, consecutive methods that differ only in their filter share samples, which are traced once. The first of these
+    /// methods determines the recorded statistics. The time of each includes the tracing.
     pub share_samples: bool,
     /// If true, unsupported directives of scene files are warnings, not errors.
     pub allow_unsupported: bool,
@@ -166,33 +167,32 @@ impl Default for PlanSettings {
     }
 }
 
-/// A complete plan of a study: every setting has a value, and is checked as far as possible without reading a scene.
+/// A complete plan of a study. Every setting has a value that is checked as far as possible without reading a scene.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Plan {
     /// The scenes in the order of their runs, at least one.
     pub scenes: Vec<ScenePlan>,
-    /// The methods in the order of their runs, without repetitions, the baseline among them.
+    /// The methods in the order of their runs, without repetitions; they include the baseline.
     pub methods: Vec<Method>,
     /// The budgets in mean samples per pixel, ascending.
     pub spp: Vec<u64>,
     /// The seeds, without repetitions.
     pub seeds: Vec<u64>,
-    /// The budget, one of `spp`, that sets the time of equal-time runs; `None` leaves out equal-time runs.
+    /// The budget, one of `spp`, that sets the time of equal-time runs; `None` means no equal-time runs.
     pub time_of: Option<u64>,
-    /// Width and height in pixels of a scene's images, if neither a resolution nor a reference file sets them.
+    /// The default width and height in pixels of a scene's images, used if neither a resolution nor a reference file is given.
     pub side: u32,
     /// The settings from which the plan was made.
     pub settings: PlanSettings,
 }
 
 impl Plan {
-    /// Reads a plan from a TOML file, without one from the defaults. `sets` are replacements of its settings, each
-    /// `KEY=VALUE`. Paths in the file are relative to its folder.
+    /// Reads a plan from a TOML file, or uses the defaults if `file` is `None`. `sets` replace single settings, each as
+    /// `KEY=VALUE`. Paths in the file are relative to the file's folder.
     ///
-    /// A value has TOML's syntax, or is text without quotes. A
-    /// single value is a list of one. A dot leads into a table, as in `baseline.filter=nlm`. A
-    /// resolution and a light selection also replace those of single scenes.
+    /// A value has TOML's syntax, or is text without quotes. A single value is accepted for a list. A dot selects a key within
+    /// a table, as in `baseline.filter=nlm`. A resolution and a light selection also replace the settings of single scenes.
     ///
     /// ```
     /// # use dapple_study::Plan;
@@ -211,7 +211,7 @@ impl Plan {
         Ok(Self::parse(&text, file, sets)?)
     }
 
-    /// Parses a plan from TOML text and replacements, as [`read`](Self::read) does. Errors contain the path `file`.
+    /// Parses a plan from TOML text and the replacements `sets`, as [`read`](Self::read) does. Errors contain the path `file`.
     ///
     /// # Errors
     /// [`PlanError`] with file and line for text that is not TOML, an unknown key, a value of another type, or a value
@@ -251,14 +251,14 @@ impl Plan {
         })
     }
 
-    /// The number of runs in the study, equal-time runs included.
+    /// The number of runs in the study, including equal-time runs.
     pub fn runs(&self) -> usize {
         let budgets = self.spp.len() + usize::from(self.time_of.is_some());
         self.scenes.len() * self.methods.len() * budgets * self.seeds.len()
     }
 }
 
-/// The line on which a key's value begins, or the first one from there that contains `value`.
+/// The line number on which a key's value begins. If `value` occurs from there on, the line of its first occurrence.
 fn line_of(text: &str, key: &str, value: Option<&str>) -> Option<usize> {
     let values: BTreeMap<String, Spanned<Value>> = toml::from_str(text).ok()?;
     let start = values.get(key)?.span().start;
@@ -269,14 +269,14 @@ fn line_of(text: &str, key: &str, value: Option<&str>) -> Option<usize> {
 /// The lists for which `--set` also takes a single value.
 const LISTS: [&str; 7] = ["scenes", "only", "samplers", "points", "filters", "methods", "spp"];
 
-/// Assigns the value in `KEY=VALUE` to a key, or to one within tables. Returns the first key.
+/// Assigns the value in `KEY=VALUE` to a key, which may lie within nested tables (`A.B.C=VALUE`). Returns the outermost key.
 fn assign(table: &mut Table, set: &str) -> Result<String, String> {
     let (path, text) = set.split_once('=').ok_or("this is not a setting; write KEY=VALUE, such as seeds=4")?;
     let text = text.trim();
     let value = match toml::from_str::<Table>(&format!("value = {text}")) {
         Ok(mut parsed) if parsed.len() == 1 => parsed.remove("value").unwrap_or(Value::Boolean(false)),
         Err(e) if text.starts_with(['[', '{', '"', '\'']) => {
-            return Err(format!("{}; write a value of TOML, such as '[\"a\", \"b\"]'", e.message()));
+            return Err(format!("{}; write a TOML value, such as '[\"a\", \"b\"]'", e.message()));
         }
         _ => Value::String(text.to_owned()),
     };
@@ -286,13 +286,13 @@ fn assign(table: &mut Table, set: &str) -> Result<String, String> {
     let mut inner = table;
     for key in tables {
         let entry = inner.entry((*key).to_owned()).or_insert_with(|| Value::Table(Table::new()));
-        inner = entry.as_table_mut().ok_or_else(|| format!("{key} is no table; set it as a whole"))?;
+        inner = entry.as_table_mut().ok_or_else(|| format!("{key} is not a table; set the whole key"))?;
     }
     let _ = inner.insert((*last).to_owned(), value);
     Ok(keys[0].to_owned())
 }
 
-/// A value of TOML that is written as text, or as what serde reads.
+/// A TOML value that is either text to parse, or a value that serde reads.
 #[derive(Deserialize)]
 #[serde(untagged, expecting = "text, or a table of the keys that `dapple study --help` lists")]
 enum Written<T> {
@@ -320,10 +320,10 @@ where
     Vec::<Written<T>>::deserialize(from)?.into_iter().map(Written::read).collect()
 }
 
-/// The largest number of seeds in a plan; it keeps a typing error from filling the memory.
+/// The largest number of seeds in a plan, so that a typing error does not fill the memory.
 const MOST_SEEDS: u64 = 100_000;
 
-/// The seeds: their number N for seeds 1 to N, or a list.
+/// Reads the seeds: a number N for the seeds 1 to N, or a list.
 fn seeds<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Vec<u64>>, D::Error> {
     #[derive(Deserialize)]
     #[serde(untagged, expecting = "a number of seeds, or a list of seeds")]
@@ -337,7 +337,7 @@ fn seeds<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Vec<u64>>, D::Erro
     }))
 }
 
-/// A resolution: text such as `128x128`, or a pair.
+/// Reads a resolution: text such as `128x128`, or a pair.
 fn resolution<'de, D: Deserializer<'de>>(from: D) -> Result<Option<[u32; 2]>, D::Error> {
     let text = match Written::deserialize(from)? {
         Written::Value(sides) => return Ok(Some(sides)),
@@ -360,7 +360,7 @@ impl ScenePlan {
 }
 
 impl PlanSettings {
-    /// Checks the settings, and makes the plan.
+    /// Checks the settings, and returns the plan.
     ///
     /// # Errors
     ///
@@ -398,7 +398,7 @@ impl PlanSettings {
         Ok(Plan { scenes, methods, spp, seeds, time_of, side: if self.quick { 64 } else { 128 }, settings: self })
     }
 
-    /// The scenes that `only` names, in the order of the names; all if it is empty.
+    /// The scenes that `only` names, in that order; all scenes if `only` is empty.
     fn taken_scenes(&self) -> Result<Vec<ScenePlan>, PlanError> {
         filled("scenes", &self.scenes)?;
         if self.only.is_empty() {
@@ -414,7 +414,7 @@ impl PlanSettings {
         self.only.iter().map(find).collect()
     }
 
-    /// All combinations of samplers, point sets and filters, then the methods that are listed one by one.
+    /// All combinations of samplers, point sets and filters, followed by the methods that are listed individually.
     fn all_methods(&self) -> Result<Vec<Method>, PlanError> {
         let samplers = match &self.samplers {
             Some(samplers) => samplers.clone(),
@@ -434,11 +434,11 @@ impl PlanSettings {
 
     fn check_numbers(&self) -> Result<(), PlanError> {
         let Self { reference_spp: spp, threads, .. } = *self;
-        let message = format!("{spp} is out of range; use 2 to 2^32, half of them for each half of the reference");
+        let message = format!("{spp} is out of range; use 2 to 2^32 (the two halves of the reference get half each)");
         PlanError::unless((2..=1 << 32).contains(&spp), "reference_spp", message)?;
         let message = format!("{threads} is out of range; use 0 (one per core) to 1024");
         PlanError::unless(threads <= 1024, "threads", message)?;
-        let message = "true, with fresh = true; a process of its own takes its own samples: leave out one of the two";
+        let message = "runs in new processes (fresh = true) cannot share samples; set only one of the two";
         PlanError::unless(!(self.share_samples && self.fresh), "share_samples", message)?;
         for integrator in self.scenes.iter().filter_map(|scene| scene.integrator.as_deref()) {
             dapple_job::check_integrator(integrator).map_err(|e| PlanError::of_value("scenes", integrator, e))?;
@@ -447,7 +447,7 @@ impl PlanSettings {
     }
 }
 
-/// Makes the method's sampler, point set and filter once, so that wrong names are found before a scene is read.
+/// Creates the method's sampler, point set and filter once, so that wrong names are found before a scene is read.
 fn check_method(method: &Method, spp: u64, external: &[External]) -> Result<(), PlanError> {
     let Method { sampler, points, filter } = method;
     registry::check_sampler(sampler).map_err(|e| PlanError::of_value("samplers", sampler, e))?;
@@ -458,7 +458,7 @@ fn check_method(method: &Method, spp: u64, external: &[External]) -> Result<(), 
     let made =
         registry::points(points, PointSettings { seed: 0, spp: Some(spp) }).map_err(|e| refuse(e.to_string()))?;
     let capacity = made.capacity();
-    let needs = || refuse(format!("\"{points}\" has {capacity} points per pixel, and {spp} spp need more; lower spp"));
+    let needs = || refuse(format!("\"{points}\" has only {capacity} points per pixel; {spp} spp need more; lower spp"));
     if spp <= capacity { Ok(()) } else { Err(needs()) }
 }
 
@@ -469,14 +469,14 @@ fn check_external(external: &[External]) -> Result<(), PlanError> {
         let refuse = |what: &str| PlanError::of_value("external", name, format!("{name:?}: {what}"));
         let require = |holds: bool, what: &str| if holds { Ok(()) } else { Err(refuse(what)) };
         let odd = name.contains(|c: char| "/:,=".contains(c) || c.is_whitespace());
-        require(!name.is_empty() && !odd, "not a name; use one without spaces and / : , =")?;
+        require(!name.is_empty() && !odd, "not a valid name; use a name without spaces and / : , =")?;
         // A filter of an optional feature gives way, so that a plan means the same in every program.
         let built_in = registry::FILTERS.iter().any(|entry| entry.feature.is_none() && entry.name == *name);
-        require(!built_in, "a built-in filter has this name; choose another")?;
+        require(!built_in, "a built-in filter has this name; choose another name")?;
         let twice = external[..at].iter().any(|other| other.name == *name);
-        require(!twice, "two external filters have this name; rename one")?;
+        require(!twice, "two external filters have this name; rename one of them")?;
         let holds = |mark: &str| one.command.iter().skip(1).any(|argument| argument.contains(mark));
-        let lacks = "the command lacks its images; write \"PROGRAM {input} {output}\"";
+        let lacks = "the command lacks {input} or {output}; write \"PROGRAM {input} {output}\"";
         require(holds("{input}") && holds("{output}"), lacks)?;
     }
     Ok(())
@@ -490,7 +490,7 @@ fn equal_time_budget(time_of: Option<u64>, spp: &[u64]) -> Result<Option<u64>, P
         Some(n) if spp.contains(&n) => Ok(Some(n)),
         Some(n) => {
             let known = spp.iter().map(u64::to_string).collect::<Vec<_>>().join(", ");
-            let message = format!("{n} is not one of spp ({known}); use one of them, or 0 for no equal-time runs");
+            let message = format!("{n} is not one of spp ({known}); use one of these, or 0 for no equal-time runs");
             Err(PlanError::new("time_of", message))
         }
         None => Ok(Some(spp[spp.len().saturating_sub(2)])),
@@ -498,14 +498,14 @@ fn equal_time_budget(time_of: Option<u64>, spp: &[u64]) -> Result<Option<u64>, P
 }
 
 fn filled<T>(key: &str, list: &[T]) -> Result<(), PlanError> {
-    PlanError::unless(!list.is_empty(), key, "the list is empty; leave the key out for the default")
+    PlanError::unless(!list.is_empty(), key, "the list is empty; omit the key to use the default")
 }
 
 fn ascending(mut spp: Vec<u64>) -> Result<Vec<u64>, PlanError> {
     filled("spp", &spp)?;
     spp.sort_unstable();
     let twice = spp.windows(2).any(|pair| pair[0] == pair[1]);
-    PlanError::unless(!twice, "spp", "a number is given twice; remove one")?;
+    PlanError::unless(!twice, "spp", "a number of samples is given twice; remove one")?;
     for n in &spp {
         let message = format!("{n} is out of range; use 1 to 2^32 - 1 samples per pixel");
         PlanError::unless((1..=u64::from(u32::MAX)).contains(n), "spp", message)?;
@@ -548,7 +548,7 @@ mod tests {
     fn errors_name_file_line_and_key() {
         let cases = [
             ("spp = [8, \"a\"]", "some/plan.toml:1: invalid type: string \"a\", expected u64"),
-            ("# a\n\nspp = [\n  8,\n  8,\n]\n", "some/plan.toml:3: spp: a number is given twice"),
+            ("# a\n\nspp = [\n  8,\n  8,\n]\n", "some/plan.toml:3: spp: a number of samples is given twice"),
             ("spp = [0]", ":1: spp: 0 is out of range; use 1 to"),
             ("spp = []", ":1: spp: the list is empty"),
             ("ssp = [8]", ":1: unknown field `ssp`, expected one of `scenes`, `only`, `samplers`"),
@@ -575,15 +575,21 @@ mod tests {
             ("threads = -1", ":1: invalid value"),
             ("scenes = [{ source = \"teapot\", lights = \"nonesuch\" }]", ":1: text, or a table"),
             ("scenes = [{ source = \"teapot\", resolution = \"0x4\" }]", ":1: scenes: an image of 0x4 pixels is empty"),
-            ("[[external]]\nname = \"a/b\"\ncommand = \"p {input} {output}\"", ":2: external: \"a/b\": not a name"),
+            (
+                "[[external]]\nname = \"a/b\"\ncommand = \"p {input} {output}\"",
+                ":2: external: \"a/b\": not a valid name",
+            ),
             (
                 "[[external]]\nname = \"nlm\"\ncommand = \"p {input} {output}\"",
                 ":2: external: \"nlm\": a built-in filter",
             ),
-            ("[[external]]\nname = \"a\"\ncommand = \"p {input}\"", "external: \"a\": the command lacks its images"),
+            (
+                "[[external]]\nname = \"a\"\ncommand = \"p {input}\"",
+                "external: \"a\": the command lacks {input} or {output}",
+            ),
             (
                 "[[external]]\nname = \"a\"\ncommand = \"{input} {output}\"",
-                "external: \"a\": the command lacks its images",
+                "external: \"a\": the command lacks {input} or {output}",
             ),
             ("filters = [\"a\"]", "filters: there is no filter \"a\""),
         ];
@@ -681,8 +687,8 @@ mod tests {
             ("spp", "--set spp: this is not a setting; write KEY=VALUE"),
             ("ssp=3", "--set ssp=3: unknown field `ssp`, expected one of"),
             ("spp=a", "--set spp=a: invalid type: string \"a\", expected u64"),
-            ("spp=[2, 2]", "--set spp=[2, 2]: spp: a number is given twice"),
-            ("spp=[2", "write a value of TOML"),
+            ("spp=[2, 2]", "--set spp=[2, 2]: spp: a number of samples is given twice"),
+            ("spp=[2", "write a TOML value"),
             ("seeds.a=3", "--set seeds.a=3: "),
             ("methods=uniform/nonesuch", "--set methods=uniform/nonesuch: points: there is no point set"),
             ("only=nonesuch", "no scene of the plan is called \"nonesuch\"; choose among teapot, terrain"),

@@ -7,7 +7,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::collections::BTreeMap;
 use std::fmt;
 
-/// A method of making an image: sampler, point set and filter, each by its registry name with parameters.
+/// A method of rendering an image: sampler, point set and filter, each as registry name and parameters.
 ///
 /// ```
 /// # use dapple_study::Method;
@@ -29,9 +29,9 @@ pub struct Method {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RunBudget {
-    /// The run takes this mean number of samples per pixel.
+    /// This mean number of samples per pixel.
     Spp(u64),
-    /// Equal time: the run takes as long as the baseline's run with this mean number of samples per pixel.
+    /// Equal time: as long as the baseline's run with this mean number of samples per pixel.
     TimeOf(u64),
 }
 
@@ -57,7 +57,7 @@ impl RunBudget {
         matches!(self, Self::TimeOf(_))
     }
 
-    /// The samples per pixel that the budget names.
+    /// The number of samples per pixel in the budget; for equal time, the number in the baseline's run.
     pub fn spp(self) -> u64 {
         match self {
             Self::Spp(spp) | Self::TimeOf(spp) => spp,
@@ -91,7 +91,7 @@ pub struct Phases {
     pub cluster: f64,
     /// Wall seconds of probe rays, which find pixels' first hits before sampling.
     pub probe: f64,
-    /// Wall seconds of planning sample counts, without probe rays.
+    /// Wall seconds of planning sample counts, excluding probe rays.
     pub plan: f64,
     /// Wall seconds of tracing the samples.
     pub trace: f64,
@@ -100,7 +100,7 @@ pub struct Phases {
 }
 
 impl Method {
-    /// Makes a method of these registry names.
+    /// Creates a method from registry names with parameters.
     pub fn new(sampler: &str, points: &str, filter: &str) -> Self {
         Self { sampler: sampler.into(), points: points.into(), filter: filter.into() }
     }
@@ -120,11 +120,11 @@ impl fmt::Display for Method {
     }
 }
 
-/// The names of the phases of a run, in their order.
+/// The names of the phases of a run, in order.
 pub(crate) const PHASES: [&str; 7] = ["load", "bvh", "cluster", "probe", "plan", "trace", "filter"];
 
 impl Phases {
-    /// The wall seconds of each of [`PHASES`].
+    /// The wall seconds of each phase, in the order of [`PHASES`].
     pub(crate) fn each(&self) -> [f64; 7] {
         let Self { load, bvh, cluster, probe, plan, trace, filter } = *self;
         [load, bvh, cluster, probe, plan, trace, filter]
@@ -136,21 +136,21 @@ impl Phases {
         self.cluster + self.probe + self.filter
     }
 
-    /// Sums the wall seconds of all phases of an image: all but `load` and `bvh`.
+    /// Sums the wall seconds of all phases except `load` and `bvh`.
     pub fn render(&self) -> f64 {
         self.cluster + self.probe + self.plan + self.trace + self.filter
     }
 }
 
-/// The errors of an image against its reference: a value for each of [`METRICS`]; NaN is unknown.
+/// The errors of an image against its reference: a value for each of [`METRICS`]; NaN means unknown.
 ///
-/// In JSON they are an object with the metrics' names as keys. A missing or `null` value is NaN, and an unknown name is
-/// skipped, so that files of other versions can be read.
+/// In JSON, the errors are an object with the metrics' names as keys. A missing or `null` value is read as NaN, and an unknown
+/// name is skipped, so that files of other versions can be read.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImageErrors([f64; METRICS.len()]);
 
 impl ImageErrors {
-    /// The value of the metric `name`, such as `relmse`; NaN if there is none.
+    /// The value of the metric `name`, such as `relmse`; NaN if the metric is unknown or has no value.
     pub fn get(&self, name: &str) -> f64 {
         METRICS.iter().position(|metric| metric.name == name).map_or(f64::NAN, |at| self.0[at])
     }
@@ -202,41 +202,41 @@ pub struct Run {
     pub budget: RunBudget,
     /// The seed of the point set.
     pub seed: u64,
-    /// The total number of samples requested; a method with a stopping rule may take fewer.
+    /// The total number of samples requested; a method with a stopping rule may use fewer.
     #[serde(default)]
     pub asked: u64,
-    /// The total number of samples taken, without probe rays.
+    /// The total number of samples traced, excluding probe rays.
     pub samples: u64,
-    /// The mean number of samples taken per pixel.
+    /// The mean number of samples traced per pixel.
     pub spp: f64,
     /// The number of rays traced, probe rays included.
     pub rays: u64,
     /// Wall seconds of each phase.
     pub seconds: Phases,
-    /// Wall seconds of the image: the sum of all phases but reading the scene and building the hierarchy.
+    /// Wall seconds of the image: the sum of all phases except scene reading and BVH building.
     pub render_s: f64,
-    /// User and system seconds of the phases in `render_s`; `None` if unknown. For an external filter, its reported
-    /// time is added instead.
+    /// User and system seconds of the phases in `render_s`; `None` if unknown. For an external filter, its reported time is
+    /// added.
     pub cpu_s: Option<f64>,
     /// The errors of the run's image against the reference.
     pub errors: ImageErrors,
     /// True if the reference's own variance was subtracted from `mse`, `relmse` and `srgb8_mse`.
     pub corrected: bool,
-    /// True if the run's MSE or relMSE is below 100 times the part due to the reference's own variance, which then
-    /// limits the precision of the measurement.
+    /// True if the run's MSE or relMSE is below 100 times the error caused by the reference's own variance, which then limits
+    /// the precision of the measurement.
     pub reference_limited: bool,
-    /// The render's own estimate of its relMSE; `None` if the sampler makes none.
+    /// The relMSE that the render predicts for itself; `None` without a prediction.
     pub predicted_relmse: Option<f64>,
     /// The number of samples rejected as NaN, infinite or negative.
     pub rejected: u64,
     /// The machine's load average over the last minute before the run; `None` if the system does not report it.
     pub load: Option<f64>,
-    /// True if the run had a process of its own.
+    /// True if the run was performed in a new process.
     pub fresh: bool,
     /// The path of the EXR image, relative to the study's folder; `None` for all seeds but the first.
     pub image: Option<String>,
-    /// The path of the sample map (PNG of sample counts per pixel, white is the largest), relative to the study's
-    /// folder; `None` if it was not written.
+    /// The path of the sample map (PNG of sample counts per pixel; white is the largest count), relative to the study's folder;
+    /// `None` if it was not written.
     pub sample_map: Option<String>,
     /// The samples per pixel that white represents in the sample map.
     #[serde(default)]
@@ -280,7 +280,7 @@ pub struct SceneRecord {
     /// The rule by which light sampling selects one of several lights.
     #[serde(default)]
     pub lights: LightSelection,
-    /// The integrator; `auto` is the one that the scene calls for.
+    /// The integrator; `auto` selects one for the scene.
     #[serde(default = "crate::scene::auto", skip_serializing_if = "crate::scene::is_auto")]
     pub integrator: String,
 }
@@ -290,7 +290,7 @@ pub struct SceneRecord {
 pub struct Machine {
     /// The processor's name; `None` if unknown.
     pub processor: Option<String>,
-    /// The number of threads that render.
+    /// The number of rendering threads.
     pub threads: usize,
     /// The number of cores; `None` if unknown.
     #[serde(default)]
@@ -328,19 +328,19 @@ pub struct Manifest {
     pub time_of: Option<u64>,
     /// The seeds; each scene, method and budget has one run per seed.
     pub seeds: Vec<u64>,
-    /// The largest number of scattering events between camera and light; `None` takes the limit in each scene.
+    /// The largest number of scattering events between camera and light; `None` uses each scene's own limit.
     #[serde(default)]
     pub max_depth: Option<u32>,
-    /// True if each run had a process of its own.
+    /// True if each run was performed in a new process.
     #[serde(default)]
     pub fresh: bool,
-    /// True if filters shared samples.
+    /// True if consecutive methods that differ only in their filter shared samples.
     #[serde(default)]
     pub share_samples: bool,
 }
 
 impl Manifest {
-    /// All budgets: those in samples per pixel, then equal time.
+    /// All budgets: numbers of samples per pixel, then equal time.
     pub(crate) fn budgets(&self) -> impl DoubleEndedIterator<Item = RunBudget> {
         self.spp.iter().copied().map(RunBudget::Spp).chain(self.time_of.map(RunBudget::TimeOf))
     }
@@ -352,14 +352,14 @@ pub(crate) fn safe_file_name(name: &str) -> String {
     name.chars().map(plain).take(80).collect()
 }
 
-/// A free name: `name`, or the first of `NAME-2`, `NAME-3`, … that is free.
+/// The first name among `name`, `name-2`, `name-3`, … for which `is_free` returns `true`.
 pub(crate) fn numbered(name: &str, is_free: impl Fn(&str) -> bool) -> String {
     let mut names = std::iter::once(name.to_owned()).chain((2..).map(|n| format!("{name}-{n}")));
     names.find(|name| is_free(name)).unwrap_or_default()
 }
 
-/// Unique names of all methods for files, such as `adaptive-cluster-regression`: sampler, point set if methods differ
-/// in it, and filter. If two methods would have the same name, the later one gets a number.
+/// Unique names of all methods for files, such as `adaptive-cluster-regression`: sampler, point set (only if methods have
+/// different point sets), and filter. A number is appended to a name that an earlier method has.
 pub(crate) fn method_file_names(methods: &[Method]) -> Vec<String> {
     let differ = methods.iter().any(|m| m.points != methods[0].points);
     let mut names: Vec<String> = Vec::new();

@@ -1,4 +1,4 @@
-//! The files of a study's folder: `study.json`, the settings, and `runs.jsonl`, one complete line per finished run.
+//! The files in a study's folder: `study.json` with the settings, and `runs.jsonl` with one line per finished run.
 
 use crate::{Machine, Manifest, Method, Plan, Run, SceneRecord, StudyError};
 use serde::Deserialize;
@@ -9,7 +9,7 @@ use std::io::{self, ErrorKind, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-/// A file of lines. A line is on the disk when `append` returns.
+/// A file of lines. When `append` returns, the line is on the disk.
 trait Lines {
     /// Appends bytes and flushes them to the disk. After an error, part of the bytes may be stored.
     fn append(&mut self, bytes: &[u8]) -> io::Result<()>;
@@ -41,13 +41,13 @@ pub(crate) struct RunLog {
 }
 
 impl RunLog {
-    /// Opens or creates the file and locks it for this process. Removes an incomplete last line, which a killed process
-    /// leaves.
+    /// Opens or creates the file and locks it for this process. Removes an incomplete last line, which a killed process may
+    /// have left.
     ///
     /// # Errors
     ///
-    /// [`StudyError::Refused`] if another process uses the file, and for a complete line that is not a
-    /// run, [`StudyError::File`] for an error of the disk.
+    /// [`StudyError::Refused`] if another process uses the file, or for a complete line that is not a run. [`StudyError::File`]
+    /// for an error of the disk.
     pub(crate) fn open(path: &Path) -> Result<Self, StudyError> {
         let wrong = |action| move |e| StudyError::file(path, action, e);
         let file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path);
@@ -65,8 +65,7 @@ impl RunLog {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => {
                 let folder = path.parent().unwrap_or(Path::new("")).display();
-                let why =
-                    "another process is at work on the study in this folder; wait for it, or choose another folder";
+                let why = "another process is running the study in this folder; wait until it finishes, or choose another folder";
                 return Err(StudyError::refused(folder, why));
             }
             // Some file systems have no locks; the study then runs without one.
@@ -78,12 +77,12 @@ impl RunLog {
         for (at, run) in runs.iter().enumerate() {
             let is_same = |earlier: &Run| earlier.is_of(&run.scene, &run.method, run.budget, run.seed);
             if let Some(first) = runs[..at].iter().position(is_same) {
-                return Err(StudyError::line(path, at + 1, format_args!("the same run as line {}", first + 1)));
+                return Err(StudyError::line(path, at + 1, format_args!("this is the same run as line {}", first + 1)));
             }
         }
         let length = whole as u64;
         if whole < bytes.len() {
-            file.cut(length).map_err(wrong("drop the unfinished last line of the file of runs"))?;
+            file.cut(length).map_err(wrong("remove the incomplete last line of the file of runs"))?;
         }
         Ok(Self { path: path.to_owned(), store: Box::new(file), length, runs })
     }
@@ -103,7 +102,7 @@ impl RunLog {
             path: self.path.clone(),
             action: "store a finished run",
             kept: format!(
-                "the {kept} runs before it are kept; free some space if the disk is full, then repeat the command"
+                "the {kept} earlier runs are kept; free disk space if the disk is full, then repeat the command"
             ),
             source,
         };
@@ -120,7 +119,8 @@ impl RunLog {
     }
 }
 
-/// Parses the complete lines of `runs.jsonl`. Also returns their length in bytes: the rest is an incomplete last line.
+/// Parses the complete lines of `runs.jsonl`. Returns the runs, and the length of the complete lines in bytes; the remaining
+/// bytes are an incomplete last line.
 fn parse(bytes: &[u8], path: &Path) -> Result<(Vec<Run>, usize), StudyError> {
     let whole = bytes.iter().rposition(|b| *b == b'\n').map_or(0, |at| at + 1);
     let run = |(number, line): (usize, &[u8])| {
@@ -131,7 +131,7 @@ fn parse(bytes: &[u8], path: &Path) -> Result<(Vec<Run>, usize), StudyError> {
     Ok((lines.map(run).collect::<Result<_, _>>()?, whole))
 }
 
-/// A study read back: its manifest and its finished runs.
+/// A study as read from its folder: the manifest and the finished runs.
 ///
 /// ```no_run
 /// let study = dapple_study::RecordedStudy::read("results".as_ref())?;
@@ -151,9 +151,9 @@ pub struct RecordedStudy {
     /// The number of lines of `runs.jsonl` that were skipped because their scene, method, budget or seed is not in the
     /// manifest.
     pub foreign: usize,
-    /// The number of lines of `runs.jsonl` that were skipped because a later line is the same run.
+    /// The number of lines of `runs.jsonl` that were skipped because a later line has the same scene, method, budget and seed.
     pub repeated: usize,
-    /// True if the last line of `runs.jsonl` was skipped because it is incomplete, as after a full disk.
+    /// True if the last line of `runs.jsonl` was skipped because it is incomplete, for example because the disk was full.
     pub torn: bool,
 }
 
@@ -165,7 +165,10 @@ impl RecordedStudy {
     pub fn read(folder: &Path) -> Result<Self, StudyError> {
         let file = folder.join("study.json");
         let manifest = read_manifest(folder)?.ok_or_else(|| {
-            StudyError::refused(file.display(), "there is no study; pass the folder that `dapple study -o` wrote to")
+            StudyError::refused(
+                file.display(),
+                "there is no study here; pass the folder that `dapple study -o` wrote to",
+            )
         })?;
         if !manifest.methods.contains(&manifest.baseline) {
             return Err(StudyError::line(&file, 1, "the baseline is not one of the methods; add it to them"));
@@ -204,7 +207,7 @@ fn plans(manifest: &Manifest, run: &Run) -> bool {
 /// The git commit of the build, found by the build script; empty if it is unknown.
 const COMMIT: &str = env!("DAPPLE_BUILD_COMMIT");
 
-/// Makes the manifest of a study that begins now.
+/// Creates the manifest of a study that begins now.
 pub(crate) fn manifest_of(plan: &Plan, scenes: Vec<SceneRecord>, command: &[String]) -> Manifest {
     Manifest {
         version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -271,8 +274,9 @@ pub(crate) fn manifest_bytes(manifest: &Manifest) -> Vec<u8> {
     bytes
 }
 
-/// Lists the settings that differ between two manifests, one line each. Start time, command line, number of cores, and
-/// the references' paths and variance are ignored, and a commit if one of the two is unknown.
+/// Lists the settings that differ between two manifests, one line each. Ignored are start time, command line, number of cores,
+/// and the paths of scenes, references and external programs. The references' relMSE is ignored too, and commits if one of the
+/// two is unknown.
 pub(crate) fn differences(there: &Manifest, here: &Manifest) -> Vec<String> {
     let values = |manifest: &Manifest| {
         let mut plain = manifest.clone();
@@ -299,13 +303,13 @@ pub(crate) fn differences(there: &Manifest, here: &Manifest) -> Vec<String> {
     let pairs = keys.into_iter().map(|key| (key, [&there_values, &here_values].map(|values| values.get(key))));
     let words = |value: Option<&Value>| readable(value.unwrap_or(&Value::Null));
     let line = |(key, [there, here]): (&String, [Option<&Value>; 2])| match key.strip_suffix(".reference.hash") {
-        Some(scene) => format!("{scene} or its reference has changed since"),
+        Some(scene) => format!("{scene} or its reference has changed since the study began"),
         None => format!("{key}: {}, not {}", words(there), words(here)),
     };
     pairs.filter(|(_, [there, here])| there != here).map(line).collect()
 }
 
-/// Collects the values in objects by their keys; lists are one value each.
+/// Collects the values in nested objects, with the path of keys `a.b.c` as the name. A list counts as one value.
 fn add_values(place: &str, value: Value, found: &mut BTreeMap<String, Value>) {
     let Value::Object(all) = value else {
         let _ = found.insert(place.to_owned(), value);
@@ -370,7 +374,7 @@ mod tests {
             log.store = Box::new(Full { file: file.clone(), free });
             let said = keep(&mut log).unwrap_err().to_string();
             let kept = log.runs().len();
-            let expected = format!("the {kept} runs before it are kept");
+            let expected = format!("the {kept} earlier runs are kept");
             assert!(said.contains("cannot store a finished run") && said.contains(&expected), "{said}");
             assert_eq!(kept, whole[..free].iter().filter(|byte| **byte == b'\n').count());
             keep(&mut RunLog::open(&file).unwrap()).unwrap();

@@ -1,4 +1,5 @@
-//! The reference images of a study: files given by the user, or images rendered once and kept; and errors against them.
+//! The reference images of a study (files given by the user, or images rendered once and kept), and the measurement of errors
+//! against them.
 
 use crate::record::safe_file_name;
 use crate::scene::{Order, Subject, name_of, shoot};
@@ -11,7 +12,7 @@ use dapple_scene::image::{
 };
 use std::path::{Path, PathBuf};
 
-/// A reference image, with its variance if that is known.
+/// A reference image, with its variance if known.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ReferenceImage {
     pub(crate) size: [u32; 2],
@@ -27,7 +28,7 @@ pub(crate) struct FileHeader {
 }
 
 impl FileHeader {
-    /// The value of the attribute `dapple:KEY`; `None` if the header has none.
+    /// The value of the attribute `dapple:KEY`; `None` if the header lacks this attribute.
     pub(crate) fn attribute(&self, key: &str) -> Option<&str> {
         let known = |name: &str| name.strip_prefix("dapple:") == Some(key);
         self.attributes.iter().find(|(name, _)| known(name)).map(|(_, text)| text.as_str())
@@ -35,7 +36,7 @@ impl FileHeader {
 }
 
 impl ReferenceImage {
-    /// Averages two independent halves to a reference, whose variance is estimated from their difference.
+    /// Averages two independent halves to a reference. Its variance is estimated from the difference of the halves.
     pub(crate) fn of_halves(size: [u32; 2], [a, b]: [&[[f32; 3]]; 2]) -> Self {
         let both = |of: fn(f32, f32) -> f32| {
             a.iter().zip(b).map(|(a, b)| [0, 1, 2].map(|c| of(a[c], b[c]))).collect::<Vec<[f32; 3]>>()
@@ -44,8 +45,8 @@ impl ReferenceImage {
         Self { size, mean, variance: Some(both(|a, b| 0.25 * (a - b) * (a - b))) }
     }
 
-    /// Reads a reference from an image file. Its `variance` layer is used only if a study wrote the file; in other
-    /// files, this layer has the variance of single samples.
+    /// Reads a reference from an image file. Its `variance` layer is used only if a study wrote the file; in other files, this
+    /// layer holds the variance of single samples.
     pub(crate) fn read(path: &Path) -> Result<(Self, FileHeader), StudyError> {
         let bytes = std::fs::read(path).map_err(|e| StudyError::file(path, "read the reference", e))?;
         let name = path.display().to_string();
@@ -60,7 +61,7 @@ impl ReferenceImage {
         Ok((Self { size: image.size, mean: image.pixels, variance }, about))
     }
 
-    /// Averages pixels to reduce the image to `size`; `None` unless the image's sides are multiples of those of `size`.
+    /// Reduces the image to `size` by averaging pixels; `None` unless width and height are multiples of those in `size`.
     pub(crate) fn averaged_to(self, size: [u32; 2]) -> Option<Self> {
         if self.size == size {
             return Some(self);
@@ -107,29 +108,28 @@ fn variance(channels: &Channels) -> Option<Vec<[f32; 3]>> {
     Some(r.iter().zip(g.iter()).zip(b.iter()).map(|((r, g), b)| [*r, *g, *b]).collect())
 }
 
-/// The seeds of a rendered reference's two halves, far above the usual seeds of runs.
+/// The seeds of the two halves of a rendered reference, far above the usual seeds of runs.
 const SEEDS: [u64; 2] = [0xda99_1e01, 0xda99_1e02];
 
-/// Candidate point sets for rendered references. The first one that no method uses is taken, so that no run shares
-/// points with its reference; if methods use all three, `random` is taken. On the bundled teapot and cornell at 512
-/// spp, `halton` is as good as `sobol`, and has a quarter of the MSE of `random`.
+/// Candidate point sets for rendered references. A reference uses the first one that no method uses, so that no run shares
+/// points with its reference. If methods use all three, it uses `random`. On the bundled teapot and cornell at 512 spp,
+/// `halton` is as good as `sobol`, and has a quarter of the MSE of `random`.
 const POINTS: [&str; 3] = ["sobol", "halton", "random"];
 
 /// The origin of a reference image.
 pub(crate) struct ReferenceSource {
-    /// The reference's record; the `relmse` of a rendered one is not known yet.
+    /// The reference's record. For a reference that is rendered, `relmse` is still unknown.
     pub(crate) record: ReferenceRecord,
-    /// The file for a reference that is rendered unless it is there already; `None` for a file given by the user, which
-    /// is checked already.
+    /// The file of a reference that is rendered unless this file exists; `None` for a user's file, which has been checked.
     pub(crate) rendered: Option<PathBuf>,
 }
 
-/// Creates the folder of references, `shared` by several studies or a part of the study's; returns the path of the file
-/// `name` as recorded in the study, and the path for opening it.
+/// Creates the folder of references: `shared` by several studies, or a subfolder of the study's folder. Returns the path of the
+/// file `name` as recorded in the study, and the path for opening the file.
 fn place(study: &Path, shared: Option<&Path>, name: &str) -> Result<(String, PathBuf), StudyError> {
     let own = study.join("references");
     let folder = shared.unwrap_or(&own);
-    let wrong = |e| StudyError::file(folder, "make the folder of references", e);
+    let wrong = |e| StudyError::file(folder, "create the folder of references", e);
     std::fs::create_dir_all(folder).map_err(wrong)?;
     if shared.is_none() {
         return Ok((format!("references/{name}"), folder.join(name)));
@@ -138,8 +138,8 @@ fn place(study: &Path, shared: Option<&Path>, name: &str) -> Result<(String, Pat
     Ok((path.display().to_string(), path))
 }
 
-/// Decides from which file, or by which settings, a scene gets its reference. Returns an error for a user's file that
-/// does not fit the scene.
+/// Chooses the file of a scene's reference, or the settings for rendering one. Returns an error for a user's file that does not
+/// match the scene.
 pub(crate) fn plan_reference(
     plan: &Plan,
     scene: &ScenePlan,
@@ -171,7 +171,7 @@ pub(crate) fn plan_reference(
     Ok(ReferenceSource { record, rendered: Some(path) })
 }
 
-/// All settings that a rendered reference depends on, as pairs of name and value.
+/// All settings on which a rendered reference depends, as pairs of name and value.
 fn settings(spp: u64, points: &str, subject: &Subject) -> Result<Vec<(&'static str, String)>, StudyError> {
     let view = &subject.view;
     let [w, h] = view.resolution;
@@ -191,9 +191,8 @@ fn depth(subject: &Subject) -> String {
     subject.scene.max_depth.map_or("unlimited".into(), |d| d.to_string())
 }
 
-/// Loads or renders a reference, and returns its record with the relMSE due to the reference's own variance. A file
-/// given by the user is not loaded. `look` receives the rendered share, and `None` is returned if it stopped the
-/// rendering.
+/// Loads or renders a reference, and returns its record with the relMSE due to the reference's own variance. A file given by
+/// the user is not loaded. `look` receives the rendered fraction; `None` is returned if `look` stops the rendering.
 pub(crate) fn load_or_render(
     wanted: ReferenceSource,
     subject: &Subject,
@@ -212,7 +211,7 @@ pub(crate) fn load_or_render(
     Ok(Some(record))
 }
 
-/// Renders the two halves of a reference, one per seed; `None` if `look` stopped it.
+/// Renders the two halves of a reference, one per seed; `None` if `look` stops the rendering.
 fn render(
     record: &ReferenceRecord,
     subject: &Subject,
@@ -266,13 +265,13 @@ fn given(plan: &Plan, file: &Path, subject: &Subject) -> Result<ReferenceRecord,
     let ([w, h], [rw, rh]) = (subject.view.resolution, whole.size);
     let Some(truth) = whole.averaged_to([w, h]) else {
         return Err(refuse(format!(
-            "it is {rw}x{rh}, and the study {w}x{h}: leave the resolution out, or render the reference at the study's, or at a \
-             multiple of it"
+            "it has {rw}x{rh} pixels, but the study uses {w}x{h}; omit the study's resolution, or render the reference with \
+             {w}x{h} pixels or a multiple"
         )));
     };
     if let Some(at) = truth.mean.iter().position(|p| !p.iter().all(|v| v.is_finite())) {
         let (x, y) = (at % w as usize, at / w as usize);
-        return Err(refuse(format!("its pixel at column {x}, row {y} is NaN or infinite; render a finite one")));
+        return Err(refuse(format!("its pixel at column {x}, row {y} is NaN or infinite; render another reference")));
     }
     differences(plan, &about, subject).map_or(Ok(()), |why| Err(refuse(why)))?;
     let number = |key: &str| about.attribute(key).and_then(|text| text.parse().ok());
@@ -287,30 +286,33 @@ fn given(plan: &Plan, file: &Path, subject: &Subject) -> Result<ReferenceRecord,
     })
 }
 
-/// Describes the first setting in which the header of a reference file differs from the study; `None` if none differs.
-/// The header may be written by `dapple render` or by a study.
+/// Describes the first setting in which the header of a reference file differs from the study; `None` if all settings agree.
+/// `dapple render` or a study may have written the header.
 fn differences(plan: &Plan, about: &FileHeader, subject: &Subject) -> Option<String> {
     let depth = depth(subject);
     let scene = &subject.scene.name;
     let expected = [
-        ("study-scene", subject.content.hex(), "the scene's files have changed; leave the reference out to render one"),
-        ("study-max-depth", depth.clone(), "render it with the study's depth, or give the study its depth"),
-        ("scene", scene.clone(), "it shows another scene"),
-        ("max-depth", depth, "render it with the study's depth, or give the study its depth"),
-        ("without", "none".into(), "effects are left out of it"),
-        ("interrupted", "false".into(), "it is unfinished"),
+        ("study-scene", subject.content.hex(), "the scene's files have changed; omit the reference to render one"),
+        ("study-max-depth", depth.clone(), "render it with the study's depth, or set max_depth to its depth"),
+        ("scene", scene.clone(), "render the study's scene"),
+        ("max-depth", depth, "render it with the study's depth, or set max_depth to its depth"),
+        ("without", "none".into(), "render it with all effects"),
+        ("interrupted", "false".into(), "its render was stopped; finish it"),
         ("pixel-filter", "box filter of radius 0.5 x 0.5".into(), "render it with --pixel-filter box, as a study does"),
     ];
     for (key, here, advice) in expected {
         if let Some(there) = about.attribute(key).filter(|there| *there != here) {
-            return Some(format!("its {} is \"{there}\", and the study's \"{here}\"; {advice}", key.replace('-', " ")));
+            return Some(format!(
+                "its {} is \"{there}\", but the study's is \"{here}\"; {advice}",
+                key.replace('-', " ")
+            ));
         }
     }
     // A run with the reference's points and seed would share samples with it, and show too small an error.
     let points = kind(about.attribute("points")?);
     let seed = about.attribute("seed")?.parse().ok()?;
     let shares = plan.seeds.contains(&seed) && plan.methods.iter().any(|m| kind(&m.points) == points);
-    shares.then(|| format!("its points are {points} of seed {seed}, as in runs; render it with another seed"))
+    shares.then(|| format!("it has points {points} with seed {seed}, like some runs, and would share their samples; render it with another seed"))
 }
 
 /// The name in `NAME:key=value,…`, without its parameters.

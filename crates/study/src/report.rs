@@ -17,16 +17,15 @@ use std::path::Path;
 ///
 /// | file | contents |
 /// |---|---|
-/// | `report.html` | the report: one file that needs neither network nor folder |
+/// | `report.html` | the report: one self-contained file |
 /// | `summary.csv` | every value of the report |
 /// | `runs.csv` | every run as a line, with CPU seconds |
 /// | `viewer/` | images at full resolution for the report's viewer, if they are too large for the page |
 ///
-/// Each file is written completely or not at all. Equal records give equal bytes.
+/// Each file is written completely or not at all. Equal records produce identical files.
 ///
-/// # Errors
-/// [`StudyError`] if the study cannot be read or a file cannot be written. Missing or broken images are no error; the
-/// report lists them.
+/// # Errors [`StudyError`] if the study cannot be read or a file cannot be written. Missing or damaged images are not an error;
+/// the report lists them.
 pub fn write_report(folder: &Path) -> Result<Summary, StudyError> {
     let recorded = RecordedStudy::read(folder)?;
     let summary = Summary::of(&recorded);
@@ -45,7 +44,7 @@ pub fn write_report(folder: &Path) -> Result<Summary, StudyError> {
     Ok(summary)
 }
 
-/// Makes the text of `runs.csv`. Unknown values are empty; `seconds` is wall time, `cpu_seconds` user and system time.
+/// Returns the text of `runs.csv`. Unknown values are empty; `seconds` is wall time, `cpu_seconds` user and system time.
 fn runs_csv(recorded: &RecordedStudy) -> Result<Vec<u8>, csv::Error> {
     let manifest = &recorded.manifest;
     let names = chart::names(&manifest.methods);

@@ -1,4 +1,4 @@
-//! Requests for runs of a study, and the runners that make the runs.
+//! Requests for runs of a study, and the runners that perform the runs.
 
 use crate::reference::ReferenceImage;
 use crate::scene::{Order, Shared, Subject, View, shoot};
@@ -18,7 +18,7 @@ pub struct RunRequest {
     pub view: View,
     /// The method: sampler, point set and filter.
     pub method: Method,
-    /// The external program, if it is the method's filter; otherwise `None`.
+    /// The external program that is the method's filter; `None` for built-in filters.
     #[serde(default)]
     pub external: Option<External>,
     /// The budget: mean samples per pixel, or equal time.
@@ -29,7 +29,7 @@ pub struct RunRequest {
     pub asked: u64,
     /// The path of the reference image.
     pub reference: PathBuf,
-    /// The number of threads; 0 is one per core.
+    /// The number of threads; 0 means one per core.
     pub threads: usize,
     /// The study's folder.
     pub folder: PathBuf,
@@ -37,9 +37,9 @@ pub struct RunRequest {
     pub image: Option<String>,
 }
 
-/// A way to make the runs of a study: in this process ([`InProcess`]) or in new ones ([`Processes`]).
+/// A way to perform the runs of a study: in this process ([`InProcess`]) or in new processes ([`Processes`]).
 pub trait Runner {
-    /// Makes the requested run: renders, filters and compares with the reference.
+    /// Performs the requested run: renders, filters and compares with the reference.
     ///
     /// # Errors
     ///
@@ -47,34 +47,34 @@ pub trait Runner {
     fn run(&mut self, request: &RunRequest) -> Result<Run, StudyError>;
 }
 
-/// The runner that makes runs in this process, on the current rayon thread pool.
+/// The runner that performs runs in this process, on the current rayon thread pool.
 ///
-/// A scene is read once for all its runs, and warmed up by an image that is not recorded.
+/// A scene is read once for all of its runs. Before the first run, one image is rendered as warm-up and not recorded.
 pub struct InProcess {
     cpu: fn() -> Option<f64>,
     fresh: bool,
-    /// The last samples, if filters share them.
+    /// The last samples, if filters share samples.
     shared: Option<Option<Shared>>,
     subject: Option<Subject>,
     truth: Option<(PathBuf, ReferenceImage)>,
 }
 
 impl InProcess {
-    /// Makes a runner. `cpu` returns the user and system seconds of this process so far; `None` if the system does not
-    /// report them.
+    /// Creates a runner. `cpu` returns the user and system seconds of this process so far; `None` if the system does not report
+    /// them.
     pub fn new(cpu: fn() -> Option<f64>) -> Self {
         Self { cpu, fresh: false, shared: None, subject: None, truth: None }
     }
 
-    /// Gives filters that follow each other with the same sampler, points, budget and seed the same samples, taken once. Each
-    /// run's time counts them.
+    /// Lets consecutive runs that differ only in their filter share samples, which are traced once. Each run's time includes
+    /// the tracing.
     #[must_use]
     pub fn sharing(self) -> Self {
         Self { shared: Some(None), ..self }
     }
 
-    /// Makes a runner without warm-up, for a process that makes a single run. The run is marked as `fresh`. `cpu` is as
-    /// in [`InProcess::new`].
+    /// Creates a runner without warm-up, for a process that performs a single run. The run is marked as `fresh`. `cpu` is as in
+    /// [`InProcess::new`].
     pub fn fresh(cpu: fn() -> Option<f64>) -> Self {
         Self { fresh: true, ..Self::new(cpu) }
     }
@@ -101,7 +101,7 @@ impl InProcess {
         let truth = match known {
             Some((_, truth)) => truth,
             None => ReferenceImage::read(reference)?.0.averaged_to([w, h]).ok_or_else(|| {
-                let why = format!("its size is not {w}x{h} pixels or a multiple; render it again");
+                let why = format!("its size is neither {w}x{h} pixels nor a multiple; render it again");
                 StudyError::reference(reference, &view.name, why)
             })?,
         };
@@ -141,7 +141,7 @@ impl Runner for InProcess {
             let file = |extension: &str| request.folder.join(format!("{stem}.{extension}"));
             let exr = file("exr");
             let folder = exr.parent().unwrap_or(&request.folder);
-            std::fs::create_dir_all(folder).map_err(|e| StudyError::file(folder, "make the folder of images", e))?;
+            std::fs::create_dir_all(folder).map_err(|e| StudyError::file(folder, "create the folder of images", e))?;
             let filtered = &shot.filtered;
             let image = Layer::of_image("", &Image::new(filtered.size, filtered.radiance.clone())?);
             write_file(&exr, &encode_exr(filtered.size, &[image], &attributes(request))?.bytes)?;
@@ -200,7 +200,7 @@ pub struct Processes {
 }
 
 impl Processes {
-    /// Makes a runner that starts `program` with the arguments `words` for each run.
+    /// Creates a runner that starts `program` with the arguments `words` for each run.
     pub fn new(program: &Path, words: &[&str]) -> Self {
         Self { program: program.to_owned(), words: words.iter().map(|w| (*w).to_owned()).collect() }
     }
@@ -210,7 +210,7 @@ impl Runner for Processes {
     fn run(&mut self, request: &RunRequest) -> Result<Run, StudyError> {
         let refuse = |why: String| {
             let RunRequest { view, method, seed, .. } = request;
-            StudyError::refused(format_args!("{}, {method}, seed {seed}, in a process of its own", view.name), why)
+            StudyError::refused(format_args!("{}, {method}, seed {seed}, in a new process", view.name), why)
         };
         let mut command = Command::new(&self.program);
         command.args(&self.words).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
@@ -225,7 +225,7 @@ impl Runner for Processes {
             return Err(refuse(format!("it ended with {}: {}", output.status, said.trim())));
         }
         told.map_err(|e| refuse(e.to_string()))?;
-        serde_json::from_slice(&output.stdout).map_err(|e| refuse(format!("it did not answer with a run: {e}")))
+        serde_json::from_slice(&output.stdout).map_err(|e| refuse(format!("its output is not a run: {e}")))
     }
 }
 

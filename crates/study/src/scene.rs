@@ -1,4 +1,4 @@
-//! The scenes of a study: their image settings, and the rendering of an image with its cost measured.
+//! The scenes of a study: image settings, and rendering of images with measured cost.
 
 use crate::{External, Method, Phases, StudyError};
 use dapple_core::{Film, Filtered, Needs, render::Monitor};
@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::sync::Arc;
 
-/// A scene of a study, not read yet, with the settings of its image.
+/// A scene of a study by name, with the settings of its image.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct View {
     /// The scene's name in the study.
@@ -22,14 +22,14 @@ pub struct View {
     pub source: String,
     /// Width and height of the scene's images in pixels.
     pub resolution: [u32; 2],
-    /// The largest number of scattering events between camera and light; `None` takes the limit in the scene.
+    /// The largest number of scattering events between camera and light; `None` uses the scene's limit.
     pub max_depth: Option<u32>,
     /// True if unsupported directives of the scene file are warnings, false if they are errors.
     pub allow_unsupported: bool,
     /// The rule by which light sampling selects one of several lights.
     #[serde(default)]
     pub lights: LightSelection,
-    /// The integrator, `NAME` or `NAME:key=value,…`; `auto` is the one that the scene calls for.
+    /// The integrator, `NAME` or `NAME:key=value,…`; `auto` selects one for the scene.
     #[serde(default = "auto", skip_serializing_if = "is_auto")]
     pub integrator: String,
 }
@@ -61,8 +61,8 @@ impl View {
         self.resolution.into_iter().map(u64::from).product()
     }
 
-    /// Returns this view with lights selected by power and the scene's own integrator, for rendering the reference: views
-    /// that differ in these only thus share one reference.
+    /// Returns this view with lights selected by power and the integrator `auto`, for rendering the reference. Views that
+    /// differ only in these two settings share one reference.
     pub(crate) fn by_default(&self) -> Self {
         Self { lights: LightSelection::Power, integrator: auto(), ..self.clone() }
     }
@@ -96,7 +96,7 @@ impl Subject {
     ///
     /// # Errors
     ///
-    /// [`StudyError::Load`], which lists every problem of the scene's files, also for a scene that does not fit into memory.
+    /// [`StudyError::Load`], with every problem of the scene's files, or for a scene that does not fit into memory.
     pub(crate) fn load(view: &View) -> Result<Self, StudyError> {
         let limit = MemoryLimit::of_machine();
         let loaded = LoadedScene::read(&view.spec(), &LoadOptions { limit, ..LoadOptions::default() })?;
@@ -139,11 +139,11 @@ const CANARY_SPP: f64 = 4.0;
 pub(crate) struct Order<'a> {
     pub(crate) method: &'a Method,
     pub(crate) seed: u64,
-    /// The total number of samples to take.
+    /// The total number of samples to trace.
     pub(crate) samples: u64,
-    /// The method's filter, if it is an external program; otherwise `None`.
+    /// The external program that is the method's filter; `None` for built-in filters.
     pub(crate) external: Option<&'a External>,
-    /// The number of threads of the external program; 0 is one per core.
+    /// The number of threads of the external program; 0 means one per core.
     pub(crate) threads: usize,
 }
 
@@ -157,19 +157,19 @@ pub(crate) struct Shot {
     pub(crate) cpu_s: Option<f64>,
 }
 
-/// Samples that several filters get.
+/// Samples that several filters share.
 pub(crate) struct Shared {
-    /// The scene, the sampler, the points, the seed and the number of samples.
+    /// The scene, the sampler and point set, and the seed and number of samples.
     key: (View, [String; 2], [u64; 2]),
     film: Film,
     cpu_s: Option<f64>,
 }
 
-/// Renders an image and measures its cost, the time of clustering included. The time in `monitor` does not count. `cpu`
+/// Renders an image and measures its cost, including the time of clustering. Time spent in `monitor` does not count. `cpu`
 /// returns the user and system seconds of this process so far.
 ///
-/// With `shared`, the filter gets the samples in there, if they are of this order and recorded what it needs; otherwise the new
-/// samples are left there.
+/// If `shared` holds samples of the same scene, sampler, points, seed and number, with the statistics that the filter needs,
+/// the filter uses them. Otherwise new samples are traced and stored in `shared`.
 pub(crate) fn shoot(
     subject: &Subject,
     order: Order<'_>,

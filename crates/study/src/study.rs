@@ -1,4 +1,4 @@
-//! A study in a folder, which runs in one or more sessions.
+//! A study in a folder, performed in one or more sessions.
 
 mod equal_time;
 
@@ -29,19 +29,19 @@ pub enum StudyStatus {
 pub struct StudyProgress<'a> {
     /// A description of the run or reference in progress.
     pub doing: &'a str,
-    /// The number of finished runs, earlier sessions included.
+    /// The number of finished runs, including earlier sessions.
     pub done: usize,
     /// The number of runs in the whole study, finished or not.
     pub runs: usize,
-    /// The fraction of this session's samples that are taken, 0 to 1.
+    /// The fraction of this session's samples that are traced, 0 to 1.
     pub share: f64,
-    /// The estimated seconds until the study ends; `None` before the first samples are taken.
+    /// The estimated seconds until the study ends; `None` before the first samples are traced.
     pub left: Option<f64>,
 }
 
 /// An observer of a study, which receives progress and warnings, and can stop the study.
 ///
-/// It is called between runs, and several times a second while a reference is rendered; never while a run is timed.
+/// The study calls it between runs, and several times a second while a reference is rendered, but never while a run is timed.
 /// `()` is a monitor that ignores everything.
 ///
 /// ```
@@ -77,7 +77,7 @@ pub struct StudyOptions {
     pub command: Vec<String>,
 }
 
-/// A study in its folder, opened for making runs. An example is on the [front page](crate).
+/// A study in its folder, opened for performing runs. An example is on the [front page](crate).
 pub struct Study {
     plan: Plan,
     folder: PathBuf,
@@ -88,22 +88,22 @@ pub struct Study {
 }
 
 impl Study {
-    /// Begins a study in a folder, or resumes the study in it. Reads the scenes, compares the plan with the recorded
-    /// one, and renders missing references. Returns `None` if `monitor` stopped it.
+    /// Begins a study in `folder`, or resumes the study there. Reads the scenes, compares the plan with the recorded one, and
+    /// renders missing references. Returns `None` if `monitor` stopped it.
     ///
     /// # Errors
     ///
-    /// [`StudyError::Refused`] if the settings differ from the recorded ones; other errors for an unusable scene
-    /// or reference, and for the disk.
+    /// [`StudyError::Refused`] if the settings differ from the recorded ones; other errors for an unusable scene or reference,
+    /// or an error of the disk.
     pub fn open(
         plan: Plan,
         folder: &Path,
         options: &StudyOptions,
         monitor: &mut dyn StudyMonitor,
     ) -> Result<Option<Self>, StudyError> {
-        std::fs::create_dir_all(folder).map_err(|e| StudyError::file(folder, "make the folder", e))?;
+        std::fs::create_dir_all(folder).map_err(|e| StudyError::file(folder, "create the folder", e))?;
         let another = |differences: Vec<String>| {
-            let why = "the folder holds another study; choose another folder, or use the settings of that study";
+            let why = "this folder holds another study; choose another folder, or use the settings of that study";
             Err(StudyError::refused(folder.display(), format_args!("{why}\n{}", differences.join("\n"))))
         };
         let earlier = read_manifest(folder)?;
@@ -156,14 +156,14 @@ impl Study {
         self.plan.runs()
     }
 
-    /// Makes all missing runs.
+    /// Performs all runs that are not finished yet.
     ///
     /// Runs are ordered by scene, then seed, then budget, then method. Methods thus alternate, so that a slower machine
     /// affects all of them. A scene's equal-time runs come last.
     ///
     /// # Errors
     ///
-    /// [`StudyError`] of a run or of the disk. Finished runs are kept.
+    /// [`StudyError`] if a run fails, or for an error of the disk. Finished runs are kept.
     pub fn run(&mut self, runner: &mut dyn Runner, monitor: &mut dyn StudyMonitor) -> Result<StudyStatus, StudyError> {
         for at in 0..self.views.len() {
             let pixels = self.views[at].pixels();
@@ -208,7 +208,7 @@ impl Study {
         }
     }
 
-    /// The finished run that answers a request; `None` if it is missing.
+    /// The finished run with the request's scene, method, budget and seed; `None` if it is missing.
     fn find(&self, request: &RunRequest) -> Option<&Run> {
         let RunRequest { view, method, budget, seed, .. } = request;
         self.log.runs().iter().find(|run| run.is_of(&view.name, method, *budget, *seed))
@@ -228,8 +228,8 @@ impl Study {
     }
 }
 
-/// Decides the origin of each scene's reference. Also returns the scene that was read last, so that a study of one
-/// scene reads it once.
+/// Determines the origin of each scene's reference. Also returns the scene that was read last, so that a study of a single
+/// scene reads it only once.
 fn reference_sources(
     plan: &Plan,
     views: &[View],
@@ -251,7 +251,7 @@ fn reference_sources(
     Ok((sources, last))
 }
 
-/// Loads or renders the references and records them in the manifest; returns `false` if the monitor stopped it.
+/// Loads or renders the references and records them in the manifest; returns `false` if the monitor stopped this.
 fn load_references(
     manifest: &mut Manifest,
     sources: Vec<ReferenceSource>,
@@ -276,7 +276,7 @@ fn load_references(
     Ok(true)
 }
 
-/// Makes the views of a plan's scenes, with their names and resolutions.
+/// Creates the views of a plan's scenes, with unique names and resolutions.
 fn views(plan: &Plan) -> Result<Vec<View>, StudyError> {
     let mut views: Vec<View> = Vec::new();
     for scene in &plan.scenes {
@@ -308,7 +308,7 @@ fn resolution(plan: &Plan, scene: &ScenePlan) -> Result<[u32; 2], StudyError> {
     }
 }
 
-/// A counter of this session's samples, taken and in total, from which progress is estimated.
+/// A counter of this session's samples, traced so far and in total, from which progress is estimated.
 struct WorkMeter {
     began: Instant,
     done: f64,

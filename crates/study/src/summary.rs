@@ -1,4 +1,4 @@
-//! The statistics of a study, computed from its runs; `summary.csv` and the report contain them.
+//! The statistics of a study, computed from its runs. They are the contents of `summary.csv` and of the report.
 
 mod comparison;
 
@@ -17,7 +17,7 @@ pub const CONFIDENCE: f64 = 0.95;
 /// The largest relative difference of two render times that count as equal in a comparison.
 pub const TIME_TOLERANCE: f64 = 0.1;
 
-/// The metrics for which methods are compared with the baseline: all errors.
+/// The metrics by which methods are compared with the baseline: all metrics of error.
 pub fn compared() -> impl Iterator<Item = &'static Metric> {
     METRICS.iter().filter(|metric| metric.better == Better::Lower)
 }
@@ -34,13 +34,13 @@ pub struct Row {
     pub budget: String,
     /// The name of the metric; [`Summary::write_csv`] lists all names.
     pub metric: String,
-    /// The value of the metric; `None` if it is unknown, for the reason in `note`.
+    /// The value of the metric; `None` if unknown, and `note` then gives the reason.
     pub value: Option<f64>,
     /// The lower end of the 95 % confidence interval over seeds; `None` without an interval.
     pub low: Option<f64>,
     /// The upper end of the 95 % confidence interval over seeds; `None` without an interval.
     pub high: Option<f64>,
-    /// The number of seeds from whose runs the value is computed.
+    /// The number of seeds over which the value is computed.
     pub n: usize,
     /// Remarks on the value, separated by `; `.
     pub note: String,
@@ -107,15 +107,15 @@ impl Summary {
 
     /// Writes `summary.csv`: a header, then one line per row.
     ///
-    /// Columns: `scene`, `sampler`, `points`, `filter`, `budget`, `metric`,
-    /// `value`, `low`, `high` (95 % interval over seeds), `n` (seeds), `note`. An unknown value is empty, and its note
-    /// gives the reason. Numbers are the shortest that give the same f64.
+    /// Columns: `scene`, `sampler`, `points`, `filter`, `budget`, `metric`, `value`, `low`, `high` (95 % interval over seeds),
+    /// `n` (seeds), `note`. An unknown value is empty, and its note gives the reason. Numbers are written as the shortest
+    /// decimals that parse to the same f64.
     ///
     /// Metrics at one budget:
-    /// * of the errors among [`METRICS`] geometric means, of others means; and the geometric mean of
-    ///   `predicted over true relmse`;
-    /// * means: `spp`, and `seconds PHASE` for `load`, `bvh`, `cluster`, `probe`, `plan`, `trace`, `filter`;
-    /// * the median of [`Run::render_s`]: `seconds`;
+    /// * geometric means: the errors among [`METRICS`], and `predicted over true relmse`;
+    /// * means: the other [`METRICS`], `spp`, and `seconds PHASE` for `load`, `bvh`, `cluster`, `probe`, `plan`, `trace`,
+    ///   `filter`;
+    /// * medians: `seconds`, of [`Run::render_s`];
     /// * against the baseline, paired by seed: `METRIC ratio`, `seconds ratio`, `relmse x seconds ratio`.
     ///
     /// # Errors
@@ -215,8 +215,8 @@ fn predictions(runs: &Seeds<'_>) -> Vec<f64> {
     runs.values().filter_map(ratio).filter(|ratio| ratio.is_finite()).collect()
 }
 
-/// A note on the reference's own noise: the number of runs whose error it limits, or from whose error it was
-/// subtracted. Empty if it does not matter.
+/// A note on the reference's noise: the numbers of runs whose measured error it limits, and from whose error it was subtracted.
+/// Empty if both are 0.
 fn marks(runs: &Seeds<'_>) -> String {
     let count = |of: fn(&Run) -> bool| runs.values().filter(|run| of(run)).count();
     let limited = ("reference-limited", count(|run| run.reference_limited));

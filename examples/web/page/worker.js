@@ -22,7 +22,7 @@ onmessage = async ({ data: { spp, seed } }) => {
   const over = [false, false];
   while (!(over[0] && over[1])) {
     let isNew = false;
-    // Both go on together, tile by tile.
+    // Both renders advance together, tile by tile.
     for (const which of [0, 1].filter((which) => !over[which])) {
       const state = demo.step(which, 4);
       if (state === 3) throw new Error('a render failed');

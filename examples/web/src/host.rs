@@ -1,4 +1,5 @@
-//! Somebody's renderer: a path tracer of a room with two spheres. It knows of Dapple what a host must: the generator, and estimates.
+//! The host renderer: a path tracer of a room with three spheres. Of Dapple, it uses only the random number generator and
+//! estimates.
 
 use dapple::{Estimate, FirstHit, PathRecord, Rng};
 use std::array::from_fn;
@@ -11,16 +12,16 @@ pub const SIZE: [u32; 2] = [240, 160];
 
 /// The room, from corner to corner; its floor is at height 0.
 const ROOM: [V3; 2] = [[-1.5, 0.0, -3.5], [1.5, 2.0, 1.5]];
-/// The half sides of the lamp, which is a rectangle in the ceiling, and its radiance.
+/// The half widths and the radiance of the light, a rectangle in the ceiling.
 const LAMP: ([f32; 2], V3) = ([0.35, 0.25], [17.0, 15.0, 12.0]);
-/// Centres, radii, colours, and whether it is a mirror.
+/// Spheres: centre, radius, colour, and `true` for a mirror.
 const SPHERES: [(V3, f32, V3, bool); 3] = [
     ([-0.6, 0.5, 0.4], 0.5, [0.9; 3], true),
     ([0.55, 0.4, -0.1], 0.4, [0.75, 0.45, 0.15], false),
     ([-0.05, 0.18, -0.7], 0.18, [0.2, 0.4, 0.75], false),
 ];
 const EYE: V3 = [0.0, 1.0, -3.2];
-/// The largest number of surfaces of a path.
+/// The largest number of surfaces on a path.
 const BOUNCES: u32 = 6;
 
 fn add(a: V3, s: f32, b: V3) -> V3 {
@@ -59,7 +60,7 @@ fn hit(from: V3, to: V3) -> Surface {
     SPHERES.iter().filter_map(sphere).fold(wall(from, to), |near, other| if other.t < near.t { other } else { near })
 }
 
-/// The wall, floor or ceiling that a ray from within the room reaches.
+/// The wall, floor or ceiling that a ray from inside the room hits.
 fn wall(from: V3, to: V3) -> Surface {
     let leaves: V3 = from_fn(|i| (ROOM[usize::from(to[i] > 0.0)][i] - from[i]) / to[i]);
     let axis = if leaves[0] < leaves[1].min(leaves[2]) { 0 } else { 1 + usize::from(leaves[2] < leaves[1]) };
@@ -77,7 +78,7 @@ fn wall(from: V3, to: V3) -> Surface {
     Surface { t, at, normal, colour, is_mirror: false, light: if is_lamp { LAMP.1 } else { [0.0; 3] } }
 }
 
-/// The part of the lamp's radiance that a matte surface reflects, by a random point of the lamp.
+/// The fraction of the light's radiance that a matte surface reflects, estimated with a random point on the light.
 fn reflected(surface: &Surface, [u, v]: [f32; 2]) -> f32 {
     let [width, depth] = LAMP.0.map(|half| 2.0 * half);
     let point = [(u - 0.5) * width, ROOM[1][1], (v - 0.5) * depth];
@@ -88,7 +89,7 @@ fn reflected(surface: &Surface, [u, v]: [f32; 2]) -> f32 {
     if is_free { cosines * width * depth / (PI * distance * distance) } else { 0.0 }
 }
 
-/// One sample of a pixel.
+/// Traces one sample of a pixel.
 pub(crate) fn sample(pixel: [u32; 2], rng: &mut Rng<'_>) -> Estimate {
     let place = rng.next_2d();
     let [x, y]: [f32; 2] = from_fn(|i| (pixel[i] as f32 + place[i] - 0.5 * SIZE[i] as f32) / SIZE[1] as f32);

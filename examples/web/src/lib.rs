@@ -1,7 +1,7 @@
-//! Dapple in a browser: the renderer in `host.rs` with uniform samples, beside the default sampler and filter.
+//! Dapple in a browser: the renderer in `host.rs` with uniform samples, and with the default sampler and filter.
 //!
-//! The page calls the exported functions, and reads pixels from the memory of the module. Functions whose names are exported need an
-//! attribute that counts as unsafe, since two of the same name would clash; none of them has unsafe code.
+//! The page calls the exported functions, and reads pixels from the module's memory. Exported functions need an attribute that
+//! Rust classifies as unsafe, since equal names would clash; none of them contains unsafe code.
 
 #![expect(unsafe_code, reason = "names of exported functions")]
 
@@ -13,7 +13,7 @@ use std::cell::RefCell;
 
 /// Two renders of the room.
 pub struct Demo {
-    /// Uniform samples without a filter, then the default.
+    /// Uniform samples without a filter, and the default sampler and filter.
     sessions: [Session<'static>; 2],
     images: [Filtered; 2],
     is_over: [bool; 2],
@@ -39,11 +39,12 @@ impl Demo {
         Ok(Self { sessions, images: [black(), black()], is_over: [false; 2], pixels })
     }
 
-    /// Traces some tiles of one render. Returns `true` if it went on to a new image: at each doubling of its samples.
+    /// Traces `tiles` tiles of render `which`. Returns `true` if the render has a new image, which it has at each doubling of
+    /// its samples.
     ///
     /// # Errors
     ///
-    /// Those of sessions.
+    /// The errors of sessions.
     pub fn step(&mut self, which: usize, tiles: u32) -> Result<bool, Error> {
         let session = &mut self.sessions[which];
         let Some(round) = session.next_round()? else {
@@ -61,12 +62,12 @@ impl Demo {
         Ok(false)
     }
 
-    /// The image of one render at its last doubling.
+    /// The image of render `which` at its last doubling.
     pub fn image(&self, which: usize) -> &Filtered {
         &self.images[which]
     }
 
-    /// Draws both images and the map of the second render's samples.
+    /// Draws both images and the sample map of the second render.
     fn draw(&mut self) -> &[u8] {
         let film = self.sessions[1].film();
         let most = film.counts().into_iter().max().unwrap_or(1).max(1) as f32;
@@ -80,18 +81,18 @@ impl Demo {
     }
 }
 
-/// A number that depends on every bit of an image.
+/// A hash of all bits of an image.
 pub fn fingerprint_of(image: &Filtered) -> u32 {
     let bits = image.radiance.iter().flatten().map(|value| value.to_bits());
     // FNV-1a, of 32 bits at a time.
     bits.fold(0x811c_9dc5, |hash: u32, bits| (hash ^ bits).wrapping_mul(0x0100_0193))
 }
 
-/// The room denoised from buffers: two renders with 2 uniform samples per pixel, without features.
+/// The room, denoised from the buffers of two renders with 2 uniform samples per pixel, without features.
 ///
 /// # Errors
 ///
-/// Those of sessions and of [`dapple::denoise`].
+/// The errors of sessions and of [`dapple::denoise`].
 pub fn denoised() -> Result<Filtered, Error> {
     let half = |seed| -> Result<_, Error> {
         let mut demo = Demo::new(2, seed)?;
@@ -102,7 +103,7 @@ pub fn denoised() -> Result<Filtered, Error> {
     dapple::denoise(SIZE, &SampleBuffers::new(&a, 2), &SampleBuffers::new(&b, 2)).run()
 }
 
-/// A linear value in sRGB, in 8 bits.
+/// Encodes a linear value as 8-bit sRGB.
 pub fn encoded(x: f32) -> u8 {
     let x = x.clamp(0.0, 1.0);
     let srgb = if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * libm::powf(x, 1.0 / 2.4) - 0.055 };
@@ -117,14 +118,14 @@ fn with<T>(work: impl FnOnce(&mut Demo) -> T) -> T {
     DEMO.with_borrow_mut(|demo| work(demo.as_mut().expect("start() comes first")))
 }
 
-/// Begins two renders of `spp` samples per pixel. Returns 0 if it can't.
+/// Begins two renders of `spp` samples per pixel. Returns 1, or 0 on an error.
 #[unsafe(no_mangle)]
 pub extern "C" fn start(spp: u32, seed: u32) -> u32 {
     DEMO.with_borrow_mut(|demo| *demo = Demo::new(spp, seed).ok());
     DEMO.with_borrow(|demo| u32::from(demo.is_some()))
 }
 
-/// Traces some tiles of render 0 or 1. Returns 1 if it has a new image, 2 if it is over, 3 on an error.
+/// Traces `tiles` tiles of render 0 or 1. Returns 1 if the render has a new image, 2 if it is finished, 3 on an error, else 0.
 #[unsafe(no_mangle)]
 pub extern "C" fn step(which: u32, tiles: u32) -> u32 {
     with(|demo| match demo.step(which as usize, tiles) {
@@ -134,7 +135,7 @@ pub extern "C" fn step(which: u32, tiles: u32) -> u32 {
     })
 }
 
-/// Draws both images and the sample map. Returns the place of their pixels, one after the other, in the module's memory.
+/// Draws both images and the sample map. Returns the address in the module's memory of their pixels, one image after the other.
 #[unsafe(no_mangle)]
 pub extern "C" fn draw() -> *const u8 {
     with(|demo| demo.draw().as_ptr())
@@ -147,13 +148,13 @@ pub extern "C" fn spp(which: u32) -> f64 {
     with(|demo| demo.sessions[which as usize].film().record().samples as f64 / pixels)
 }
 
-/// A number that depends on every bit of the image of render 0 or 1.
+/// A hash of all bits of the image of render 0 or 1.
 #[unsafe(no_mangle)]
 pub extern "C" fn fingerprint(which: u32) -> u32 {
     with(|demo| fingerprint_of(demo.image(which as usize)))
 }
 
-/// A number that depends on every bit of the image denoised from buffers; 0 on an error.
+/// A hash of all bits of the image denoised from buffers; 0 on an error.
 #[unsafe(no_mangle)]
 pub extern "C" fn denoised_fingerprint() -> u32 {
     denoised().map_or(0, |image| fingerprint_of(&image))

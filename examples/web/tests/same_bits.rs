@@ -1,9 +1,10 @@
-//! The renders of the page, natively. `examples/web/test` compares their bits with those of WebAssembly.
+//! The renders of the page, natively. `examples/web/test.mjs` checks that WebAssembly's are bit-identical.
 
 use dapple::Filtered;
 use dapple_web::{Demo, SIZE, denoised, encoded, fingerprint_of};
 
-/// The fingerprints of both images at 8 spp with seed 7, and of the image denoised from buffers. They change with the bits of the default filter.
+/// The fingerprints of both images at 8 spp with seed 7, and of the image denoised from buffers. They change with any change of
+/// the default filter's output.
 const FINGERPRINTS: &str = include_str!("../fingerprints.txt");
 
 fn rendered(spp: u32, seed: u32) -> Demo {

@@ -234,10 +234,10 @@ fn two_renders_of_cycles_are_halves() {
     assert_eq!(json["layers"]["depth"], "ViewLayer.Denoising Depth");
     assert_eq!(json["notices"], serde_json::json!([]));
     assert!(error(&folder, "out.exr") < 0.01, "{}", error(&folder, "out.exr"));
-    folder.says("denoise 1.exr -o alone.exr", 1, &["it has no variance"]);
+    folder.says("denoise 1.exr -o alone.exr", 1, &["there is no variance"]);
     let said = folder.run("denoise 1.exr 1.exr -o alone.exr");
     assert!(
-        said.err.contains("its image equals that of 1.exr") && said.err.contains("different seeds"),
+        said.err.contains("the image is identical to that of 1.exr") && said.err.contains("different seeds"),
         "{}",
         said.err
     );
@@ -277,25 +277,33 @@ fn what_cannot_be_denoised_is_refused_with_advice() {
     let before = folder.read("in.exr");
     folder.write("a.png", b"\x89PNG");
     let cases: [(&str, i32, &[&str]); 15] = [
-        ("a.png -o out.exr", 1, &["a.png: it is no OpenEXR file", "save the image as OpenEXR"]),
+        ("a.png -o out.exr", 1, &["a.png: this is not an OpenEXR file", "save the image as OpenEXR"]),
         ("in.exr -o out.exr", 1, &["in.exr: layer \"Variance\"", "--spp N", "--variance-of-mean"]),
         (
             "plain.exr -o out.exr",
             1,
-            &["plain.exr: it has no variance", "another seed", "layers are Albedo, B, G, R, N, Ns, P"],
+            &["plain.exr: there is no variance", "another seed", "layers are Albedo, B, G, R, N, Ns, P"],
         ),
         ("data.exr -o out.exr", 1, &["no image was found", "--layer color=NAME"]),
         ("in.exr -o out.exr --spp 8 --layer normal=Nss", 1, &["no layer \"Nss\" for normal", "did you mean \"Ns\"?"]),
         ("in.exr -o out.exr --layer normals=Ns", 2, &["no kind of layer \"normals\"", "choose among color, variance"]),
         ("in.exr -o out.exr --layer Ns", 2, &["\"Ns\" is not KIND=NAME"]),
-        ("in.exr small.exr -o out.exr", 1, &["small.exr: it has 3x2 pixels, and in.exr has 40x24"]),
-        ("in.exr -o in.exr --spp 8", 1, &["in.exr: it is an input; choose another name"]),
-        ("in.exr -o ./in.exr --spp 8", 1, &["it is an input"]),
-        ("in.exr -o a.png -o ./a.png --spp 8", 1, &["./a.png: this is the file of a.png; give each output"]),
+        ("in.exr small.exr -o out.exr", 1, &["small.exr: the image has 3x2 pixels, but in.exr has 40x24"]),
+        ("in.exr -o in.exr --spp 8", 1, &["in.exr: this output is also an input; choose another name"]),
+        ("in.exr -o ./in.exr --spp 8", 1, &["this output is also an input"]),
+        (
+            "in.exr -o a.png -o ./a.png --spp 8",
+            1,
+            &["./a.png: this output is the same file as a.png; give each output"],
+        ),
         ("in.exr -o out.jpg --spp 8", 1, &["name the output .exr, .pfm or .png"]),
         ("nonesuch.exr -o out.exr", 1, &["nonesuch.exr: cannot read it", "check the name"]),
         ("in.exr -o out.exr --filter nonesuch", 2, &["there is no filter \"nonesuch\""]),
-        ("in.exr -o out.exr --spp 8 --filter bilateral:outside=0.5", 1, &["reads clusters of a scene", "outside=1"]),
+        (
+            "in.exr -o out.exr --spp 8 --filter bilateral:outside=0.5",
+            1,
+            &["needs the clusters of a scene", "outside=1"],
+        ),
     ];
     for (words, status, parts) in cases {
         folder.says(&format!("denoise {words}"), status, parts);

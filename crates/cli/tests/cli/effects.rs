@@ -80,9 +80,9 @@ fn what_is_left_out_is_said_three_times() {
     let folder = Folder::new();
     let words = "render tiny.pbrt --spp 4 --json -o a.exr --without interreflection --without soft-shadows";
     let lines = [
-        "warning: without soft-shadows: each area light is a point light of the same power, and invisible; ",
-        "warning: without interreflection: light scatters once; ",
-        "tiny.pbrt:11 calls for it (a sphere shines)",
+        "warning: soft-shadows is left out: each area light is a point light of the same power, and invisible; ",
+        "warning: interreflection is left out: light scatters once; ",
+        "tiny.pbrt:11 uses the effect (a sphere shines)",
     ];
     let said = folder.says(words, 0, &lines);
     let json: Value = serde_json::from_str(&said.out).expect("JSON");
@@ -99,6 +99,6 @@ fn what_is_left_out_is_said_three_times() {
         .replace("AreaLightSource \"diffuse\" \"rgb L\" [ 4 4 4 ]", "")
         .replace("WorldBegin", "WorldBegin\nLightSource \"infinite\" \"rgb L\" [ 1 1 1 ]");
     folder.write("sky.pbrt", dark);
-    let last = "--without environment: without environment no light is left";
+    let last = "error: cannot leave out environment: without environment no light is left";
     folder.says("render sky.pbrt --spp 1 --without environment", 1, &[last]);
 }

@@ -87,7 +87,7 @@ fn a_denoised_file_is_its_input_with_denoised_colours() {
     let channels = "A B G R other.B other.G other.R Albedo.B Albedo.G Albedo.R";
     two(&folder, |seed| Made { aspect: 2.0, space: Some(ACES), ..file(vec![part("", WINDOW, channels, 0, seed)]) });
     let said = denoise(&folder, "-o out.png");
-    assert!(said.err.contains("out.png: it has no alpha; write EXR, too"), "{}", said.err);
+    assert!(said.err.contains("out.png: the file has no alpha; write an EXR file as well"), "{}", said.err);
     let [a, b, out] = ["a.exr", "b.exr", "out.exr"].map(|name| open(&folder, name));
     assert_eq!(header(&out.parts[0]), header(&a.parts[0]));
     assert_eq!((out.parts[0].data_window, out.parts[0].display_window), (WINDOW, DISPLAY));
@@ -151,7 +151,7 @@ fn images_are_denoised_in_every_layout_view_window_and_space() {
             let [a, out] = ["a.exr", "out.exr"].map(|name| open(&folder, name));
             let common = WINDOW.common(window).expect("an overlap");
             assert_eq!(
-                said.err.contains(&format!("the output is cut to them, {common}")),
+                said.err.contains(&format!("the output is cropped to them: {common}")),
                 window != WINDOW,
                 "{case}: {}",
                 said.err
@@ -192,7 +192,7 @@ fn views_among_the_channels_are_all_denoised_each_by_its_own_guides() {
         "{}",
         said.out
     );
-    assert!(said.err.contains("out.png: it holds view \"left\" alone; write EXR, too"), "{}", said.err);
+    assert!(said.err.contains("out.png: the file holds only view \"left\"; write an EXR file as well"), "{}", said.err);
     let [a, out] = ["a.exr", "out.exr"].map(|name| open(&folder, name));
     assert_eq!(out.parts[0].views, ["left", "right"]);
     for (name, salt) in [("R", 0), ("right.R", 1)] {
@@ -202,7 +202,7 @@ fn views_among_the_channels_are_all_denoised_each_by_its_own_guides() {
     let said = denoise(&folder, "--layer color=right --json");
     let json: serde_json::Value = serde_json::from_str(&said.out).expect("JSON");
     assert_eq!((&json["layers"]["color"], &json["layers"]["albedo"]), (&"right".into(), &"albedo.right".into()));
-    assert!(said.err.contains("a.exr: layer \"R, G, B\" stays noisy"), "{}", said.err);
+    assert!(said.err.contains("a.exr: layer \"R, G, B\" is not denoised"), "{}", said.err);
     assert_eq!(floats(&open(&folder, "out.exr"), 0, "R"), floats(&a, 0, "R"));
 }
 
@@ -212,7 +212,8 @@ fn guides_of_another_view_layer_are_never_read() {
     let combined = "Front.Combined.R Front.Combined.G Front.Combined.B Back.Combined.R Back.Combined.G Back.Combined.B";
     let back = "Back.Albedo.R Back.Albedo.G Back.Albedo.B";
     two(&folder, |seed| file(vec![part("", WINDOW, &format!("{combined} {back}"), 0, seed)]));
-    let message = "a.exr: it holds several images, Back.Combined, Front.Combined; name one with --layer color=NAME";
+    let message =
+        "a.exr: the file holds several images, Back.Combined, Front.Combined; name one with --layer color=NAME";
     folder.says("denoise a.exr b.exr -o out.exr", 1, &[message]);
     assert!(denoise(&folder, "--layer color=Front.Combined").out.starts_with("read color (Front.Combined)\n"));
     let [a, out] = ["a.exr", "out.exr"].map(|name| open(&folder, name));
@@ -259,8 +260,7 @@ fn pixels_of_parts_are_paired_in_the_display() {
     assert!(error(&out, 0, "R", 0) < 0.1 * error(&a, 0, "R", 0), "{}", error(&out, 0, "R", 0));
     assert_eq!(floats(&out, 1, "R"), floats(&a, 1, "R"));
     two(&folder, make(Window { origin: [70, 7], size: [30, 28] }));
-    let message =
-        "layer \"albedo\" has pixels (70,7)-(99,34), none of which a.exr has in layer \"rgba\", (30,7)-(69,34)";
+    let message = "layer \"albedo\" covers pixels (70,7)-(99,34), but a.exr covers none of them in layer \"rgba\", (30,7)-(69,34)";
     folder.says("denoise a.exr b.exr -o none.exr", 1, &[message]);
 }
 
@@ -278,7 +278,8 @@ fn files_of_other_colour_spaces_are_refused_and_flat_outputs_converted() {
     assert_eq!(exr.pixels, pfm.pixels);
     assert_ne!(exr.pixels[0][0], floats(&open(&folder, "out.exr"), 0, "R")[0]);
     folder.write("b.exr", flat(None)(2).bytes());
-    let parts = ["b.exr: its colours are those of red (0.64, 0.33)", "a.exr has red (0.713, 0.293)", "convert one"];
+    let parts =
+        ["b.exr: the image is in colour space red (0.64, 0.33)", "a.exr is in red (0.713, 0.293)", "convert one"];
     folder.says("denoise a.exr b.exr -o none.exr", 1, &parts);
     folder.write("a.exr", flat(Some(Chromaticities::REC709))(1).bytes());
     denoise(&folder, "");
@@ -323,7 +324,7 @@ fn one_channel_stands_for_three_where_the_meaning_is_plain() {
     write(&[layer("color", &["c", "m", "k"], &color)]);
     let message = "layer \"color\" has the channels C, K, M, but layers of the kind color have R, G, B";
     folder.says("denoise in.exr -o none.exr --layer color=color", 1, &[message]);
-    folder.says("denoise in.exr -o none.exr", 1, &["no image was found among its channels color.c, color.k, color.m"]);
+    folder.says("denoise in.exr -o none.exr", 1, &["no image was found among the channels color.c, color.k, color.m"]);
 }
 
 #[test]
@@ -398,7 +399,7 @@ fn images_of_one_eye_are_never_paired_with_those_of_the_other() {
         let parts = vec![MadePart { view: Some(eye.into()), ..part("main", WINDOW, "R G B", 0, 1) }];
         folder.write(name, file(parts).bytes());
     }
-    let message = "b.exr: its image is view \"right\", and a.exr has view \"left\"";
+    let message = "b.exr: the image shows view \"right\", but a.exr shows view \"left\"";
     folder.says("denoise a.exr b.exr -o none.exr", 1, &[message]);
     folder.says("compare a.exr b.exr", 1, &["a.exr: it shows view \"left\", and b.exr \"right\""]);
 }
@@ -418,7 +419,7 @@ fn other_images_of_a_view_layer_are_named_and_stand_in_for_an_empty_one() {
     let folder = Folder::new();
     two(&folder, |seed| file(vec![part("", WINDOW, "rgba.R rgba.G rgba.B beauty.R beauty.G beauty.B", 0, seed)]));
     let said = denoise(&folder, "");
-    assert!(said.err.contains("a.exr: \"rgba\" is denoised; \"beauty\" stays noisy, as it is"), "{}", said.err);
+    assert!(said.err.contains("a.exr: \"rgba\" is denoised, \"beauty\" is not"), "{}", said.err);
     two(&folder, |seed| {
         let mut made = part("", WINDOW, "beauty.R beauty.G beauty.B", 0, seed);
         made.channels.extend(["R", "G", "B"].map(|name| (name.to_owned(), vec![0.0; WINDOW.pixels()])));

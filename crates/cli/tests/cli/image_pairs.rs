@@ -19,17 +19,17 @@ fn a_view_without_a_variance_stays_as_it_is_and_the_message_names_the_layer() {
     let folder = Folder::new();
     let channels = "R G B right.R right.G right.B variance.R variance.G variance.B";
     folder.write("a.exr", with_variance(channels, &["left", "right"]).bytes());
-    let kept = "a.exr: it has no variance for \"right\" of view \"right\", which stays noisy, as it is";
+    let kept = "a.exr: there is no variance for \"right\" of view \"right\", so this image is not denoised";
     folder.says("denoise a.exr -o out.exr --spp 16", 0, &[kept]);
     let [a, out] = ["a.exr", "out.exr"].map(|name| open(&folder, name));
     assert_eq!(floats(&out, 0, "right.R"), floats(&a, 0, "right.R"));
     assert_ne!(floats(&out, 0, "R"), floats(&a, 0, "R"));
-    let message = "a.exr: it has no variance for \"right\" of view \"right\", and one image alone";
+    let message = "a.exr: there is no variance for \"right\" of view \"right\", and one image alone";
     folder.says("denoise a.exr -o none.exr --spp 16 --layer color=right", 1, &[message]);
     let channels = "Front.Combined.R Front.Combined.G Front.Combined.B Back.Combined.R Back.Combined.G \
                     Back.Combined.B Back.variance.R Back.variance.G Back.variance.B";
     folder.write("a.exr", with_variance(channels, &[]).bytes());
-    let message = "a.exr: it has no variance for \"Front.Combined\", and one image alone";
+    let message = "a.exr: there is no variance for \"Front.Combined\", and one image alone";
     folder.says("denoise a.exr -o none.exr --spp 16 --layer color=Front.Combined", 1, &[message]);
 }
 
@@ -53,7 +53,7 @@ fn alpha_of_the_second_file_alone_has_a_notice() {
     let folder = Folder::new();
     two(&folder, |seed| file(vec![part("", WINDOW, if seed == 1 { "R G B" } else { "A R G B" }, 0, seed)]));
     let said = denoise(&folder, "");
-    let notice = "b.exr: its alpha is left out, since a.exr has none; name b.exr first to keep it";
+    let notice = "b.exr: its alpha is dropped, since a.exr has none; give b.exr first to keep the alpha";
     assert!(said.err.contains(notice), "{}", said.err);
     folder.done("denoise b.exr a.exr -o out.exr --spp 16");
     assert_eq!(floats(&open(&folder, "out.exr"), 0, "A"), floats(&open(&folder, "b.exr"), 0, "A"));
@@ -64,8 +64,10 @@ fn flat_outputs_say_what_they_do_not_show() {
     let folder = Folder::new();
     let none = Chromaticities { red: [0.0; 2], green: [0.0; 2], blue: [0.0; 2], white: [0.0; 2] };
     two(&folder, |seed| Made { space: Some(none), ..file(vec![part("", WINDOW, "R G B", 0, seed)]) });
-    let cut = format!("out.pfm: it holds pixels {WINDOW}, not the display's {DISPLAY}; write EXR, too");
-    let space = "out.pfm: its colours are not converted, as the input's chromaticities are those of no colour space";
+    let cut = format!(
+        "out.pfm: the file holds pixels {WINDOW}, not the whole display window {DISPLAY}; write an EXR file as well"
+    );
+    let space = "out.pfm: its colours are not converted, because the input's chromaticities (";
     let said = folder.says("denoise a.exr b.exr -o out.pfm --spp 16", 0, &[&cut, space]);
     assert_eq!(said.err.matches("out.pfm").count(), 2, "{}", said.err);
     let pfm = read_image(&folder.read("out.pfm"), "out.pfm", Encoding::Auto).expect("an image");
@@ -91,8 +93,7 @@ fn advice_names_options_of_the_command_line() {
     write("mse", of_mean * 16.0);
     folder.says("denoise a.exr -o out.exr --spp 16", 0, &["that of the mean; give --layer variance=mse"]);
     folder.write("b.exr", folder.read("a.exr"));
-    let message =
-        "b.exr: its image equals that of a.exr, so the halves show no noise; give two renders with different seeds";
+    let message = "b.exr: the image is identical to that of a.exr, so their difference shows no noise; give two renders with different seeds";
     folder.says("denoise a.exr b.exr -o out.exr --spp 16", 1, &[message]);
     folder.says("denoise a.exr -o out.exr --layer variance=", 2, &["\"variance=\" is not KIND=NAME"]);
 }

@@ -35,7 +35,7 @@ fn what_does_not_fit_is_refused_before_it_starts_z03() {
     // Rows in memory make it large for a wide image.
     let said = refused("tiny.pbrt --resolution 4096x256 --spp 2 --memory 500M");
     assert!(said.err.contains("film 196.0 MiB, filter 3") && said.err.contains("--filter none"), "{}", said.err);
-    let sum = bytes_after(&said.err, "this render takes ").expect("the sum") / MIB;
+    let sum = bytes_after(&said.err, "this render needs ").expect("the sum") / MIB;
     assert!((536.0..636.0).contains(&sum), "{}", said.err);
     // A discarded pilot keeps statistics of its own, a checkpoint is a copy of the film.
     let keep = refused("tiny.pbrt --resolution 1024x1024 --filter none --sampler cluster --memory 64M");
@@ -48,7 +48,7 @@ fn what_does_not_fit_is_refused_before_it_starts_z03() {
     assert!(said.err.contains("checkpoint 64.0 MiB"), "{}", said.err);
     // Files are read whole.
     folder.write("long.pbrt", vec![b' '; 3 << 20]);
-    folder.says("render long.pbrt --memory 2M", 1, &["it is 3.0 MiB long"]);
+    folder.says("render long.pbrt --memory 2M", 1, &["the file has 3.0 MiB"]);
     // A subdivision surface is refused before it is made: a pyramid of 2^22 triangles would take some 300 MiB.
     let pyramid = "Shape \"loopsubdiv\" \"integer levels\" [ 10 ] \"integer indices\" [ 0 1 2 0 2 3 0 3 1 1 3 2 ]\n\
         \"point3 P\" [ 0 0 1 1 0 0 -1 1 0 -1 -1 0 ]\n";
@@ -72,7 +72,7 @@ fn sizes_that_overflow_are_refused_z03() {
     for resolution in ["65537x65537", "4294967295x4294967295"] {
         folder.says(&format!("render tiny.pbrt --resolution {resolution} --memory 1000T"), 2, &[]);
     }
-    folder.says("render tiny.pbrt --resolution 65535x65537 --memory 100G", 1, &["this render takes 112."]);
+    folder.says("render tiny.pbrt --resolution 65535x65537 --memory 100G", 1, &["this render needs 112."]);
 }
 
 /// Without a limit of the user's, what the machine has is one.
@@ -89,7 +89,11 @@ fn images_larger_than_the_machine_are_refused_z03() {
     let folder = Folder::new();
     let said = folder.run("render tiny.pbrt --resolution 65535x65535 --spp 1 -o a.png");
     assert_eq!((said.status, said.out.as_str()), (Some(1), ""));
-    assert!(said.err.contains("is all there is (--memory SIZE") && said.err.contains("--crop"), "{}", said.err);
+    assert!(
+        said.err.contains("is all the memory available (--memory SIZE") && said.err.contains("--crop"),
+        "{}",
+        said.err
+    );
     assert!(folder.names().is_empty(), "{:?}", folder.names());
 }
 

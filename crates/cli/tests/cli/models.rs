@@ -40,7 +40,7 @@ fn a_lamp_without_area_is_named() {
     let scene = "Camera \"perspective\"\nWorldBegin\nLightSource \"infinite\"\nAttributeBegin\nAreaLightSource \"diffuse\"\n\
         Shape \"trianglemesh\" \"point3 P\" [0 0 3 0 0 3 0 1 3] \"integer indices\" [0 1 2]\nAttributeEnd\nShape \"sphere\"\n";
     folder.write("dark.pbrt", scene);
-    let warning = "warning: dark.pbrt:6: this lamp has no area and gives off no light; make it larger";
+    let warning = "warning: dark.pbrt:6: this area light has zero area and emits no light; make it larger";
     folder.says("render dark.pbrt --spp 1 --resolution 8x8 -o a.png", 0, &[warning]);
 }
 

@@ -114,7 +114,7 @@ fn points_are_printed() {
     assert_eq!((out.lines().next(), rows.len()), (Some("x,y,sample,d0,d1,d2,d3,d4,d5,d6,d7"), 3 * 2 * 2));
     assert_eq!(rows[11][..3], [2.0, 1.0, 1.0]);
     assert!(rows.iter().all(|row| row.len() == 11 && row[3..].iter().all(|v| (0.0..1.0).contains(v))), "{out}");
-    folder.says("points blue-noise:of=zsobol --csv 1", 1, &["spreads errors over pixels already"]);
+    folder.says("points blue-noise:of=zsobol --csv 1", 1, &["already distributes errors over pixels"]);
     assert!(folder.run("points --csv 1").err.contains("NAME"));
 }
 

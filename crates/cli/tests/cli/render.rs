@@ -150,7 +150,7 @@ fn an_exr_file_tells_how_it_was_made() {
         ("rejected", "0"),
         ("notices", "none"),
         ("interrupted", "false"),
-        ("bias", "biased: samples that are or were in the image decided on its counts"),
+        ("bias", "biased: sample counts depend on samples that are or were in the image"),
     ] {
         assert_eq!(value(key), expected, "{key}");
     }
@@ -172,10 +172,7 @@ fn an_exr_file_tells_how_it_was_made() {
         ("mitchell:policy=discard", "none: no"),
         ("mitchell-pbrt", "biased: "),
         ("mitchell-pbrt:policy=discard", "none: no"),
-        (
-            "uniform --filter gaussian",
-            "biased: by the filter, less so with more samples; the samples by themselves none: ",
-        ),
+        ("uniform --filter gaussian", "biased by the filter, less with more samples; before filtering: none: "),
     ] {
         let filter = if sampler.contains("--filter") { "" } else { "--filter none" };
         folder.done(&format!("render tiny.pbrt --sampler {sampler} {filter} --spp 12 -o c.exr"));
@@ -245,8 +242,8 @@ fn a_far_triangle_that_spoils_the_clusters_is_told_k04() {
     folder.write("near.pbrt", &near);
     folder.write("far.pbrt", near + far);
     let words = |name: &str| format!("render {name}.pbrt --sampler cluster-thesis:insertion=centroid --spp 2 -o k.pfm");
-    folder.says(&words("far"), 0, &["separate little"]);
-    assert!(!folder.run(&words("near")).err.contains("separate little"));
+    folder.says(&words("far"), 0, &["hardly separate objects"]);
+    assert!(!folder.run(&words("near")).err.contains("hardly separate objects"));
 }
 
 fn names_of(folder: &Folder, name: &str) -> Vec<String> {

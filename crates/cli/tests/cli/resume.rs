@@ -107,7 +107,7 @@ fn another_render_is_refused_x04() {
         let name = other.split(' ').next().unwrap();
         let words = if name == "--sampler" { words.replace("--sampler uniform ", "") } else { words.to_owned() };
         let said = folder.says(&format!("{words} {other} --resume c"), 1, &expected);
-        assert!(said.err.contains("error: c: the file is of another render; give the arguments"), "{}", said.err);
+        assert!(said.err.contains("error: c: the file belongs to another render; use the arguments"), "{}", said.err);
     }
     let scene = folder.text("tiny.pbrt").replace("[ 4 4 4 ]", "[ 4 4 5 ]");
     folder.write("tiny.pbrt", scene);
@@ -115,11 +115,11 @@ fn another_render_is_refused_x04() {
     folder.write("tiny.pbrt", crate::common::TINY);
     // What is no checkpoint, is none yet, or would be lost.
     for (word, expected) in [
-        ("--resume tiny.pbrt", "tiny.pbrt: it is not a file of Dapple's"),
+        ("--resume tiny.pbrt", "tiny.pbrt: it is not a Dapple file"),
         ("--resume missing", "missing: there is no such file; check the name of the checkpoint"),
         ("--checkpoint c", "c: a checkpoint exists; resume from it with --resume c"),
         ("--checkpoint d --resume missing", "missing: there is no such file; check the name of the checkpoint"),
-        ("--checkpoint folder/c", "folder/c: cannot make a file beside it"),
+        ("--checkpoint folder/c", "folder/c: cannot create a file in its folder"),
     ] {
         folder.says(&format!("{words} {word}"), 1, &[expected]);
     }
@@ -139,7 +139,7 @@ fn a_damaged_checkpoint_gives_way_to_the_one_before_x03() {
     bytes[middle] ^= 4;
     folder.write("c", &bytes);
     let again = words.replace("--spp 2", "--spp 4").replace("a.pfm", "again.pfm");
-    let warning = "warning: c: it is damaged (its checksum is wrong); resuming from the checkpoint before it";
+    let warning = "warning: c: it is damaged (its checksum is wrong); resuming from its previous version";
     folder.says(&format!("{again} --resume c"), 0, &[warning]);
     folder.same("again.pfm", "b.pfm");
 }
@@ -201,7 +201,7 @@ fn a_full_disk_is_tried_again_x08() {
     // If every try fails, the image is written, and the status tells scripts that nothing can be resumed.
     std::fs::create_dir(folder.path("full/d.part")).unwrap();
     let words = format!("{words} -o c.pfm --checkpoint full/d --checkpoint-every 0.01");
-    folder.says(&words, 3, &["full/d: cannot make a file beside it"]);
+    folder.says(&words, 3, &["full/d: cannot create a file in its folder"]);
     folder.same("a.pfm", "c.pfm");
 }
 
@@ -271,7 +271,7 @@ fn shards_that_make_no_image_x07() {
     for (shards, expected) in [
         (
             format!("{a} filtered.shard {c}"),
-            format!("filtered.shard: it is of another render than {a}: filter: gaussian"),
+            format!("filtered.shard: it belongs to another render than {a}: filter: gaussian"),
         ),
         (format!("{a} more.shard {c}"), "more.shard: the rows belong to another stage".into()),
     ] {

@@ -52,15 +52,15 @@ fn wrong_plans_and_parts_are_refused() {
     folder.write("cut.plan", &folder.read("0.plan")[..long - 9]);
     let before = folder.read("0.plan");
     for (words, expected) in [
-        ("plan 1.part -o 1.plan", "are missing; give each part once"),
-        ("plan 1.part 1.part 2.part -o 1.plan", "1.part: the rows were joined already"),
-        ("plan 1.part foreign.part -o 1.plan", "foreign.part: it is of another render than 1.part: "),
+        ("plan 1.part -o 1.plan", "are missing; give every part, each once"),
+        ("plan 1.part 1.part 2.part -o 1.plan", "1.part: the rows are joined already"),
+        ("plan 1.part foreign.part -o 1.plan", "foreign.part: it belongs to another render than 1.part: "),
         ("plan 1.part cut.part -o 1.plan", "cut.part: it is "),
         ("plan 1.part nowhere.part -o 1.plan", "nowhere.part: there is no such file; check the name of the part"),
         ("plan 1.part 2.part -o 0.plan", "this is --from (0.plan), which would be lost"),
         ("plan 1.part 2.part -o 1.part", "a file name that ends in .plan is required"),
         ("plan 0.plan -o 1.plan", "of another kind"),
-        ("render --from cut.plan --shard 1/2 -o 3.part", "cut.plan: it is cut short"),
+        ("render --from cut.plan --shard 1/2 -o 3.part", "cut.plan: it is truncated"),
         ("render tiny.pbrt -o a.png --checkpoint c --resume 0.plan", "of another kind"),
         ("merge 0.plan -o a.png", "0.plan: samples are left to trace"),
         ("render --from 1.part --shard 1/2 -o 3.part", "of another kind"),

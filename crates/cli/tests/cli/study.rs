@@ -61,7 +61,7 @@ fn a_study_is_made_with_one_command() {
     assert_eq!(folder.read("s/runs.jsonl"), before);
     // Another study is refused.
     let methods = "\nerror: methods: adaptive/sobol/cluster-regression adaptive/sobol/none";
-    let wrong = [methods, "the folder holds another study; choose another folder"];
+    let wrong = [methods, "this folder holds another study; choose another folder"];
     folder.says(&format!("study {SMALL} --set filters=none -o s"), 1, &wrong);
     assert_eq!(folder.read("s/runs.jsonl"), before);
 }
@@ -176,8 +176,8 @@ fn wrong_words_say_what_there_is() {
             "nonesuch: there is no such file, and no such bundled scene; the bundled scenes are teapot, ",
         ),
         (&with("nowhere.exr"), 1, "nowhere.exr: cannot read the reference"),
-        (&format!("--set resolution=13x8 {}", with("r.exr")), 1, "it is 24x16, and the study 13x8"),
-        (&with("c.exr"), 1, "its scene is \"cornell\", and the study's \"tiny\""),
+        (&format!("--set resolution=13x8 {}", with("r.exr")), 1, "it has 24x16 pixels, but the study uses 13x8"),
+        (&with("c.exr"), 1, "its scene is \"cornell\", but the study's is \"tiny\""),
         (&format!("--set max_depth=2 {}", with("r.exr")), 1, "its max depth is "),
     ];
     for (words, status, message) in cases {

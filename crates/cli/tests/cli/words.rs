@@ -49,10 +49,10 @@ fn settings_are_refused_before_anything_is_rendered_i06() {
         ("--time nan", 2, "'--time <SECONDS>': a finite number above zero is required"),
         ("--error 0", 2, "'--error <RELMSE>': a finite number above zero is required"),
         ("--exposure NaN", 2, "'--exposure <STOPS>': a finite number is required"),
-        ("--min-spp 5 --max-spp 2", 2, "--min-spp: 5 is above the largest number of samples per pixel, 2"),
-        ("--spp 2 --min-spp 3", 2, "--spp: 2 is below the smallest number of samples per pixel, 3"),
-        ("--spp 4 --max-spp 3", 2, "--spp: 4 is above the largest number of samples per pixel, 3"),
-        ("--spp 1e12", 2, "is above the largest number of samples per pixel, 4294967295"),
+        ("--min-spp 5 --max-spp 2", 2, "--min-spp: 5 is above the maximum number of samples per pixel, 2"),
+        ("--spp 2 --min-spp 3", 2, "--spp: 2 is below the minimum number of samples per pixel, 3"),
+        ("--spp 4 --max-spp 3", 2, "--spp: 4 is above the maximum number of samples per pixel, 3"),
+        ("--spp 1e12", 2, "is above the maximum number of samples per pixel, 4294967295"),
         ("--spp 4 --time 1", 2, "cannot be used with"),
         ("--error 1 --time 1", 2, "cannot be used with"),
         ("--max-spp 0", 2, "'--max-spp <N>'"),
@@ -69,9 +69,9 @@ fn settings_are_refused_before_anything_is_rendered_i06() {
         ("--sampler variance:policy=maybe", 2, "one of keep, discard, cross"),
         ("--pixel-filter round", 2, "possible values: scene, box"),
         ("--without nonesuch", 2, "unknown effect \"nonesuch\"; choose among soft-shadows, several-lights, glossy, "),
-        ("--without glossy", 1, "the scene does not call for it; it calls for soft-shadows, interreflection"),
-        ("--without interreflection --without glossy", 1, "--without glossy: the scene does not call for it"),
-        ("--without interreflection --max-depth 1", 1, "it calls for soft-shadows\n"),
+        ("--without glossy", 1, "the scene does not use this effect; it uses soft-shadows, interreflection"),
+        ("--without interreflection --without glossy", 1, "error: cannot leave out glossy: the scene does not use"),
+        ("--without interreflection --max-depth 1", 1, "it uses soft-shadows\n"),
         ("-o a.jpg", 2, ".exr, .pfm or .png"),
         ("-o a.png -o a.png", 2, "given twice"),
         ("-o nowhere/a.png", 1, "create the directory first"),
@@ -99,7 +99,7 @@ fn wrong_words_end_with_usage() {
         ("render tiny.pbrt --sampler nonesuch", unknown.as_str()),
         (
             "render tiny.pbrt --min-spp 5 --max-spp 2",
-            "error: --min-spp: 5 is above the largest number of samples per pixel, 2; lower one, or raise the other\n\n\
+            "error: --min-spp: 5 is above the maximum number of samples per pixel, 2; lower the first or raise the second\n\n\
              Usage: dapple render [OPTIONS] [SCENE]\n\nFor more information, try '--help'.\n",
         ),
         (

@@ -7,13 +7,14 @@ use dapple_core::{Block, Draws, Error, Estimate, Film, Integrator, Needs, PointS
 
 /// The side of a block in pixels. Means over a block are nearly normal.
 const BLOCK: usize = 8;
-/// The |z| above which a block is an outlier; 5 % of blocks are by chance.
+/// The |z| above which a block is an outlier; 5 % of blocks exceed it by chance.
 const OUTLYING: f64 = 1.96;
 /// The number of bootstrap resamples that estimate the spread of the pooled statistics (number of outliers, sum of
 /// squared z).
 const RESAMPLES: usize = 200;
 
-/// The p-values of an image test. Each is adjusted for the number of blocks or channels of which it is the smallest.
+/// The p-values of an image test. Each smallest p-value is adjusted for the number of blocks or channels among which it was
+/// selected.
 #[derive(Clone, Copy, Debug)]
 pub struct ImageTest {
     /// The p-value of the 8x8 block and channel that deviates most.
@@ -22,7 +23,7 @@ pub struct ImageTest {
     pub global: f64,
     /// The p-value of the number of blocks with |z| above 1.96.
     pub outliers: f64,
-    /// The two-sided p-value of the sum of squared z values. Too small a sum means that the two images share samples.
+    /// The two-sided p-value of the sum of squared z values. A sum that is too small means that the two images share samples.
     pub spread: f64,
 }
 
@@ -35,12 +36,12 @@ impl ImageTest {
 
 /// Tests that replicates of two images, `width` pixels wide, have the same expectation.
 ///
-/// Use at least 16 replicates of each image, 64 for heavy tails, each with its own seed. Every pixel counts, and
-/// variances have no lower bound, so blocks without noise must be equal.
+/// Use at least 16 replicates of each image (64 for heavy tails), each with its own seed. All pixels are tested, and variances
+/// have no lower bound, so blocks without noise must be equal.
 ///
 /// # Panics
 ///
-/// If there are fewer than 2 replicates, or sizes differ.
+/// If there are fewer than 2 replicates, or the sizes of images differ.
 pub fn images(width: usize, a: &[Vec<[f64; 3]>], b: &[Vec<[f64; 3]>]) -> ImageTest {
     test(&Group::new(width, a), Some(&Group::new(width, b)), None)
 }
@@ -49,7 +50,7 @@ pub fn images(width: usize, a: &[Vec<[f64; 3]>], b: &[Vec<[f64; 3]>]) -> ImageTe
 ///
 /// # Panics
 ///
-/// If there are fewer than 2 replicates, or sizes differ.
+/// If there are fewer than 2 replicates, or the sizes of images differ.
 pub fn image(width: usize, replicates: &[Vec<[f64; 3]>], exact: &[[f64; 3]]) -> ImageTest {
     let exact = Group::new(width, std::slice::from_ref(&exact.to_vec()));
     test(&Group::new(width, replicates), None, Some(&exact.blocks[0]))
@@ -113,7 +114,7 @@ fn test(a: &Group, b: Option<&Group>, exact: Option<&Vec<f64>>) -> ImageTest {
     let figures = a.blocks[0].len();
     assert!(
         a.blocks.len() > 1 && b.is_none_or(|b| b.blocks.len() > 1 && b.blocks[0].len() == figures),
-        "two of a size"
+        "two replicates at least, of one size"
     );
     assert!(exact.is_none_or(|e| e.len() == figures), "images differ in size");
     let all = |g: &Group, k| g.figure(k, 0..g.blocks.len());
@@ -143,9 +144,9 @@ fn pooled(deviates: impl Iterator<Item = f64>) -> [f64; 2] {
 
 /// The p-values of the pooled statistics: the number of outliers, and the sum of squared z values.
 ///
-/// Blocks and channels are correlated, by light that covers several and by their common budget. So the spread of the
-/// statistics comes from bootstrap resamples. A scaled chi-square distribution of the same mean and variance gives the
-/// tails [after Satterthwaite 1946].
+/// Blocks and channels are correlated: light covers several of them, and they share a budget. So the spread of the statistics
+/// is estimated from bootstrap resamples. Tails are those of a scaled chi-square distribution with the same mean and variance
+/// [after Satterthwaite 1946].
 fn null(a: &Group, b: Option<&Group>, seen: [f64; 2]) -> [f64; 2] {
     let (a, b) = (a.centred(), b.map(Group::centred));
     let mut random = 0x5eed_u64;
@@ -190,11 +191,11 @@ fn null(a: &Group, b: Option<&Group>, seen: [f64; 2]) -> [f64; 2] {
     [tails(0)[0].min(1.0), (2.0 * above.min(below)).min(1.0)]
 }
 
-/// The expected value of a pixel that keeps a pilot of `pilot` samples, and continues to `total` samples if the pilot's
+/// The expected value of a pixel that keeps its pilot of `pilot` samples, and continues to `total` samples if the pilot's
 /// samples differ.
 ///
-/// Each sample is 1 with probability `p`, else 0. With `n = pilot` and `N = total`, the value is `p^n + (n p - n p^n +
-/// (N - n) p Pmix) / N`. Here `Pmix = 1 - p^n - (1 - p)^n` [after Kirk and Arvo 1991].
+/// Each sample is 1 with probability `p`, else 0. With `n = pilot` and `N = total`, the value is `p^n + (n p - n p^n + (N - n)
+/// p Pmix) / N`. Here `Pmix = 1 - p^n - (1 - p)^n` [after Kirk and Arvo 1991].
 pub fn kept(p: f64, pilot: u32, total: u32) -> f64 {
     let (first, all) = (f64::from(pilot), f64::from(total));
     let [ones, mixed] = outcomes(p, pilot);
@@ -287,12 +288,12 @@ impl Pixels {
     }
 }
 
-/// A test statistic for a trend of pixel values with counts: standard normal if they are unrelated. Negative if pixels
-/// with few samples are too bright.
+/// A test statistic for a trend of pixel values with sample counts: standard normal if values and counts are unrelated,
+/// negative if pixels with few samples are too bright.
 ///
-/// In each pixel, the logarithm of the count and the value are centred on their means over the replicates. The
-/// statistic is the sum of their products over its standard deviation, which allows variances that differ between
-/// counts [after White 1980].
+/// In each pixel, the logarithm of the count and the value are centred on their means over the replicates. The statistic is the
+/// sum of their products divided by its standard deviation, which allows for variances that depend on the count [after White
+/// 1980].
 pub fn count_trend(replicates: &[Pixels]) -> f64 {
     let pixels = replicates[0].counts.len();
     let n = replicates.len() as f64;
@@ -324,7 +325,7 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// Adds an estimate with its predicted variance `forecast`, and the true value, which is itself known with variance
+    /// Adds an estimate with its predicted variance `forecast`, and the value `truth`, which is itself known with variance
     /// `noise`.
     ///
     /// `quantile` scales the interval: 1.96 for 95 %, or Student's t if the forecast has few degrees of freedom.

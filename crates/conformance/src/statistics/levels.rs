@@ -7,13 +7,13 @@ pub use dapple_metrics::student_t_tail as student_tail;
 /// The false-alarm probability of a whole family of tests.
 pub const FAMILY: f64 = 1e-6;
 
-/// The significance level of each of `tests` tests, at which the probability of any false alarm is `alpha` (Sidak).
+/// The significance level at which to run each of `tests` tests, so that the probability of any false alarm is `alpha` (Sidak).
 pub fn sidak(alpha: f64, tests: usize) -> f64 {
     -((-alpha).ln_1p() / tests as f64).exp_m1()
 }
 
-/// The upper regularised incomplete gamma function Q(a, x). Uses the series of P below a + 1, else Legendre's continued
-/// fraction (modified Lentz), so that small tails keep their digits.
+/// The upper regularised incomplete gamma function Q(a, x). Uses the series of P for x below a + 1, else Legendre's continued
+/// fraction (modified Lentz), so that small tails are accurate.
 pub(super) fn gamma_q(a: f64, x: f64) -> f64 {
     if x <= 0.0 {
         return 1.0;
@@ -75,11 +75,11 @@ pub fn power(shift: f64, alpha: f64, degrees_of_freedom: f64) -> f64 {
     if z >= 0.0 { 1.0 - normal_tail(z) } else { normal_tail(-z) }
 }
 
-/// The chi-square test's p-value of observed counts per cell against expected ones. For independent samples only:
+/// The p-value of the chi-square test of observed counts per cell against expected counts. For independent samples only:
 /// low-discrepancy points are too even.
 ///
-/// Cells that expect fewer than 5 samples are pooled in ascending order. A sample in a cell that expects less than 1e-9
-/// is impossible, and the p-value is 0.
+/// Cells with fewer than 5 expected samples are pooled, in ascending order. A sample in a cell with less than 1e-9 expected
+/// samples counts as impossible: the p-value is then 0.
 pub fn chi_square(observed: &[u64], expected: &[f64]) -> f64 {
     assert_eq!(observed.len(), expected.len());
     let mut order: Vec<usize> = (0..expected.len()).collect();

@@ -136,7 +136,7 @@ fn samplers_with_counts_that_vary_from_run_to_run_are_rejected() {
             progress
         })
     };
-    rejected(moody, "gives other bits");
+    rejected(moody, "gives a different result");
     let by_threads = || {
         planned(|s: &Feedback<'_>, p: &mut Plan| {
             let progress = level(s, p, s.budget.total);
@@ -145,7 +145,7 @@ fn samplers_with_counts_that_vary_from_run_to_run_are_rejected() {
             progress
         })
     };
-    rejected(by_threads, "threads give other bits");
+    rejected(by_threads, "threads give a different result");
 }
 
 #[test]
@@ -157,7 +157,7 @@ fn a_sampler_with_a_cursor_is_rejected() {
             [0, 1, 2, 3].map(|k| (mix(u64::from(4 * n + k)) >> 40) as f32 / (1u64 << 24) as f32)
         })
     };
-    rejected(|| Uniform::new(cursor()), "other bits");
+    rejected(|| Uniform::new(cursor()), "different result");
 }
 
 fn unfiltered(film: &Film) -> Filtered {
@@ -202,6 +202,6 @@ fn broken_filters_are_rejected() {
         image.error = Some(vec![rayon::current_num_threads() as f32; image.radiance.len()]);
         image
     };
-    rejected(threads, Needs::none(), "threads give other bits");
+    rejected(threads, Needs::none(), "threads give a different result");
     rejected(unfiltered, Needs::none().with_variance(), "not refused");
 }

@@ -1,16 +1,16 @@
-//! The files of a render's state: the core's container with a header of the settings that the state belongs to.
+//! Files that hold a render's state: a `dapple_core` container, and in it a header with the settings of the render.
 
 use dapple_core::container::{Fault, append, sections};
 use serde::{Deserialize, Serialize};
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// The sections that traced runs of rows are, in the order of tracing.
+/// The name of the sections that hold traced rows, one run of rows each, in the order of tracing.
 pub const ROWS: &str = "rows";
-/// The section that the header is, after those of the state.
+/// The name of the section that holds the header. It follows the sections of the state.
 const HEADER: &str = "header";
 
-/// The kind of a file.
+/// The kind of a state file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum StateKind {
@@ -23,7 +23,7 @@ pub enum StateKind {
 }
 
 impl StateKind {
-    /// The kind in words.
+    /// The name of the kind in messages.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Checkpoint => "checkpoint",
@@ -50,12 +50,12 @@ impl Identity {
         &self.pairs
     }
 
-    /// The value of this name.
+    /// The value of the pair called `name`; `None` if there is no such pair.
     pub fn value(&self, name: &str) -> Option<&str> {
         self.pairs.iter().find(|(known, _)| known == name).map(|(_, value)| value.as_str())
     }
 
-    /// The settings that `there` has otherwise, one phrase each.
+    /// The settings in which `there` differs from `self`, one phrase each.
     pub fn differences(&self, there: &Self) -> Vec<String> {
         let none = "none";
         let known = self.pairs.iter().map(|(name, here)| (name, there.value(name).unwrap_or(none), here.as_str()));
@@ -72,7 +72,7 @@ struct Header {
     identity: Identity,
 }
 
-/// A state of a render with its header, as a file holds it.
+/// The contents of a state file: the encoded state of a render, and the header.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StateFile {
     /// The kind of the file.
@@ -82,31 +82,31 @@ pub struct StateFile {
     bytes: Vec<u8>,
 }
 
-/// The reason why a file holds no such state.
+/// The reason why a file is not a usable state file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StateDamage {
     /// A fault of the container.
     Container(Fault),
-    /// A file without a header that can be read.
+    /// A file whose header cannot be parsed.
     Nonsense,
     /// A file of another kind.
     Kind,
 }
 
 impl StateDamage {
-    /// The fault in words, and the remedy.
+    /// The message about the fault, and the remedy.
     const fn words(self) -> [&'static str; 2] {
         const RESTORE: &str = "restore it from a copy, or render it again";
         const NAME: &str = "check the name of the file";
         match self {
-            Self::Container(Fault::Short) => ["it is cut short", RESTORE],
-            Self::Container(Fault::Foreign) => ["it is not a file of Dapple's", NAME],
+            Self::Container(Fault::Short) => ["it is truncated", RESTORE],
+            Self::Container(Fault::Foreign) => ["it is not a Dapple file", NAME],
             Self::Container(Fault::Version) => {
                 ["another version of Dapple wrote it", "finish it with that version, or render it again"]
             }
             Self::Container(_) => ["it is damaged (its checksum is wrong)", RESTORE],
-            Self::Nonsense => ["its contents make no sense", RESTORE],
-            Self::Kind => ["it is of another kind: checkpoints, plans and parts are not the same", NAME],
+            Self::Nonsense => ["its header cannot be read", RESTORE],
+            Self::Kind => ["it is of another kind than needed (checkpoint, plan or part)", NAME],
         }
     }
 }
@@ -118,7 +118,7 @@ impl std::fmt::Display for StateDamage {
 }
 
 impl StateFile {
-    /// Gives a state, as the core writes it, a header.
+    /// Appends a header to `state`, the bytes of a state as `dapple_core` encodes it.
     pub fn new(kind: StateKind, identity: Identity, mut state: Vec<u8>) -> Self {
         let header = Header { kind, identity };
         let json = serde_json::to_vec(&header).unwrap_or_default();
@@ -126,7 +126,7 @@ impl StateFile {
         Self { kind, identity: header.identity, bytes: state }
     }
 
-    /// The bytes of the file, which the core reads as well.
+    /// The bytes of the file. `dapple_core` can decode them as a state: it ignores the header.
     pub fn bytes(&self) -> &[u8] {
         &self.bytes
     }
@@ -136,17 +136,17 @@ impl StateFile {
         self.bytes
     }
 
-    /// The traced runs of rows in it.
+    /// The runs of traced rows in the file.
     pub fn rows(&self) -> impl Iterator<Item = &[u8]> {
         let found = sections(&self.bytes).unwrap_or_default();
         found.into_iter().filter(|(name, _)| *name == ROWS).map(|(_, section)| section)
     }
 
-    /// Reads the bytes of a file.
+    /// Parses the bytes of a file.
     ///
     /// # Errors
     ///
-    /// [`StateDamage`] for bytes that are no state with a header.
+    /// [`Damage`] for bytes that are not a state with a header.
     pub fn from_bytes(bytes: Vec<u8>) -> Result<Self, StateDamage> {
         let found = sections(&bytes).map_err(StateDamage::Container)?;
         // The header comes last, so that a file without one is cut short.
@@ -155,7 +155,7 @@ impl StateFile {
         Ok(Self { kind, identity, bytes })
     }
 
-    /// Reads a file of this kind.
+    /// Reads the file at `path`, which must be of this `kind`.
     ///
     /// # Errors
     ///
@@ -180,7 +180,7 @@ impl StateFile {
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// A step of writing a file that failed. An existing file of that name is unchanged.
-    #[error("{}: cannot {step}: {source}; an existing file is unchanged; free some space, or choose another place", path.display())]
+    #[error("{}: cannot {step}: {source}; an existing file is unchanged; free disk space, or choose another folder", path.display())]
     Write {
         /// The path of the file that was to be written.
         path: PathBuf,
@@ -190,7 +190,7 @@ pub enum Error {
         source: io::Error,
     },
     /// A file that another process is writing.
-    #[error("{}: another process is writing to it; wait for its end, or choose another file", path.display())]
+    #[error("{}: another process is writing to it; wait until it finishes, or choose another file", path.display())]
     InUse {
         /// The path of the file that another process is writing.
         path: PathBuf,
@@ -200,7 +200,7 @@ pub enum Error {
     Missing {
         /// The path of the missing file.
         path: PathBuf,
-        /// The name of the file's kind: `checkpoint` or `shard`.
+        /// The name of the file's kind: `checkpoint`, `plan` or `part`.
         kind: &'static str,
     },
     /// A file that the system cannot read.

@@ -24,7 +24,7 @@ pub struct Store {
 pub struct LoadedState {
     /// The decoded contents of the file.
     pub contents: StateFile,
-    /// The error of reading the newest version, if the contents come from the previous one; `None` for those of the newest.
+    /// The error of reading the newest version, if the contents come from the previous version; `None` otherwise.
     pub trouble: Option<Error>,
 }
 
@@ -36,7 +36,7 @@ impl Store {
     ///
     /// # Errors
     ///
-    /// [`Error::InUse`] while another process holds the lock; [`Error::Write`] if no file can be made there. On disks
+    /// [`Error::InUse`] while another process holds the lock; [`Error::Write`] if no file can be created there. On disks
     /// without locks, only one process may write.
     pub fn lock(path: &Path) -> Result<Self, Error> {
         Self::lock_on(path, Box::new(Disk))
@@ -48,7 +48,7 @@ impl Store {
     ///
     /// The errors of [`Store::lock`].
     pub fn lock_on(path: &Path, system: Box<dyn FileSystem>) -> Result<Self, Error> {
-        let trouble = |source| Error::Write { path: path.to_owned(), step: "make a file beside it", source };
+        let trouble = |source| Error::Write { path: path.to_owned(), step: "create a file in its folder", source };
         if path.is_dir() {
             return Err(trouble(std::io::ErrorKind::IsADirectory.into()));
         }
@@ -65,7 +65,7 @@ impl Store {
         &self.path
     }
 
-    /// Writes `contents` as the newest version; the former newest becomes the previous one.
+    /// Writes `contents` as the newest version, and keeps the version that it replaces as the previous one.
     ///
     /// The file is written under another name, flushed and renamed. A crash or an error at any moment leaves a complete
     /// newest file. On disks without hard links, for a moment only the previous version exists, which [`Store::read`]
@@ -85,7 +85,7 @@ impl Store {
     }
 
     fn put(&self, part: &Path, bytes: &[u8]) -> Result<(), Error> {
-        let mut file = self.system.create(part).map_err(|e| self.trouble("make a file beside it", e))?;
+        let mut file = self.system.create(part).map_err(|e| self.trouble("create a file in its folder", e))?;
         for piece in bytes.chunks(PIECE) {
             self.system.write(&mut file, piece).map_err(|e| self.trouble("write it", e))?;
         }
@@ -97,7 +97,7 @@ impl Store {
         if self.path.exists() {
             // A hard link gives the present file a second name before the new file takes the first one, so that a
             // newest file always exists.
-            let step = |e| self.trouble("keep the generation before", e);
+            let step = |e| self.trouble("keep the previous version", e);
             let second = beside(&self.path, "second");
             self.system.remove(&second).map_err(step)?;
             match self.system.link(&self.path, &second) {
@@ -110,7 +110,7 @@ impl Store {
                 Err(_) => self.system.rename(&self.path, &previous).map_err(step)?,
             }
         }
-        self.system.rename(part, &self.path).map_err(|e| self.trouble("rename the finished file to it", e))?;
+        self.system.rename(part, &self.path).map_err(|e| self.trouble("rename the finished file", e))?;
         let folder = self.path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
         self.system.sync_folder(folder).map_err(|e| self.trouble("flush its folder to the disk", e))
     }
@@ -137,7 +137,7 @@ impl Store {
         }
     }
 
-    /// Returns `true` if the newest or the previous version of the file exists, damaged or not.
+    /// Returns `true` if the newest or the previous version of the file exists, even if it is damaged.
     pub fn exists(path: &Path) -> bool {
         path.exists() || beside(path, "previous").exists()
     }

@@ -24,7 +24,7 @@ impl Input {
         Ok(Self { path: path.to_owned(), file, layers })
     }
 
-    /// Samples per pixel of an image by the header.
+    /// The number of samples per pixel of `image`, as stated in the file's header.
     pub(super) fn spp(&self, image: &FoundLayer) -> Option<u32> {
         let parts = [image.part].into_iter().chain(0..self.file.parts.len());
         let attributes = parts.map(|part| (self.file.integers(part), self.file.texts(part)));
@@ -40,7 +40,7 @@ impl Input {
         spp.filter(|n| *n > 0)
     }
 
-    /// The pixels that a layer has.
+    /// The data window of a layer.
     pub(super) fn window(&self, layer: &FoundLayer) -> Window {
         self.file.parts[layer.part].data_window
     }
@@ -51,7 +51,7 @@ impl Input {
         Ok(self.file.parts[part].data_window.cut(&values, window))
     }
 
-    /// The error of a layer without the channels of its kind.
+    /// The error about a layer that lacks the channels of its kind.
     pub(super) fn wrong_channels(&self, kind: LayerKind, name: &str) -> DenoiseError {
         let letters = self.layers.letters(name);
         DenoiseError::LayerChannels { path: self.path.clone(), kind, name: name.to_owned(), letters }
@@ -112,7 +112,7 @@ impl Images {
             }
         }
         if !kept.is_empty() {
-            notices.push(format!("{}: {} stays noisy, as it is", inputs[0].path.display(), kept.join(", ")));
+            notices.push(format!("{}: {} is not denoised", inputs[0].path.display(), kept.join(", ")));
         }
         found.iter().try_for_each(|layers| check(inputs, layers))?;
         notices.extend(found.first().and_then(|layers| lost_alpha(inputs, layers)));
@@ -136,8 +136,9 @@ fn chosen(input: &Input, notices: &mut Vec<String>) -> Result<FoundLayer, Denois
     notices.extend(chosen.empty.iter().map(empty));
     if !chosen.others.is_empty() {
         let others = chosen.others.join("\", \"");
-        notices
-            .push(format!("{name}: \"{shown}\" is denoised; \"{others}\" stays noisy, as it is (--layer color=NAME)"));
+        notices.push(format!(
+            "{name}: \"{shown}\" is denoised, \"{others}\" is not; --layer color=NAME selects another image"
+        ));
     }
     Ok(chosen.layer)
 }
@@ -147,7 +148,8 @@ fn lost_alpha(inputs: &[Input], layers: &[FoundLayer]) -> Option<String> {
     let ([a, b], [in_a, in_b]) = (inputs, layers) else { return None };
     let has = |input: &Input, layer| input.layers.alpha(&input.layers.shown_beside(layer)).is_some();
     let (a_path, b_path) = (a.path.display(), b.path.display());
-    let what = || format!("{b_path}: its alpha is left out, since {a_path} has none; name {b_path} first to keep it");
+    let what =
+        || format!("{b_path}: its alpha is dropped, since {a_path} has none; give {b_path} first to keep the alpha");
     (has(b, in_b) && !has(a, in_a)).then(what)
 }
 

@@ -1,4 +1,4 @@
-//! Files of a denoised image: the first input with its image denoised, or the image alone.
+//! Writing of a denoised image: as a copy of the first input with the image replaced, or as the image alone.
 
 use super::input::Input;
 use super::{DenoiseError, DenoiseSpec, DenoisedImage, DenoisedView};
@@ -11,23 +11,23 @@ use std::path::Path;
 /// A file that was written.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct WrittenImage {
-    /// A line about the file.
+    /// One line that describes the file.
     pub about: String,
-    /// Notices about what the file lacks; one sentence each.
+    /// Notices about data that the file lacks; one sentence each.
     pub notices: Vec<String>,
 }
 
-/// The place of a view's image in the first input.
+/// The channels of the first input that hold a view's image.
 #[derive(Clone, Debug)]
 pub(super) struct Target {
     part: usize,
     window: Window,
     display: Window,
-    /// The names of three channels, or of one.
+    /// The names of the three colour channels, or of the single gray channel.
     channels: Vec<String>,
-    /// The name and the values of the alpha channel: the mean of two files.
+    /// The name and the values of the alpha channel, averaged over two files; `None` keeps the first input's alpha.
     alpha: Option<(String, Vec<f32>)>,
-    /// True if a pixel is not opaque.
+    /// `true` if some pixel is not opaque.
     transparent: bool,
     /// The name of the channel for the estimated error.
     error: String,
@@ -35,7 +35,7 @@ pub(super) struct Target {
 }
 
 impl Target {
-    /// Finds the place of the image that was read from these layers.
+    /// Finds the channels of the image that was read from the layers `colors`.
     pub(super) fn of(inputs: &[Input], colors: &[FoundLayer], window: Window) -> Result<Self, DenoiseError> {
         let (first, image) = (&inputs[0], inputs[0].layers.shown_beside(&colors[0]));
         let about = &first.file.parts[image.part];
@@ -72,8 +72,8 @@ impl Target {
 }
 
 impl DenoisedImage {
-    /// Writes the image. EXR is the first input with its image denoised, in all views, and an error layer. PFM and PNG
-    /// (sRGB with this exposure in stops) hold the first view's image in Rec. 709.
+    /// Writes the image to `path`. An EXR file is a copy of the first input, with all views denoised and an error layer added.
+    /// PFM and PNG files hold only the first view, in Rec. 709. PNG is encoded as sRGB, at an `exposure` in stops.
     ///
     /// # Errors
     ///
@@ -84,7 +84,7 @@ impl DenoisedImage {
             Format::Exr => {
                 let rewritten = self.exr(spec)?;
                 notices.extend(rewritten.notices.iter().map(|notice| format!("{}: {notice}", path.display())));
-                (rewritten.bytes, "the image, with its estimated squared error and all else of the first input")
+                (rewritten.bytes, "the image, its estimated squared error, and everything else in the first input")
             }
             Format::Pfm => (encode_pfm(&self.rec709()?)?, "the image"),
             Format::Png => (encode_png(&self.rec709()?, exposure)?, "the image, sRGB"),
@@ -96,19 +96,26 @@ impl DenoisedImage {
         Ok(WrittenImage { about: format!("{}: {about}", path.display()), notices })
     }
 
-    /// The parts of the image that files of other formats than EXR lack.
+    /// Notices about data that PFM and PNG files lack.
     fn left_out(&self) -> Vec<String> {
-        let views = (self.views.len() > 1).then(|| format!("it holds view \"{}\" alone", self.views[0].view));
-        let alpha = self.views[0].target.transparent.then(|| "it has no alpha".to_owned());
+        let views = (self.views.len() > 1).then(|| format!("the file holds only view \"{}\"", self.views[0].view));
+        let alpha = self.views[0].target.transparent.then(|| "the file has no alpha".to_owned());
         let Target { window, display, space, .. } = &self.views[0].target;
-        let cut = (window != display).then(|| format!("it holds pixels {window}, not the display's {display}"));
+        let cut = (window != display)
+            .then(|| format!("the file holds pixels {window}, not the whole display window {display}"));
         let is_space = space.is_same(Chromaticities::REC709) || space.convert_to_rec709(&mut []);
         let space = (!is_space).then(|| {
             format!(
-                "its colours are not converted, as the input's chromaticities are those of no colour space ({space})"
+                "its colours are not converted, because the input's chromaticities ({space}) define no colour space"
             )
         });
-        views.into_iter().chain(alpha).chain(cut).chain(space).map(|what| format!("{what}; write EXR, too")).collect()
+        views
+            .into_iter()
+            .chain(alpha)
+            .chain(cut)
+            .chain(space)
+            .map(|what| format!("{what}; write an EXR file as well"))
+            .collect()
     }
 
     /// The image of the first view, in Rec. 709.

@@ -15,10 +15,9 @@ use std::time::{Duration, Instant};
 
 /// Default seconds between two checkpoints.
 const EVERY: f64 = 60.0;
-/// Seconds from the start of a render to its first checkpoint, at most; a shorter interval between checkpoints takes
-/// precedence.
+/// Seconds from the start of a render to its first checkpoint, unless the interval between checkpoints is shorter.
 const FIRST: f64 = 1.0;
-/// The largest fraction of the render time that checkpoints may take, unless the user sets an interval.
+/// The largest fraction of the render time that checkpoints may use, unless the user sets an interval.
 const SHARE: f64 = 0.01;
 /// The assumed rate in bytes per second at which a film is encoded, checksummed and written, until the first checkpoint
 /// is measured. It is half of the rate measured on one slow core.
@@ -32,7 +31,7 @@ pub struct CheckpointOptions {
     /// The checkpoint file to resume from; `None` starts afresh. Checkpoints are written to this file too, unless
     /// `keep` names another one. If both name the same missing file, the render starts afresh.
     pub resume: Option<PathBuf>,
-    /// Seconds between checkpoints. `None` stands for 60, or for more if checkpoints would take over 1 % of the time.
+    /// Seconds between checkpoints. `None` means 60, or longer if checkpoints would use over 1 % of the render time.
     pub every: Option<f64>,
 }
 
@@ -41,8 +40,8 @@ impl CheckpointOptions {
     ///
     /// # Errors
     ///
-    /// [`JobError::CheckpointExists`] if the file exists and is not resumed from. [`JobError::Checkpoint`] if another
-    /// process uses it.
+    /// [`JobError::CheckpointExists`] if the file exists and the render does not resume from it. [`JobError::Checkpoint`] if
+    /// another process uses the file.
     pub fn open(self) -> Result<Option<Checkpoints>, JobError> {
         let Some(path) = self.keep.as_ref().or(self.resume.as_ref()) else { return Ok(None) };
         let store = Store::lock(path)?;
@@ -66,12 +65,12 @@ pub struct Checkpoints {
 }
 
 impl Checkpoints {
-    /// Checkpoints of a render that starts afresh, to a locked file, at the default intervals.
+    /// Checkpoints of a render that starts afresh, written to the locked file `store` at the default intervals.
     pub fn on(store: Store) -> Self {
         Self { store: Arc::new(store), every: None, resume: None }
     }
 
-    /// The file to resume from, if there is one and it belongs to this render.
+    /// Reads the file to resume from and checks that it belongs to this render; `None` if there is no such file.
     pub(super) fn state(&self, here: &Identity, monitor: &mut dyn JobMonitor) -> Result<Option<StateFile>, JobError> {
         let Some(path) = &self.resume else { return Ok(None) };
         let found = Store::read(path, StateKind::Checkpoint)?;
@@ -82,12 +81,12 @@ impl Checkpoints {
         Ok(Some(found.contents))
     }
 
-    /// Writes the file.
+    /// Writes `file` as the newest checkpoint.
     pub(super) fn save(&self, file: &StateFile) -> Result<(), JobError> {
         Ok(self.store.save(file)?)
     }
 
-    /// The state of a whole render in that file.
+    /// Reads the state of a whole render from the file to resume from.
     pub(super) fn snapshot(&self, here: &Identity, monitor: &mut dyn JobMonitor) -> Result<Option<Snapshot>, JobError> {
         let (Some(file), Some(path)) = (self.state(here, monitor)?, &self.resume) else { return Ok(None) };
         Snapshot::from_bytes(file.bytes()).map(Some).map_err(|source| JobError::Snapshot { path: path.clone(), source })
@@ -159,8 +158,8 @@ struct Writer {
     every: Option<f64>,
     /// The time at which the last checkpoint began; before the first checkpoint, the start of the render.
     last: Instant,
-    /// Estimated seconds of computing per checkpoint, twice the time of taking the last snapshot; `None` before the
-    /// first.
+    /// Estimated computing time per checkpoint in seconds: twice the time of taking the last snapshot. `None` before the first
+    /// checkpoint.
     cost: Option<f64>,
     is_first: bool,
     writing: Option<JoinHandle<Result<(), Error>>>,
@@ -226,7 +225,7 @@ impl Writer {
             None => {}
             Some(Ok(Ok(()))) => self.written += 1,
             Some(Ok(Err(e))) => self.warn(&e, monitor),
-            Some(Err(_)) => self.warn(&"the thread that writes it panicked", monitor),
+            Some(Err(_)) => self.warn(&"the writing thread panicked", monitor),
         }
     }
 

@@ -1,4 +1,4 @@
-//! The end of a render: the filtered image, its seconds and warnings.
+//! The last phase of a job: filtering, timings and warnings.
 
 use super::{Job, monitor};
 use crate::{BudgetSpec, JobError, Warning};
@@ -6,7 +6,7 @@ use dapple_core::{Film, Filter, Filtered, Unfiltered, limits::Budget};
 use serde::Serialize;
 use std::time::Instant;
 
-/// A finished image with the film it was made from.
+/// A finished image, and the film from which it was made.
 pub struct RenderedImage {
     /// The film.
     pub film: Film,
@@ -16,7 +16,7 @@ pub struct RenderedImage {
     pub filter: String,
     /// Wall seconds of each phase.
     pub seconds: PhaseSeconds,
-    /// The number of rays traced as probes, not included in the film's.
+    /// The number of rays traced as probes. The film's number of rays does not include them.
     pub probe_rays: u64,
     /// Warnings about the samples, the clusters and the filter.
     pub warnings: Vec<Warning>,
@@ -33,7 +33,7 @@ pub struct PhaseSeconds {
     pub cluster: f64,
     /// Tracing probes.
     pub probe: f64,
-    /// Planning, without probes.
+    /// Planning, excluding probes.
     pub plan: f64,
     /// Tracing.
     pub trace: f64,
@@ -44,7 +44,7 @@ pub struct PhaseSeconds {
 }
 
 impl PhaseSeconds {
-    /// Wall seconds from clustering to filtering, without reading the scene, building the world and writing files.
+    /// Wall seconds from clustering to filtering, excluding scene reading, world building and file writing.
     pub fn render(&self) -> f64 {
         self.cluster + self.probe + self.plan + self.trace + self.filter
     }
@@ -59,7 +59,7 @@ impl Job {
     ///
     /// [`JobError::Core`] if the film lacks statistics that the filter needs.
     pub fn finish(&self, film: Film) -> Result<RenderedImage, JobError> {
-        /// Pixels per second and thread of the default filter.
+        /// The assumed speed of the filter, in pixels per second and thread.
         const FILTERED_A_SECOND: usize = 125_000;
         let mut warnings = self.clusters_warnings();
         let mut filter: &dyn Filter = &*self.filter;
@@ -75,8 +75,8 @@ impl Job {
         Ok(self.image(film, filtered, described, seconds, warnings))
     }
 
-    /// Combines a film of this render with an image that another filter made in `seconds`; `filter` describes the
-    /// filter.
+    /// Combines a film of this render with `filtered`, the image that another filter made from it in `seconds`. `filter` is
+    /// that filter's description.
     pub fn finished(&self, film: Film, filtered: Filtered, filter: String, seconds: f64) -> RenderedImage {
         self.image(film, filtered, filter, seconds, self.clusters_warnings())
     }
@@ -122,7 +122,7 @@ impl Job {
         RenderedImage { film, filtered, filter, seconds, probe_rays: probes.rays, warnings }
     }
 
-    /// Warnings about a clustering grid without effect, and about probes that were NaN.
+    /// Warnings about a clustering grid that is too coarse, and about probes that hit a NaN or infinite position.
     fn clusters_warnings(&self) -> Vec<Warning> {
         let report = self.clusters().and_then(|clusters| clusters.report()).filter(|report| report.is_degenerate());
         let degenerate = report.map(|report| {
@@ -135,7 +135,7 @@ impl Job {
 }
 
 impl RenderedImage {
-    /// Mean samples per pixel traced.
+    /// The mean number of samples per pixel.
     pub fn spp(&self) -> f64 {
         self.film.record().samples as f64 / self.film.frame().pixels() as f64
     }

@@ -16,7 +16,7 @@ pub(super) const SPEC: &str = "spec";
 
 /// The name of the identity pair that holds the path of a part's plan; it is never compared.
 pub(super) const PLAN: &str = "plan";
-/// The part of a stage that a file of rows has.
+/// The name of the identity pair that holds the part of a stage, `I/N`, to which a file of rows belongs.
 pub(super) const PART: &str = "part";
 
 /// The identity of a job: all settings that its samples depend on. The budget, which may be raised, and the number of
@@ -50,7 +50,7 @@ pub(super) fn identity(job: &Job) -> Result<Identity, JobError> {
     Ok(Identity::new(pairs))
 }
 
-/// Refuses the file at `path` if its settings differ from those of this render.
+/// Returns an error if `there`, the settings of the file at `path`, differ from `here`, the settings of this render.
 pub(super) fn same_render(path: &Path, here: &Identity, there: &Identity) -> Result<(), JobError> {
     match here.differences(there) {
         differences if differences.is_empty() => Ok(()),
@@ -68,7 +68,7 @@ pub(super) fn common(identity: &Identity) -> Identity {
     without(identity, &[SPEC, SHARD, PART])
 }
 
-/// The pairs of a file of rows that must be equal to those of the job that joins it.
+/// The pairs of an identity that must be equal in a file of rows and in the job that merges the file.
 pub(super) fn joined(identity: &Identity) -> Identity {
     without(identity, &[SPEC, SHARD, PART, PLAN, FILTER])
 }

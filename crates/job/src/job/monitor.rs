@@ -44,9 +44,9 @@ impl JobMonitor for RenderMonitor<'_> {
     }
 }
 
-/// The excess over a time limit, as a fraction of the limit, below which there is no warning.
+/// The tolerated excess over a time limit, as a fraction of the limit.
 const TOLERANCE: f64 = 0.1;
-/// The excess in seconds below which there is no warning.
+/// The excess in seconds that is tolerated in addition to [`TOLERANCE`].
 const LEAST_EXCESS: f64 = 0.1;
 
 /// An observer of the first round of a render with a time limit.
@@ -69,7 +69,7 @@ impl TimeWatch {
     }
 }
 
-/// The warning about a render that took longer than its time limit, if it did.
+/// Returns a warning if a render that took `taken` seconds exceeded its time limit beyond the tolerance.
 pub(super) fn exceeded(limit: f64, taken: f64, filter: f64, (record, min_spp): (&Record, u32)) -> Option<Warning> {
     if record.interrupted || taken <= limit * (1.0 + TOLERANCE) + LEAST_EXCESS {
         return None;

@@ -1,4 +1,4 @@
-//! Renders by many machines: plan files and the rows that machines trace of them, shards, and processes that run together.
+//! Rendering on many machines: plan files and the rows that machines trace for them, shards, and cooperating processes.
 
 use super::checkpoints::Watched;
 use super::identity::{PART, PLAN, SPEC, common, compared, joined, same_render};
@@ -13,7 +13,7 @@ use dapple_distributed::{Processes, coordinate, dismiss, rows_of_part, serve};
 use dapple_transport::make_integrator;
 use std::path::{Path, PathBuf};
 
-/// A plan file: the state of a render with a stage whose rows machines trace.
+/// A plan file: the state of a render, with a planned stage whose rows are divided among machines.
 pub struct PlanFile {
     path: PathBuf,
     /// The description of the render.
@@ -21,7 +21,7 @@ pub struct PlanFile {
     file: StateFile,
 }
 
-/// Files of traced rows: those of a plan's stage, or the shards of an image.
+/// Files of traced rows: the rows of a plan's stage, or the shards of an image.
 pub struct RowsFiles {
     /// The description of the render.
     pub spec: RenderSpec,
@@ -51,7 +51,8 @@ impl RowsFiles {
     ///
     /// # Errors
     ///
-    /// [`JobError::Shards`] with a line for each file that cannot be read, is damaged, or is of another render than the first.
+    /// [`JobError::Shards`] with a line for each file that cannot be read, is damaged, or belongs to another render than the
+    /// first file.
     pub fn read(paths: &[PathBuf]) -> Result<Self, JobError> {
         let (mut files, mut troubles): (Vec<(PathBuf, StateFile)>, Vec<String>) = (Vec::new(), Vec::new());
         for path in paths {
@@ -60,7 +61,7 @@ impl RowsFiles {
                     if let Some((first, known)) = files.first() {
                         let (path, first) = (path.display(), first.display());
                         let differ = common(&known.identity).differences(&common(&file.identity));
-                        let of = |d| format!("{path}: it is of another render than {first}: {d}");
+                        let of = |d| format!("{path}: it belongs to another render than {first}: {d}");
                         troubles.extend(differ.into_iter().map(of));
                     }
                     files.push((path.clone(), file));
@@ -76,7 +77,7 @@ impl RowsFiles {
         Ok(Self { spec, files })
     }
 
-    /// The plan file of which they are rows, as it was named then; `None` for shards.
+    /// The path that the plan file had when the rows were traced; `None` for shards.
     pub fn plan(&self) -> Option<PathBuf> {
         let plan = self.files.first().and_then(|(_, file)| file.identity.value(PLAN));
         plan.map(of_text)
@@ -84,20 +85,20 @@ impl RowsFiles {
 }
 
 impl Job {
-    /// The estimated memory of work on a stage: its state is in memory as a film and as bytes.
+    /// The estimated memory of work on a stage, while the render's state is held as a film and as encoded bytes.
     pub fn memory_in_stages(&mut self) -> MemoryEstimate {
         self.need_any_image();
         let (estimate, bytes) = self.forecast(false);
         estimate.with_copies("plan and parts", 4, bytes)
     }
 
-    /// The statistics that any image of the render may need, since images are chosen at the end.
+    /// Adds the statistics that any output file may need, since output files are chosen only at the end.
     fn need_any_image(&mut self) {
         self.needs = self.needs.with_variance();
         self.needs.surfaces |= self.clusters().is_some();
     }
 
-    /// Plans the first stage, as the bytes of a plan file.
+    /// Plans the first stage and returns the bytes of a plan file.
     ///
     /// # Errors
     ///
@@ -110,7 +111,7 @@ impl Job {
     }
 
     /// Traces a part of the rows of a plan's stage, or of the only stage of a render without a plan (a shard). Returns the
-    /// bytes of a file; `None` if the monitor stopped it.
+    /// bytes of a file of rows; `None` if the monitor stopped the tracing.
     ///
     /// # Errors
     ///
@@ -158,7 +159,7 @@ impl Job {
     ///
     /// # Errors
     ///
-    /// [`JobError::Shards`] for rows that do not make a stage together.
+    /// [`JobError::Shards`] for rows that together do not form the complete stage.
     pub fn next_plan(&mut self, plan: &PlanFile, rows: &RowsFiles) -> Result<(Vec<u8>, bool), JobError> {
         self.check_rows(rows)?;
         let identity = self.identity()?;
@@ -168,11 +169,11 @@ impl Job {
         Ok((StateFile::new(StateKind::Plan, identity, session.snapshot()).into_bytes(), is_done))
     }
 
-    /// The film of a plan that is done.
+    /// The film of a plan whose samples are all traced.
     ///
     /// # Errors
     ///
-    /// [`JobError::NotDone`] for a plan of which samples are left to trace.
+    /// [`JobError::NotDone`] for a plan with samples left to trace.
     pub fn finish_plan(&mut self, plan: &PlanFile) -> Result<Traced, JobError> {
         let (mut session, integrator) = self.open(Some(plan))?;
         match session.next_stage(&*integrator)? {
@@ -181,11 +182,11 @@ impl Job {
         }
     }
 
-    /// The film of all shards of an image.
+    /// Merges all shards of an image and returns its film.
     ///
     /// # Errors
     ///
-    /// [`JobError::Shards`] for shards that do not make an image together.
+    /// [`JobError::Shards`] for shards that together do not form the complete image.
     pub fn merge(&mut self, shards: &RowsFiles) -> Result<Traced, JobError> {
         self.check_rows(shards)?;
         let (mut session, mut integrator) = self.open(None)?;
@@ -194,7 +195,8 @@ impl Job {
         Ok(Traced::of(session.into_film()))
     }
 
-    /// The session of a plan or of a new render, for any image of it, and an integrator that knows its training passes.
+    /// Opens the session of `plan`, or of a new render, with the statistics for any output file. Also returns an integrator to
+    /// which the session's training passes have been applied.
     fn open(&mut self, plan: Option<&PlanFile>) -> Result<(Session<'_>, Box<dyn Integrator + '_>), JobError> {
         plan.map_or(Ok(()), |plan| self.check(&plan.path, &plan.file.identity, compared))?;
         self.need_any_image();
@@ -204,7 +206,7 @@ impl Job {
     }
 
     /// Runs the render on process 0 of several, from the beginning or from the checkpoint file in `checkpoints`. Ends the other
-    /// processes, after an error too.
+    /// processes, even after an error.
     ///
     /// # Errors
     ///
@@ -233,7 +235,7 @@ impl Job {
         Ok(Traced { film, failure: None, checkpoint, checkpoints_written })
     }
 
-    /// The settings of the render, and the state in the checkpoint from which it resumes.
+    /// The identity of the render, and the state in the checkpoint from which it resumes; `None` if it starts afresh.
     pub(super) fn begun(
         &self,
         checkpoints: &Checkpoints,
@@ -247,11 +249,11 @@ impl Job {
         Ok((identity, snapshot))
     }
 
-    /// Traces what process 0 sends, until the render is over.
+    /// Traces the rows that process 0 sends, until the render ends.
     ///
     /// # Errors
     ///
-    /// [`JobError::Core`] if process 0 is gone.
+    /// [`JobError::Core`] if the connection to process 0 is lost.
     pub fn serve(&mut self, processes: &mut dyn Processes, stop: &mut dyn FnMut() -> bool) -> Result<(), JobError> {
         let world = self.prepared.world.clone();
         let (mut integrator, mut ready) = (make_integrator(&self.integrator, &world)?, Readiness::default());
@@ -263,7 +265,7 @@ impl Job {
         Ok(serve(trace, processes)?)
     }
 
-    /// Traces rows that a session has cut out.
+    /// Traces `rows`, encoded by a session. Returns the traced rows; `None` if the monitor stopped the tracing.
     fn traced(
         &mut self,
         rows: &[u8],
@@ -275,7 +277,7 @@ impl Job {
         Ok(render.monitor(monitor).trace_rows(rows, ready, integrator, &mut *self.sampler)?)
     }
 
-    /// The session of this render, new or resumed, and its integrator.
+    /// Creates the session of this render, new or resumed from `snapshot`, and its integrator.
     fn session(&mut self, snapshot: Option<Snapshot>) -> Result<(Session<'_>, Box<dyn Integrator + '_>), JobError> {
         let judged = self.is_error_of_filtered() || matches!(self.limits.budget, Budget::Seconds(_));
         let integrator = make_integrator(&self.integrator, &self.prepared.world)?;
@@ -290,39 +292,40 @@ impl Job {
         Ok((session.with_clock(Clock::of_machine()), integrator))
     }
 
-    /// Refuses rows of another scene, or of other settings.
+    /// Returns an error for rows of another scene or with other settings.
     fn check_rows(&self, rows: &RowsFiles) -> Result<(), JobError> {
         rows.files.first().map_or(Ok(()), |(path, file)| self.check(path, &file.identity, joined))
     }
 
-    /// Refuses a file of another render, by the settings that `kept` leaves of an identity.
+    /// Returns an error if the file at `path`, with identity `there`, belongs to another render. Compares only the settings
+    /// that `kept` keeps.
     fn check(&self, path: &Path, there: &Identity, kept: fn(&Identity) -> Identity) -> Result<(), JobError> {
         same_render(path, &kept(&self.identity()?), &kept(there))
     }
 }
 
-/// A file of traced runs of rows.
+/// A file that holds `runs`, each the bytes of a run of traced rows.
 fn rows_file(kind: StateKind, identity: &Identity, runs: &[Vec<u8>]) -> StateFile {
     let mut bytes = container::begin(runs.iter().map(Vec::len).sum());
     runs.iter().for_each(|run| container::append(&mut bytes, ROWS, run));
     StateFile::new(kind, identity.clone(), bytes)
 }
 
-/// Refuses shards of a render that has more than one stage.
+/// Returns an error for a shard of a render that has more than one stage.
 fn only_stage(session: &Session<'_>, stage: &Stage, integrator: &dyn Integrator, shard: Shard) -> Result<(), JobError> {
     let all = session.samples_left();
     if session.samples_in(stage) == all && !integrator.wants_training() {
         return Ok(());
     }
-    let why = "the sampler or the light selection reads samples that other machines have; take uniform samples and \
+    let why = "the sampler or the light selection needs samples of other machines; use --sampler uniform and \
                --light-selection power, or render in stages (dapple plan)";
     Err(JobError::NoShard { shard, why: why.into() })
 }
 
-/// Joins the rows of the stage that a session has open.
+/// Adds `rows` to the session's current stage, and ends the stage.
 fn join(session: &mut Session<'_>, integrator: &mut dyn Integrator, rows: &RowsFiles) -> Result<(), JobError> {
     let Some(stage) = session.next_stage(integrator)? else {
-        return Err(JobError::Shards(vec!["the plan is done; dapple merge makes the image".into()]));
+        return Err(JobError::Shards(vec!["the plan is done; run dapple merge to make the image".into()]));
     };
     let (mut runs, mut troubles): (Vec<(u32, u32)>, Vec<String>) = (Vec::new(), Vec::new());
     for (path, file) in &rows.files {
@@ -340,7 +343,10 @@ fn join(session: &mut Session<'_>, integrator: &mut dyn Integrator, rows: &RowsF
     let mut next = stage.rows().start;
     for (start, end) in runs.into_iter().chain([(stage.rows().end, stage.rows().end)]) {
         if start != next {
-            troubles.push(format!("rows {next} to {} of the stage are missing; give each part once", start.max(next)));
+            troubles.push(format!(
+                "rows {next} to {} of the stage are missing; give every part, each once",
+                start.max(next)
+            ));
         }
         next = end;
     }

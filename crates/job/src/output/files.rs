@@ -23,8 +23,8 @@ enum FileContents {
 }
 
 impl FileContents {
-    /// The peak memory in bytes for writing one file of this kind, besides film and image. `filtered` states that a
-    /// filter made the image.
+    /// The peak memory in bytes for writing one file of this kind, excluding film and image. `filtered` states that a filter
+    /// made the image.
     fn memory(self, frame: &Frame, needs: &Needs, filtered: bool) -> u64 {
         /// Bytes per pixel of red, green and blue as floats.
         const RGB: usize = 12;
@@ -54,15 +54,15 @@ pub struct OutputFiles {
     maps: Option<PathBuf>,
     /// Exposure of PNG images in stops; one stop doubles the brightness.
     pub exposure: f32,
-    /// If `true`, EXR files have albedo, normal, depth and coverage layers, whatever sampler and filter read. If `false`, they
-    /// have these layers only if something else needs features.
+    /// If `true`, EXR files always have albedo, normal, depth and coverage layers. If `false`, they have these layers only if
+    /// the sampler, the filter or another file needs features.
     pub features: bool,
     /// If `true`, image, unfiltered image, albedo, normal and coverage are 16-bit floats in EXR files.
     pub half: bool,
-    /// The layers of EXR files besides the image, by their names in [name](super::layer_names); `None` for all. The film records
-    /// what they need.
+    /// The names, among [`layer_names`](super::layer_names), of the layers that EXR files have besides the image; `None` for
+    /// all. The film records the statistics that these layers need.
     pub layers: Option<Vec<String>>,
-    /// The command that makes the image, which headers record.
+    /// The command line that makes the image, for the headers of EXR files.
     pub command: Option<String>,
 }
 
@@ -103,7 +103,7 @@ impl OutputFiles {
         self
     }
 
-    /// Returns `true` if EXR files have this layer, as far as the film knows it.
+    /// Returns `true` if the layer `name` is selected. Files have it only if the film has its statistics.
     fn has_layer(&self, name: &str) -> bool {
         self.layers.as_ref().is_none_or(|layers| layers.iter().any(|layer| layer == name))
     }
@@ -155,7 +155,7 @@ impl OutputFiles {
         })
     }
 
-    /// The peak memory in bytes for writing the files, besides film and image. `filtered` states that a filter made the
+    /// The peak memory in bytes for writing the files, excluding film and image. `filtered` states that a filter made the
     /// image.
     pub(crate) fn memory(&self, frame: &Frame, needs: &Needs, filtered: bool) -> u64 {
         self.files.iter().map(|(what, _)| what.memory(frame, needs, filtered)).max().unwrap_or(0)
@@ -195,7 +195,7 @@ impl OutputFiles {
         if troubles.is_empty() { Ok((lines, warnings)) } else { Err(JobError::Files(troubles)) }
     }
 
-    /// Keeps the selected layers, and warns about those that the render lacks.
+    /// Removes layers that are not selected, and warns about selected layers that the render lacks.
     fn selected<'a>(&self, mut layers: Vec<Layer<'a>>, path: &Path, warnings: &mut Vec<Warning>) -> Vec<Layer<'a>> {
         let holds = |name: &str| {
             layers.iter().any(|layer| layer.name == name) || layers[0].channels.iter().any(|channel| channel.0 == name)
@@ -211,8 +211,8 @@ impl OutputFiles {
         layers
     }
 
-    /// Encodes a file, or prepares it if it is written block by block. Returns what writes it and a phrase about its contents, or
-    /// `None` if the film lacks the statistics for it.
+    /// Encodes a file, or prepares a file that is written block by block. Returns a function that writes the file, and a phrase
+    /// about its contents. `None` if the film lacks the statistics for the file.
     fn encode<'a>(
         &'a self,
         what: FileContents,
@@ -253,7 +253,8 @@ impl OutputFiles {
     }
 }
 
-/// Writes a file to a path. Returns the number of [clamped](dapple_scene::image::EncodedExr::clamped) values.
+/// A function that writes a file to a path and returns the number of [clamped](dapple_scene::image::EncodedExr::clamped)
+/// values.
 type Write<'a> = Box<dyn Fn(&Path) -> Result<u64, ImageError> + 'a>;
 
 /// Encodes a map; `None` if the film lacks the statistics for it.
@@ -268,7 +269,7 @@ fn map(what: FileContents, report: &Report<'_>) -> Option<Result<Named, ImageErr
             gray(&map, format!("the sample map; white is {} samples per pixel", map.white))
         }
         FileContents::Clusters => {
-            known(output::cluster_map(filtered.size, &report.clusters()?), "clusters, a colour each")
+            known(output::cluster_map(filtered.size, &report.clusters()?), "clusters, one colour each")
         }
         FileContents::Error => {
             let map = output::error_map(filtered)?;
@@ -276,7 +277,7 @@ fn map(what: FileContents, report: &Report<'_>) -> Option<Result<Named, ImageErr
         }
         FileContents::Depth => {
             let map = output::depth_map(film, report.unit())?;
-            gray(&map, format!("distances; white is {:.4}, or nothing hit", map.white))
+            gray(&map, format!("distances; white is {:.4} or no hit", map.white))
         }
         FileContents::Albedo => known(output::albedo_map(film)?, "albedo, sRGB"),
         FileContents::Normals => known(output::normal_map(film)?, "shading normals; -1 is black, 1 is white"),
@@ -289,7 +290,7 @@ fn write_elsewhere(path: &Path, write: &dyn Fn(&Path) -> Result<u64, ImageError>
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let elsewhere = std::env::temp_dir().join(format!("dapple-{}-{name}", std::process::id()));
     match write(&elsewhere) {
-        Ok(_) => format!("{trouble}; it was written there instead: {}", elsewhere.display()),
+        Ok(_) => format!("{trouble}; the file was written to {} instead", elsewhere.display()),
         Err(_) => trouble,
     }
 }
@@ -303,12 +304,12 @@ struct Report<'a> {
 }
 
 impl Report<'_> {
-    /// The integrator's unit of length in the file's.
+    /// The integrator's unit of length, in the scene file's units.
     fn unit(&self) -> f64 {
         1.0 / self.job.world().space().scale()
     }
 
-    /// The clusters that pixels show.
+    /// The index of the cluster that each pixel shows.
     fn clusters(&self) -> Option<Vec<u32>> {
         output::cluster_ids(&self.image.film, self.job.clusters()?)
     }

@@ -82,29 +82,29 @@ fn bias(job: &Job, image: &RenderedImage) -> String {
     let samples = bias_of_samples(job, &image.film);
     match image.filter.as_str() {
         "none" => samples.to_owned(),
-        _ => format!("biased: by the filter, less so with more samples; the samples by themselves {samples}"),
+        _ => format!("biased by the filter, less with more samples; before filtering: {samples}"),
     }
 }
 
-/// A phrase about the bias of the unfiltered image: samples that decide sample counts bias an image that contains them
-/// [Kirk and Arvo 1991].
+/// A phrase about the bias of the unfiltered image: samples that determine sample counts bias an image that contains them [Kirk
+/// and Arvo 1991].
 fn bias_of_samples(job: &Job, film: &Film) -> &'static str {
     let rounds = &film.record().rounds;
     let decided = rounds.split_last().is_some_and(|(_, deciding)| deciding.iter().any(|round| round.kept));
     match film.combine() {
         _ if matches!(job.spec().budget, BudgetSpec::Error(_)) => {
-            "biased: the predicted error of the samples in the image decided when to stop"
+            "biased: the end of the render depends on samples in the image"
         }
-        _ if job.is_a_priori() || !decided => "none: no sample of the image decided on its counts",
-        Combine::Equally => "none: each half's counts were decided by the other half's samples",
-        _ => "biased: samples that are or were in the image decided on its counts",
+        _ if job.is_a_priori() || !decided => "none: sample counts do not depend on samples in the image",
+        Combine::Equally => "none: the sample counts of each half depend only on the other half",
+        _ => "biased: sample counts depend on samples that are or were in the image",
     }
 }
 
 /// The distance of the near plane in the matrix to normalized device coordinates, in the file's units. It scales only the
 /// third coordinate.
 const NEAR: f64 = 1e-3;
-/// The distance of a background without a surface, as Blender writes it: programs that filter distances fail at infinity.
+/// The distance written for pixels without a surface, the same as Blender's: programs that filter distances fail at infinity.
 const BACKGROUND: f32 = 1e10;
 
 /// The camera of an image, at the opening of the shutter.
@@ -157,14 +157,14 @@ impl View {
         stored.as_flattened().iter().all(|x| x.is_finite()).then_some(stored)
     }
 
-    /// Returns the alpha and the distances of an image, in this order; nothing if its film has no features.
+    /// Returns the channels `A` (alpha) and `Z` (distance along the axis) of an image; none if its film has no features.
     pub(super) fn channels<'a>(&'a self, film: &'a Film, unit: f64) -> Vec<(&'static str, Plane<'a>)> {
         let along = move |i: usize, features: &Features| self.along_axis(film.frame(), i, depth(features, unit));
         let planes = [plane_of_features(film, |_, features| coverage(features)), plane_of_features(film, along)];
         ["A", "Z"].into_iter().zip(planes.into_iter().flatten()).collect()
     }
 
-    /// Returns the distance of a pixel's surfaces along the camera's axis, from the `length` of the paths to them.
+    /// Converts `length`, the mean length of the paths to a pixel's surfaces, to a distance along the camera's axis.
     fn along_axis(&self, frame: &Frame, pixel: usize, length: f32) -> f32 {
         if !length.is_finite() {
             return BACKGROUND;

@@ -7,13 +7,13 @@ use dapple_scene::image::{Layer, Plane};
 pub(super) struct LayerEntry {
     /// The layer's name, of lower-case letters.
     pub(super) name: &'static str,
-    /// The names of its channels.
+    /// The names of the layer's channels.
     channels: &'static [&'static str],
-    /// `true` if 16-bit floats hold its values with three digits. The range of the others is larger.
+    /// `true` if 16-bit floats hold the layer's values to three digits. The values of other layers exceed their range.
     half: bool,
-    /// Adds the statistics that the layer is made from.
+    /// Adds the statistics from which the layer is made.
     pub(super) needs: fn(Needs) -> Needs,
-    /// The files for which the film must record them.
+    /// The files for which the film must record these statistics.
     pub(super) asked: Asked,
     /// One plane per channel; `None` if the film lacks the statistics.
     planes: MakePlanes,
@@ -22,7 +22,7 @@ pub(super) struct LayerEntry {
 type MakePlanes = for<'a> fn(&Shown<'a>) -> Option<Vec<Plane<'a>>>;
 
 impl LayerEntry {
-    /// A layer that shows what sampler or filter need anyway.
+    /// A layer for which the film records nothing extra.
     const fn of(
         name: &'static str,
         channels: &'static [&'static str],
@@ -43,38 +43,38 @@ impl LayerEntry {
     }
 }
 
-/// The files for which a film must record what a layer is made from.
+/// The files for which a film must record the statistics of a layer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Asked {
-    /// Files with all layers, and those whose list names it.
+    /// Files with all layers, and files whose list of layers names this one.
     Always,
-    /// Files whose list of layers names it.
+    /// Files whose list of layers names this one.
     Named,
-    /// None: the layer shows what sampler or filter need anyway.
+    /// No file: the layer is written only if the sampler or the filter needs the same statistics.
     Never,
 }
 
-/// The sources of layers.
+/// The data from which layers are made.
 struct Shown<'a> {
     film: &'a Film,
     filtered: &'a Filtered,
-    /// The integrator's unit of length, measured in the file's.
+    /// The integrator's unit of length, in the scene file's units.
     unit: f64,
     clusters: Option<Vec<u32>>,
 }
 
 impl<'a> Shown<'a> {
-    /// A plane of a value of each pixel, which is computed as the file is written.
+    /// A plane with the value `of(i)` in pixel `i`, computed while the file is written.
     fn each(&self, of: impl Fn(usize) -> f32 + Send + Sync + 'a) -> Plane<'a> {
         Plane::each(self.film.frame().pixels(), of)
     }
 
-    /// The planes of three values of each pixel.
+    /// Three planes with the three values `of(i)` in pixel `i`.
     fn rgb(&self, of: impl Fn(usize) -> [f32; 3] + Send + Sync + Copy + 'a) -> Vec<Plane<'a>> {
         (0..3).map(|c| self.each(move |i| of(i)[c])).collect()
     }
 
-    /// Planes of features.
+    /// One plane of features for each function in `of`; `None` if the film has no features.
     fn features(&self, of: &[fn(&Features, f64) -> f32]) -> Option<Vec<Plane<'a>>> {
         let unit = self.unit;
         of.iter().map(|&of| plane_of_features(self.film, move |_, f| of(f, unit))).collect()
@@ -115,13 +115,13 @@ pub(super) const LAYERS: &[LayerEntry] = &[
 ];
 
 const RGB: &[&str] = &["R", "G", "B"];
-/// The needs of layers that every film has.
+/// The needs of layers that every film can fill.
 const NOTHING: fn(Needs) -> Needs = |needs| needs;
 
-/// The channels of the image itself that show features, by the names with which lists of layers request them.
+/// The names of the image's own channels that show features. Lists of layers may contain them.
 pub(super) const OF_IMAGE: [&str; 2] = ["A", "Z"];
 
-/// The names of all that a list of layers may name.
+/// All names that a list of layers may contain.
 pub fn layer_names() -> impl Iterator<Item = &'static str> {
     OF_IMAGE.into_iter().chain(LAYERS.iter().map(|layer| layer.name))
 }
@@ -137,8 +137,8 @@ pub(super) fn halve(layers: &mut [Layer<'_>]) {
     }
 }
 
-/// The bytes of a pixel in all layers, the image included, that a film with these statistics has. `filtered` states that a
-/// filter made the image.
+/// The bytes per pixel of all layers, including the image, of a film with these statistics. `filtered` states that a filter
+/// made the image.
 pub(super) fn bytes_per_pixel(needs: &Needs, filtered: bool) -> usize {
     let shown = |entry: &&LayerEntry| (entry.needs)(*needs) == *needs && (filtered || entry.name != "unfiltered");
     let besides: usize = LAYERS.iter().filter(shown).map(|entry| entry.channels.len()).sum();
@@ -150,22 +150,22 @@ pub(super) fn bytes_per_pixel(needs: &Needs, filtered: bool) -> usize {
 /// | layer | channels | contents |
 /// |---|---|---|
 /// | (main) | R G B | the image, linear radiance |
-/// | (main, of files) | A | coverage as below, for compositing; R G B hold the background too |
-/// | (main, of files) | Z | distance along the camera's axis, as Blender writes it; 1e10 where nothing is hit |
-/// | `unfiltered` | R G B | the mean of each pixel's own samples, where a filter changed it |
+/// | (main, in files) | A | coverage as below, for compositing; R G B include the background |
+/// | (main, in files) | Z | distance along the camera's axis, as Blender writes it; 1e10 without a hit |
+/// | `unfiltered` | R G B | the mean of each pixel's own samples; only if a filter changed the image |
 /// | `variance` | R G B | sample variance (of one sample, not of the mean); NaN below two samples |
 /// | `count` | Y, integers | samples per pixel |
-/// | `error` | Y | predicted squared error of the image, mean over the channels, if the filter knows it |
-/// | `cluster` | Y, integers | the cluster that each pixel's first sample met, 4294967295 where it met nothing |
-/// | `albedo` | R G B | mean albedo of the first rough surfaces, black where nothing is hit |
-/// | `normal` | X Y Z | their mean shading normal in the file's world space, 0 where nothing is hit |
-/// | `depth` | Y | mean length of the paths to them in the file's units, infinite where nothing is hit |
-/// | `coverage` | Y | share of the samples that hit a surface; the three layers above are means over these |
+/// | `error` | Y | predicted squared error of the image, mean over the channels; only if the filter estimates it |
+/// | `cluster` | Y, integers | the cluster that each pixel's first sample hit; 4294967295 without a hit |
+/// | `albedo` | R G B | mean albedo of the first non-specular surfaces; black without a hit |
+/// | `normal` | X Y Z | mean shading normal of these surfaces in the file's world space; 0 without a hit |
+/// | `depth` | Y | mean length of the paths to these surfaces in the file's units; infinite without a hit |
+/// | `coverage` | Y | fraction of samples that hit a surface; the three layers above are means over these samples |
 ///
-/// The first rough surface is seen through mirrors, glass and smooth coats, as denoisers expect
+/// The first non-specular surface may lie behind mirrors, glass and smooth coats, as denoisers expect
 /// ([`SurfaceFeatures`](dapple_core::SurfaceFeatures)). The sky in a mirror has the normal 0 and the mirror's depth.
 ///
-/// `unit` is the integrator's unit of length, measured in the file's: `1 / world.space().scale()`. `clusters` come from
+/// `unit` is the integrator's unit of length in the file's units: `1 / world.space().scale()`. `clusters` come from
 /// [`cluster_ids`](super::cluster_ids).
 pub fn layers<'a>(film: &'a Film, filtered: &'a Filtered, unit: f64, clusters: Option<Vec<u32>>) -> Vec<Layer<'a>> {
     let layer = |name: &str, channels: &[&'static str], planes: Vec<Plane<'a>>| Layer {
@@ -184,7 +184,7 @@ fn variance<'a>(shown: &Shown<'a>) -> Option<Vec<Plane<'a>>> {
     film.needs().variance.then(|| shown.rgb(variance))
 }
 
-/// A plane of a value of each pixel by its features (albedo, normal and depth); `None` if the film has none.
+/// A plane with a value computed from each pixel's features (albedo, normal and depth); `None` if the film has none.
 pub(super) fn plane_of_features<'a>(
     film: &'a Film,
     of: impl Fn(usize, &Features) -> f32 + Send + Sync + 'a,
@@ -193,12 +193,13 @@ pub(super) fn plane_of_features<'a>(
     film.needs().features.then(|| Plane::each(film.frame().pixels(), of))
 }
 
-/// The mean length of a pixel's paths to the first rough surface, in the file's units; infinite if no sample hit a surface.
+/// The mean length of a pixel's paths to the first non-specular surface, in the file's units; infinite if no sample hit a
+/// surface.
 pub(super) fn depth(features: &Features, unit: f64) -> f32 {
     if features.hits == 0 { f32::INFINITY } else { (f64::from(features.depth) * unit) as f32 }
 }
 
-/// The share of a pixel's samples that hit a surface; 0 without samples.
+/// The fraction of a pixel's samples that hit a surface; 0 without samples.
 pub(super) fn coverage(features: &Features) -> f32 {
     features.hits as f32 / features.samples.max(1) as f32
 }

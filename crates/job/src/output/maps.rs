@@ -1,4 +1,4 @@
-//! Maps of a render, images of one per-pixel quantity, as PNG files.
+//! Maps of a render (images of one per-pixel quantity) as PNG files.
 
 use super::layers::depth;
 use crate::WorldClusters;
@@ -99,7 +99,7 @@ pub fn depth_map(film: &Film, unit: f64) -> Option<GrayMap> {
     Some(GrayMap { size: film.frame().size(), values: shades(&depths, white), white })
 }
 
-/// Encodes the mean albedo of each pixel's first rough surfaces as an sRGB PNG file. `None` if the film has no features.
+/// Encodes the mean albedo of each pixel's first non-specular surfaces as an sRGB PNG file. `None` if the film has no features.
 ///
 /// # Errors
 ///
@@ -110,8 +110,8 @@ pub fn albedo_map(film: &Film) -> Option<Result<Vec<u8>, ImageError>> {
     Some(encode_png_rgb(film.frame().size(), &values))
 }
 
-/// Encodes the mean shading normal of each pixel's first rough surfaces as a PNG file: -1 is stored as 0 and 1 as 255, so
-/// pixels without a hit are mid-gray. `None` if the film has no features.
+/// Encodes the mean shading normal of each pixel's first non-specular surfaces as a PNG file: -1 is stored as 0 and 1 as 255,
+/// so pixels without a hit are mid-gray. `None` if the film has no features.
 ///
 /// # Errors
 ///

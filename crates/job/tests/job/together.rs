@@ -152,7 +152,7 @@ fn a_damaged_checkpoint_is_refused_with_the_reason_and_its_older_version_taken()
     let file = StateFile::from_bytes(bytes.clone()).unwrap();
     let empty = StateFile::new(StateKind::Checkpoint, file.identity, dapple_core::container::begin(0));
     for (damaged, what) in [
-        (&bytes[..bytes.len() - 9], "it is cut short"),
+        (&bytes[..bytes.len() - 9], "it is truncated"),
         (&changed, "its checksum is wrong"),
         (empty.bytes(), "checkpoint: "),
     ] {
@@ -222,7 +222,10 @@ fn plans_and_parts_of_another_render_are_refused_with_a_list() {
     let (mine, theirs) = (plan(&here, "a.plan"), plan(&other, "b.plan"));
     let error =
         part(&mut job(&prepared, &here), &theirs, "1/2", folder.path()).expect_err("another render").to_string();
-    assert!(error.contains("b.plan: the file is of another render") && error.contains("seed: 9, not 1"), "{error}");
+    assert!(
+        error.contains("b.plan: the file belongs to another render") && error.contains("seed: 9, not 1"),
+        "{error}"
+    );
     let first = part(&mut job(&prepared, &here), &mine, "1/2", folder.path()).unwrap();
     let second = part(&mut job(&prepared, &other), &theirs, "2/2", folder.path()).unwrap();
     let cut = written(folder.path(), "cut", &std::fs::read(&first).expect("a part")[..300]);
@@ -231,7 +234,8 @@ fn plans_and_parts_of_another_render_are_refused_with_a_list() {
         other => panic!("{:?}", other.map(|e| e.to_string())),
     };
     let read = listed(RowsFiles::read(&[first.clone(), second, cut, folder.path().join("nowhere")]).err());
-    for wanted in ["2-of-2: it is of another render", "seed: 9, not 1", "cut: it is ", "nowhere: there is no such file"]
+    for wanted in
+        ["2-of-2: it belongs to another render", "seed: 9, not 1", "cut: it is ", "nowhere: there is no such file"]
     {
         assert!(read.contains(wanted), "{wanted}: {read}");
     }

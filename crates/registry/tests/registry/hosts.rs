@@ -74,7 +74,7 @@ fn without_clusters_only_methods_that_cannot_do_without_are_refused() {
     let error = refusal(filter("cluster-gaussian", &none));
     assert_eq!(
         error,
-        "cluster-gaussian needs clusters of the scene's surfaces; give it a world, or cluster inputs that have this"
+        "cluster-gaussian needs clusters of the scene's surfaces; pass a world, or cluster inputs that provide this"
     );
 }
 

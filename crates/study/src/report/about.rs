@@ -1,10 +1,10 @@
-//! The origin of a study's figures: program, machine, settings, and warnings about them.
+//! The origin of a study's figures (program, machine, settings), and warnings about their reliability.
 
 use crate::{Manifest, RecordedStudy};
 
-/// The commit of the program that made the study, or a sentence that it is unknown.
+/// The commit of the program that ran the study, or a statement that it is unknown.
 pub(super) fn commit(m: &Manifest) -> String {
-    let unknown = || format!("unknown (this build of version {} came without git)", m.version);
+    let unknown = || format!("unknown (version {} was built without git)", m.version);
     m.commit.clone().unwrap_or_else(unknown)
 }
 
@@ -18,8 +18,8 @@ pub(super) fn lights(manifest: &Manifest) -> String {
 /// The largest load per core of a machine that counts as idle. The study's own threads cause a load of 1.
 const IDLE: f64 = 1.1;
 
-/// A warning if other programs took time from the study: the load was above the number of cores before a run. Studies
-/// that do not record their cores are judged by their threads.
+/// A warning if the load before some run was above the number of cores: other programs then slowed the study. If the number of
+/// cores is not recorded, the number of threads is used.
 pub(super) fn busy(recorded: &RecordedStudy) -> Option<String> {
     let machine = &recorded.manifest.machine;
     let cores = machine.cores.unwrap_or(machine.threads).max(1);
@@ -43,8 +43,8 @@ pub(super) fn remarks(recorded: &RecordedStudy) -> Vec<String> {
     let foreign = "lines of runs.jsonl belong to no scene, method, budget or seed of this study and were left out.";
     let counts = [
         (recorded.foreign, foreign),
-        (recorded.repeated, "runs were made twice; the last one counts."),
-        (usize::from(recorded.torn), "line of runs.jsonl was cut off at its end and was left out."),
+        (recorded.repeated, "runs were repeated; the last one counts."),
+        (usize::from(recorded.torn), "line of runs.jsonl is incomplete and was left out."),
         (rejected, "runs had samples that were NaN, infinite or negative."),
     ];
     let found = counts.into_iter().filter(|(count, _)| *count > 0);
@@ -60,7 +60,7 @@ pub(super) fn load(recorded: &RecordedStudy) -> String {
     }
 }
 
-/// A command line in which a shell finds the same arguments.
+/// The command line, quoted so that a shell parses the same arguments.
 pub(super) fn quoted(command: &[String]) -> String {
     let quote = |word: &String| {
         let plain = !word.is_empty() && word.chars().all(|c| c.is_ascii_alphanumeric() || "-_./=:,+@%".contains(c));

@@ -1,15 +1,15 @@
-//! Charts of error curves with logarithmic axes, as SVG in the page's colours, and the methods' names and styles in them.
+//! Charts of error curves with logarithmic axes, as SVG in the page's colours, and the names and styles of methods in charts.
 
 use crate::record::Method;
 use askama::Template;
 
-/// The number of line colours in the page. If there are more samplers, colours repeat with other markers.
+/// The number of line colours in the page. With more samplers, colours repeat with other markers.
 const COLOURS: usize = 8;
 
 /// The dash patterns of lines, as values of SVG's `stroke-dasharray`.
 const DASHES: [&str; 5] = ["none", "7 4", "2 3", "10 3 2 3", "14 4"];
 
-/// The shapes of markers around the origin, as SVG paths; those of the last two are only outlined.
+/// The shapes of markers around the origin, as SVG paths; the last two are outlined only.
 const MARKS: [&str; 8] = [
     "M-4 0a4 4 0 1 0 8 0a4 4 0 1 0-8 0",
     "M-4-4H4V4H-4Z",
@@ -33,7 +33,7 @@ pub(super) struct MethodStyle {
 }
 
 impl MethodStyle {
-    /// An SVG of a short piece of a method's line with its marker, for legends.
+    /// A short piece of a method's line with its marker, as SVG for legends.
     pub(super) fn swatch(&self) -> String {
         let Self { mark, is_filled, dashes, .. } = self;
         let colour = format!("var(--c{})", self.colour);
@@ -65,7 +65,7 @@ fn index<T: PartialEq>(known: &mut Vec<T>, one: T) -> usize {
     })
 }
 
-/// Short unique names of the methods: the sampler, the point set if methods differ in it, and the filter unless it is
+/// Short unique names of the methods: the sampler, the point set if methods have different ones, and the filter unless it is
 /// `none`.
 pub(super) fn names(methods: &[Method]) -> Vec<String> {
     let differ = methods.iter().any(|m| m.points != methods[0].points);
@@ -87,7 +87,7 @@ pub(super) struct PlottedCurve {
 /// A point of a curve: x, y, and the 95 % interval of y if there is one.
 pub(super) type PlottedPoint = (f64, f64, Option<[f64; 2]>);
 
-/// The ends of the axes in pixels: left and right, then bottom and top.
+/// The ends of the x axis in pixels, left and right. [`Y`] holds the bottom and top of the y axis.
 const X: [f64; 2] = [74.0, 464.0];
 const Y: [f64; 2] = [294.0, 12.0];
 /// The width of a digit in pixels: 0.6 of the font size, which the page's style enlarges to 17 on a phone.
@@ -100,8 +100,8 @@ struct Scale {
 }
 
 impl Scale {
-    /// An axis that contains all values, with a fraction `share` of its length free on both sides, or 0.15 decades if
-    /// the values nearly coincide. `None` without positive values.
+    /// An axis that contains all values, with margins of `share` times the values' range, or 0.15 decades if the values nearly
+    /// coincide. `None` without positive values.
     fn over(values: impl Iterator<Item = f64>, share: f64, pixels: [f64; 2]) -> Option<Self> {
         let logs = values.filter(|v| *v > 0.0 && v.is_finite()).map(libm::log10);
         let [low, high] = logs.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], log| [a.min(log), b.max(log)]);
@@ -135,12 +135,12 @@ impl Scale {
     }
 }
 
-/// A chart as its template needs it: places in pixels with one decimal.
+/// The data of the chart's template; positions are in pixels with one decimal.
 #[derive(Template)]
 #[template(path = "chart.svg")]
 struct Chart<'a> {
     title: &'a str,
-    /// The place and the text of each tick; empty without room for the text.
+    /// The position and the text of each tick; the text is empty if there is no room for it.
     x_ticks: Vec<(String, String)>,
     y_ticks: Vec<(String, String)>,
     curves: Vec<DrawnCurve>,
@@ -154,8 +154,8 @@ struct DrawnCurve {
     band: String,
 }
 
-/// Draws the curves of relMSE as an SVG chart; `None` without points. `title` is that of the x axis, and `at` are the
-/// values of its ticks; `None` chooses round values.
+/// Draws curves of relMSE as an SVG chart; `None` without points. `title` is the title of the x axis, and `at` holds the values
+/// of its ticks; with `None`, round values are chosen.
 pub(super) fn log_log(curves: &[PlottedCurve], title: &str, at: Option<&[f64]>) -> Option<String> {
     let points = || curves.iter().flat_map(|curve| &curve.points);
     let x = Scale::over(points().map(|p| p.0), 0.03, X)?;

@@ -8,7 +8,7 @@ use base64::Engine;
 use dapple_metrics::{Pixels, downsample};
 use dapple_scene::image::{Encoding, Image, ImageError, encode_png, encode_png_rgb, read_image};
 
-/// The largest total size in bytes of the images and maps of methods in the page.
+/// The largest total size in bytes of the methods' images and maps in the page.
 const ROOM: f64 = 3.0e6;
 
 /// The largest total size in bytes of the viewer's whole images in the page.
@@ -23,16 +23,16 @@ pub(super) struct Embedded {
 /// The report's images of one scene.
 #[derive(Default)]
 pub(super) struct SceneImages {
-    /// The budget of the images as a phrase.
+    /// The budget of the images, as a phrase.
     pub(super) budget: String,
     /// The exposure that is applied to all images of the scene.
     pub(super) exposure: String,
     /// Width and height of the whole images in pixels.
     pub(super) size: [u32; 2],
     pub(super) tiles: Vec<MethodTile>,
-    /// The whole images that the viewer compares, the reference last; empty without a method's image.
+    /// The whole images that the viewer compares, the reference last. Empty if no method has an image.
     pub(super) whole: Vec<WholeImage>,
-    /// The ticks of the colour scale of samples, as text with their places in percent.
+    /// The ticks of the colour scale of sample counts: text, and position in percent.
     pub(super) sample_ticks: Vec<(String, f64)>,
     /// One message for each image that cannot be shown, with the reason.
     pub(super) problems: Vec<String>,
@@ -49,11 +49,11 @@ pub(super) struct MethodTile {
     pub(super) image: Option<Embedded>,
     pub(super) error_map: Option<Embedded>,
     pub(super) sample_map: Option<Embedded>,
-    /// The files of the image and of its sample map: name and link.
+    /// The names and links of the files of the image and its sample map.
     pub(super) files: Vec<(&'static str, String)>,
 }
 
-/// A whole image of the viewer: a method's or the reference.
+/// A whole image for the viewer: a method's image or the reference.
 pub(super) struct WholeImage {
     pub(super) name: String,
     pub(super) image: Embedded,
@@ -160,12 +160,12 @@ impl ReportPage<'_> {
     }
 }
 
-/// The side in pixels of squares of which `count` have `pixels` pixels.
+/// The side in pixels of each of `count` squares that together have `pixels` pixels.
 fn side_for(pixels: f64, count: usize) -> f64 {
     (pixels / count.max(1) as f64).sqrt()
 }
 
-/// The budget whose images are shown: equal time if it has images, else the largest spp with images; `None` without
+/// The budget whose images are shown: equal time if there are such images, else the largest spp with images. `None` without
 /// images.
 fn budget(recorded: &RecordedStudy, scene: &SceneRecord) -> Option<RunBudget> {
     // In their order, equal time comes after samples per pixel.
@@ -173,7 +173,7 @@ fn budget(recorded: &RecordedStudy, scene: &SceneRecord) -> Option<RunBudget> {
     shown.map(|run| run.budget).max()
 }
 
-/// The first run of a method at `budget` that has an image, else the first one that has a sample map.
+/// The first run of a method at `budget` with an image, else the first with a sample map.
 fn run<'a>(recorded: &'a RecordedStudy, scene: &SceneRecord, method: usize, budget: RunBudget) -> Option<&'a Run> {
     let method = &recorded.manifest.methods[method];
     let of = |run: &&Run| run.scene == scene.name && run.method == *method && run.budget == budget;
@@ -181,8 +181,8 @@ fn run<'a>(recorded: &'a RecordedStudy, scene: &SceneRecord, method: usize, budg
     runs.clone().find(|run| run.image.is_some()).or(runs.find(|run| run.sample_map.is_some()))
 }
 
-/// The exposure in whole stops at which a scene's images are shown: 0, unless the reference is far too dark or too
-/// bright. In that case it maps the 99th percentile of pixel values to about 1.
+/// The exposure in whole stops at which a scene's images are shown: 0, unless the reference is far too dark or too bright. In
+/// that case, the 99th percentile of pixel values is mapped to about 1.
 fn exposure(reference: &Image) -> f32 {
     let mut peaks: Vec<f32> = reference.pixels.iter().map(|p| p[0].max(p[1]).max(p[2])).collect();
     peaks.sort_by(f32::total_cmp);
@@ -193,7 +193,7 @@ fn exposure(reference: &Image) -> f32 {
     -libm::round(libm::log2(bright)) as f32
 }
 
-/// The squared error of each pixel over (squared reference + 0.01), the quantity whose mean is relMSE.
+/// The squared error of each pixel divided by (squared reference + 0.01). The mean of these values is relMSE.
 fn relative_errors(image: &Image, reference: &Image) -> Option<Image> {
     let error = |(x, r): (&[f32; 3], &[f32; 3])| {
         let of = |c: usize| {
@@ -223,7 +223,7 @@ fn embed_shrunk(image: &Image, most: u32, stops: f32) -> Option<Embedded> {
     embed(encode_png(&small, stops), small.size)
 }
 
-/// A map of the image's values in colours.
+/// A map of the image's values, shown as colours.
 fn coloured(image: &Image, side: u32, colour: &dyn Fn(f64) -> [u8; 3]) -> Option<Embedded> {
     let small = shrink(image, side)?;
     let bytes: Vec<[u8; 3]> = small.pixels.iter().map(|p| colour(f64::from(p[0]))).collect();
@@ -244,8 +244,8 @@ fn most_samples(runs: &[Option<&Run>]) -> Option<f64> {
 /// The ends of the error map's colour scale: the exponents of powers of ten of the relative squared error.
 const ERROR_DECADES: [f64; 2] = [-4.0, 0.0];
 
-/// A colour scale: the colours at 0, 1/4, 1/2, 3/4 and 1, in 8-bit sRGB. The lightness rises, so that it can be read in
-/// black and white and by the colour-blind.
+/// A colour scale: the colours at 0, 1/4, 1/2, 3/4 and 1, in 8-bit sRGB. Lightness increases along the scale, so that it can be
+/// read in black and white and by colour-blind readers.
 type Colours = [[f64; 3]; 5];
 
 /// The colours of error maps [after van der Walt 2015, matplotlib's `inferno`].
@@ -266,7 +266,7 @@ fn error_place(error: f64) -> f64 {
     if error > 0.0 { ((libm::log10(error) - low) / (high - low)).clamp(0.0, 1.0) } else { 0.0 }
 }
 
-/// The colour of a number of samples on a scale from 0 to `most`, by the logarithm of 1 more than the number.
+/// The colour of `count` samples on a scale from 0 to `most`, proportional to `log(1 + count)`.
 fn sample_colour(count: f64, most: f64) -> [u8; 3] {
     colour(&SAMPLES, sample_place(count, most))
 }
@@ -286,13 +286,13 @@ fn colour(colours: &Colours, share: f64) -> [u8; 3] {
     })
 }
 
-/// The ticks of the error scale: text, and place in percent.
+/// The ticks of the error scale: text, and position in percent.
 pub(super) fn error_ticks() -> [(&'static str, f64); 3] {
     [("≤ 10⁻⁴", 1e-4), ("0.01", 1e-2), ("≥ 1", 1.0)].map(|(text, error)| (text, 100.0 * error_place(error)))
 }
 
-/// The ticks of a sample scale from 0 to `most`: text, and place in percent. Besides the ends, powers of 4 that leave
-/// room for their text.
+/// The ticks of a sample scale from 0 to `most`: text, and position in percent. Between the ends, there are ticks at powers of
+/// 4 with room for their text.
 fn sample_ticks(most: f64) -> Vec<(String, f64)> {
     let tick = |count: f64| (count.round().to_string(), 100.0 * sample_place(count, most));
     let mut ticks = vec![tick(0.0)];

@@ -1,4 +1,4 @@
-//! The HTML report: what its template needs.
+//! The data of the HTML report's template.
 
 use super::about::{busy, commit, lights, load, quoted, remarks};
 use super::chart::{MethodStyle, PlottedCurve, log_log, names, styles};
@@ -10,7 +10,7 @@ use crate::summary::{Summary, compared};
 use askama::Template;
 use dapple_metrics::METRICS;
 
-/// The page. The template reads the study, and tables that are computed here.
+/// The page. Its template shows the study, and tables that are computed here.
 #[derive(Template)]
 #[template(path = "report.html")]
 pub(super) struct ReportPage<'a> {
@@ -41,7 +41,7 @@ struct SceneSection {
     view: SceneImages,
 }
 
-/// The groups of verdicts on a method: metric, verdict, and the beginning of a sentence.
+/// The groups of verdicts on a method: metric, verdict, and the start of a sentence.
 const VERDICTS: [(&str, &str, &str); 4] = [
     ("relmse", "win", "wins on"),
     ("relmse", "loss", "loses on"),
@@ -49,10 +49,10 @@ const VERDICTS: [(&str, &str, &str); 4] = [
     ("flip", "loss", "loses in FLIP on"),
 ];
 
-/// A picture beside the page: its path relative to the study's folder, and its contents.
+/// An image file beside the page: the path relative to the study's folder, and the contents.
 type PictureFile = (String, Vec<u8>);
 
-/// Makes the page, and the pictures that it shows: paths relative to the study's folder, and contents.
+/// Renders the page. Also returns the image files that the page links to.
 pub(super) fn render(recorded: &RecordedStudy, summary: &Summary) -> Result<(String, Vec<PictureFile>), askama::Error> {
     let manifest = &recorded.manifest;
     let names = names(&manifest.methods);
@@ -86,7 +86,7 @@ pub(super) fn render(recorded: &RecordedStudy, summary: &Summary) -> Result<(Str
     Ok((page.render()?, pictures))
 }
 
-/// The path of a file beside the report as a link: characters with a meaning in URLs are escaped.
+/// The path of a file beside the report as a link; special characters of URLs are escaped.
 pub(super) fn link(file: &str) -> String {
     let escaped = |byte: u8| match byte {
         b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'-' | b'_' | b'.' | b'/' => char::from(byte).to_string(),
@@ -127,12 +127,12 @@ impl ReportPage<'_> {
         }
     }
 
-    /// The budget of the table of phases: that of the first comparison.
+    /// The budget of the table of phases: the budget of the first comparison, else the largest spp.
     fn phases_budget(&self) -> RunBudget {
         self.headline.unwrap_or(RunBudget::Spp(self.manifest.spp.last().copied().unwrap_or(0)))
     }
 
-    /// The curves of relMSE over `x`.
+    /// The curves of relMSE over the metric `x`, such as `seconds`.
     fn curves(&self, scene: &SceneRecord, x: &str) -> Vec<PlottedCurve> {
         let curve = |(method, style): (_, &MethodStyle)| {
             let point = |&spp: &u64| {
@@ -149,7 +149,7 @@ impl ReportPage<'_> {
         curves.filter(|curve| !curve.points.is_empty()).collect()
     }
 
-    /// The scenes on which a method's comparison by `metric` has the verdict `class`, with its ratio.
+    /// The scenes on which a method's comparison by `metric` has the verdict `class`, and the ratio on each.
     fn verdicts(&self, method: &str, metric: &str, class: &str) -> Vec<(&str, &TableCell)> {
         let at = compared().position(|one| one.name == metric).unwrap_or(0);
         let of_method = self.comparison.iter().filter(|line| line.method == method);

@@ -10,7 +10,7 @@ pub(super) struct TableCell {
     /// The key of the value's row in `summary.csv`; see [`Row::key`].
     pub(super) key: String,
     pub(super) metric: String,
-    /// The value, 0 if it is unknown.
+    /// The value; 0 if unknown.
     pub(super) number: f64,
     /// The exact value and the ends of its interval, as text in `summary.csv`.
     pub(super) value: String,
@@ -21,14 +21,14 @@ pub(super) struct TableCell {
     /// The rounded 95 % interval; empty without an interval.
     pub(super) interval: String,
     pub(super) note: String,
-    /// The name of the value's verdict, if it is compared with the baseline; empty otherwise.
+    /// The name of the verdict, for values that are compared with the baseline; empty otherwise.
     pub(super) class: &'static str,
-    /// The sign of a footnote about the value; empty without a footnote.
+    /// The symbol of a footnote about the value; empty without a footnote.
     pub(super) mark: &'static str,
 }
 
 impl TableCell {
-    /// Makes a cell from a row's value: a ratio with two or three decimals, others with three significant digits; a dash
+    /// Creates a cell from a row's value: ratios with two or three decimals, other values with three significant digits, a dash
     /// without a value.
     pub(super) fn of(row: Option<&Row>) -> Self {
         let Some(row) = row else { return Self { text: "–".into(), note: "no runs".into(), ..Self::default() } };
@@ -81,13 +81,13 @@ pub(super) struct Line {
     pub(super) method: String,
     pub(super) budget: String,
     pub(super) cells: Vec<TableCell>,
-    /// The note of the row's first metric, and the name of its verdict; empty without one.
+    /// The note of the row's first metric. `class` is the name of its verdict; empty without a verdict.
     pub(super) note: String,
     pub(super) class: &'static str,
 }
 
 impl Line {
-    /// True if the verdict also holds with intervals so wide that all comparisons together have 95 % confidence.
+    /// True if the verdict also holds with the wider intervals, with which all comparisons hold together with 95 % confidence.
     pub(super) fn together(&self) -> bool {
         self.note.contains(HOLDS)
     }
@@ -108,8 +108,8 @@ impl Line {
     }
 }
 
-/// The rows of a table about a scene: methods and budgets for which the summary has a row of the metric `key`, with
-/// cells of `metrics`.
+/// The rows of a table about a scene, with one cell for each of `metrics`. A method and budget has a row if the summary
+/// contains the metric `key` for it.
 pub(super) fn lines(
     summary: &Summary,
     scene: &SceneRecord,
@@ -135,7 +135,7 @@ pub(super) fn lines(
     lines
 }
 
-/// The budget of the report's first comparison: equal time if there are such runs, else the largest spp; `None` without
+/// The budget of the report's first comparison: equal time if there are equal-time runs, else the largest spp. `None` without
 /// runs to compare.
 pub(super) fn headline(recorded: &RecordedStudy, summary: &Summary) -> Option<RunBudget> {
     recorded.manifest.budgets().rev().find(|budget| tally(summary, *budget, "relmse ratio") != [0; 3])

@@ -1,11 +1,10 @@
-//! Equal-time runs: each method takes the time that the baseline takes at one budget.
+//! Equal-time runs: each method gets the time that the baseline takes at one budget.
 //!
-//! 1. A method's time is modelled as `fixed + rate * samples`, from medians over seeds at the nearest budget. `fixed`
-//!    is the time of clustering, probe rays and filter.
-//! 2. From the model follows the number of samples that takes the baseline's median time with `time_of` spp.
-//! 3. The time of the first seed's run is compared with that of the baseline's equal-time run. If it differs by more
-//!    than 5 %, the run is repeated. If both differ, the number of samples is corrected once, from the nearer of the
-//!    two.
+//! 1. A method's time is modelled as `fixed + rate * samples`, from medians over seeds at the nearest budget. `fixed` is the
+//! time of clustering, probe rays and filter.
+//! 2. The model is solved for the number of samples that takes the baseline's median time with `time_of` spp.
+//! 3. The time of the first seed's run is compared with the time of the baseline's equal-time run. If it differs by more than 5
+//! %, the run is repeated. If both times differ, the number of samples is corrected once, from the run whose time is nearer.
 //! 4. All seeds use the same number of samples. A resumed study reads it from `runs.jsonl`.
 
 use super::{Study, StudyStatus};
@@ -14,11 +13,11 @@ use crate::summary::median;
 use crate::{Method, Run, RunBudget, StudyError, study::StudyMonitor};
 use dapple_core::render::Control;
 
-/// The largest relative difference at which an equal-time run's time counts as equal to the baseline's.
+/// The largest relative difference at which a run's time counts as equal to the baseline's time.
 const TOLERANCE: f64 = 0.05;
 
 impl Study {
-    /// Makes a scene's equal-time runs, those of the baseline first.
+    /// Performs a scene's equal-time runs. For each seed, the baseline's run comes first.
     pub(super) fn equal_time(
         &mut self,
         at: usize,
@@ -64,8 +63,7 @@ impl Study {
         self.runs().iter().filter(move |r| r.scene == *scene && r.method == *method && r.budget == budget)
     }
 
-    /// The total number of samples with which a method takes as long as the baseline with `time_of` spp, according to
-    /// the time model.
+    /// The total number of samples with which, by the time model, a method takes as long as the baseline with `time_of` spp.
     fn solve(&self, at: usize, method: &Method, time_of: u64) -> u64 {
         let pixels = self.views[at].pixels();
         let baseline = self.of_method(at, &self.plan.settings.baseline, RunBudget::Spp(time_of));
@@ -86,8 +84,8 @@ impl Study {
     }
 }
 
-/// Makes a method's first equal-time run, with the requested number of samples, or with a corrected one if the time is
-/// not near `target` seconds.
+/// Performs a method's first equal-time run. Corrects the requested number of samples if two runs are not near `target`
+/// seconds.
 fn first_run(request: RunRequest, target: f64, runner: &mut dyn Runner) -> Result<Run, StudyError> {
     let off = |run: &Run| (run.render_s / target).ln().abs();
     let near = |run: &Run| off(run) <= TOLERANCE.ln_1p();
@@ -109,8 +107,7 @@ fn first_run(request: RunRequest, target: f64, runner: &mut dyn Runner) -> Resul
     runner.run(&RunRequest { asked, ..request })
 }
 
-/// The total number of samples that takes `target` seconds if a render takes `fixed + rate * samples`; at least one per
-/// pixel.
+/// The total number of samples for which `fixed + rate * samples` equals `target` seconds; at least one per pixel.
 fn samples(target: f64, fixed: f64, rate: f64, pixels: u64) -> u64 {
     let samples = (target - fixed) / rate;
     if samples.is_finite() { (samples as u64).max(pixels) } else { pixels }

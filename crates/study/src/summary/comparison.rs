@@ -11,8 +11,8 @@ use dapple_metrics::{Interval, StatisticsError, geometric_mean_interval, mean_in
 pub enum RatioVerdict {
     /// The whole interval lies below 1: the method has less error.
     Win,
-    /// The interval contains 1 or is missing, or a better error took too much time. At equal time, the method with less
-    /// error may take at most [`TIME_TOLERANCE`] more time.
+    /// The interval contains 1 or is missing, or the method with less error took too long. At equal time, that method may take
+    /// at most [`TIME_TOLERANCE`] more time.
     Undecided,
     /// The whole interval lies above 1: the method has more error.
     Loss,
@@ -28,11 +28,12 @@ impl RatioVerdict {
     }
 }
 
-/// The words in a row's note that mark a verdict that also holds with wider intervals, which all comparisons together
-/// satisfy with 95 % confidence.
+/// The text in a row's note for a verdict that also holds with wider intervals. With these, all comparisons hold together with
+/// 95 % confidence.
 pub(crate) const HOLDS: &str = "holds for all together";
 
-/// The words in a row's note that mark an undecided comparison: the interval excludes 1, but the times differ too much.
+/// The text in a row's note for a comparison that is undecided although the interval excludes 1, because the times differ too
+/// much.
 pub(crate) const UNFAIR: &str = "times the time";
 
 pub(super) fn add(summary: &mut Summary, grid: &RunTable<'_>) {
@@ -67,8 +68,8 @@ fn compare(summary: &mut Summary, grid: &RunTable<'_>, at: [usize; 2], budget: R
     summary.add(grid, at, budget, "relmse x seconds ratio", cost);
 }
 
-/// Adds the verdict to the front of the statistic's note. `wide` is the interval at which all comparisons hold
-/// together; `seconds` is the ratio of render times in an equal-time comparison.
+/// Puts the verdict at the front of the statistic's note. `wide` is the wider interval, with which all comparisons hold
+/// together. `seconds` is the ratio of render times in an equal-time comparison.
 fn judge(figure: SeedStatistic, wide: Option<[f64; 2]>, seconds: Option<f64>) -> SeedStatistic {
     let side = |ends: [f64; 2]| match ends {
         [_, high] if high < 1.0 => RatioVerdict::Win,
@@ -106,7 +107,7 @@ pub(super) struct SeedStatistic {
 }
 
 impl SeedStatistic {
-    /// The geometric mean with its 95 % interval. If a value is not above 0, the arithmetic mean, with a note.
+    /// The geometric mean with its 95 % interval. If a value is 0 or negative, the arithmetic mean, with a note.
     pub(super) fn geometric(values: &[f64]) -> Self {
         let without = values.iter().filter(|v| **v <= 0.0).count();
         if without > 0 {
@@ -121,7 +122,7 @@ impl SeedStatistic {
         Self::of(values, || mean_interval(values, CONFIDENCE))
     }
 
-    /// A single value, or the interval of several.
+    /// A single value without an interval, or the interval of several values.
     fn of(values: &[f64], interval: impl FnOnce() -> Result<Interval, StatisticsError>) -> Self {
         match values {
             [] => Self::missing(0, "no runs"),
@@ -138,7 +139,7 @@ impl SeedStatistic {
 
     fn ratio_at(pairs: &[(f64, f64)], confidence: f64) -> Self {
         if pairs.iter().any(|(a, b)| *a <= 0.0 || *b <= 0.0) {
-            return Self::missing(pairs.len(), "a value is not above 0: no ratio");
+            return Self::missing(pairs.len(), "no ratio: a value is not above 0");
         }
         let (a, b): (Vec<f64>, Vec<f64>) = pairs.iter().copied().unzip();
         let ratios: Vec<f64> = pairs.iter().map(|(a, b)| a / b).collect();
@@ -159,8 +160,8 @@ impl SeedStatistic {
             Ok(i) if i.value.is_finite() && i.low.is_finite() && i.high.is_finite() => {
                 Self { ends: Some([i.low, i.high]), ..Self::bare(i.value, n) }
             }
-            Ok(i) if i.value.is_finite() => Self::bare(i.value, n).noted("the interval has no end"),
-            Ok(_) => Self::missing(n, "beyond the range of numbers"),
+            Ok(i) if i.value.is_finite() => Self::bare(i.value, n).noted("the interval is unbounded"),
+            Ok(_) => Self::missing(n, "the value overflows"),
             Err(error) => Self::missing(n, &error.to_string()),
         }
     }

@@ -120,5 +120,5 @@ fn a_changed_external_filter_is_another_study() {
     changed.command.push("-v".into());
     let found = place.filtered(&[changed], "study");
     let found = found.expect_err("refused").to_string();
-    assert!(found.contains("the folder holds another study") && found.contains("external: "), "{found}");
+    assert!(found.contains("this folder holds another study") && found.contains("external: "), "{found}");
 }

@@ -98,12 +98,12 @@ fn a_file_of_another_size_scene_or_setting_is_refused() {
     };
     write_file(&place.path("wide.pfm"), &encode_pfm(&image([9, 8])).unwrap()).unwrap();
     let cases = [
-        (place.path("wide.pfm"), "it is 9x8, and the study 8x8"),
-        (exr("scene.exr", &[("scene", "teapot")]), "its scene is \"teapot\", and the study's \"tiny\""),
-        (exr("depth.exr", &[("max-depth", "3")]), "its max depth is \"3\", and the study's"),
+        (place.path("wide.pfm"), "it has 9x8 pixels, but the study uses 8x8"),
+        (exr("scene.exr", &[("scene", "teapot")]), "its scene is \"teapot\", but the study's is \"tiny\""),
+        (exr("depth.exr", &[("max-depth", "3")]), "its max depth is \"3\", but the study's"),
         (exr("filter.exr", &[("pixel-filter", "Gaussian filter")]), "render it with --pixel-filter box"),
-        (exr("without.exr", &[("without", "glossy")]), "effects are left out"),
-        (exr("half.exr", &[("interrupted", "true")]), "it is unfinished"),
+        (exr("without.exr", &[("without", "glossy")]), "render it with all effects"),
+        (exr("half.exr", &[("interrupted", "true")]), "its render was stopped; finish it"),
         (exr("seed.exr", &[("points", "sobol:seed=2"), ("seed", "2")]), "render it with another seed"),
         (exr("content.exr", &[("study-scene", "0")]), "the scene's files have changed"),
         (place.path("none.exr"), "cannot read the reference"),
@@ -169,7 +169,10 @@ fn a_reference_of_a_multiple_of_the_size_is_averaged() {
     let [a, b] = [errors(small, "a"), errors(large, "b")];
     assert!(a.iter().zip(&b).all(|(a, b)| (a / b - 1.0).abs() < 1e-4), "{a:?} {b:?}");
     let said = place.refused(place.with_reference(&file("odd.pfm", [16, 12], &mean), &[]));
-    assert!(said.contains("it is 16x12, and the study 8x8") && said.contains("or at a multiple of it"), "{said}");
+    assert!(
+        said.contains("it has 16x12 pixels, but the study uses 8x8") && said.contains("8x8 pixels or a multiple"),
+        "{said}"
+    );
 }
 
 #[test]

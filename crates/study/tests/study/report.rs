@@ -245,7 +245,7 @@ fn odd_studies_have_a_report_with_remarks() {
     cases.push(("no images", study, "Not shown: images/gone.exr"));
     let mut study = whole();
     study.runs.iter_mut().for_each(|run| run.render_s = 0.0);
-    cases.push(("no time", study, "a value is not above 0: no ratio"));
+    cases.push(("no time", study, "no ratio: a value is not above 0"));
     let mut study = whole();
     study.manifest.scenes.clear();
     cases.push(("no scenes", study, "belong to no scene"));
@@ -290,7 +290,7 @@ fn broken_records_are_named() {
     std::fs::write(&runs, whole.replacen("\"seed\":1", "\"seed\":x", 1)).unwrap();
     assert!(error(folder.path()).contains("runs.jsonl:1: "));
     std::fs::write(&runs, whole.repeat(2)).unwrap();
-    assert!(page(folder.path()).1.contains("4 runs were made twice"));
+    assert!(page(folder.path()).1.contains("4 runs were repeated"));
     study.manifest.baseline.filter = "other".into();
     study.write(folder.path(), false);
     assert!(error(folder.path()).contains("baseline"));
@@ -337,7 +337,7 @@ fn an_unknown_commit_is_named_with_the_version() {
     let mut study = two();
     assert!(write(&mut study, false).page.contains("Made by Dapple 0.1.0, commit 0123abc+."));
     study.manifest.commit = None;
-    assert!(write(&mut study, false).page.contains("commit unknown (this build of version 0.1.0 came without git)"));
+    assert!(write(&mut study, false).page.contains("commit unknown (version 0.1.0 was built without git)"));
 }
 
 #[test]

@@ -149,7 +149,7 @@ fn another_plan_in_the_folder_is_refused_with_the_difference() {
     // The scene itself.
     std::fs::write(place.path("floor.pbrt"), crate::support::FLOOR.replace('9', "8")).unwrap();
     let said = place.open(place.plan(&[]), "study").err().expect("refused").to_string();
-    assert!(said.contains("scene tiny or its reference has changed since"), "{said}");
+    assert!(said.contains("scene tiny or its reference has changed since the study began"), "{said}");
     // The control: the same plan is accepted wherever the scene's file lies.
     std::fs::write(place.path("floor.pbrt"), crate::support::FLOOR).unwrap();
     place.open(place.plan(&[]), "study").unwrap();
@@ -184,7 +184,7 @@ fn a_folder_is_locked_for_one_process() {
     let place = Place::new();
     let first = place.open(place.plan(&[]), "study").unwrap();
     let said = place.open(place.plan(&[]), "study").err().expect("refused").to_string();
-    assert!(said.contains("another process is at work"), "{said}");
+    assert!(said.contains("another process is running the study"), "{said}");
     drop(first);
     place.open(place.plan(&[]), "study").unwrap();
 }
