@@ -51,11 +51,7 @@ pub const METRICS: &[Metric] = &[
     metric(Better::Lower, ["srgb8_mse", "sRGB MSE", "mean squared error of sRGB values, 0 to 255"], |m| {
         Ok(m.comparison.srgb8_mse - m.noise.map_or(0.0, |noise| noise.srgb8_mse))
     }),
-    metric(
-        Better::Lower,
-        ["srgb8_mse4", "sRGB MSE of 4x4", "sRGB MSE of the means of 4x4 pixels"],
-        means::of,
-    ),
+    metric(Better::Lower, ["srgb8_mse4", "sRGB MSE of 4x4", "sRGB MSE of the means of 4x4 pixels"], means::of),
     metric(Better::Lower, ["flip", "FLIP", "visible difference, 0 to 1, at 67 pixels per degree"], |m| {
         Ok(flip(m.image, m.reference, PIXELS_PER_DEGREE)?.mean)
     }),
