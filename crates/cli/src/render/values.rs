@@ -130,7 +130,7 @@ pub(crate) fn size(text: &str) -> Parsed<u64> {
         _ => 0,
     };
     let number = above_zero(number).ok().filter(|_| unit > 0).map(|x| (x * unit as f64) as u64);
-    number.ok_or_else(|| "a size above zero is required, such as 2G, 500M or 1000000 (1024 bytes are a K)".into())
+    number.ok_or_else(|| "a size above zero is required, such as 2G, 500M or 1000000 (1K is 1024 bytes)".into())
 }
 
 /// Checks the name of a sampler by making one, so that a wrong name is reported before the scene is read.
