@@ -188,7 +188,7 @@ fn lists_and_info_are_for_reading() {
         "shapes      2 (1 mesh, 1 sphere)",
         "lights      1 (1 area)",
         "effects     2",
-        "  soft-shadows      a sphere shines (tiny.pbrt:11)",
+        "  soft-shadows      a sphere emits light (tiny.pbrt:11)",
     ] {
         assert!(out.lines().any(|l| l == line), "{line}: {out}");
     }

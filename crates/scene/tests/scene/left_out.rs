@@ -137,11 +137,11 @@ fn gltf_features() -> Vec<(Vec<(&'static str, Value)>, &'static str)> {
             ],
             "left out: camera 1",
         ),
-        (material(json!({"occlusionTexture": texture()})), "texture of occlusion is left out"),
+        (material(json!({"occlusionTexture": texture()})), "occlusion texture is left out"),
         (material(json!({"emissiveFactor": [1, 1, 1], "alphaMode": "BLEND"})), "its opacity is left out"),
         (
             material(json!({"normalTexture": texture(), "emissiveTexture": {"index": 0, "texCoord": 1}})),
-            "set 1 of texture coordinates",
+            "all use set 1 here",
         ),
         (
             vec![
@@ -157,7 +157,7 @@ fn gltf_features() -> Vec<(Vec<(&'static str, Value)>, &'static str)> {
                 ("/samplers", json!([{"magFilter": 9728}])),
                 ("/textures/0/sampler", json!(0)),
             ],
-            "where the file asks for the nearest",
+            "not the nearest ones as in the file",
         ),
         (
             vec![
@@ -165,7 +165,7 @@ fn gltf_features() -> Vec<(Vec<(&'static str, Value)>, &'static str)> {
                 ("/samplers", json!([{"wrapS": 33648, "wrapT": 33648}])),
                 ("/textures/0/sampler", json!(0)),
             ],
-            "repeats without being mirrored",
+            "repeats without the mirroring",
         ),
         (
             vec![
@@ -173,7 +173,7 @@ fn gltf_features() -> Vec<(Vec<(&'static str, Value)>, &'static str)> {
                 ("/samplers", json!([{"wrapS": 33071, "wrapT": 10497}])),
                 ("/textures/0/sampler", json!(0)),
             ],
-            "wraps in the same way in both directions",
+            "both use that of u",
         ),
         (
             vec![
@@ -187,7 +187,7 @@ fn gltf_features() -> Vec<(Vec<(&'static str, Value)>, &'static str)> {
                 {"KHR_texture_transform": {"rotation": 1}}}}})),
             "rotation of its coordinates is left out",
         ),
-        (material(with("KHR_materials_ior", json!({"ior": 0}))), "index of refraction of 0 is left out"),
+        (material(with("KHR_materials_ior", json!({"ior": 0}))), "index of refraction 0 is invalid"),
         (
             material(with("KHR_materials_specular", json!({"specularTexture": texture()}))),
             "textures of its specular reflection are left out",
@@ -198,7 +198,7 @@ fn gltf_features() -> Vec<(Vec<(&'static str, Value)>, &'static str)> {
         ),
         (
             material(with("KHR_materials_volume", json!({"thicknessFactor": 1, "thicknessTexture": texture()}))),
-            "its texture of thickness is left out",
+            "its thickness texture is left out",
         ),
         (
             vec![
@@ -214,7 +214,7 @@ fn gltf_features() -> Vec<(Vec<(&'static str, Value)>, &'static str)> {
                 ("/extensions", json!({"KHR_lights_punctual": {"lights": [{"type": "point", "intensity": 0}]}})),
                 ("/nodes/0/extensions", json!({"KHR_lights_punctual": {"light": 0}})),
             ],
-            "light 0 has no light or no direction",
+            "light 0 has no intensity or no direction",
         ),
         (
             vec![("/nodes", json!([{"mesh": 0, "scale": [0, 1, 1]}, {"mesh": 0}])), ("/scenes/0/nodes", json!([0, 1]))],

@@ -155,7 +155,7 @@ fn numbers_of_models_are_finite_or_errors_with_lines_i04() {
     let mut facets = FACETS;
     facets[1][2][0] = f32::NAN;
     let message = read(&[("bad.stl", &binary_stl(&[0; 80], &facets))]).unwrap_err().to_string();
-    assert_eq!(message, "bad.stl: facet 1: a corner is not finite; mend the mesh");
+    assert_eq!(message, "bad.stl: facet 1: a corner is not finite; repair the mesh");
     let message = read(&[("bad.stl", TEXT_STL.replace("1E0", "nan").as_bytes())]).unwrap_err().to_string();
     assert!(message.starts_with("bad.stl:12: "), "{message}");
     // Too far apart to be seen, and nothing to be seen.
