@@ -357,13 +357,13 @@ fn comparisons_find_the_image_pair_its_pixels_and_convert_its_colours() {
     assert!(mse("aces.exr plain.exr", &[]) > 0.001, "the same numbers in another space");
     // Several images.
     folder.write("two.exr", file(vec![part("", WINDOW, "AO.R AO.G AO.B diffuse.R diffuse.G diffuse.B", 0, 1)]).bytes());
-    let message = "two.exr: several of its layers may be the image: AO, diffuse; save the one to use as R, G and B without a layer, or choose one with --layer NAME";
+    let message = "two.exr: several layers may be the image: AO, diffuse; save the one to use as R, G and B without a layer, or choose one with --layer NAME";
     folder.says("compare two.exr plain.exr", 1, &[message]);
     assert_eq!(mse("two.exr two.exr --layer AO", &[]), 0.0);
     folder.says(
         "compare two.exr plain.exr --layer A0",
         1,
-        &["two.exr: it has no image \"A0\"; its layers are AO, diffuse"],
+        &["two.exr: no layer \"A0\" holds an image; the layers are AO, diffuse"],
     );
 }
 
@@ -391,7 +391,8 @@ fn images_of_one_eye_are_never_paired_with_those_of_the_other() {
         assert!(error(&out, 0, name, salt) < 0.3 * error(&a, 0, name, salt), "{name}");
     }
     folder.write("c.exr", stereo(["right", "left"], 1).bytes());
-    let said = folder.says("compare a.exr c.exr --json", 0, &["c.exr: view \"left\" is read, view \"right\" is not"]);
+    let said =
+        folder.says("compare a.exr c.exr --json", 0, &["c.exr: view \"left\" is read; not read: view \"right\""]);
     assert_eq!(serde_json::from_str::<serde_json::Value>(&said.out).expect("JSON")["mse"].as_f64(), Some(0.0));
     for (name, eye) in [("a.exr", "left"), ("b.exr", "right")] {
         let parts = vec![MadePart { view: Some(eye.into()), ..part("main", WINDOW, "R G B", 0, 1) }];

@@ -100,9 +100,7 @@ impl Reader<'_> {
                 continue;
             }
             if primitive.get(&Semantic::Tangents).is_some() && primitive.material().normal_texture().is_some() {
-                self.warn(format!(
-                    "{name}: its tangents are left out; tangents follow from the texture coordinates"
-                ));
+                self.warn(format!("{name}: its tangents are left out; tangents follow from the texture coordinates"));
             }
             for (semantic, _) in primitive.attributes() {
                 if let Semantic::Extras(name) = semantic {

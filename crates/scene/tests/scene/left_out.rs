@@ -67,15 +67,15 @@ const OBJ: [(&str, &str); 50] = [
     ("s 1\nf 1 2 3", "smooths faces without normals"),
     ("mtllib missing.mtl", "missing.mtl cannot be read"),
     ("usemtl unknown\nf 1 2 3", "unknown material \"unknown\""),
-    ("mtllib Ks.mtl", "Ks not followed"),
-    ("mtllib Ke.mtl", "Ke not followed"),
-    ("mtllib Tf.mtl", "Tf not followed"),
-    ("mtllib d.mtl", "d not followed"),
-    ("mtllib Tr.mtl", "Tr not followed"),
-    ("mtllib illum.mtl", "illum not followed"),
-    ("mtllib map_Ke.mtl", "map_Ke not followed"),
-    ("mtllib pbr.mtl", "Pc, Pm, Pr, Ps, aniso not followed"),
-    ("mtllib maps.mtl", "bump, decal, disp, map_Bump, map_Ks, map_Pr, map_d, norm, refl not followed"),
+    ("mtllib Ks.mtl", "Ks ignored"),
+    ("mtllib Ke.mtl", "Ke ignored"),
+    ("mtllib Tf.mtl", "Tf ignored"),
+    ("mtllib d.mtl", "d ignored"),
+    ("mtllib Tr.mtl", "Tr ignored"),
+    ("mtllib illum.mtl", "illum ignored"),
+    ("mtllib map_Ke.mtl", "map_Ke ignored"),
+    ("mtllib pbr.mtl", "Pc, Pm, Pr, Ps, aniso ignored"),
+    ("mtllib maps.mtl", "bump, decal, disp, map_Bump, map_Ks, map_Pr, map_d, norm, refl ignored"),
 ];
 
 /// Material files of [`OBJ`].
@@ -108,7 +108,7 @@ fn statements_of_obj_and_mtl_that_are_left_out_are_named() {
     for (statement, what) in OBJ {
         // A material file is named as a whole.
         let line = match statement {
-            _ if what.ends_with("not followed") => 0,
+            _ if what.ends_with("ignored") => 0,
             _ if statement.starts_with("s 1") => 6,
             _ => 5,
         };
@@ -337,7 +337,7 @@ fn bytes_of_stl_that_are_left_out_are_named() {
     assert!(plain.notices.is_empty(), "{:?}", notices(&plain));
     let material = [b"COLOR=\x33\x66\x99\xff,MATERIAL=".as_slice(), &[0x40; 12]].concat();
     for (found, what) in [
-        (file(b"", 7, b""), "left out: attributes of facets, which are no colours (facet 0)"),
+        (file(b"", 7, b""), "left out: attributes of facets that are not colours (facet 0)"),
         (file(&material, 0, b""), "left out: MATERIAL of the header"),
         (file(b"", 0, b"more"), "4 bytes follow the last of 1 facets"),
     ] {
