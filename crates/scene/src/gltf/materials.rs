@@ -101,9 +101,7 @@ impl Reader<'_> {
         sets.extend(material.normal_texture().map(|normal| Use::of_normals(&normal).set));
         let first = *sets.first()?;
         if sets.iter().any(|set| *set != first) {
-            self.warn(format!(
-                "{name}: its textures use several sets of texture coordinates; all use set {first} here"
-            ));
+            self.warn(format!("{name}: its textures use several sets of coordinates; all use set {first} here"));
         }
         Some(first)
     }

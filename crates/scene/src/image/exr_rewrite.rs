@@ -124,9 +124,7 @@ impl ExrFile<'_> {
         };
         if compression != self.compression(part) {
             let old = &self.parts[part].compression;
-            notices.push(format!(
-                "its compression becomes ZIP in place of {old}, so that other channels keep their values"
-            ));
+            notices.push(format!("its compression is now ZIP, not {old}, so that other channels keep their values"));
         }
         let mut encoding = (header.blocks, header.line_order);
         if self.parts[part].levels {

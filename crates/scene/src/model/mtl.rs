@@ -36,8 +36,7 @@ impl Materials {
     /// Reads a material file. The error is a message.
     fn read(&mut self, scene: &mut Scene, name: &str, files: &dyn Files, source: &Source) -> Result<(), String> {
         let path = beside(&source.file, name);
-        let fault =
-            |e: &dyn Display| format!("the materials of {} cannot be read ({e}); grey is used instead", path.display());
+        let fault = |e: &dyn Display| format!("the materials of {} cannot be read ({e}); grey is used", path.display());
         let bytes = files.read(&path).map_err(|e| fault(&e))?;
         let library = read_mtl(&text::decode(&bytes).map_err(|e| fault(&e))?);
         let file = Arc::new(path);
@@ -76,7 +75,7 @@ impl Materials {
                 }
                 None => {
                     let source = Source { line: *line, ..source.clone() };
-                    scene.warn(&source, format!("unknown material \"{name}\"; grey is used instead"));
+                    scene.warn(&source, format!("unknown material \"{name}\"; grey is used"));
                     add_material(scene, name, None, is_colored, &source)
                 }
             },
@@ -217,9 +216,7 @@ fn read_mtl(text: &str) -> Library {
                     .insert(given.clone(), Statements { line: number, ..Statements::default() })
                     .is_some()
                 {
-                    library
-                        .notices
-                        .push((number, format!("material \"{given}\" is defined twice; the last one is used")));
+                    library.notices.push((number, format!("material \"{given}\" is defined twice; the last is used")));
                 }
             }
             "Kd" => match diffuse(rest) {

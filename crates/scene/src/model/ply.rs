@@ -273,8 +273,7 @@ impl Rows<'_> {
 
     /// The error of a row that lacks a number, or has another word in its place.
     fn bad(&self, element: &Element, index: usize, property: &Property) -> ModelError {
-        let what =
-            format!("{} {index} cannot be read (property {} lacks a number of its type)", element.name, property.name);
+        let what = format!("{} {index} cannot be read ({} lacks a number of its type)", element.name, property.name);
         let line = if let Self::Text(words) = self { Some(words.line()) } else { None };
         ModelError { line, what: what + "; the file is cut off or damaged" }
     }
@@ -284,9 +283,7 @@ impl Rows<'_> {
         let Self::Text(mut words) = self else { return None };
         if let Some((line, word)) = words.next() {
             let first = format!("\"{}\" in line {line} and everything after it is not read", word.escape_debug());
-            return Some(
-                first + ": the header declares no more rows; if rows hold more numbers than declared, export again",
-            );
+            return Some(first + ": the header declares no more rows; if rows hold more numbers, export again");
         }
         let cut = "the last line has no line break; if the file was cut off, a number may be wrong";
         (!text.ends_with('\n')).then(|| cut.to_owned())
@@ -421,9 +418,7 @@ fn cut(faces: &Faces, data: &mut MeshData) -> Result<Vec<[f32; 3]>, ModelError> 
         start = end;
         let bad = |what: &str| ModelError::from(format!("face {face}: {what}"));
         if let Some(corner) = corners.iter().find(|&&c| c as usize >= vertices) {
-            return Err(bad(&format!(
-                "vertex index {corner} is too large for {vertices} vertices, which count from 0"
-            )));
+            return Err(bad(&format!("vertex index {corner} is too large; there are {vertices} vertices, from 0")));
         }
         if corners.len() < 3 {
             return Err(bad(&format!("a face needs 3 corners or more, not {}; remove it", corners.len())));

@@ -181,7 +181,7 @@ fn materials_of_obj_files_are_diffuse_with_notices() {
     let notices: Vec<String> = scene.notices.iter().map(|n| format!("{}: {}", n.source, n.message)).collect();
     assert!(notices[0].starts_with("d/m.mtl: ") && notices[0].contains("Ks ignored"), "{notices:?}");
     assert!(notices[1].starts_with("d/a.obj:9: the mesh of \"wood\": it has textures but no"), "{notices:?}");
-    assert_eq!(notices[2], "d/a.obj:12: unknown material \"odd\"; grey is used instead");
+    assert_eq!(notices[2], "d/a.obj:12: unknown material \"odd\"; grey is used");
     // Nothing but the model: grey, and said.
     let alone = read(&[("d/a.obj", obj.as_bytes())]).unwrap();
     assert!(alone.notices[0].message.contains("d/m.mtl cannot be read"), "{:?}", alone.notices);
@@ -318,7 +318,7 @@ fn kd_is_read_whole_or_left_out() {
         ("Kd 255 128 0", [1.0, 1.0, 0.0], "Kd 255 128 0 is outside of 0 to 1"),
         ("Kd -1 0.5 0", [0.0, 0.5, 0.0], "Kd -1 0.5 0 is outside of 0 to 1"),
         ("newmtl\nKd 0 1 0", [0.5; 3], "newmtl has no name"),
-        ("newmtl m\nKd 0 1 0", [0.0, 1.0, 0.0], "material \"m\" is defined twice; the last one is used"),
+        ("newmtl m\nKd 0 1 0", [0.0, 1.0, 0.0], "material \"m\" is defined twice; the last is used"),
     ] {
         let (found, notices) = read_kd(&format!("newmtl m\n{kd}\n"));
         assert_eq!(found, Color::Constant(color), "{kd}");
