@@ -406,7 +406,7 @@ impl Params {
     /// Takes unsupported parameters that may be ignored. Adds a notice for each parameter that was given.
     pub(super) fn not_followed(&mut self, names: &[&'static str]) {
         for param in self.given(names) {
-            self.notice(param.line, format!("parameter {} of {} is not followed", param.name, self.of));
+            self.notice(param.line, format!("parameter {} of {} is ignored", param.name, self.of));
         }
     }
 
