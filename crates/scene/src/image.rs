@@ -155,7 +155,7 @@ fn check_count(size: [u32; 2], found: usize) -> Result<(), ImageError> {
 #[non_exhaustive]
 #[derive(Debug, thiserror::Error)]
 pub enum ImageError {
-    /// An image of this width and height, of which one is 0.
+    /// An image whose width or height, given here, is 0.
     #[error("an image of {}x{} has no pixels; both sides must be at least 1", .0[0], .0[1])]
     Empty([u32; 2]),
     /// The number of pixels differs from width times height.

@@ -70,7 +70,7 @@ pub struct ModelOptions {
 }
 
 impl ModelOptions {
-    /// The axis that points up and the aspect of a model whose format has `up` as its usual axis.
+    /// The axis that points up, and the aspect of the image. `up` is the usual axis of the model's format.
     pub(crate) fn stage(&self, up: UpAxis) -> (UpAxis, Option<f64>) {
         (self.up.unwrap_or(up), self.aspect)
     }

@@ -6,7 +6,7 @@ use std::str::FromStr;
 
 /// The byte order mark of UTF-8.
 const MARK: &[u8] = b"\xef\xbb\xbf";
-/// The bytes from the start of a file among which its first word is sought.
+/// The number of bytes at the start of a file in which its first word is searched for.
 const HEAD: usize = 1 << 16;
 
 /// Returns the text of a file. A byte order mark is skipped, and so is a trailing NUL or Ctrl-Z with everything after it.
@@ -106,7 +106,7 @@ impl<'t> Words<'t> {
         self.rest
     }
 
-    /// The line that has been reached.
+    /// The number of the current line.
     pub(crate) fn line(&self) -> u32 {
         self.line
     }
@@ -172,7 +172,7 @@ pub(crate) fn number<T: FromStr + From<f32>>(word: &str) -> Option<T> {
     })
 }
 
-/// The name that the argument of a statement gives: without blanks and quotes around it.
+/// The name in the argument of a statement, without the blanks and quotes around it.
 pub(crate) fn name(argument: &str) -> &str {
     let argument = argument.trim();
     argument.strip_prefix('"').and_then(|rest| rest.strip_suffix('"')).unwrap_or(argument)

@@ -1,4 +1,4 @@
-//! The live image: shown in a viewer, and written to a preview file, while the render goes on.
+//! The live image: shown in a viewer, and written to a preview file, during the render.
 
 mod tev;
 
@@ -19,7 +19,7 @@ use tev::Viewer;
 
 /// Default seconds between two images.
 const EVERY: f64 = 2.0;
-/// The largest share of the time that copying images may take.
+/// The largest fraction of the time that copying images may take.
 const COPYING: f64 = 0.02;
 
 /// The planes of one image.

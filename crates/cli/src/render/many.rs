@@ -276,7 +276,7 @@ pub(crate) fn plan(args: &PlanArgs) -> Result<Outcome> {
     }
 }
 
-/// The function that takes over the film of shards or of a plan.
+/// A function that loads the film of shards or of a plan into a job.
 type Film = Box<dyn FnOnce(&mut Job) -> std::result::Result<Traced, JobError>>;
 
 /// Make an image from shards that several machines rendered, or from the last plan of a render in stages

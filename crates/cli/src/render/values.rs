@@ -20,13 +20,13 @@ fn choice<T: Copy + Send + Sync + 'static>(
     PossibleValuesParser::new(names).map(value)
 }
 
-/// The choice of the pixel filter.
+/// The parser of `--pixel-filter`.
 pub(crate) fn pixel_filter() -> impl TypedValueParser<Value = PixelFilterSpec> {
     let scene = ("scene", "The pixel filter in the scene file", PixelFilterSpec::Scene);
     choice([scene, ("box", "A box one pixel wide", PixelFilterSpec::Box)])
 }
 
-/// The image that `--error` concerns.
+/// The parser of `--error-of`, which selects the image that `--error` concerns.
 pub(crate) fn error_of() -> impl TypedValueParser<Value = ErrorOf> {
     let filtered = ("filtered", "The filtered image", ErrorOf::Filtered);
     choice([filtered, ("unfiltered", "The image before the filter", ErrorOf::Unfiltered)])

@@ -10,7 +10,7 @@ use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
-/// The largest number of values of an accessor whose bytes are not in the file (all zeros).
+/// The largest number of values of an accessor without data in the file, whose values are all 0.
 const MOST_ZEROS: usize = 1 << 24;
 
 /// The contents of all buffers of a file.

@@ -16,7 +16,7 @@ use std::cell::OnceCell;
 pub struct ExrChannel {
     /// The name as the file has it, such as `albedo.R`.
     pub name: String,
-    /// `half`, `float` or `uint`.
+    /// The type of the values: `half`, `float` or `uint`.
     pub values: &'static str,
 }
 
@@ -27,11 +27,11 @@ pub struct ExrPart {
     pub name: String,
     /// The view that all channels belong to, if the part states one.
     pub view: Option<String>,
-    /// The views among the channels, the default one first, if the header lists them.
+    /// The views that the header lists, the default one first; empty without a list.
     pub views: Vec<String>,
-    /// The pixels that the part has.
+    /// The data window: the pixels stored in the part.
     pub data_window: Window,
-    /// The pixels that a display shows.
+    /// The display window: the pixels shown on a display.
     pub display_window: Window,
     /// Width of a pixel divided by its height.
     pub pixel_aspect: f32,

@@ -84,7 +84,7 @@ impl<'a> Plane<'a> {
         Self::Each(Each { len, is_half: false, of: Arc::new(of) })
     }
 
-    /// Stores the floats as 16-bit floats.
+    /// Marks the floats to be stored as 16-bit floats.
     pub fn halve(&mut self) {
         match self {
             Self::F32(values) => *self = Self::F16(std::mem::take(values)),

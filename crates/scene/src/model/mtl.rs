@@ -13,8 +13,8 @@ use std::sync::Arc;
 /// The materials of an OBJ file: those read from its MTL files, and those added to the scene so far.
 #[derive(Default)]
 pub(super) struct Materials {
-    /// MTL materials by name, each with the path of its file. A name that a comment follows is stored with the comment and
-    /// without.
+    /// MTL materials by name, each with the path of its file. If a comment follows a name, the material is stored under the
+    /// name with and without the comment.
     known: BTreeMap<String, (Statements, Arc<PathBuf>)>,
     made: BTreeMap<(Option<String>, bool), MaterialId>,
     images: BTreeMap<PathBuf, Option<Arc<Image>>>,
@@ -143,8 +143,8 @@ impl Materials {
 /// The largest number of material files that one statement names.
 const MOST_LIBRARIES: usize = 64;
 
-/// The names in the argument of a `mtllib` that names several files: in quotes, or up to a word that ends in `.mtl`, or
-/// single words. A comment ends them.
+/// The names in the argument of a `mtllib` with several files. A name is in quotes, or ends with a word in `.mtl`, or is a
+/// single word. A comment ends the names.
 fn several(argument: &str) -> Vec<&str> {
     let mut names = Vec::new();
     let mut rest = argument.trim_start();

@@ -127,7 +127,7 @@ struct Vertices {
     positions: Vec<DVec3>,
     uvs: Vec<[f32; 2]>,
     normals: Vec<[f32; 3]>,
-    /// The colours of the first positions, up to the last that has one; NaN for those without.
+    /// The colours of the positions, up to the last position with a colour; NaN for positions without one.
     colors: Vec<[f32; 3]>,
 }
 
@@ -174,7 +174,7 @@ impl Vertices {
     }
 }
 
-/// The mark of a vertex without a colour, which is white.
+/// The value that marks a vertex without a colour, which is shown white.
 const NO_COLOR: [f32; 3] = [f32::NAN; 3];
 
 /// The key of a group of faces: material and vertex attributes. Keys sort by the material's first use.
@@ -202,7 +202,7 @@ const KINDS: [&str; 3] = ["vertices", "texture coordinates", "normals"];
 #[derive(Default)]
 struct Parser {
     vertices: Vertices,
-    /// The largest index of a vertex that had not been read at its use, and the line of that use.
+    /// For each of [`KINDS`], the largest index used before its definition, and the line of that use.
     largest: [(u64, u32); 3],
     groups: BTreeMap<Key, Group>,
     key: Key,

@@ -142,7 +142,7 @@ fn begins_as_text(bytes: &[u8]) -> bool {
 
 /// The marks that begin comments between solids.
 const COMMENTS: [&str; 3] = ["#", ";", "//"];
-/// The words that begin a facet, where a line holds more than the name of a solid.
+/// The words that begin a facet, also in the line of a solid's name.
 const FACET: [&str; 2] = ["facet", "normal"];
 
 /// Reads a sequence of solids. Line ends mean nothing, except that names of solids reach to the end of their line.

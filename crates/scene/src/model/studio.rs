@@ -158,7 +158,7 @@ fn studio() -> Image {
     const HORIZON: DVec3 = DVec3::new(0.34, 0.34, 0.35);
     const ZENITH: DVec3 = DVec3::new(0.55, 0.60, 0.68);
     const LAMP: DVec3 = DVec3::new(13.0, 12.2, 11.0);
-    /// Cosines of the angular radii of the lamp's outer edge (17 degrees) and of its fully bright part (13 degrees).
+    /// Cosines of the angular radii of the light's outer edge (17 degrees) and of its fully bright part (13 degrees).
     const EDGE: [f64; 2] = [0.956, 0.974];
     let lamp = DVec3::new(0.62, -0.62, 0.72).normalize();
     let mix = |a: DVec3, b: DVec3, [from, to]: [f64; 2], x: f64| {

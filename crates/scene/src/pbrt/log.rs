@@ -39,7 +39,7 @@ impl Log {
         self.push_notice(Notice::warning(source.clone(), message));
     }
 
-    /// Adds a notice of an ignored setting, such as a sampler, which Dapple takes from its user.
+    /// Adds a notice of an ignored setting, such as a sampler, which the user of Dapple chooses.
     pub(super) fn ignored_setting(&mut self, source: &Source, message: String) {
         self.push_notice(Notice { source: source.clone(), kind: NoticeKind::IgnoredSetting, message });
     }

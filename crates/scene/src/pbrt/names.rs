@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 /// The names of the scene's materials, media or objects. A use before the definition reserves a place in the scene.
 #[derive(Default)]
 pub(super) struct Names {
-    /// The index in the scene by name.
+    /// The index of each defined name in the scene.
     defined: BTreeMap<String, usize>,
     /// The reserved index, and the place of the first use, of each name that is not defined yet.
     awaited: BTreeMap<String, (usize, Source)>,

@@ -177,8 +177,8 @@ impl Reader<'_> {
         }
     }
 
-    /// Returns the product of two colours, each a constant or a texture. A gray constant is multiplied into the other
-    /// texture's own values if possible.
+    /// Returns the product of two colours, each a constant or a texture. If possible, a gray constant scales the texture's
+    /// own parameters instead of adding a product.
     fn product(&mut self, name: &str, a: Color, b: Color, params: &mut Params) -> Color {
         let gray = |c: [f32; 3]| (c[0] == c[1] && c[1] == c[2]).then_some(c[0]);
         let folded = match (a, b) {
