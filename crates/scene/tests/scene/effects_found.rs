@@ -423,7 +423,7 @@ fn light_found_by_chance() {
         add_light(s, spot(1e5));
     };
     let found = chance(&point).expect("a point");
-    assert!((found.source.line, found.objects) == (200, 2) && found.because.contains("not found at all"), "{found:?}");
+    assert!((found.source.line, found.objects) == (200, 2) && found.because.contains("paths never hit"), "{found:?}");
 }
 
 #[test]

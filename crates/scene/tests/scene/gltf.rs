@@ -283,7 +283,7 @@ fn textures_of_coats_and_of_thickness_are_left_out_by_name() {
     let said = material(true);
     assert_eq!(said.len(), 2, "{said:?}");
     for what in
-        ["material 0 \"car\": the textures of its clear coat are", "material 0 \"car\": its texture of thickness is"]
+        ["material 0 \"car\": the textures of its clear coat are", "material 0 \"car\": its thickness texture is"]
     {
         assert!(said.iter().any(|notice| notice.starts_with(what)), "{what}: {said:?}");
     }

@@ -221,7 +221,7 @@ fn a_vertex_with_other_numbers_than_a_colour_has_a_notice() {
         let obj = format!("v -1 0 0 {numbers}\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
         let found = scene(&[("c.obj", obj.as_bytes())]);
         assert!(mesh(&found, 0).colors.is_empty());
-        assert!(found.notices[0].message.contains("neither 3, 4, 6 nor 7 numbers"), "{:?}", found.notices);
+        assert!(found.notices[0].message.contains("must have 3, 4, 6 or 7 numbers"), "{:?}", found.notices);
         assert_eq!((found.notices.len(), found.notices[0].source.line), (1, 1));
     }
 }

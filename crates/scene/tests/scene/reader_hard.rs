@@ -148,7 +148,7 @@ fn endless_includes_are_errors_i03() {
         (0..100).map(|i| (name(i), format!("Include \"{}.pbrt\"\n", i + 1).into_bytes())).collect();
     files.insert(name(100), Vec::new());
     let error = read_scene_from(&files, "0.pbrt", &ReadOptions::default()).unwrap_err();
-    assert!(error.to_string().contains("included too deep"), "{error}");
+    assert!(error.to_string().contains("includes are nested too deep"), "{error}");
 }
 
 #[test]
