@@ -1,5 +1,5 @@
-//! The lists of methods: the subcommands `dapple samplers`, `points`, `filters` and `integrators`, which list
-//! methods with their parameters or describe one, `schemas`, `completions` and `man`.
+//! The subcommands `dapple samplers`, `points`, `filters` and `integrators`, which list methods or describe one with its
+//! parameters, and the subcommands `schemas`, `completions` and `man`.
 
 use crate::output::tell;
 use crate::render::values::{self, resolution};
@@ -35,7 +35,7 @@ pub(crate) struct PointsArgs {
     pixels: [u32; 2],
 }
 
-/// A method of any kind, as it is described.
+/// The printed description of a method of any kind.
 struct Described {
     name: &'static str,
     aliases: &'static [&'static str],
@@ -67,13 +67,13 @@ pub(crate) fn points(args: &PointsArgs) -> Result<Outcome> {
     }
 }
 
-/// Prints the first `count` points of each pixel: eight dimensions, of which Dapple's integrators use the first two for
-/// the place in the pixel, the next two for the lens, and the others for light.
+/// Prints the first `count` points of each pixel in eight dimensions. Dapple's integrators use the first two for the position
+/// in the pixel, the next two for the lens, and the others for light.
 fn print_points(name: &str, count: u64, [width, height]: [u32; 2]) -> Result<Outcome> {
     let points = registry::points(name, PointSettings { seed: PRINTED_SEED, spp: Some(count) });
     let points = points.map_err(|e| Failure::new(failure::points(name, &e)))?;
     if count > points.capacity() {
-        return Err(Failure::new(format!("\"{name}\" has {} points per pixel; lower --csv", points.capacity())));
+        return Err(Failure::new(format!("\"{name}\" has only {} points per pixel; lower --csv", points.capacity())));
     }
     tell("x,y,sample,d0,d1,d2,d3,d4,d5,d6,d7")?;
     for pixel in (0..height).flat_map(|y| (0..width).map(move |x| [x, y])) {
@@ -93,7 +93,7 @@ const PRINTED_SEED: u64 = 1;
 pub(crate) fn filters(args: &ListArgs) -> Result<Outcome> {
     list(args, "filter", FILTERS.iter().map(Described::from).collect(), values::filter)?;
     for (name, feature) in NOT_BUILT.iter().filter(|_| args.name.is_none()) {
-        tell(format!("{name:<19}not in this program; build it with the feature \"{feature}\""))?;
+        tell(format!("{name:<19}not in this build; build dapple with the feature \"{feature}\""))?;
     }
     if args.name.is_none() {
         tell(format!("{:<19}here {}, since Open Image Denoise is {}", "best", registry::best_filter(), found()))?;
@@ -101,7 +101,7 @@ pub(crate) fn filters(args: &ListArgs) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// The state of Open Image Denoise, which decides what `best` is.
+/// The availability of Open Image Denoise, which decides which filter `best` stands for.
 fn found() -> String {
     match registry::open_image_denoise() {
         None => "not in this program".to_owned(),
@@ -124,7 +124,7 @@ pub(crate) fn integrators(args: &ListArgs) -> Result<Outcome> {
     list(args, "integrator", described.collect(), check)
 }
 
-/// Lists all methods, or describes the one that is named. `check` makes the message for an unknown name.
+/// Lists all methods, or describes the one named in `args`. `check` returns the error message for an unknown name.
 fn list<T>(
     args: &ListArgs,
     option: &str,
@@ -261,7 +261,7 @@ fn shown(program: &Command) -> impl Iterator<Item = &Command> {
     program.get_subcommands().filter(|command| !command.is_hide_set())
 }
 
-/// A command under the name of its page, such as `dapple-render`.
+/// Renames a command to the name of its man page, such as `dapple-render`.
 fn titled(command: &Command) -> Command {
     let name: &'static str = Box::leak(format!("dapple-{}", command.get_name()).into_boxed_str());
     command.clone().name(name)
@@ -269,13 +269,13 @@ fn titled(command: &Command) -> Command {
 
 fn page(command: Command) -> Result<Vec<u8>> {
     let mut roff = Vec::new();
-    let cannot = |e| Failure::new(format!("cannot make the man page: {e}"));
+    let cannot = |e| Failure::new(format!("cannot create the man page: {e}"));
     clap_mangen::Man::new(command).render(&mut roff).map_err(cannot)?;
     Ok(roff)
 }
 
 fn write_all(program: &Command, folder: &Path) -> Result<()> {
-    let cannot = |e| Failure::new(format!("{}: cannot make the folder: {e}", folder.display()));
+    let cannot = |e| Failure::new(format!("{}: cannot create the folder: {e}", folder.display()));
     std::fs::create_dir_all(folder).map_err(cannot)?;
     let pages = shown(program).map(titled).chain([program.clone()]);
     for command in pages {
@@ -286,7 +286,7 @@ fn write_all(program: &Command, folder: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Prints a text that ends with a line break of its own.
+/// Prints a text that already ends with a line break.
 fn print(text: Vec<u8>) -> Result<Outcome> {
     let text = String::from_utf8(text).map_err(Failure::new)?;
     tell(text.trim_end())?;

@@ -45,7 +45,7 @@ pub(crate) fn run(options: &CompareArgs) -> Result<Outcome> {
     let found = found.comparison;
     if found.non_finite > 0 {
         let name = options.image.display();
-        warn(format!("{name}: {} channels are NaN or infinite; they count as 0 in every figure", found.non_finite));
+        warn(format!("{name}: {} channel values are NaN or infinite; every metric counts them as 0", found.non_finite));
     }
     tell(if options.json { line(&values, &found) } else { table(&values, &found) })?;
     Ok(Outcome::Done)
@@ -59,21 +59,21 @@ fn read(path: &Path, wanted: LayerQuery<'_>) -> Result<ImageFile> {
     let name = path.display().to_string();
     let bytes = Disk
         .read(path)
-        .map_err(|e| Failure::new(format!("{name}: cannot read it: {e}; check the name of the image")))?;
+        .map_err(|e| Failure::new(format!("{name}: cannot read the image: {e}; check the file name")))?;
     let file = read_image_file(&bytes, &name, Encoding::Auto, wanted).map_err(|error| match error {
-        ImageError::Ambiguous { .. } => Failure::new(format!("{error}, or name it with --layer NAME")),
+        ImageError::Ambiguous { .. } => Failure::new(format!("{error}, or choose one with --layer NAME")),
         error => Failure::new(error),
     })?;
     file.notices.iter().for_each(|notice| warn(format!("{name}: {notice}")));
     Ok(file)
 }
 
-/// Checks that both images show one view of one display, and cuts them to the pixels that they have in common, with a
+/// Checks that both images have the same view and the same display window, and crops them to their common pixels, with a
 /// warning.
 fn paired(options: &CompareArgs, image: ImageFile, reference: ImageFile) -> Result<(Image, Image)> {
     let [name, other_name] = [&options.image, &options.reference].map(|path| path.display());
     if image.view != reference.view && !image.view.is_empty() && !reference.view.is_empty() {
-        let what = format!("{name}: it shows view \"{}\", and {other_name} \"{}\"", image.view, reference.view);
+        let what = format!("{name} shows view \"{}\", but {other_name} shows view \"{}\"", image.view, reference.view);
         return Err(Failure::new(format!("{what}; compare images of the same view")));
     }
     let windows = [windows(&image, &reference), windows(&reference, &image)];
@@ -84,21 +84,21 @@ fn paired(options: &CompareArgs, image: ImageFile, reference: ImageFile) -> Resu
         return Ok((image.image, reference.image));
     }
     if displays_differ {
-        let what = |own: Window, display: Window| format!("pixels {own} of the display {display}");
-        let both = format!("{name}: it has {}, and {other_name} {}", what(own, display), what(other, other_display));
-        return Err(Failure::new(format!("{both}; save both with one display window")));
+        let what = |own: Window, display: Window| format!("pixels {own} of display window {display}");
+        let both = format!("{name} has {}, but {other_name} has {}", what(own, display), what(other, other_display));
+        return Err(Failure::new(format!("{both}; save both with the same display window")));
     }
     let Some(common) = own.common(other) else {
-        let what = format!("{name}: it has pixels {own}, none of which {other_name} has, {other}");
-        return Err(Failure::new(format!("{what}; render both with one data window")));
+        let what = format!("{name} (pixels {own}) and {other_name} (pixels {other}) have no pixel in common");
+        return Err(Failure::new(format!("{what}; render both with the same data window")));
     };
-    warn(format!("{name} has pixels {own}, {other_name} {other}; those in common are compared, {common}"));
+    warn(format!("{name} has pixels {own}, {other_name} has {other}; only the common pixels {common} are compared"));
     let cut = |image: Image, window: Window| Image::new(common.size, window.cut(&image.pixels, common));
     Ok((cut(image.image, own).map_err(Failure::new)?, cut(reference.image, other).map_err(Failure::new)?))
 }
 
-/// The data window and the display window of an image. A file without windows has those of the other image that fit its
-/// size.
+/// The data window and the display window of an image. A file without windows gets the window of the other image that has the
+/// file's size.
 fn windows(image: &ImageFile, other: &ImageFile) -> (Window, Window) {
     let size = image.image.size;
     match (image.window, other.window) {
@@ -109,7 +109,7 @@ fn windows(image: &ImageFile, other: &ImageFile) -> (Window, Window) {
     }
 }
 
-/// The JSON line that is printed: the metrics by name, then where the errors are.
+/// The printed line of JSON: the metrics by name, then the location of the errors.
 fn line(values: &[(&Metric, f64)], c: &Comparison) -> String {
     let WorstBlock { position, size, rel_mse, .. } = c.worst_block;
     let mut line = json!({

@@ -119,7 +119,7 @@ fn failure(error: DenoiseError) -> Failure {
     Failure::lines(&error)
 }
 
-/// The JSON line that is printed; its keys have the order of the fields.
+/// The printed line of JSON; its keys have the order of the fields.
 #[derive(Serialize)]
 struct Line<'a> {
     outputs: &'a [PathBuf],

@@ -18,7 +18,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use report::{Figures, Report};
 use std::path::PathBuf;
 
-/// The longest side in pixels of images if the user sets no resolution. The results hardly depend on the resolution,
+/// Length in pixels of the longer side of images if the user sets no resolution. The results hardly depend on the resolution,
 /// but the waiting time does.
 const LONGEST: u32 = 192;
 
@@ -84,7 +84,7 @@ pub(crate) fn run(options: &EffectsArgs) -> Result<Outcome> {
         measure(options, Scene::clone(scene), &mut report, &stop)?;
     }
     if report.interrupted {
-        say("interrupted", "an effect whose images were not all rendered has no figures");
+        say("interrupted", "effects whose images are incomplete have no results");
     }
     tell(if options.json { report.json() } else { report.table() })?;
     if report.interrupted { Ok(Outcome::Interrupted) } else { Ok(Outcome::Done) }
@@ -95,7 +95,7 @@ fn measure(options: &EffectsArgs, mut scene: Scene, report: &mut Report<'_>, sto
     let frame = Frame::new(width, height).map_err(Failure::new)?;
     // A crop window in the file is in pixels of its own resolution; effects are measured on the whole image.
     if scene.film.crop.take().is_some() {
-        warn("the scene's crop window is not followed: the figures are of the whole image");
+        warn("the scene's crop window is ignored: effects are measured on the whole image");
     }
     (report.resolution, report.spp, report.seeds) = (Some(frame.size()), Some(options.spp), Some(options.seeds));
     let mut studio = Studio::new(frame, options, stop);
@@ -111,7 +111,7 @@ fn shrink(size: [u32; 2]) -> [u32; 2] {
     if longest <= LONGEST { size } else { size.map(shrunk) }
 }
 
-/// A rendered image, and the seconds of tracing it.
+/// A rendered image, and its tracing time in seconds.
 struct Render {
     pixels: Vec<[f32; 3]>,
     seconds: f64,
@@ -148,8 +148,9 @@ impl Studio {
         Self { size: frame.size(), seeds: u64::from(options.seeds), spec, stop: stop.clone(), bar }
     }
 
-    /// Fills in the report's figures: measures every effect by leaving it out. Images with and without the effect alternate, and
-    /// their order changes with the seed, so that a slower machine favours neither. `None` if the user stopped it.
+    /// Measures every effect by leaving it out, and stores the results in the report. Images with and without the effect
+    /// alternate. Their order changes with the seed, so that a slower machine favours neither. `None` if the user stopped the
+    /// measurement.
     fn measure(&mut self, whole: &Scene, report: &mut Report<'_>) -> Result<Option<()>> {
         let endless = Scene { max_depth: None, ..whole.clone() };
         // Without interreflection, paths scatter at most once, and no depth limit cuts them.
@@ -181,7 +182,7 @@ impl Studio {
             report.seconds = Some(seconds.iter().sum::<f64>() / seconds.len() as f64);
         }
         if cut {
-            self.bar.set_prefix("beyond the depth");
+            self.bar.set_prefix("beyond the depth limit");
             let endless = self.prepare(&endless)?;
             let Some(pairs) = self.pairs(&endless, &with)? else { return Ok(None) };
             report.beyond_depth = Some(self.figures(pairs)?);
@@ -193,8 +194,8 @@ impl Studio {
         LoadedScene::from_scene(&self.spec, scene.clone())?.build()
     }
 
-    /// Renders, for each seed, one image of each of two worlds: with and without an effect. `None` if the user stopped
-    /// it.
+    /// Renders, for each seed, one image of each of two worlds: with and without an effect. `None` if the user stopped the
+    /// rendering.
     fn pairs(&mut self, with: &PreparedScene, without: &PreparedScene) -> Result<Option<Vec<[Render; 2]>>> {
         let mut pairs = Vec::new();
         for seed in 1..=self.seeds {
@@ -221,7 +222,7 @@ impl Studio {
         Ok(Some(Render { pixels: film.image(), seconds }))
     }
 
-    /// Computes the cost and share of an effect from pairs of renders with and without it.
+    /// Computes the cost of an effect and its fraction of the image from pairs of renders with and without it.
     fn figures(&self, pairs: Vec<[Render; 2]>) -> Result<Figures> {
         let logs: Vec<f64> = pairs.iter().map(|[a, b]| (a.seconds / b.seconds).ln()).collect();
         let side = |i: usize| {

@@ -1,5 +1,5 @@
-//! Messages for errors and warnings of jobs, with advice that names command-line options, and hints for users of other
-//! renderers: their names for what Dapple calls otherwise.
+//! Messages for errors and warnings of jobs, with advice that names command-line options. Hints for users of other renderers,
+//! whose options and methods have other names.
 
 use crate::Failure;
 use clap::builder::StyledStr;
@@ -9,13 +9,13 @@ use dapple_job::{JobError, SpecError, Warning, can_be_replayed};
 use dapple_scene::{Problem, ProblemKind, ReadError};
 
 impl From<JobError> for Failure {
-    /// Makes the failure for an error of a job, with one line per line of the error's message.
+    /// Converts an error of a job to a failure, with one line per line of the error's message.
     fn from(error: JobError) -> Self {
         of_job(&error)
     }
 }
 
-/// Makes the failure for an error of a job, with one line per line of the error's message.
+/// Converts an error of a job to a failure, with one line per line of the error's message.
 pub(crate) fn of_job(error: &JobError) -> Failure {
     match error {
         JobError::Spec(error) => of_spec(error),
@@ -45,7 +45,7 @@ pub(crate) fn of_job(error: &JobError) -> Failure {
 /// The advice for a scene that does not fit into memory.
 const SIMPLER: &str = "simplify it, or use a machine with more memory";
 
-/// Makes the failure for the problems of a scene file. For unsupported features it names the option that allows them.
+/// Converts the problems of a scene file to a failure. For unsupported features it names the option that allows them.
 pub(crate) fn of_reader(error: &ReadError) -> Failure {
     let line = |problem: &Problem| match problem.kind {
         ProblemKind::Unsupported => {
@@ -57,7 +57,7 @@ pub(crate) fn of_reader(error: &ReadError) -> Failure {
     Failure(error.problems.iter().map(line).chain(more).collect())
 }
 
-/// Makes the failure for an invalid description of a render, with the name of the wrong command-line option.
+/// Converts an invalid description of a render to a failure that names the wrong command-line option.
 pub(crate) fn of_spec(error: &SpecError) -> Failure {
     match error {
         SpecError::Field { field: "seconds", what } => Failure::usage("render", format!("--time: {what}")),
@@ -69,11 +69,11 @@ pub(crate) fn of_spec(error: &SpecError) -> Failure {
 /// The text of a warning, with advice that names command-line options.
 pub(crate) fn warning(warning: &Warning) -> String {
     match warning {
-        Warning::ErrorNotReached { .. } => format!("{warning}; --max-spp raises the latter"),
+        Warning::ErrorNotReached { .. } => format!("{warning}; raise --max-spp"),
         Warning::RejectedSamples { first, .. } if can_be_replayed(first) => {
             let [x, y] = first.sample.pixel;
             let (spp, right, below) = (first.sample.index + 1, x + 1, y + 1);
-            format!("{warning}; replay it with --sampler uniform --spp {spp} --crop {x},{y},{right},{below}")
+            format!("{warning}; reproduce it with --sampler uniform --spp {spp} --crop {x},{y},{right},{below}")
         }
         _ => warning.to_string(),
     }
@@ -99,7 +99,7 @@ const OPTIONS: &[(&[&str], &str)] = &[
     (&["--aov", "--aovs", "--passes"], "use --features, or --layers NAME,… for EXR files"),
 ];
 
-/// pbrt's samplers that are point sets in Dapple, with the nearest of ours.
+/// pbrt's samplers that are point sets in Dapple, each with Dapple's most similar point set.
 const POINT_SETS: &[(&[&str], &str)] = &[
     (&["paddedsobol", "owensobol", "02sequence", "ldsampler"], "sobol"),
     (&["pmj02bn"], "pmj02"),
@@ -107,7 +107,7 @@ const POINT_SETS: &[(&[&str], &str)] = &[
     (&["multijitter", "orthogonal", "jittered"], "stratified"),
 ];
 
-/// Adds a hint to an error about an option that another renderer has.
+/// Adds a hint to clap's error about an option of another renderer.
 pub(crate) fn add_to(mut error: clap::Error) -> clap::Error {
     if error.kind() != ErrorKind::UnknownArgument {
         return error;
@@ -115,7 +115,7 @@ pub(crate) fn add_to(mut error: clap::Error) -> clap::Error {
     if let Some(ContextValue::String(option)) = error.get(ContextKind::InvalidArg)
         && let Some(hint) = option_hint(option)
     {
-        // The option with the most similar letters would only mislead.
+        // An option whose name merely looks similar would mislead.
         error.remove(ContextKind::SuggestedArg);
         error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![StyledStr::from(hint)]));
     }
@@ -127,38 +127,40 @@ fn option_hint(option: &str) -> Option<&'static str> {
     OPTIONS.iter().find(|(names, _)| names.contains(&name)).map(|&(_, hint)| hint)
 }
 
-/// The message for a wrong sampler; a point set leads to `--points`.
+/// The message for an unknown sampler; for a point set it recommends `--points`.
 pub(crate) fn sampler(given: &str, error: &RegistryError) -> String {
     let name = name(given);
     let ours = POINTS.iter().find(|entry| entry.is_called(&name)).map(|entry| entry.name);
     match ours.or_else(|| nearest(POINT_SETS, &name)) {
         Some(points) if is_unknown(error) => format!(
-            "\"{name}\" places the samples, which Dapple's samplers do not; use --points {points} (--sampler decides how many \
+            "\"{name}\" is a point set, which decides where samples lie; use --points {points} (--sampler decides how many \
              samples each pixel gets)"
         ),
         _ => error.to_string(),
     }
 }
 
-/// The message for a wrong point set; a sampler leads to `--sampler`, and other renderers' names to the nearest of ours.
+/// The message for an unknown point set. It recommends `--sampler` for a sampler, and the most similar point set for another
+/// renderer's name.
 pub(crate) fn points(given: &str, error: &RegistryError) -> String {
     let name = name(given);
     let sampler = SAMPLERS.iter().find(|entry| entry.is_called(&name)).map(|entry| entry.name);
     match (sampler, nearest(POINT_SETS, &name)) {
         _ if !is_unknown(error) => error.to_string(),
         (Some(sampler), _) => format!("\"{name}\" decides how many samples each pixel gets; use --sampler {sampler}"),
-        (None, Some(points)) => format!("{error}; the nearest to \"{name}\" is {points}"),
+        (None, Some(points)) => format!("{error}; the most similar to \"{name}\" is {points}"),
         (None, None) => error.to_string(),
     }
 }
 
-/// The message for a wrong filter: pixel filters lead to `--pixel-filter`, names of denoisers to ours.
+/// The message for an unknown filter. It recommends `--pixel-filter` for pixel filters, and the most similar filter for
+/// another renderer's denoiser.
 pub(crate) fn filter(given: &str, error: &RegistryError) -> String {
     let name = name(given);
     match name.as_str() {
         "box" | "triangle" | "mitchell" | "sinc" | "blackmanharris" | "blackman_harris" if is_unknown(error) => {
             format!(
-                "\"{name}\" is a pixel filter (--pixel-filter takes the scene's, or box); --filter is the denoiser: {}",
+                "\"{name}\" is a pixel filter (see --pixel-filter); --filter chooses the denoiser: {}",
                 FILTERS.iter().map(|entry| entry.name).collect::<Vec<_>>().join(", ")
             )
         }
@@ -166,18 +168,18 @@ pub(crate) fn filter(given: &str, error: &RegistryError) -> String {
             let ours = if name == "nlmeans" { "nlm" } else { "oidn" };
             let absent = NOT_BUILT.iter().find(|(absent, _)| *absent == ours);
             let build = |(_, feature): &(_, &str)| format!(", which needs a build with --features {feature}");
-            format!("{error}; the nearest to \"{name}\" is {ours}{}", absent.map_or_else(String::new, build))
+            format!("{error}; the most similar to \"{name}\" is {ours}{}", absent.map_or_else(String::new, build))
         }
         _ => error.to_string(),
     }
 }
 
-/// The message for a wrong integrator, with what the path tracer has in common with it.
+/// The message for an unknown integrator. For an integrator of another renderer it recommends the most similar one.
 pub(crate) fn integrator(given: &str, error: &str) -> String {
     match name(given).as_str() {
         "volpath" | "simplevolpath" | "simplepath" | "randomwalk" | "direct" | "directlighting" | "whitted"
         | "cycles" | "prb" | "volpathmis" => {
-            format!("{error}; path follows media, glass and all lights that Dapple has: use --integrator path")
+            format!("{error}; use --integrator path, which handles media, glass and all lights")
         }
         "sppm" | "photonmap" | "ptracer" | "lightpath" => format!("{error}; use --integrator photons"),
         "mlt" | "pssmlt" => format!("{error}; use --integrator metropolis"),

@@ -72,15 +72,15 @@ enum System {
     K8s,
 }
 
-/// The options of the job and of the render. `-o` is the folder.
+/// The options of the job and of the render. `-o` names the job's folder.
 pub(crate) struct FarmArgs {
     options: FarmOptions,
     render: RenderArgs,
-    /// An option of `dapple render` that has no place in a job.
+    /// The option of `dapple render` that was given but cannot be used in a job; `None` if there is none.
     refused: Option<&'static str>,
 }
 
-/// Options of `dapple render` that concern one process.
+/// Options of `dapple render` that concern a single process, so that a job refuses them.
 const REFUSED: &str = "maps features preview view preview_every progress_every layers half checkpoint checkpoint_every resume \
     shard from print_spec json exposure";
 
@@ -128,11 +128,11 @@ pub(crate) fn run(args: &FarmArgs) -> Result<Outcome> {
     let FarmArgs { options, render, refused } = args;
     if let Some(id) = refused {
         let option = id.replace('_', "-");
-        let wrong = format!("--{option} concerns one process, and has no effect in a job; leave it out");
+        let wrong = format!("--{option} concerns a single process and cannot be used in a job; remove it");
         return Err(Failure::usage("farm", wrong));
     }
     let [folder] = &render.outputs[..] else {
-        return Err(Failure::usage("farm", "--output is the one folder of the job's files"));
+        return Err(Failure::usage("farm", "--output takes exactly one folder, for the job's files"));
     };
     let job = Job::new(options, render, folder)?;
     let mut files = Files::new(folder)?;
@@ -152,7 +152,7 @@ pub(crate) fn run(args: &FarmArgs) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// A render in parts, as the files of all systems describe it.
+/// The settings of a job, as the files of all systems need them.
 struct Job<'a> {
     options: &'a FarmOptions,
     spec: RenderSpec,
@@ -162,7 +162,7 @@ struct Job<'a> {
     images: Vec<String>,
     threads: u16,
     memory: Option<u64>,
-    /// A bound of the number of stages; `None` if it is unknown.
+    /// An upper bound on the number of stages; `None` if it is unknown.
     stages: Option<u32>,
 }
 
@@ -170,14 +170,14 @@ impl<'a> Job<'a> {
     fn new(options: &'a FarmOptions, render: &RenderArgs, folder: &Path) -> Result<Self> {
         let mut spec = render.spec()?;
         if matches!(spec.budget, BudgetSpec::Seconds(_)) {
-            let wrong = "tasks of a job do not share a clock; give --spp or --error (mpirun takes --time)";
+            let wrong = "tasks of a job share no clock for --time; use --spp or --error (--time works with mpirun)";
             return Err(Failure::usage("farm", wrong));
         }
         let name = file_stem(&spec.scene).unwrap_or_else(|| "render".into());
         if !bundled::names().iter().any(|name| spec.scene == Path::new(name)) {
             let scene = std::path::absolute(&spec.scene).map_err(Failure::new)?;
             if !scene.exists() {
-                return Err(Failure::new(format!("{}: no such file; give the path of a scene", scene.display())));
+                return Err(Failure::new(format!("{}: no such file; pass the path of a scene file", scene.display())));
             }
             spec.scene = scene;
         }
@@ -190,20 +190,20 @@ impl<'a> Job<'a> {
         Ok(Self { options, spec, folder, name, images, threads: render.threads, memory: render.memory, stages })
     }
 
-    /// The name with letters, digits and dashes alone, in lower case.
+    /// The job's name in lower case, with letters, digits and dashes only.
     fn plain_name(&self) -> String {
         let plain = |c: char| if c.is_ascii_alphanumeric() { c.to_ascii_lowercase() } else { '-' };
         let name: String = self.name.chars().map(plain).take(40).collect();
         format!("dapple-{}", name.trim_matches('-'))
     }
 
-    /// The number of stages of a job that must state it.
+    /// The number of stages, for systems whose job files must state it.
     fn stages(&self) -> Result<u32> {
-        let wrong = "the number of stages is not known beforehand; give --spp, or --stages N (later stages do nothing)";
+        let wrong = "the number of stages is unknown; use --spp, or --stages N (surplus stages do nothing)";
         self.stages.ok_or_else(|| Failure::new(wrong))
     }
 
-    /// A text with the job's settings in place of `@NAME@` and the like.
+    /// Replaces placeholders such as `@NAME@` in `text` by the job's settings.
     fn filled(&self, text: &str) -> String {
         let threads = if self.threads > 0 { format!(" --threads {}", self.threads) } else { String::new() };
         let memory = self.memory.map_or_else(String::new, |bytes| format!(" --memory {bytes}"));
@@ -228,33 +228,33 @@ impl<'a> Job<'a> {
     }
 }
 
-/// A text with values in place of their names between `@`.
+/// Replaces each placeholder in `text`, a name between two `@`, by its value.
 fn filled(text: &str, values: &[(&str, &str)]) -> String {
     values.iter().fold(text.to_owned(), |text, (name, value)| text.replace(&format!("@{name}@"), value))
 }
 
-/// A path as text, which files of jobs can hold.
+/// A path as text; an error if job files cannot hold it.
 fn text(path: &Path) -> Result<String> {
     let text = path.to_str().filter(|text| !text.contains(['\n', '\0']));
     let wrong = "the path is not UTF-8 or has line breaks; rename the file";
     text.map(str::to_owned).ok_or_else(|| Failure::new(format!("{}: {wrong}", path.display())))
 }
 
-/// The name of an image file.
+/// A parser of names of image files.
 fn image() -> impl TypedValueParser<Value = PathBuf> {
     PathBufValueParser::new().try_map(|path| Format::from_path(&path).map(|_| path).map_err(|e| e.to_string()))
 }
 
-/// A word of letters, digits and underscores.
+/// Parses a word of letters, digits and underscores.
 fn word(text: &str) -> std::result::Result<String, String> {
     let plain = !text.is_empty() && text.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
-    if plain { Ok(text.to_owned()) } else { Err("letters, digits and underscores only".into()) }
+    if plain { Ok(text.to_owned()) } else { Err("use letters, digits and underscores only".into()) }
 }
 
-/// A bound of the number of stages: training passes of 1, 1, 2, 4, … samples per pixel, and rounds of the sampler, which
-/// may end within a pass.
+/// An upper bound on the number of stages: training passes of 1, 1, 2, 4, … samples per pixel, plus rounds of the sampler,
+/// which may end within a pass.
 fn most_stages(spec: &RenderSpec) -> Option<u32> {
-    /// Rounds of the default sampler, and some more for others.
+    /// The number of rounds of the default sampler, plus a margin for other samplers.
     const ROUNDS: u32 = 5;
     match spec.budget {
         BudgetSpec::Spp(spp) => Some(1 + spp.max(1.0).log2().ceil() as u32 + ROUNDS),

@@ -46,8 +46,8 @@ pub(crate) fn run(args: &InfoArgs) -> Result<Outcome> {
         tell(format!("{name:<12}{what}"))?;
     }
     let memory = match memory(&spec, &prepared) {
-        Ok(estimate) => format!("a render by default takes {estimate}"),
-        Err(error) => format!("no render by default: {}", failure::of_job(&error).0.join("; ")),
+        Ok(estimate) => format!("a render with default options takes {estimate}"),
+        Err(error) => format!("a render with default options fails: {}", failure::of_job(&error).0.join("; ")),
     };
     tell(format!("{:<12}{memory}", "memory"))?;
     let effects = prepared.world.effects();
@@ -58,7 +58,7 @@ pub(crate) fn run(args: &InfoArgs) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// The contents of a file; `None` if it is not an image.
+/// The properties of an image file; `None` for any other file.
 fn image(path: &Path) -> Result<Option<ImageInfo>> {
     let Ok(mut file) = File::open(path) else { return Ok(None) };
     let (name, mut bytes) = (path.display().to_string(), vec![0; 16]);
@@ -67,7 +67,7 @@ fn image(path: &Path) -> Result<Option<ImageInfo>> {
     if !is_image(&bytes, &name) {
         return Ok(None);
     }
-    file.read_to_end(&mut bytes).map_err(|e| Failure::new(format!("{name}: cannot read it: {e}")))?;
+    file.read_to_end(&mut bytes).map_err(|e| Failure::new(format!("{name}: cannot read the file: {e}")))?;
     image_info(&bytes, &name).map(Some).map_err(Failure::new)
 }
 
@@ -101,8 +101,8 @@ fn facts_of_part(part: &ExrPart) -> impl Iterator<Item = (&'static str, String)>
         ("size", format!("{w}x{h}")),
         ("data", part.data_window.to_string()),
         ("display", part.display_window.to_string()),
-        ("aspect", format!("{} (width of a pixel by its height)", part.pixel_aspect)),
-        ("colours", space.unwrap_or_else(|| "Rec. 709 (no chromaticities are named)".to_owned())),
+        ("aspect", format!("{} (width of a pixel divided by its height)", part.pixel_aspect)),
+        ("colours", space.unwrap_or_else(|| "Rec. 709 (the file states no chromaticities)".to_owned())),
         ("compression", format!("{}, {tiles}{levels}", part.compression)),
     ];
     let mut layers: Vec<(&str, &str, Vec<&str>)> = Vec::new();
@@ -139,7 +139,7 @@ fn facts(scene: &Scene, world: &World) -> Vec<(&'static str, String)> {
     vec![
         ("scene", scene.name.clone()),
         ("image", format!("{w}x{h}, {}, {}", crop(scene), pixel_filter(&scene.film.pixel_filter))),
-        ("spp", spp.map_or("the file suggests none".into(), |n| format!("the file suggests {n}; render takes --spp"))),
+        ("spp", spp.map_or("the file states none".into(), |n| format!("the file states {n}; --spp overrides it"))),
         ("max depth", depth),
         ("triangles", triangles),
         ("shapes", count(scene.shapes.iter().map(|shape| shape.geometry.name()))),

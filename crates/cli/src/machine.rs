@@ -1,4 +1,4 @@
-//! This process: its threads, its clock, its command line and the signals that it gets.
+//! This process: its threads, clock, command line and signals.
 
 use crate::{Failure, Result};
 use std::sync::Arc;
@@ -10,7 +10,7 @@ pub(crate) fn start_threads(threads: u16) -> Result<()> {
     pool.build_global().map_err(|e| Failure::new(format!("cannot start {threads} threads: {e}")))
 }
 
-/// The command line of this process, with quotes around what holds spaces.
+/// The command line of this process; arguments that contain spaces are quoted.
 pub(crate) fn command() -> String {
     let quoted = |word: std::ffi::OsString| {
         let word = word.to_string_lossy().into_owned();
@@ -26,7 +26,7 @@ pub(crate) fn turn_file_limits_into_errors() {
     {
         let mut signals = nix::sys::signal::SigSet::empty();
         signals.add(nix::sys::signal::Signal::SIGXFSZ);
-        // Without it, the signal ends the process as it always did.
+        // If this fails, the signal still ends the process.
         let _ = signals.thread_block();
     }
 }
@@ -42,8 +42,8 @@ pub(crate) fn cpu_seconds() -> Option<f64> {
     None
 }
 
-/// A flag that Ctrl-C or SIGTERM sets to request a stop: the first signal stops the render and saves it, a second one ends the
-/// program at once. Clones share the flag.
+/// A flag that requests a stop, set by Ctrl-C or SIGTERM. The first signal stops the render and saves it, a second one ends
+/// the program at once. Clones share the flag.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Stop(Arc<AtomicBool>);
 

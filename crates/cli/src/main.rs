@@ -50,7 +50,7 @@ impl Failure {
         }
     }
 
-    /// Makes the failure for a message of several lines; each line is printed as an error.
+    /// Converts a message of several lines to a failure; each line is printed as an error.
     fn lines(message: &impl ToString) -> Self {
         Self(message.to_string().lines().map(str::to_owned).collect())
     }

@@ -8,7 +8,7 @@ use std::sync::{Mutex, PoisonError};
 /// The progress bar on the terminal, if there is one: lines are printed above it.
 static BAR: Mutex<Option<ProgressBar>> = Mutex::new(None);
 
-/// Prints later lines above this progress bar; `None` after the bar has gone.
+/// Sets the progress bar above which later lines are printed; `None` removes it.
 pub(crate) fn print_above(bar: Option<ProgressBar>) {
     *BAR.lock().unwrap_or_else(PoisonError::into_inner) = bar;
 }
@@ -28,10 +28,10 @@ pub(crate) fn say(kind: &str, line: &str) {
     }
 }
 
-/// The terminal's code for the colour of a kind of line. `None` without a terminal, and in a terminal without colours.
+/// The terminal's colour code for a kind of line; `None` if stderr is not a terminal with colours.
 ///
-/// The environment variable `NO_COLOR` refuses colours (<https://no-color.org>), `CLICOLOR_FORCE` demands them
-/// (<https://bixense.com/clicolors>), as clap has it for errors in arguments.
+/// The environment variable `NO_COLOR` disables colours (<https://no-color.org>), `CLICOLOR_FORCE` forces them
+/// (<https://bixense.com/clicolors>), as in clap's own errors.
 fn colour(kind: &str) -> Option<u8> {
     let code = match kind {
         "error" => 31,

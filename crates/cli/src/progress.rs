@@ -1,5 +1,5 @@
-//! Progress: its display as a bar on a terminal, otherwise as a plain line now and then, and that of a render, with its live image
-//! and its stop on Ctrl-C.
+//! Progress: its display, as a bar on a terminal and otherwise as plain lines at intervals, and the progress of a render,
+//! with its live image and its stop on Ctrl-C.
 
 use crate::machine::Stop;
 use crate::output;
@@ -17,12 +17,12 @@ use std::time::{Duration, Instant};
 
 /// The number of steps of the progress bar.
 const STEPS: u64 = 1000;
-/// The interval at which a phase of unknown length moves its sign of life.
+/// The interval at which the spinner of a phase of unknown length moves.
 const TICK: Duration = Duration::from_millis(200);
 /// Default seconds between two plain lines.
 const LINES: f64 = 10.0;
 
-/// The place where progress is shown.
+/// The display of progress: a bar, plain lines, or nothing.
 pub(crate) enum Display {
     Silent,
     Bar(ProgressBar),
@@ -30,7 +30,8 @@ pub(crate) enum Display {
 }
 
 impl Display {
-    /// A bar if stderr is a terminal; otherwise, or if `every` sets their seconds, plain lines. Nothing if it is silent.
+    /// A bar if stderr is a terminal and `every` is `None`; otherwise plain lines, one every `every` seconds. Nothing if
+    /// `is_silent`.
     pub(crate) fn new(is_silent: bool, every: Option<f64>) -> Self {
         if is_silent {
             return Self::Silent;
@@ -49,7 +50,7 @@ impl Display {
         matches!(self, Self::Silent)
     }
 
-    /// Shows a phase of unknown length, with the seconds that it has taken.
+    /// Shows a phase of unknown length, with its elapsed seconds.
     pub(crate) fn phase(&self, name: &'static str) {
         match self {
             Self::Silent => {}
@@ -71,7 +72,7 @@ impl Display {
         }
     }
 
-    /// Shows the share of the work that is done, from 0 to 1, and a message.
+    /// Shows the completed fraction of the work, from 0 to 1, and a message.
     pub(crate) fn update(&self, share: f64, message: String) {
         match self {
             Self::Silent => {}
@@ -99,7 +100,7 @@ fn style(bar: &ProgressBar, template: &str) {
     }
 }
 
-/// A thread that prints the latest message at intervals. A message that stands for longer than the interval is printed at
+/// A thread that prints the latest message at intervals. A message that is current for longer than the interval is printed at
 /// least once.
 pub(crate) struct Lines {
     state: Arc<(Mutex<State>, Condvar)>,
@@ -113,7 +114,7 @@ struct State {
     /// The time at which the message was set.
     set: Instant,
     is_printed: bool,
-    /// True for a message that gets the seconds of its phase.
+    /// True if the elapsed seconds of the phase follow the message.
     is_phase: bool,
     since: Instant,
     is_over: bool,
@@ -141,7 +142,7 @@ impl Lines {
         }
     }
 
-    /// Prints a message that has stood for the interval while the thread was late.
+    /// Prints the message if it has been current for the whole interval and the thread was too late to print it.
     fn print_if_due(&self, state: &mut State) {
         if !state.is_printed && state.set.elapsed() >= self.every {
             state.print(self.began);
@@ -187,7 +188,7 @@ impl Drop for Lines {
     }
 }
 
-/// The largest share of the time that predictions of the error may take.
+/// The largest fraction of the time that predictions of the error may take.
 const PREDICTING: f64 = 0.01;
 
 pub(crate) struct Progress {
@@ -195,7 +196,7 @@ pub(crate) struct Progress {
     live: Live,
     pub(crate) stop: Stop,
     pixels: f64,
-    /// True for a sampler that decides on counts by samples: its first round is a pilot.
+    /// True for a sampler that derives sample counts from earlier samples; its first round is a pilot.
     is_adaptive: bool,
     /// The number of rounds, if it is known.
     rounds: Option<u32>,

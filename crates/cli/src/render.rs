@@ -66,7 +66,7 @@ struct Ready {
     checkpoints: Option<Checkpoints>,
 }
 
-/// Makes a render ready, in stages or not; `None` if it was stopped.
+/// Prepares a render, in stages or not; `None` if the user stopped it.
 fn ready(args: &RenderArgs, spec: &RenderSpec, show: &Show<'_>, stop: &Stop, in_stages: bool) -> Result<Option<Ready>> {
     // The checkpoint file is locked first, so that a second process with the same file fails at once.
     let checkpoints = args.checkpoints().open()?;
@@ -85,7 +85,7 @@ fn ready(args: &RenderArgs, spec: &RenderSpec, show: &Show<'_>, stop: &Stop, in_
     Ok(Some(Ready { job, expected, cpu, progress, checkpoints }))
 }
 
-/// The limit of memory that is given, or the machine's memory.
+/// The given memory limit, else the machine's memory.
 fn limit(given: Option<u64>) -> MemoryLimit {
     given.map_or_else(MemoryLimit::of_machine, MemoryLimit::given)
 }
@@ -110,7 +110,7 @@ pub(crate) fn merge(
     let expected = job.memory(false).with_film_in_memory();
     if expected.check(limit).is_err() {
         let limit = limit.bytes().map_or_else(String::new, size);
-        let wrong = format!("making the image takes {expected}, and {limit} is the limit; raise --memory");
+        let wrong = format!("creating the image takes {expected}, but the limit is {limit}; raise --memory");
         return Err(Failure::new(wrong));
     }
     let traced = film(&mut job)?;
@@ -165,7 +165,7 @@ pub(crate) struct Show<'a> {
     pub(crate) progress_every: Option<f64>,
 }
 
-/// The estimated memory of a render, which is unknown for merged shards, and the processor seconds before it.
+/// The estimated memory of a render (unknown for merged shards), and the processor seconds used before the render.
 type Before<'a> = (Option<&'a MemoryEstimate>, Option<f64>);
 
 impl<'a> From<&'a RenderArgs> for Show<'a> {
@@ -241,7 +241,8 @@ impl Show<'_> {
     }
 }
 
-/// The name of output files: that of the scene file's own output, without folder and extension; else the scene's.
+/// The default name of output files: the file name in the scene's film settings, without folder and extension, else the
+/// scene's name.
 fn name(scene: &Scene) -> String {
     let given = scene.film.file_name.as_deref().and_then(|file| file_stem(Path::new(file)));
     given.unwrap_or_else(|| scene.name.clone())
@@ -264,11 +265,11 @@ fn end(
         Ok(resume) => resume,
     };
     match panicked {
-        Some(message) => Err(Failure::new(message + "; the samples before it are saved")),
+        Some(message) => Err(Failure::new(message + "; the samples taken before are saved")),
         None if interrupted => {
-            say("interrupted", "the image holds the samples until then");
+            say("interrupted", "the image uses the samples taken so far");
             if let Some(path) = resume {
-                say("interrupted", &format!("the same command with --resume {} resumes it", path.display()));
+                say("interrupted", &format!("to resume, repeat the command with --resume {}", path.display()));
             }
             Ok(Outcome::Interrupted)
         }
@@ -358,7 +359,7 @@ impl Report<'_> {
         if record.passes > 0 {
             let (passes, rays, seconds) = (record.passes, record.prepare_rays, record.prepare_seconds);
             let name = job.integrator();
-            lines.push(format!("{name}: {passes} passes from the lights, {rays} rays in {seconds:.2} s of these"));
+            lines.push(format!("{name}: {passes} passes from the lights, {rays} rays in {seconds:.2} s of this time"));
         }
         if let Some(relmse) = film.predicted_relmse() {
             let filtered = film.record().filtered_relmse;

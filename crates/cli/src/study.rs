@@ -58,14 +58,14 @@ pub(crate) struct StudyArgs {
     quiet: bool,
 }
 
-/// The name of the hidden subcommand that makes a single run of a study in its own process.
+/// The name of the hidden subcommand that performs a single run of a study in its own process.
 const ONE: &str = "study-run";
 
 impl StudyArgs {
     fn plan(&self) -> Result<Plan> {
         if let Some(file) = self.plan.as_ref().filter(|file| file.extension().is_some_and(|e| e != "toml")) {
             let file = file.display();
-            let wrong = format!("{file} is no plan (FILE.toml); write --set scenes={file} to study a scene");
+            let wrong = format!("{file} is not a plan (FILE.toml); use --set scenes={file} to study a scene");
             return Err(Failure::usage("study", wrong));
         }
         Plan::read(self.plan.as_deref(), &self.sets).map_err(|e| match &e {
@@ -134,9 +134,9 @@ pub(crate) fn run_one() -> Result<Outcome> {
     // Ctrl-C stops a study between its runs; the handler lets this run finish.
     let _stop = Stop::listen()?;
     let mut json = String::new();
-    std::io::stdin().read_to_string(&mut json).map_err(|e| Failure::new(format!("cannot read the run: {e}")))?;
+    std::io::stdin().read_to_string(&mut json).map_err(|e| Failure::new(format!("cannot read the request: {e}")))?;
     let request: RunRequest = serde_json::from_str(&json).map_err(|e| {
-        Failure::new(format!("this is not a run ({e}); dapple study makes runs, and starts this command by itself"))
+        Failure::new(format!("this is not a run request ({e}); use dapple study, which starts this command itself"))
     })?;
     start_threads(u16::try_from(request.threads).unwrap_or(0))?;
     let run = InProcess::fresh(cpu_seconds).run(&request).map_err(|e| Failure::lines(&e))?;
@@ -148,15 +148,13 @@ fn itself() -> Result<PathBuf> {
     std::env::current_exe().map_err(|e| Failure::new(format!("fresh = true: cannot find this program: {e}")))
 }
 
-/// Makes the failure for an error of a study, with advice that names command-line options.
+/// Converts an error of a study to a failure, with advice that names command-line options.
 fn failure_of(error: &StudyError, bar: &mut Bar) -> Failure {
     bar.finish();
     match error {
         StudyError::Load(JobError::Memory { estimate, limit, .. }) => {
             let limit = limit.bytes().map_or_else(String::new, size);
-            Failure::new(format!(
-                "a run takes at least {estimate}, and {limit} is all the memory available; lower the resolution"
-            ))
+            Failure::new(format!("a run takes at least {estimate}, but the limit is {limit}; lower the resolution"))
         }
         StudyError::Load(error) => crate::failure::of_job(error),
         _ => Failure::lines(error),

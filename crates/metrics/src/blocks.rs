@@ -22,7 +22,7 @@ pub struct BlockRatios {
 }
 
 impl BlockRatios {
-    /// The number of blocks that count in channel 0, 1 or 2 because the reference is bright enough there.
+    /// The number of blocks counted in channel 0, 1 or 2: those whose reference is bright enough in this channel.
     ///
     /// # Panics
     /// For a channel above 2.
@@ -48,7 +48,7 @@ impl BlockRatios {
 pub(crate) fn percentile(sorted: &[f64], percent: f64) -> f64 {
     let Some(last) = sorted.len().checked_sub(1) else { return f64::NAN };
     let at = last as f64 * percent.clamp(0.0, 100.0) / 100.0;
-    // NaN, which `clamp` lets through, becomes 0 here.
+    // `clamp` lets NaN through; here it becomes 0.
     let below = (at as usize).min(last);
     let above = (below + 1).min(last);
     sorted[below] + (sorted[above] - sorted[below]) * (at - below as f64)
@@ -150,7 +150,7 @@ pub fn downsample(image: Pixels<'_>, target: [u32; 2]) -> Result<Vec<[f32; 3]>, 
         return Err(MetricsError::Target { size, target });
     }
     let [columns, rows] = [0, 1].map(|axis| spans(size[axis], target[axis]));
-    // Each row is narrowed once; neighbouring new rows share at most one old row.
+    // Each row is narrowed only once: neighbouring new rows share at most one old row.
     let narrow: Vec<Vec<[f64; 3]>> =
         image.rows().map(|row| columns.iter().map(|span| span.mean(|x| row[x].map(f64::from))).collect()).collect();
     let pixels = rows.iter().flat_map(|span| {

@@ -6,10 +6,10 @@ use crate::{MetricsError, Pixels};
 /// The constant added to the squared reference in relMSE, so that black pixels do not dominate [after Rousselle 2011].
 pub const RELATIVE_EPSILON: f64 = 0.01;
 
-/// The fraction of pixels, those with the largest errors, that [`Comparison::rel_mse_trimmed`] leaves out: 0.1 %.
+/// The fraction of pixels excluded from [`Comparison::rel_mse_trimmed`], those with the largest errors: 0.1 %.
 pub const TRIMMED_SHARE: f64 = 0.001;
 
-/// The side in pixels of the blocks among which [`Comparison::worst_block`] is found.
+/// The side length in pixels of the blocks searched for [`Comparison::worst_block`].
 pub const WORST_BLOCK_SIZE: u32 = 16;
 
 /// Error metrics of an image x against its reference r, from [`compare`].
@@ -35,15 +35,14 @@ pub struct Comparison {
     /// `255^2 display_mse`: MSE on the scale of 8-bit sRGB files, computed without rounding to 8 bits. Rounding would
     /// add up to 1/6 and hide errors below half a step.
     pub srgb8_mse: f64,
-    /// Mean of x over mean of r for each channel; 1 if they are equal, even if both are 0. A mean of r nearer to 0 than
-    /// 1e-20 counts as 1e-20, so that the ratio is finite.
+    /// Mean of x divided by mean of r, for each channel; 1 if they are equal, even if both are 0. A mean of r closer to 0
+    /// than 1e-20 counts as 1e-20, so that the ratio is finite.
     pub channel_ratios: [f64; 3],
-    /// Mean of x over mean of r, all channels together, with the same limits as
-    /// [`channel_ratios`](Self::channel_ratios).
+    /// Mean of x divided by mean of r over all channels together; finite as [`channel_ratios`](Self::channel_ratios) are.
     pub mean_ratio: f64,
     /// The number of channel values of x (not pixels) that are NaN or infinite.
     pub non_finite: u64,
-    /// The block of 16x16 pixels with the largest relMSE, the first in reading order among equals.
+    /// The block of 16x16 pixels with the largest relMSE; among equals, the first in reading order.
     pub worst_block: WorstBlock,
 }
 
@@ -162,14 +161,14 @@ fn mean(values: &[f64]) -> f64 {
 }
 
 fn trimmed_mean(mut values: Vec<f64>) -> f64 {
-    // Rounded half to even; at least one.
+    // The number of remaining pixels is rounded half to even, and is at least one.
     let kept = (values.len() as f64 * (1.0 - TRIMMED_SHARE)).round_ties_even().max(1.0) as usize;
     // Sorted, not partitioned, so that the order of the sum is defined.
     values.sort_unstable_by(f64::total_cmp);
     mean(&values[..kept])
 }
 
-/// The block with the largest relMSE, the first in reading order among equals. `relative` is the relMSE of each pixel.
+/// The block with the largest relMSE; among equals, the first in reading order. `relative` is the relMSE of each pixel.
 fn worst_block(relative: &[f64], size: [u32; 2]) -> WorstBlock {
     let side = WORST_BLOCK_SIZE;
     let mut worst: Option<WorstBlock> = None;
@@ -191,8 +190,8 @@ fn worst_block(relative: &[f64], size: [u32; 2]) -> WorstBlock {
     worst.unwrap_or(WorstBlock { position: [0, 0], size, rel_mse: 0.0 })
 }
 
-/// Converts a finite linear intensity, clamped to 0..=1, to an sRGB value in 0..=1 [IEC 61966-2-1].
-/// It uses IEEE-exact operations only: the same bits on every machine.
+/// Converts a finite linear intensity, clamped to 0..=1, to an sRGB value in 0..=1 [IEC 61966-2-1]. Uses IEEE-exact
+/// operations only, so that results are bit-identical on every machine.
 pub(crate) fn srgb_encode(x: f64) -> f64 {
     let x = x.clamp(0.0, 1.0);
     if x <= 0.003_130_8 {

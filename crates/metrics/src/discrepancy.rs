@@ -2,8 +2,8 @@
 
 /// The L2 star discrepancy of points in the unit square, by the formula of [Warnock 1972].
 ///
-/// It is the root mean square, over all boxes `[0, x) x [0, y)`, of the share of points in the box less its area. Takes
-/// `O(n^2)` steps. Returns 1/3, the value without points, for an empty slice.
+/// It is the root mean square, over all boxes `[0, x) x [0, y)`, of the fraction of points in the box minus the box's area.
+/// Takes `O(n^2)` steps. Returns 1/3, the value without points, for an empty slice.
 ///
 /// Independent points have an expected square of `5 / (36 n)`.
 ///
@@ -25,8 +25,8 @@ pub fn l2_star_discrepancy(points: &[[f64; 2]]) -> f64 {
     (1.0 / 9.0 - single / (2.0 * n) + pairs / (n * n)).max(0.0).sqrt()
 }
 
-/// The star discrepancy of points in the unit square: the largest difference, over all boxes `[0, x) x [0, y)`, between
-/// the share of points in the box and its area.
+/// The star discrepancy of points in the unit square: the largest difference, over all boxes `[0, x) x [0, y)`, between the
+/// fraction of points in the box and the box's area.
 ///
 /// Exact, by the formula of [Niederreiter 1972] for two dimensions, in `O(n^2)` steps. Returns 1 for an empty slice.
 ///

@@ -57,8 +57,8 @@ pub fn flip(image: Pixels<'_>, reference: Pixels<'_>, pixels_per_degree: f64) ->
 /// Exponent that compresses colour differences [after Andersson 2020].
 const COLOUR_EXPONENT: f32 = 0.7;
 
-/// The knee of the compression of colour differences: its place as a fraction of the largest difference, and its
-/// compressed value [after Andersson 2020].
+/// The knee of the curve that compresses colour differences: its input, as a fraction of the largest difference, and its
+/// output [after Andersson 2020].
 const COLOUR_KNEE: [f32; 2] = [0.4, 0.95];
 
 /// Exponent of feature differences [after Andersson 2020].
@@ -103,7 +103,7 @@ struct VisionKernels {
     /// The kernels of contrast sensitivity for lightness, red-green and blue-yellow. The last two both filter
     /// blue-yellow, and their results are added.
     sensitivity: [Kernel; 4],
-    /// The Gaussian that smooths at right angles to a derivative. `edge` takes the first derivative, `point` the
+    /// The Gaussian that smooths at right angles to a derivative. `edge` is the kernel of first derivatives, `point` of
     /// second.
     smooth: Kernel,
     edge: Kernel,
@@ -185,8 +185,8 @@ const RELATIVE_XYZ: [[f32; 3]; 3] = {
     rows
 };
 
-/// The inverse of [`RELATIVE_XYZ`]: from XYZ relative to white to linear sRGB. Its columns are products of two rows over
-/// the determinant.
+/// The inverse of [`RELATIVE_XYZ`]: from XYZ relative to white to linear sRGB. Its columns are cross products of two rows,
+/// divided by the determinant.
 const RGB: [[f32; 3]; 3] = {
     const fn cross(a: [f32; 3], b: [f32; 3], c: usize) -> f64 {
         let [i, j] = [(c + 1) % 3, (c + 2) % 3];
@@ -284,7 +284,7 @@ impl Kernel {
         self.taps.len() / 2
     }
 
-    /// The taps above 1e-12 of the largest one, with their offsets from the first tap. Smaller taps do not change an
+    /// The taps larger than 1e-12 times the largest tap, with their offsets from the first tap. Smaller taps do not change an
     /// f32 sum.
     fn effective(&self) -> impl Iterator<Item = (usize, f32)> {
         let largest = self.taps.iter().fold(0.0, |m: f64, t| m.max(t.abs()));

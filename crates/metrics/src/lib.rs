@@ -4,12 +4,12 @@
 //!
 //! | function | result |
 //! |---|---|
-//! | [`METRICS`] | all metrics of one image, by name; [`Measurement`] holds what they read |
+//! | [`METRICS`] | all metrics of one image, by name; [`Measurement`] holds their input |
 //! | [`compare`] | MSE, relMSE, SMAPE, PSNR, sRGB MSE and ratios of means |
 //! | [`compare_corrected`] | MSE and relMSE without the noise of the reference |
 //! | [`flip`] | the visible difference, LDR-FLIP |
 //! | [`block_means`], [`block_ratios`] | bias that the noise of single pixels hides |
-//! | [`difference`] | the difference of two images that are known by noisy renders only |
+//! | [`difference`] | the difference between two images, estimated from noisy renders |
 //! | [`downsample`] | an image averaged to a smaller size |
 //! | [`mean_interval`], [`geometric_mean_interval`], [`ratio_interval`] | confidence intervals over seeds |
 //! | [`image_spectrum`], [`point_spectrum`] | radial power spectra of noise and of sample points |
@@ -90,7 +90,7 @@ pub enum MetricsError {
         reference: [u32; 2],
     },
     /// A reference with NaN or infinity.
-    #[error("the reference is {value:?} at column {}, row {}; render a finite one", pixel[0], pixel[1])]
+    #[error("the reference has the value {value:?} at column {}, row {}; use a reference without NaN and infinity", pixel[0], pixel[1])]
     NonFiniteReference {
         /// Column and row, from 0, of the first pixel with NaN or infinity.
         pixel: [u32; 2],
@@ -98,10 +98,10 @@ pub enum MetricsError {
         value: [f32; 3],
     },
     /// Too few renders of the first and of the second image to separate the difference from noise.
-    #[error("there are {} renders of one image and {} of the other; use as many of both, at least {}", .0[0], .0[1], LEAST_RENDERS)]
+    #[error("there are {} renders of the first image and {} of the second; use equally many of each, at least {}", .0[0], .0[1], LEAST_RENDERS)]
     FewRenders([usize; 2]),
     /// A block that is empty or larger than the image.
-    #[error("blocks of {}x{} pixels do not fit an image of {}x{}; use sides from 1 to the image's", block[0], block[1], size[0], size[1])]
+    #[error("blocks of {}x{} pixels do not fit an image of {}x{}; use sides from 1 to those of the image", block[0], block[1], size[0], size[1])]
     Block {
         /// Width and height of a block.
         block: [u32; 2],
@@ -109,7 +109,7 @@ pub enum MetricsError {
         size: [u32; 2],
     },
     /// A reference variance that is negative, NaN or infinite.
-    #[error("the variance is {value:?} at column {}, row {}; pass finite variances of 0 or more", pixel[0], pixel[1])]
+    #[error("the reference's variance is {value:?} at column {}, row {}; pass finite variances of at least 0", pixel[0], pixel[1])]
     Variance {
         /// Column and row, from 0, of the first pixel with such a variance.
         pixel: [u32; 2],
@@ -117,10 +117,10 @@ pub enum MetricsError {
         value: [f32; 3],
     },
     /// A number of pixels per degree of visual angle outside 1..=1000, passed to [`flip`].
-    #[error("{0} pixels per degree of visual angle are out of range; use 1 to 1000; 67 is usual")]
+    #[error("{0} pixels per degree of visual angle are out of range; use 1 to 1000 (67 is usual)")]
     PixelsPerDegree(f64),
     /// A target size for [`downsample`] that is empty or larger than the image.
-    #[error("{}x{} cannot be averaged to {}x{}; use sides from 1 to the image's", size[0], size[1], target[0], target[1])]
+    #[error("an image of {}x{} cannot be averaged to {}x{}; use sides from 1 to those of the image", size[0], size[1], target[0], target[1])]
     Target {
         /// Width and height of the image.
         size: [u32; 2],
@@ -175,7 +175,7 @@ impl<'a> Pixels<'a> {
     }
 }
 
-/// Checks that an image of `size` has `found` values, and at least one.
+/// Checks that `found` is the number of pixels in an image of `size`, and that this number is not 0.
 fn check_count(size: [u32; 2], found: usize) -> Result<(), MetricsError> {
     if size.contains(&0) {
         return Err(MetricsError::Empty(size));

@@ -1,6 +1,6 @@
 //! The error metrics, each declared once.
 //!
-//! Studies record them, compare them and write them to CSV and HTML, and `dapple compare` prints them, in this order.
+//! Studies record, compare and export all metrics in this order; `dapple compare` prints them in the same order.
 
 mod means;
 
@@ -18,24 +18,24 @@ pub struct Metric {
     pub label: &'static str,
     /// The definition, in a few words.
     pub doc: &'static str,
-    /// The direction in which an image is better.
+    /// The values that are better: lower, higher, or near 1.
     pub better: Better,
     /// The function that computes the metric.
     pub of: Of,
 }
 
-/// The values of a metric that are better than others.
+/// The values of a metric that are better: lower, higher, or near 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Better {
-    /// An error: 0 is an equal image, and ratios of two methods' values are meaningful.
+    /// Lower values: the metric is an error, 0 for equal images. The ratio of two methods' errors is meaningful.
     Lower,
-    /// A quality, such as decibels.
+    /// Higher values: the metric is a quality, such as PSNR in decibels.
     Higher,
-    /// A ratio of the image to the reference.
+    /// Values near 1: the metric is a ratio of the image to the reference.
     NearOne,
 }
 
-/// All metrics. A method's verdict in a study is that of `relmse`.
+/// All metrics. Studies compare methods by `relmse`.
 pub const METRICS: &[Metric] = &[
     metric(Better::Lower, ["mse", "MSE", "mean squared error"], |m| {
         Ok(m.noise.map_or(m.comparison.mse, |noise| noise.corrected.mse.error))
@@ -47,16 +47,12 @@ pub const METRICS: &[Metric] = &[
         Ok(m.comparison.rel_mse_trimmed)
     }),
     metric(Better::Lower, ["smape", "SMAPE", "symmetric relative error, 0 to 2"], |m| Ok(m.comparison.smape)),
-    metric(Better::Higher, ["psnr", "PSNR", "dB, as displayed; 200 is equal"], |m| Ok(m.comparison.psnr)),
-    metric(Better::Lower, ["srgb8_mse", "sRGB MSE", "as displayed, on a scale of 0 to 255"], |m| {
+    metric(Better::Higher, ["psnr", "PSNR", "in dB, of sRGB values; 200 for equal images"], |m| Ok(m.comparison.psnr)),
+    metric(Better::Lower, ["srgb8_mse", "sRGB MSE", "mean squared error of sRGB values, 0 to 255"], |m| {
         Ok(m.comparison.srgb8_mse - m.noise.map_or(0.0, |noise| noise.srgb8_mse))
     }),
-    metric(
-        Better::Lower,
-        ["srgb8_mse4", "sRGB MSE of 4x4", "of means of 4x4 pixels, on a scale of 0 to 255"],
-        means::of,
-    ),
-    metric(Better::Lower, ["flip", "FLIP", "0 to 1, as seen at 67 pixels per degree"], |m| {
+    metric(Better::Lower, ["srgb8_mse4", "sRGB MSE of 4x4", "sRGB MSE of the means of 4x4 pixels"], means::of),
+    metric(Better::Lower, ["flip", "FLIP", "visible difference, 0 to 1, at 67 pixels per degree"], |m| {
         Ok(flip(m.image, m.reference, PIXELS_PER_DEGREE)?.mean)
     }),
     metric(Better::NearOne, ["mean_ratio", "ratio of means", "mean of the image over that of the reference"], |m| {
@@ -67,7 +63,7 @@ pub const METRICS: &[Metric] = &[
 /// The function that computes a metric.
 type Of = fn(&Measurement<'_>) -> Result<f64, MetricsError>;
 
-/// Makes an entry of the table from the metric's name, its label and its definition.
+/// Creates an entry of the table from the metric's name, its label and its definition.
 const fn metric(better: Better, [name, label, doc]: [&'static str; 3], of: Of) -> Metric {
     Metric { name, label, doc, better, of }
 }
@@ -79,7 +75,7 @@ impl Metric {
     }
 }
 
-/// An image beside its reference, compared once for all metrics.
+/// An image and its reference, compared once for all metrics.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct Measurement<'a> {
@@ -87,9 +83,9 @@ pub struct Measurement<'a> {
     pub image: Pixels<'a>,
     /// The reference, of the same size.
     pub reference: Pixels<'a>,
-    /// The errors as [`compare`] measures them, with the reference's noise.
+    /// The errors from [`compare`], which include the reference's noise.
     pub comparison: Comparison,
-    /// The variance of the reference's mean, per pixel and channel, in squared radiance, if it is known.
+    /// The variance of the reference's pixel means, per pixel and channel, in squared radiance; `None` if it is unknown.
     pub variance: Option<Pixels<'a>>,
     /// The influence of the reference's own noise; `None` if its variance is unknown.
     pub noise: Option<ReferenceNoise>,
@@ -101,14 +97,14 @@ pub struct Measurement<'a> {
 pub struct ReferenceNoise {
     /// MSE and relMSE without the noise.
     pub corrected: Corrected,
-    /// The part of the sRGB MSE (0 to 255) that is due to the noise: a quarter of the squared difference of the
-    /// reference's two halves, which follow from its mean and variance up to their order.
+    /// The sRGB MSE (0 to 255) that the noise causes: a quarter of the squared difference of the reference's two halves. Mean
+    /// and variance give the values of both halves, but not which half has which value.
     pub srgb8_mse: f64,
 }
 
 impl<'a> Measurement<'a> {
-    /// Compares an image with its reference. `variance` is that of the reference's mean, per pixel and channel, in
-    /// squared radiance; metrics then subtract it where they can.
+    /// Compares an image with its reference. `variance` is that of the reference's pixel means, per pixel and channel, in
+    /// squared radiance. Metrics that can correct for this noise do so.
     ///
     /// # Errors
     /// Those of [`compare`] and [`compare_corrected`].

@@ -1,11 +1,11 @@
-//! Error metrics against a noisy reference, and the difference of two images that are known by noisy renders only.
+//! Error metrics against a noisy reference, and the difference between two images, estimated from noisy renders.
 
 use crate::compare::{RELATIVE_EPSILON, check};
 use crate::sum::Sum;
 use crate::{MetricsError, Pixels};
 
-/// The limit of [`CorrectedError::reference_limited`]: an error below this many times the reference's variance is
-/// limited by the reference.
+/// The limit of [`CorrectedError::reference_limited`]: an error below this multiple of the reference's variance is limited by
+/// the reference.
 pub const REFERENCE_LIMIT: f64 = 100.0;
 
 /// A reference image and its noise. The reference's samples must be independent of the compared image's: use another
@@ -31,7 +31,7 @@ pub enum NoisyReference<'a> {
 pub struct Corrected {
     /// The MSE, in squared radiance. Its correction is unbiased.
     pub mse: CorrectedError,
-    /// The relMSE. Its correction keeps a bias from the noise in the denominator.
+    /// The relMSE. Its correction stays biased, because the denominator is noisy.
     ///
     /// For a relative variance v of the reference and a true relMSE e, the value is too large by a fraction of up to `3
     /// v (1 + 2 v / e)`. This is 3 % for v = 0.005 and e = 0.01, and 0.0003 % for v = 1e-6 and the same e.
@@ -45,7 +45,7 @@ pub struct Corrected {
 pub struct CorrectedError {
     /// The error as [`compare`](crate::compare) measures it, with the reference's noise.
     pub measured: f64,
-    /// The contribution of the reference's noise to `measured`: its mean variance, relative for relMSE.
+    /// The contribution of the reference's noise to `measured`: its mean variance, which relMSE divides by `r^2 + 0.01`.
     pub reference: f64,
     /// `measured - reference`: the estimated error against the noiseless reference. At 0 or below, the reference is too
     /// noisy to measure the image.

@@ -9,17 +9,17 @@ use std::f64::consts::TAU;
 pub struct SpectrumRing {
     /// The mean frequency in the ring: cycles per pixel for an image, cycles per side of the square for points.
     pub frequency: f64,
-    /// The mean power. White noise and independent points have 1.
+    /// The mean power; 1 for white noise and for independent points.
     pub power: f64,
-    /// The number of frequencies in the ring; those that mirror one another count once.
+    /// The number of frequencies in the ring; a frequency and its mirror image count once.
     pub count: usize,
 }
 
-/// The radial power spectrum of one channel of an image, without its mean.
+/// The radial power spectrum of one channel of an image, after subtraction of its mean.
 ///
 /// Rings are `1 / max(width, height)` cycles per pixel wide, and end at 1/2, the Nyquist frequency along an axis. The power
-/// is that of the discrete Fourier transform over `pixels * variance`, so that white noise has 1 in each ring. An image
-/// of one value has power 0.
+/// is that of the discrete Fourier transform, divided by `pixels * variance`: 1 in each ring for white noise. A constant
+/// image has power 0.
 ///
 /// Takes `O(pixels * (width + height))` steps.
 ///
@@ -58,10 +58,10 @@ pub fn image_spectrum(size: [u32; 2], values: &[f64]) -> Result<Vec<SpectrumRing
     Ok(rings.finish())
 }
 
-/// The radial power spectrum of points on the unit square as a torus, up to `most` cycles per side.
+/// The radial power spectrum of points in the unit square, repeated periodically, up to `most` cycles per side.
 ///
-/// The power at the whole frequency `f` is `|sum exp(-2 pi i f x)|^2 / n`, so that independent points have an expected
-/// power of 1. Rings are one cycle wide. Takes `O(n most^2)` steps. Returns no rings without points.
+/// The power at the integer frequency `f` is `|sum exp(-2 pi i f x)|^2 / n`, so that independent points have an expected
+/// power of 1. Rings are one cycle wide. Takes `O(n most^2)` steps. Returns no rings if there are no points.
 ///
 /// ```
 /// use dapple_metrics::point_spectrum;
@@ -124,7 +124,7 @@ fn transform(values: &[[f64; 2]]) -> Vec<[f64; 2]> {
 struct Rings {
     width: f64,
     end: f64,
-    /// Frequency, power and count of each ring, summed. Ring `k` is about `(k + 1) * width`.
+    /// Sums of frequency, power and count in each ring. Ring `k` lies at about `(k + 1) * width`.
     sums: Vec<[f64; 3]>,
 }
 

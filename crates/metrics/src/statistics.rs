@@ -24,7 +24,7 @@ pub enum StatisticsError {
     #[error("series of {} and {} values cannot be paired; use the same seeds or budgets for both", .0[0], .0[1])]
     Lengths([usize; 2]),
     /// A value that is NaN or infinite.
-    #[error("value {index} is {value}; correct its source, or leave it out and report that")]
+    #[error("value {index} is {value}, which is not finite; correct its source, or exclude it and report that")]
     NotFinite {
         /// The index of the value in its series, from 0.
         index: usize,
@@ -43,7 +43,7 @@ pub enum StatisticsError {
     #[error("a confidence of {0} is out of range; use one between 0 and 1, such as 0.95")]
     Confidence(f64),
     /// Points that all have the same abscissa x, so that a fitted line has no slope.
-    #[error("all points are at x = {0}; use at least two budgets for a slope")]
+    #[error("all points are at x = {0}; use at least two different budgets")]
     SameAbscissa(f64),
 }
 
@@ -78,8 +78,7 @@ fn scatter(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(x, y)| (x - means[0]) * (y - means[1])).collect::<Sum>().value()
 }
 
-/// The fewest values for which intervals are computed by the bootstrap. Fewer values show too little of their
-/// distribution.
+/// The fewest values for which intervals are computed by the bootstrap. Fewer values represent their distribution too poorly.
 pub const BOOTSTRAP_MIN_COUNT: usize = 32;
 
 /// The method by which an interval was computed.
@@ -107,8 +106,8 @@ pub struct Interval {
 }
 
 impl Interval {
-    /// Returns `true` if x lies in the interval, ends included. If a ratio's interval contains 1, neither method is
-    /// better.
+    /// Returns `true` if x lies in the interval, ends included. If a ratio's interval contains 1, neither method is shown to
+    /// be better.
     pub fn contains(&self, x: f64) -> bool {
         (self.low..=self.high).contains(&x)
     }
@@ -140,8 +139,8 @@ pub fn efficiency(error: f64, seconds: f64) -> Result<f64, StatisticsError> {
 
 /// The mean of independent values, one per seed, with an interval of the confidence level `confidence`, such as 0.95.
 ///
-/// The interval is Student's t with n - 1 degrees of freedom, or the bootstrap from 32 values ([`BOOTSTRAP_MIN_COUNT`])
-/// on.
+/// The interval is Student's t with n - 1 degrees of freedom; from 32 values ([`BOOTSTRAP_MIN_COUNT`]) on, it is the
+/// bootstrap's.
 ///
 /// ```
 /// # use dapple_metrics::mean_interval;
@@ -230,8 +229,8 @@ impl LogLogFit {
         self.scale * libm::pow(x, self.slope.value)
     }
 
-    /// Returns the x at which the line reaches `y`, such as the time to reach an error. `y` must be above 0. The result
-    /// is infinite or 0 if the line is level at another y.
+    /// Returns the x at which the line reaches `y`, such as the time to reach an error. `y` must be above 0. The result is
+    /// infinite or 0 if the line is horizontal at another y.
     pub fn solve(&self, y: f64) -> f64 {
         libm::exp(libm::log(y / self.scale) / self.slope.value)
     }
@@ -283,7 +282,7 @@ fn bootstrap(values: &[f64], confidence: f64) -> Interval {
     let mut means: Vec<f64> = (0..BOOTSTRAP_RESAMPLES).map(|_| resampled_mean(values, value, &mut random)).collect();
     means.sort_unstable_by(f64::total_cmp);
     let [below, up_to] = [means.partition_point(|&m| m < value), means.partition_point(|&m| m <= value)];
-    // Half of the ties count; the share is never 0 or 1.
+    // Half of the ties count; the fraction is never 0 or 1.
     let share = (0.5 * (below + up_to) as f64 + 0.5) / (BOOTSTRAP_RESAMPLES as f64 + 1.0);
     let bias = normal_quantile(share);
     let acceleration = acceleration(values, value);

@@ -1,8 +1,8 @@
 //! The bundled scenes: files in the folder beside this module, compiled into the library.
 //!
-//! Each is a pbrt-v4 scene file with the meshes and images that it names. A program can thus render a scene with no
-//! file on disk. Scene files are written by hand; `cargo run --example generate_scenes` makes the files that are computed, the
-//! same on every machine. Tests hold all of them to their checksums, and those to what the generator makes.
+//! Each is a pbrt-v4 scene file with the meshes and images that it names, so that a program can render a scene without files
+//! on disk. Scene files are written by hand; `cargo run --example generate_scenes` computes the other files, bit-identical on
+//! every machine. Tests compare all files with their checksums, and the computed ones with the generator's output.
 //!
 //! | name | contents | effects |
 //! |---|---|---|
@@ -11,19 +11,20 @@
 //! | `cornell` | the Cornell box | interreflection, one area light |
 //! | `furnace` | the inside of a glowing sphere, whose exact image is known | interreflection, spheres |
 //! | `plates` | four rough metal plates under four sphere lights | multiple importance sampling, checkerboard |
-//! | `lens` | a row of balls, one in focus, before far lamps | depth of field, many lights |
+//! | `lens` | a row of balls, one in focus, before distant lights | depth of field, many lights |
 //! | `motion` | a mill that turns, a ball that rolls, dice that fall | motion blur, instances |
 //! | `glass` | balls of glass, dye and mist, a pane, a twig | refraction, media, alpha, instances |
-//! | `room` | two rooms and eight small lamps that few places see | many local lights, interreflection, coat |
-//! | `grass` | a meadow of 27,000 blades under a lamp and the sky | geometry below a pixel, instances |
-//! | `door` | a room lit through a door ajar, three pots on a table | nearly all light indirect, metal, glass |
+//! | `room` | two rooms and eight small lights, each visible from few places | many local lights, interreflection, coat |
+//! | `grass` | a meadow of 27,000 blades under a light and the sky | geometry below a pixel, instances |
+//! | `door` | a room lit through a door ajar, three pots on a table | almost only indirect lighting, metal, glass |
 //! | `tea` | a glass of tea before tiles, a ball on a chessboard | detail in refraction and reflection, absorption |
-//! | `cabin` | an aeroplane's cabin at night | 68 small lamps, screens, dark and glossy surfaces |
-//! | `many-lights` | ten thousand small lamps over columns and blocks | many lights, each of local effect |
-//! | `caustic` | a glass ball over a floor, under a tiny lamp | light focused by glass |
+//! | `cabin` | an aeroplane's cabin at night | 68 small lights, screens, dark and glossy surfaces |
+//! | `many-lights` | ten thousand small lights over columns and blocks | many lights, each of local effect |
+//! | `caustic` | a glass ball over a floor, under a tiny light | light focused by glass |
 //! | `chess` | chess pieces near, in focus and far | depth of field, direct light only |
-//! | `zone-plate` | rings that become finer than pixels; the plate's mean is known | image texture, no noise but the pixel's |
-//! | `penumbra` | a floor half hidden from a lamp, whose exact image is known | soft shadow, direct light only |
+//! | `zone-plate` | rings that become finer than pixels; the plate's mean is known | image texture, no noise except within
+//! pixels |
+//! | `penumbra` | a floor half hidden from an area light, whose exact image is known | soft shadow, direct light only |
 //!
 //! Departures from pbrt-v4: environment maps are latitude-longitude images (z up; see
 //! [`EnvironmentRadiance::LatLong`](crate::EnvironmentRadiance::LatLong)), where pbrt-v4 itself

@@ -3,7 +3,7 @@
 use glam::{DMat3, DVec3, DVec4, dvec3};
 use std::sync::LazyLock;
 
-/// First wavelength of the table, in nm, and the distance of its lines.
+/// The first wavelength of the table and the step between its lines, in nm.
 const FIRST: f64 = 380.0;
 const STEP: f64 = 10.0;
 
@@ -49,8 +49,8 @@ fn xyz(spectrum: impl Fn(f64) -> f64, under_d65: bool) -> DVec3 {
     sum / whole
 }
 
-/// A spectrum as a file gives it: pairs of wavelength (nm) and value, linear between wavelengths and constant before
-/// the first and after the last.
+/// A sampled spectrum: pairs of wavelength (nm) and value, linear between wavelengths and constant beyond the first and the
+/// last.
 #[derive(Clone, Debug)]
 pub(crate) struct Sampled {
     pairs: Vec<[f64; 2]>,
@@ -60,14 +60,14 @@ impl Sampled {
     /// Makes a spectrum from alternating wavelengths (nm) and values.
     ///
     /// # Errors
-    /// Returns a message that is to follow the name of the parameter.
+    /// Returns a message that continues a sentence after the parameter's name.
     pub(crate) fn new(numbers: &[f64]) -> Result<Self, String> {
         let (pairs, rest) = numbers.as_chunks::<2>();
         if pairs.is_empty() || !rest.is_empty() {
-            return Err(format!("takes wavelengths and values in turn, not {} numbers", numbers.len()));
+            return Err(format!("takes pairs of wavelength and value, not {} numbers", numbers.len()));
         }
         if let Some(w) = pairs.windows(2).find(|w| w[0][0] >= w[1][0]) {
-            return Err(format!("takes wavelengths that rise, not {} after {}", w[1][0], w[0][0]));
+            return Err(format!("takes increasing wavelengths, not {} after {}", w[1][0], w[0][0]));
         }
         if pairs[0][0] <= 0.0 {
             return Err(format!("takes wavelengths above 0 nm, not {}", pairs[0][0]));

@@ -1,7 +1,7 @@
 //! A scene description: plain data as read from a scene file, every object with its file and line.
 //!
-//! Readers make it, and [`Effects::of`](crate::Effects::of) reports the effects that it calls for. A renderer builds
-//! what rays need from it.
+//! Readers create it, and [`Effects::of`](crate::Effects::of) reports the effects that it uses. A renderer builds its own
+//! data for tracing rays from it.
 
 mod camera;
 mod light;
@@ -62,7 +62,7 @@ pub struct Notice {
 pub enum NoticeKind {
     /// A warning: the image may differ from the one that the file describes.
     Warning,
-    /// An ignored setting, such as the sampler, which Dapple takes from its user and not from the file.
+    /// An ignored setting, such as the sampler, which the user of Dapple chooses, not the file.
     IgnoredSetting,
 }
 
@@ -73,7 +73,7 @@ impl Notice {
     }
 }
 
-/// A scene as its file describes it. Lengths are in the file's units; transforms lead to the file's world space.
+/// A scene as its file describes it. Lengths are in the file's units; transforms map to the file's world space.
 #[derive(Clone, Debug, Default)]
 pub struct Scene {
     /// The file name without its extension, or the name of a bundled scene.
@@ -98,8 +98,8 @@ pub struct Scene {
     pub lights: Vec<Light>,
     /// Media, which shapes and the camera reference by index.
     pub media: Vec<Medium>,
-    /// The times of the poses `to_world` and `moves_to` of everything that moves. Objects rest before the first time
-    /// and after the second. `[0, 0]` means the same as `[0, 1]`.
+    /// The two times to which the poses `to_world` and `moves_to` of moving objects belong. Objects are at rest before the
+    /// first time and after the second. `[0, 0]` means the same as `[0, 1]`.
     pub motion_times: [f64; 2],
     /// Messages of the reader: warnings and ignored settings.
     pub notices: Vec<Notice>,
@@ -128,7 +128,8 @@ impl Scene {
         Color::Texture(self.add_texture("product", kind, source))
     }
 
-    /// Returns every shape in the world, directly or by an instance, with its transform to world space in its first pose.
+    /// Returns every shape in the world, directly or by an instance, with its transform to world space at the start of
+    /// motion.
     pub(crate) fn placed(&self) -> impl Iterator<Item = (&Shape, DAffine3)> {
         let of_instance = |instance: &'_ Instance| {
             let (object, to_world) = (self.objects.get(instance.object.0 as usize), instance.to_world);

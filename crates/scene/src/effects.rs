@@ -1,4 +1,4 @@
-//! Effects that a scene calls for, with the reason for each, and scenes edited so that they lack one.
+//! Effects that a scene uses, with the reason for each, and edits that remove an effect from a scene.
 //!
 //! The table below declares each effect with a function that finds it in a scene and one that removes it. The functions
 //! lie beside each other in the modules.
@@ -13,11 +13,11 @@ use std::fmt;
 use std::str::FromStr;
 use visible::Visible;
 
-/// Declares the effects in the order of reports: each with its name, the function that finds the objects that call for
-/// it, the function that removes it from a scene that has it, and a phrase for the scene without it.
+/// Declares the effects in the order of reports: each with its name, the function that finds the objects that use it, the
+/// function that removes it from a scene, and a phrase for the scene without it.
 macro_rules! effects {
     ($($(#[$about:meta])* $variant:ident $name:literal: $find:expr, $remove:expr, $left_out:literal;)*) => {
-        /// A rendering effect, such as soft shadows, that costs render time in scenes that call for it.
+        /// A rendering effect, such as soft shadows, that costs render time in scenes that use it.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
         #[non_exhaustive]
         pub enum Effect {
@@ -52,14 +52,14 @@ macro_rules! effects {
 effects! {
     /// Soft shadows, cast by lights with an area.
     SoftShadows "soft-shadows": lights::find_lamps, |scene, _| lights::shrink_lamps(scene),
-        "each area light is a point light of the same power, and invisible";
+        "each area light is an invisible point light of the same power";
     /// More than one light, so that a renderer selects among them.
     SeveralLights "several-lights": lights::find_several, |scene, _| lights::keep_strongest(scene),
-        "only the most powerful light shines";
+        "only the most powerful light emits";
     /// Glossy reflection or transmission: rough metals, coats and glass.
     Glossy "glossy": |visible| surfaces::find_lobes(visible, surfaces::is_glossy),
         |scene, albedo| surfaces::replace_lobes(scene, albedo, surfaces::is_glossy),
-        "rough surfaces are diffuse and equally bright, rough glass is clear";
+        "glossy surfaces are diffuse and equally bright, rough glass is smooth";
     /// Mirror reflection: smooth metals, smooth coats and perfect mirrors.
     Mirror "mirror": |visible| surfaces::find_lobes(visible, surfaces::is_mirror),
         |scene, albedo| surfaces::replace_lobes(scene, albedo, surfaces::is_mirror),
@@ -73,7 +73,7 @@ effects! {
         "light scatters once";
     /// Values that vary over a surface: reflectance, roughness, bumps, mix weights, opacity.
     Textures "textures": surfaces::find_textures, |scene, _| surfaces::flatten_textures(scene),
-        "every texture is its mean, and bumps are gone";
+        "every texture is replaced by its mean, and bumps are removed";
     /// Light from an environment, constant or an image.
     Environment "environment": lights::find_environments,
         |scene, _| scene.lights.retain(|light| light.kind.environment().is_none()),
@@ -86,7 +86,7 @@ effects! {
         "everything stands still, at its place in the middle of the exposure";
     /// Surfaces with an opacity below 1.
     Transparency "transparency": surfaces::find_holes, |scene, _| surfaces::fill_holes(scene),
-        "partly transparent surfaces are opaque, mostly transparent ones are gone";
+        "mostly transparent surfaces are removed, all others are opaque";
     /// Participating media that absorb light.
     AbsorbingMedia "absorbing-media": |visible| visible::find_media(visible, "absorbs", |medium| medium.absorption),
         |scene, _| visible::thin_media(scene, |medium| medium.absorption = [0.0; 3]),
@@ -127,35 +127,35 @@ impl FromStr for Effect {
     }
 }
 
-/// An effect that a scene calls for, and the reason.
+/// An effect that a scene uses, and the reason.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct CalledEffect {
-    /// The effect that the scene calls for.
+    /// The effect that the scene uses.
     pub effect: Effect,
-    /// The reason, as a short phrase about the first object that calls for the effect.
+    /// The reason, as a short phrase about the first object that uses the effect.
     pub because: String,
-    /// File and line of the first object that calls for the effect.
+    /// File and line of the first object that uses the effect.
     pub source: Source,
-    /// Number of objects that call for the effect (lamps, lights, materials, shapes, media, moving things); at least 1.
+    /// Number of objects that use the effect (lights, materials, shapes, media, moving objects); at least 1.
     pub objects: usize,
 }
 
-/// The first object that calls for an effect, as the reason and its place, and the number of all such objects.
+/// The first object that uses an effect, as the reason and its place, and the number of all such objects.
 type FirstCause = Option<(String, Source, usize)>;
 
-/// Counts the objects that call for an effect. `describe` returns the reason and the place of the first.
+/// Counts the objects that use an effect. `describe` returns the reason and the place of the first.
 fn found<T>(objects: impl IntoIterator<Item = T>, describe: impl FnOnce(T) -> (String, Source)) -> FirstCause {
     let mut objects = objects.into_iter();
     let (because, source) = describe(objects.next()?);
     Some((because, source, 1 + objects.count()))
 }
 
-/// The effects that a scene calls for, each once, with the first object that calls for it.
+/// The effects that a scene uses, each once, with the first object that uses it.
 ///
-/// Only visible and effective objects count. A material on no shape, an object without instances, a black light, a
-/// medium without coefficients, an opacity of 1 and a shutter without duration call for nothing. An undecidable case (a
-/// number out of range, a texture's values) counts. Diffuse transmission
+/// Only visible objects that affect the image count. A material on no shape, an object without instances, a black light, a
+/// medium without coefficients, an opacity of 1 and a shutter without duration cause no effect. An undecidable case (a number
+/// out of range, a texture's values) counts. Diffuse transmission
 /// ([`DiffuseTransmission`](crate::MaterialKind::DiffuseTransmission)) and interfaces between media are not effects.
 ///
 /// ```
@@ -173,7 +173,7 @@ pub struct Effects {
 }
 
 impl Effects {
-    /// Returns the effects that a scene calls for.
+    /// Returns the effects that a scene uses.
     pub fn of(scene: &Scene) -> Self {
         let visible = Visible::of(scene);
         let find = |effect: Effect| {
@@ -183,12 +183,12 @@ impl Effects {
         Self { called: Effect::ALL.into_iter().filter_map(find).collect(), max_depth: scene.max_depth }
     }
 
-    /// Returns true if the scene calls for `effect`.
+    /// Returns true if the scene uses `effect`.
     pub fn has(&self, effect: Effect) -> bool {
         self.called.iter().any(|c| c.effect == effect)
     }
 
-    /// Returns the effects that the scene calls for with their reasons, in the order of [`Effect::ALL`].
+    /// Returns the effects that the scene uses with their reasons, in the order of [`Effect::ALL`].
     pub fn called(&self) -> &[CalledEffect] {
         &self.called
     }
@@ -198,21 +198,21 @@ impl Effects {
         self.max_depth
     }
 
-    /// Returns the scene's caustics that a path tracer finds only by chance, if any: light of small lamps through
-    /// smooth glass.
+    /// Returns the scene's caustics that a path tracer finds only by chance, if any: light of small lights through smooth
+    /// glass.
     ///
-    /// A path tracer samples lamps directly, but not through a surface that refracts. Behind such a surface, light
-    /// arrives only along scattered rays that happen to leave through it and to hit the lamp. After a diffuse event
-    /// their probability is at most the solid angle of the lamp over pi. A scene has such caustics if
-    /// * a visible shape refracts and is smooth (see [`effectively_smooth`](crate::effectively_smooth)) or has a
-    ///   textured roughness, and paths may scatter twice,
-    /// * and a lamp covers less than 1e-3 sr, seen from the middle of that shape. Fewer than one scattered ray in 3000
-    ///   finds the lamp. Points, spots and distant lights have no solid angle, and are never found through glass.
-    /// * Lamps with less than 0.01 of the power of all lamps do not count.
+    /// A path tracer samples lights directly, but not through a surface that refracts. Behind such a surface, light arrives
+    /// only along scattered rays that happen to leave through it and to hit the light. After a diffuse event their
+    /// probability is at most the light's solid angle over pi. A scene has such caustics if
+    /// * a visible shape refracts and is smooth (see [`effectively_smooth`](crate::effectively_smooth)) or has a textured
+    ///   roughness, and paths may scatter twice,
+    /// * and a light covers less than 1e-3 sr, seen from the middle of that shape. Fewer than one scattered ray in 3000 hits
+    ///   such a light. Points, spots and distant lights have no solid angle, and are never found through glass.
+    /// * Lights with less than 0.01 of the power of all lights do not count.
     ///
     /// The solid angle is the upper bound `area / distance^2`, a quarter of this for a sphere. Small bright parts of an
-    /// environment map are not searched. The reason in the result names the first such lamp; its `objects` is the
-    /// number of such lamps.
+    /// environment map are not searched. The reason in the result names the first such light; its `objects` is the number of
+    /// such lights.
     pub fn found_by_chance(scene: &Scene) -> Option<CalledEffect> {
         lights::found_by_chance(&Visible::of(scene))
     }
@@ -223,7 +223,7 @@ impl Effects {
 #[non_exhaustive]
 pub enum WithoutError {
     /// Removing the effect would remove all lights.
-    #[error("without {effect} no light is left, and the image would be black; keep the effect")]
+    #[error("no light remains without {effect}, and the image would be black; keep the effect")]
     NoLight {
         /// The effect to be removed.
         effect: Effect,
@@ -235,17 +235,16 @@ pub enum WithoutError {
 pub type Albedo<'a> = dyn Fn(&Material) -> Option<[f32; 3]> + 'a;
 
 impl Scene {
-    /// Returns a copy of the scene edited so that it lacks an effect. A renderer thus needs no switch for effects. A
-    /// scene that does not call for the effect is returned unchanged.
+    /// Returns a copy of the scene edited so that it lacks an effect. A renderer thus needs no switch for effects. A scene
+    /// that does not use the effect is returned unchanged.
     ///
-    /// * [`SoftShadows`](Effect::SoftShadows): each area light (lamp) is replaced by a light without extent and of the
-    ///   same power, at the lamp's area-weighted centroid in its first pose. The lamp's shape is removed, since it
-    ///   would enclose the new light. A flat one-sided lamp of area `A` and radiance `L` becomes a 90 degree spot along
-    ///   its normal with smooth-step falloff. This spot has the lamp's axial intensity `A L` and its power `pi A L`. A
-    ///   flat two-sided lamp becomes two such spots, back to back. Any other lamp (a sphere, a curved mesh) becomes a
-    ///   point of intensity `power / 4 pi`.
-    /// * [`SeveralLights`](Effect::SeveralLights): only the light of the highest power (the first of equals) emits.
-    ///   Other lamps remain as shapes without emission.
+    /// * [`SoftShadows`](Effect::SoftShadows): each area light is replaced by a light without extent and of the same power,
+    ///   at its area-weighted centroid in the first pose. The light's shape is removed, since it would enclose the new light.
+    ///   A flat one-sided light of area `A` and radiance `L` becomes a 90 degree spot along its normal with smooth-step
+    ///   falloff. This spot has the same axial intensity `A L` and power `pi A L`. A flat two-sided light becomes two such
+    ///   spots, back to back. Any other area light (a sphere, a curved mesh) becomes a point of intensity `power / 4 pi`.
+    /// * [`SeveralLights`](Effect::SeveralLights): only the light of the highest power (the first of equals) emits. Other
+    ///   area lights remain as shapes without emission.
     /// * [`Glossy`](Effect::Glossy): materials with a rough lobe become diffuse, with their whole albedo at normal
     ///   incidence as reflectance. A textured colour keeps its texture, scaled to the new mean. Rough glass becomes
     ///   smooth glass.

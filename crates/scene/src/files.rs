@@ -27,8 +27,8 @@ impl<F: Files + ?Sized> Files for &F {
 pub struct Disk;
 
 impl Disk {
-    /// Returns the path of a file that a text names. Texts and file systems may differ in their encoding: where no file
-    /// has the name in UTF-8, one with the same name in Latin-1 is meant. Returns `path` if there is neither.
+    /// Returns the path of a file. Texts that name files and file systems may differ in their encoding. If no file has the
+    /// name in UTF-8, a file with the same name in Latin-1 is returned. Returns `path` if neither exists.
     pub fn locate(path: &Path) -> Cow<'_, Path> {
         let latin = || in_latin1(path).into_iter().find(|path| path.exists());
         if path.exists() { path.into() } else { latin().map_or(path.into(), Cow::Owned) }
@@ -45,7 +45,7 @@ impl Files for Disk {
     }
 }
 
-/// A path with its file name in Latin-1, and with all its names; none if it is ASCII, or not in UTF-8.
+/// A path with its file name in Latin-1, and with all names in Latin-1; empty if the path is ASCII, or not UTF-8.
 #[cfg(unix)]
 fn in_latin1(path: &Path) -> Vec<PathBuf> {
     use std::os::unix::ffi::OsStringExt;

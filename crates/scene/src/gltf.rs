@@ -1,10 +1,10 @@
 //! Reader of glTF 2.0 files (`.gltf` and `.glb`) [Khronos 2021].
 //!
 //! Metal and roughness become a metal, a coated diffuse surface or a mix of both; transmission becomes glass. Lights of
-//! `KHR_lights_punctual` are in candela and lux: 683 lumens are 1 watt, as Blender reads them. Emission is radiance as it
-//! stands. A file without a camera gets the framing of a bare model, and a file without any light gets the same sky. Lights
-//! are those of the file, and surfaces that shine evenly and above 1; all else that shines only glows.
-//! Skins and morph targets are read in their pose of rest; animations are not read.
+//! `KHR_lights_punctual` are in candela and lux, converted at 683 lumens per watt as in Blender. Emission values are
+//! radiance. A file without a camera gets the default camera of models, and a file without lights their environment map. Only
+//! the file's lights, and untextured emission above 1, count as lights here; other emission is a glow. Skins and morph
+//! targets are read in their rest pose; animations are not read.
 
 mod buffers;
 mod materials;
@@ -25,7 +25,7 @@ use std::sync::Arc;
 
 /// The largest number of scattering events on a path of a glTF scene, as in Cycles.
 const MAX_DEPTH: u32 = 12;
-/// The extensions that this reader knows. Validation refuses a file that requires any other.
+/// The extensions that this reader supports. Validation refuses a file that requires any other.
 const KNOWN: &str = "KHR_lights_punctual KHR_materials_clearcoat KHR_materials_emissive_strength KHR_materials_ior \
     KHR_materials_pbrSpecularGlossiness KHR_materials_specular KHR_materials_transmission KHR_materials_unlit \
     KHR_materials_volume KHR_mesh_quantization KHR_texture_transform KHR_xmp_json_ld";
@@ -57,16 +57,16 @@ pub(crate) const READER: SceneReader = SceneReader {
     },
 };
 
-/// The reader of one file: the scene so far, the file's contents, and what has been read of them.
+/// The reader of one file: the scene so far, the file's contents, and caches of converted objects.
 struct Reader<'a> {
     scene: &'a mut Scene,
     document: &'a Document,
     buffers: Buffers<'a>,
     files: &'a dyn Files,
     source: &'a Source,
-    /// Images by their index, each decoded once for every part that is read; `None` for one that cannot be read.
+    /// Decoded images, by index and by the part of the pixels that is read; `None` for an unreadable image.
     images: BTreeMap<(usize, textures::Part), Option<Arc<Image>>>,
-    /// Materials by their index, and with vertex colours or without.
+    /// Converted materials, by index and by a flag that is true for meshes with vertex colours.
     surfaces: BTreeMap<(Option<usize>, bool), materials::Surface>,
     /// Parts of meshes by the mesh's index.
     meshes: BTreeMap<usize, Vec<primitives::Part>>,
@@ -74,7 +74,7 @@ struct Reader<'a> {
 }
 
 impl Reader<'_> {
-    /// Warns once of each message.
+    /// Adds a warning, unless the same warning exists already.
     fn warn(&mut self, message: String) {
         let notice = Notice::warning(self.source.clone(), message);
         if !self.scene.notices.contains(&notice) {
@@ -82,11 +82,11 @@ impl Reader<'_> {
         }
     }
 
-    /// Names what of the whole file is left out.
+    /// Warns about animations and scenes that are left out.
     fn name_left_out(&mut self) {
         let (document, animations) = (self.document, self.document.animations().len());
         if animations > 0 {
-            self.warn(format!("animations are left out ({animations}); the pose is that of rest"));
+            self.warn(format!("animations are left out ({animations}); the rest pose is used"));
         }
         if let Some(scene) = nodes::shown_scene(document) {
             let others = document.scenes().filter(|other| other.index() != scene.index() && other.nodes().len() > 0);
@@ -99,7 +99,7 @@ impl Reader<'_> {
     }
 }
 
-/// Adds everything in a glTF file to a scene. Returns what the file lacks: camera and light.
+/// Adds everything in a glTF file to a scene. Returns the parts that the file lacks: camera and light.
 fn add_file(scene: &mut Scene, bytes: &[u8], files: &dyn Files, source: &Source) -> Result<studio::Wanted, Fault> {
     let (text, blob) = split(bytes)?;
     let document = &document(text, scene, source)?;
@@ -107,7 +107,7 @@ fn add_file(scene: &mut Scene, bytes: &[u8], files: &dyn Files, source: &Source)
     let placed = nodes::place(document)?;
     if let Some(empty) = nodes::first_scene(document).filter(|first| first.nodes().len() == 0) {
         let name = named("scene", empty.index(), empty.name());
-        scene.warn(source, format!("{name} has no nodes; those of another scene, or else all, are shown"));
+        scene.warn(source, format!("{name} has no nodes; the nodes of another scene, or all nodes, are used"));
     }
     let (images, surfaces, meshes, objects) = Default::default();
     let mut reader = Reader { scene, document, buffers, files, source, images, surfaces, meshes, objects };
@@ -119,7 +119,7 @@ fn add_file(scene: &mut Scene, bytes: &[u8], files: &dyn Files, source: &Source)
     let emissions = || scene.shapes.iter().filter_map(|shape| shape.emission.as_ref());
     let has_light = !scene.lights.is_empty() || emissions().any(is_lamp);
     if !has_light && emissions().next().is_some() {
-        let glows = "nothing but emission by textures or up to 1 gives light; the sky of bare models is added";
+        let glows = "emission by textures or up to 1 does not count as a light; the default sky is added";
         scene.warn(source, glows);
     }
     if scene.shapes.is_empty() && scene.instances.is_empty() {
@@ -158,7 +158,7 @@ fn split(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), Fault> {
 }
 
 fn truncated(length: usize) -> Fault {
-    format!("the file ends after {length} bytes, within its contents; copy it again").into()
+    format!("the file is cut off after {length} bytes; copy it again").into()
 }
 
 /// Parses and checks the JSON part of a file. Extensions that are left out become notices.
@@ -192,7 +192,7 @@ fn document(text: &[u8], scene: &mut Scene, source: &Source) -> Result<Document,
 /// Parses the JSON part of a file.
 fn root(text: &str) -> serde_json::Result<json::Root> {
     json::Root::from_str(text).or_else(|e| {
-        // The library wants the nodes of a scene, which the specification doesn't.
+        // The library requires the nodes of a scene; the specification does not.
         let Ok(mut value) = serde_json::from_str::<serde_json::Value>(text) else { return Err(e) };
         let scenes = value.get_mut("scenes").and_then(|scenes| scenes.as_array_mut());
         let scenes = scenes.into_iter().flatten().filter_map(|scene| scene.as_object_mut());
@@ -201,7 +201,7 @@ fn root(text: &str) -> serde_json::Result<json::Root> {
     })
 }
 
-/// Adds the bounds of positions that a file leaves out. Validation asks for them, and nothing here reads them.
+/// Adds missing bounds of positions. Validation requires them; this reader does not use them.
 fn complete(root: &mut json::Root) -> Result<(), Fault> {
     let primitives = root.meshes.iter().flat_map(|mesh| &mesh.primitives);
     let positions = primitives.filter_map(|p| p.attributes.get(&Checked::Valid(json::mesh::Semantic::Positions)));

@@ -155,7 +155,7 @@ fn check_count(size: [u32; 2], found: usize) -> Result<(), ImageError> {
 #[non_exhaustive]
 #[derive(Debug, thiserror::Error)]
 pub enum ImageError {
-    /// An image of this width and height, of which one is 0.
+    /// An image whose width or height, given here, is 0.
     #[error("an image of {}x{} has no pixels; both sides must be at least 1", .0[0], .0[1])]
     Empty([u32; 2]),
     /// The number of pixels differs from width times height.
@@ -169,10 +169,10 @@ pub enum ImageError {
     /// A file whose format is not recognized.
     #[error("{0}: unknown image format; convert it to PNG, JPEG, TGA (by its extension), Radiance HDR, OpenEXR or PFM")]
     UnknownContent(String),
-    /// A file that ends before its image is complete. The message has its name, its format and its length.
+    /// A file that ends before its image is complete. The text holds the file's name, format and length.
     #[error("{0}, before its image is complete; copy or download it again")]
     Truncated(String),
-    /// A file that contradicts its format or itself. The message has its name, its format and the byte's offset.
+    /// A file that contradicts its format or itself. The text holds the file's name, format and the byte's offset.
     #[error("{0}; copy it again or save it anew")]
     Malformed(String),
     /// A file whose image has a side of 0.
@@ -180,17 +180,17 @@ pub enum ImageError {
     EmptyFile(String),
     /// A header that claims more pixels than the file can plausibly hold.
     #[error(
-        "{0} (256 MiB and 16 times its length): if the header is right, save the image smaller, or with less compression (as TGA, say)"
+        "{0} (256 MiB plus 16 times its length); if the header is right, save a smaller image, or use less compression (such as TGA)"
     )]
     TooLarge(String),
     /// An image with NaN or infinity where values must be finite.
-    #[error("{0}: an image that scatters or gives light must be finite, save it without")]
+    #[error("{0}; textures and environment maps must be finite; save the image without NaN and infinity")]
     NotFinite(String),
     /// A file with a feature of its format that Dapple does not support.
     #[error("{0}")]
     Unsupported(String),
-    /// An OpenEXR file with several images, of which none comes first.
-    #[error("{file}: several of its layers may be the image: {}; save the one to use as R, G and B without a layer", layers.join(", "))]
+    /// An OpenEXR file with several layers that may be the image.
+    #[error("{file}: several layers may be the image: {}; save the one to use as R, G and B without a layer", layers.join(", "))]
     Ambiguous {
         /// The file.
         file: String,

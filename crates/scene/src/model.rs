@@ -1,11 +1,11 @@
 //! Readers of models: OBJ, PLY and STL files as scenes, with a default camera and a default light.
 //!
 //! [`read_any`](crate::read_any) returns a [`Scene`] that can be rendered without edits. It holds:
-//! * the meshes of the file in grey (or in an OBJ file's materials: `Kd` and `map_Kd`), times the colours of its vertices
-//!   or facets, which are in sRGB; smooth only if the file has normals;
+//! * the meshes of the file in grey (or in an OBJ file's materials: `Kd` and `map_Kd`), multiplied by the colours of vertices
+//!   or facets, which are in sRGB; shading is smooth only if the file has normals;
 //! * a camera that sees the whole model from the front, the right and above, or from its open side;
 //! * a ground on which the model stands;
-//! * an environment, brighter above than below, with a round lamp over the viewer's left shoulder.
+//! * an environment map, brighter above than below, with a round light over the viewer's left shoulder.
 //!
 //! Unsupported parts of the file are listed in [`Scene::notices`].
 //!
@@ -108,7 +108,7 @@ fn model_scene(
 /// Reflectance of surfaces without a material: 0.5.
 const GREY: Color = Color::Constant([0.5; 3]);
 
-/// Adds a diffuse material. On a mesh with vertex colours they multiply the reflectance; in place of grey they stand alone.
+/// Adds a diffuse material. Vertex colours multiply its reflectance, or replace the default grey.
 fn add_material(
     scene: &mut Scene,
     name: &str,
@@ -123,13 +123,13 @@ fn add_material(
     scene.add_material(Material::new(name, MaterialKind::Diffuse { reflectance }, source.clone()))
 }
 
-/// The notice of a mesh that has textures and no texture coordinates of a set.
+/// The notice of a textured mesh without texture coordinates. `set` names the missing set.
 pub(crate) fn no_uvs(set: &str) -> String {
-    format!("it has textures and no texture coordinates{set}; each triangle shows the same part of them")
+    format!("it has textures but no texture coordinates{set}; every triangle shows the same piece of the textures")
 }
 
-/// Reads a file of one mesh as a scene, in its own colours or the default grey. A reason to suspect the file, and what is
-/// left out, become warnings.
+/// Reads a file of one mesh as a scene, in its own colours or the default grey. Doubts about the file, and left-out
+/// properties, become warnings.
 fn mesh_scene(
     files: &dyn Files,
     path: &Path,

@@ -28,7 +28,7 @@ pub(crate) fn triangulate(
         return Ok(());
     }
     if corners.len() > MOST_EARS {
-        return Err("a concave polygon of more than 2048 corners is not cut up; triangulate the mesh");
+        return Err("concave polygons of more than 2048 corners are not supported; triangulate the mesh");
     }
     let flat = flatten(corners, positions).ok_or("this polygon crosses itself; triangulate the mesh")?;
     let start = triangles.len();

@@ -52,7 +52,7 @@ pub fn read_any_from(
     (reader.read)(&Opened { files, path, content: RefCell::new(Some(content)) }, path, options)
 }
 
-/// Files of which one has been read already.
+/// A source of files, one of which has already been read.
 struct Opened<'f> {
     files: &'f dyn Files,
     path: &'f Path,
@@ -99,7 +99,7 @@ fn foreign_content(content: &[u8]) -> Option<String> {
     known.filter(|format| format.0 != "3ds Max" || is_3ds(content)).map(message)
 }
 
-/// Returns the error message for a file of an extension that no reader has, whose content shows no format.
+/// Returns the error message for a file whose content shows no format and whose extension no reader has.
 fn foreign_extension(extension: &str) -> String {
     if ["gz", "zip", "zst", "bz2", "xz"].contains(&extension) {
         return format!("files with extension \".{extension}\" are compressed; unpack the file first");
@@ -108,7 +108,7 @@ fn foreign_extension(extension: &str) -> String {
         Some(format) => message(format),
         None if extension.is_empty() => "its format is unknown; export pbrt, glTF, OBJ, PLY or STL".into(),
         None => {
-            format!("its format is unknown, and so is extension \".{extension}\"; export pbrt, glTF, OBJ, PLY or STL")
+            format!("its format and extension \".{extension}\" are unknown; export pbrt, glTF, OBJ, PLY or STL")
         }
     }
 }

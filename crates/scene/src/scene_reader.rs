@@ -36,7 +36,8 @@ pub struct ReadOptions {
     /// True to leave unsupported features out with a notice, false to report an error. An unknown material becomes
     /// diffuse, an unknown texture grey; other objects are dropped.
     pub allow_unsupported: bool,
-    /// The memory in bytes that subdivision surfaces may take; `None` for some 300 MB. More is an error, before it is taken.
+    /// The memory limit in bytes for subdivision surfaces; `None` means about 300 MB. Exceeding it is an error before
+    /// allocation.
     pub memory: Option<u64>,
 }
 
@@ -69,7 +70,7 @@ pub struct ModelOptions {
 }
 
 impl ModelOptions {
-    /// The axis that points up and the aspect of a model whose format has `up` as its usual axis.
+    /// The axis that points up, and the aspect of the image. `up` is the usual axis of the model's format.
     pub(crate) fn stage(&self, up: UpAxis) -> (UpAxis, Option<f64>) {
         (self.up.unwrap_or(up), self.aspect)
     }

@@ -6,14 +6,14 @@ use std::str::FromStr;
 
 /// The byte order mark of UTF-8.
 const MARK: &[u8] = b"\xef\xbb\xbf";
-/// The bytes from the start of a file among which its first word is sought.
+/// The number of bytes at the start of a file in which its first word is searched for.
 const HEAD: usize = 1 << 16;
 
-/// Returns the text of a file. A byte order mark is skipped, and so is a zero or Ctrl-Z at the end with all behind it; bytes
-/// that are not UTF-8 are Latin-1, and every line end (CRLF, CR) becomes LF.
+/// Returns the text of a file. A byte order mark is skipped, and so is a trailing NUL or Ctrl-Z with everything after it.
+/// Bytes that are not UTF-8 are read as Latin-1, and every line end (CRLF, CR) becomes LF.
 ///
 /// # Errors
-/// Returns a message for a text in UTF-16 or UTF-32, in which other readers would find no word.
+/// Returns a message for a text in UTF-16 or UTF-32.
 pub fn decode(bytes: &[u8]) -> Result<Cow<'_, str>, &'static str> {
     let content = without_mark(bytes)?;
     let is_end = |byte: &u8| matches!(byte, 0 | 0x1a);
@@ -33,7 +33,7 @@ pub fn decode(bytes: &[u8]) -> Result<Cow<'_, str>, &'static str> {
     Ok(lines.into())
 }
 
-/// Returns the text of bytes that are UTF-8, or Latin-1 where they are not, such as those of a path.
+/// Decodes bytes, such as those of a path, as UTF-8. Bytes that are not UTF-8 are read as Latin-1.
 pub fn lossless(bytes: &[u8]) -> Cow<'_, str> {
     if let Ok(text) = std::str::from_utf8(bytes) {
         return text.into();
@@ -70,8 +70,8 @@ pub(crate) fn without_mark(bytes: &[u8]) -> Result<&[u8], &'static str> {
     Ok(bytes.strip_prefix(MARK).unwrap_or(bytes))
 }
 
-/// Takes the next line of a file of text and other bytes, with its end, from `left`; `None` at the end of the file.
-/// `lone` is true if CR alone ends its lines, so that a LF after it is no part of the line's end.
+/// Takes the next line of a file of text and other bytes, with its end, from `left`; `None` at the end of the file. `lone` is
+/// true if CR alone ends lines, so that an LF after it is not part of the line's end.
 pub(crate) fn take_line<'b>(left: &mut &'b [u8], lone: bool) -> Option<Cow<'b, str>> {
     let end = left.iter().position(|b| matches!(b, b'\r' | b'\n'))?;
     let crlf = !lone && left[end..].starts_with(b"\r\n");
@@ -106,12 +106,12 @@ impl<'t> Words<'t> {
         self.rest
     }
 
-    /// The line that has been reached.
+    /// The number of the current line.
     pub(crate) fn line(&self) -> u32 {
         self.line
     }
 
-    /// Takes the next words if they are these, written apart or as one, in upper or lower case.
+    /// Takes the next words if they are `first` and `second`, apart or joined, in upper or lower case. Returns true if so.
     pub(crate) fn take_pair(&mut self, [first, second]: [&str; 2]) -> bool {
         let mut one = self.clone();
         let Some((_, word)) = one.next() else { return false };
@@ -127,7 +127,7 @@ impl<'t> Words<'t> {
         apart
     }
 
-    /// Skips the rest of the line, or what of it precedes these two words. Returns true if they are there.
+    /// Skips words up to the pair of words, or to the end of the line. Returns true if the line has the pair.
     pub(crate) fn skip_line_to(&mut self, pair: [&str; 2]) -> bool {
         let line = self.line;
         loop {
@@ -172,13 +172,13 @@ pub(crate) fn number<T: FromStr + From<f32>>(word: &str) -> Option<T> {
     })
 }
 
-/// The name that the argument of a statement gives: without blanks and quotes around it.
+/// The name in the argument of a statement, without the blanks and quotes around it.
 pub(crate) fn name(argument: &str) -> &str {
     let argument = argument.trim();
     argument.strip_prefix('"').and_then(|rest| rest.strip_suffix('"')).unwrap_or(argument)
 }
 
-/// The names that an argument may give: all of it, since names may hold `#`, or what precedes a comment (` # …`).
+/// The possible names in an argument: all of it, since names may hold `#`, and the text before a comment (` # …`).
 pub(crate) fn names(argument: &str) -> impl Iterator<Item = &str> {
     let mut marks = argument.match_indices('#').map(|(at, _)| argument.split_at(at));
     let comment = marks.find(|(before, comment)| {

@@ -6,8 +6,8 @@ use dapple_scene::{CalledEffect, Effect, Effects, Scene, Source};
 use serde::Serialize;
 use std::path::Path;
 
-/// The effects of a scene and their measurements. Its JSON line has the order of the fields; a missing measurement is
-/// null.
+/// The effects of a scene and their measurements. The keys of its JSON line have the order of the fields; a missing
+/// measurement is null.
 #[derive(Default, Serialize)]
 pub(super) struct Report<'a> {
     scene: &'a str,
@@ -15,14 +15,14 @@ pub(super) struct Report<'a> {
     pub(super) resolution: Option<[u32; 2]>,
     pub(super) spp: Option<u32>,
     pub(super) seeds: Option<u32>,
-    /// The mean seconds of tracing an image with every effect: processor time of all threads if the system reports it,
-    /// else wall time.
+    /// The mean time in seconds of tracing an image with every effect: processor time of all threads if the system reports
+    /// it, else wall time.
     pub(super) seconds: Option<f64>,
     pub(super) interrupted: bool,
     pub(super) effects: Vec<Row<'a>>,
     found_by_chance: Option<Reason<'a>>,
-    /// The cost and the light of paths beyond the scene's depth limit, by comparison with unlimited depth. `None` if
-    /// the scene sets no limit, or no path is long enough to be cut.
+    /// The cost and the light of paths longer than the scene's depth limit, measured against unlimited depth. `None` if the
+    /// scene sets no limit, or no path is long enough to be cut.
     pub(super) beyond_depth: Option<Figures>,
     #[serde(skip)]
     by_chance: Option<&'a CalledEffect>,
@@ -50,10 +50,10 @@ struct Reason<'a> {
     objects: usize,
 }
 
-/// The measurement of one effect; empty for one that was not measured.
+/// The measurement of one effect; its fields are empty if the effect was not measured.
 #[derive(Clone, Copy, Default, Serialize)]
 pub(super) struct Figures {
-    /// The effect's share of the tracing time, at most 1. It is below 0 if the image takes longer without the effect.
+    /// The effect's fraction of the tracing time, at most 1. It is below 0 if the image takes longer without the effect.
     time_share: Option<Figure>,
     /// The ratio of the tracing time with the effect to the time without it.
     time_ratio: Option<Figure>,
@@ -69,8 +69,8 @@ struct Figure {
 }
 
 impl Figures {
-    /// Makes the figures of an effect from the logarithm of the ratio of tracing times and the difference of the images,
-    /// each by this number of seeds.
+    /// Computes the figures of an effect from two estimates over `seeds` seeds: `log_time`, the logarithm of the ratio of
+    /// tracing times, and `image`, the difference of the images.
     pub(super) fn new(log_time: MeasuredValue, image: Difference, seeds: u32) -> Self {
         let student = student(seeds - 1);
         let figure = |m: MeasuredValue| Figure { value: m.value, noise: student * m.standard_error };
@@ -128,8 +128,8 @@ impl<'a> Report<'a> {
         let mut lines = vec![format!("{}: {count}, depth {depth}", self.scene)];
         let measured = self.effects.iter().any(|row| row.kept.is_some() || row.figures.time_ratio.is_some());
         if let (true, Some([w, h]), Some(spp), Some(seeds)) = (measured, self.resolution, self.spp, self.seeds) {
-            let seconds = self.seconds.map_or(String::new(), |s| format!(", {s:.3} s of tracing an image"));
-            lines.push(format!("{w}x{h}, {spp} spp, {seeds} seeds{seconds}; ± is half a 95 % interval"));
+            let seconds = self.seconds.map_or(String::new(), |s| format!(", {s:.3} s to trace an image"));
+            lines.push(format!("{w}x{h}, {spp} spp, {seeds} seeds{seconds}; ± is half the width of a 95 % interval"));
         }
         if !self.effects.is_empty() {
             lines.push(String::new());
@@ -142,14 +142,14 @@ impl<'a> Report<'a> {
             ));
         }
         if let Some(called) = self.by_chance {
-            lines.push(format!("\n{}: {}; by default, photons carry it", called.source, found_by_chance(called)));
+            lines.push(format!("\n{}: {}; the default integrator is photons", called.source, found_by_chance(called)));
         }
         lines.join("\n")
     }
 
     /// The table's head and rows, with aligned columns.
     fn rows(&self) -> Vec<String> {
-        let heads = ["effect", "of the time", "without it", "relMSE without it", "radiance lost", "called for by"];
+        let heads = ["effect", "of the time", "without it", "relMSE without it", "radiance lost", "caused by"];
         let all: Vec<[String; 6]> =
             [heads.map(str::to_owned)].into_iter().chain(self.effects.iter().map(Row::cells)).collect();
         let columns = if self.resolution.is_some() { &[0, 1, 2, 3, 4, 5][..] } else { &[0, 5] };
@@ -189,8 +189,8 @@ fn reason(called: &CalledEffect) -> Reason<'_> {
     Reason { because: &called.because, file, line: *line, objects: called.objects }
 }
 
-/// The place of an object in the scene: file name and line. Folders are left out for lack of room in the table; JSON
-/// has the full path.
+/// The location of an object: file name and line. Folders are left out, since the table has no room for them; JSON has the
+/// full path.
 fn place(source: &Source) -> String {
     let file = source.file.file_name().map_or_else(|| source.to_string(), |n| n.to_string_lossy().into_owned());
     if source.line == 0 { file } else { format!("{file}:{}", source.line) }

@@ -1,4 +1,4 @@
-//! The files of a job for each system, from templates, and the folder that gets them.
+//! The job files of each system, filled from templates, and the folder to which they are written.
 
 use super::{Job, filled};
 use crate::{Failure, Result};
@@ -6,10 +6,10 @@ use dapple_scene::image::write_file;
 use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
 
-/// Scripts for Slurm: an array of parts, then a task that depends on all of it and submits the next stage [Slurm `sbatch`:
-/// `--array`, `--dependency=afterok`, `--parsable`, `--requeue`].
+/// Scripts for Slurm: an array of tasks, one per part, then a task that waits for the whole array and submits the next stage
+/// [Slurm `sbatch`: `--array`, `--dependency=afterok`, `--parsable`, `--requeue`].
 ///
-/// At the time limit and before a requeue, Slurm sends SIGTERM to all processes of a task: time for a checkpoint.
+/// At the time limit and before a requeue, Slurm sends SIGTERM to all processes of a task, so that they write a checkpoint.
 pub(super) fn slurm(job: &Job<'_>, files: &mut Files) -> Result<String> {
     files.add("render.sbatch", &job.filled(include_str!("render.sbatch")))?;
     files.add("plan.sbatch", &job.filled(include_str!("plan.sbatch")))?;
@@ -17,10 +17,10 @@ pub(super) fn slurm(job: &Job<'_>, files: &mut Files) -> Result<String> {
     Ok(format!("sh {}/submit.sh", quoted(&job.folder)))
 }
 
-/// A task of a job that states its stages: what it does, the number of its stage, and the arguments of stage.sh.
+/// A task of a job with a known number of stages: its action, the number of its stage, and its arguments of stage.sh.
 type Task = (&'static str, String, String);
 
-/// The tasks in their order. Those that render are one for each part, whose number is `part`.
+/// The tasks in order. A render task runs once per part; `part` is the placeholder for the part's number.
 fn tasks(job: &Job<'_>, part: &str) -> Result<Vec<Task>> {
     let stage = |stage: u32| {
         let [render, plan] = [format!("render {part} {stage}"), format!("plan {stage}")];
@@ -86,8 +86,8 @@ pub(super) fn opencue(job: &Job<'_>, files: &mut Files) -> Result<String> {
     Ok(format!("opencue.api.launchSpecAndWait(open('{}/job.xml').read()) in Python", job.folder))
 }
 
-/// An Indexed Job of Kubernetes for all parts, whose pod of part 1 plans and merges, as JSON. Jobs have no dependencies: all
-/// pods run at once and wait for each other's files.
+/// An Indexed Job of Kubernetes for all parts, as JSON. The pod of part 1 also plans and merges. Jobs have no dependencies:
+/// all pods run at once and wait for each other's files.
 pub(super) fn kubernetes(job: &Job<'_>, files: &mut Files) -> Result<String> {
     let mut requests = Map::new();
     if job.threads > 0 {
@@ -104,23 +104,23 @@ pub(super) fn kubernetes(job: &Job<'_>, files: &mut Files) -> Result<String> {
     Ok(format!("kubectl apply -f {}/job.json", job.folder))
 }
 
-/// The files of a job, to be written together once all are made.
+/// The files of a job, collected in memory and then written together.
 pub(super) struct Files {
     folder: PathBuf,
     all: Vec<(PathBuf, String)>,
 }
 
 impl Files {
-    /// Files for this folder, which is created.
+    /// Creates the folder, and an empty list of files for it.
     pub(super) fn new(folder: &Path) -> Result<Self> {
         for folder in [folder, &folder.join("log")] {
-            let cannot = |e| Failure::new(format!("{}: cannot make the folder: {e}", folder.display()));
+            let cannot = |e| Failure::new(format!("{}: cannot create the folder: {e}", folder.display()));
             std::fs::create_dir_all(folder).map_err(cannot)?;
         }
         Ok(Self { folder: folder.to_owned(), all: Vec::new() })
     }
 
-    /// Adds a file. The description of the render must be that of the job that is there already.
+    /// Adds a file. An error if the folder holds a job with another description of the render.
     pub(super) fn add(&mut self, name: &str, text: &str) -> Result<()> {
         let path = self.folder.join(name);
         if name == DESCRIPTION
@@ -129,14 +129,14 @@ impl Files {
         {
             let folder = self.folder.display();
             return Err(Failure::new(format!(
-                "{folder} holds a job of another render, whose finished parts would be taken; choose another --output"
+                "{folder} holds a job of another render, and its finished parts would be reused; choose another --output"
             )));
         }
         self.all.push((path, text.trim_end().to_owned() + "\n"));
         Ok(())
     }
 
-    /// Writes all files; shell scripts may be executed.
+    /// Writes all files, and makes shell scripts executable.
     pub(super) fn finish(self) -> Result<()> {
         for (path, text) in self.all {
             write_file(&path, text.as_bytes()).map_err(Failure::new)?;
@@ -162,7 +162,7 @@ fn make_executable(_: &Path) -> std::io::Result<()> {
     Ok(())
 }
 
-/// Text as one argument of a shell.
+/// Quotes a text as one argument of a shell.
 pub(super) fn quoted(text: &str) -> String {
     format!("'{}'", text.replace('\'', r"'\''"))
 }

@@ -37,7 +37,7 @@ pub(super) fn check(args: &RenderArgs, loaded: &LoadedScene, files: &OutputFiles
         let first = (0..i).find(|&j| identities[j].is_same(&identities[i]) && !is_resumption(written[j].0, option));
         wrong.extend(first.map(|j| {
             let (other, first, path) = (written[j].0, written[j].1.display(), path.display());
-            format!("{option} {path}: this is the file of {other} {first}; give each its own file")
+            format!("{option} {path}: {other} {first} is the same file; choose different files")
         }));
     }
     if wrong.is_empty() { Ok(()) } else { Err(Failure(wrong)) }
@@ -48,11 +48,11 @@ fn is_resumption(first: &str, second: &str) -> bool {
     [first, second] == ["--checkpoint", "--resume"]
 }
 
-/// Checks that no file to write is one that the scene or `other` reads.
+/// Checks that no output file is also an input of the scene, or `other`.
 ///
 /// # Errors
 ///
-/// A failure with a line for each file that would be lost.
+/// A failure with a line for each input file that would be overwritten.
 pub(super) fn check_inputs<'a>(
     loaded: &LoadedScene,
     other: Option<Named<'a>>,
@@ -66,7 +66,7 @@ pub(super) fn check_inputs<'a>(
         let input = inputs.iter().find(|(_, _, input)| input.is_same(&identity));
         wrong.extend(input.map(|(who, input, _)| {
             let (path, input) = (path.display(), input.display());
-            format!("{option} {path}: {who} reads this file ({input}), which would be lost; write to another file")
+            format!("{option} {path}: {who} reads this file ({input}); write to another file")
         }));
     }
     if wrong.is_empty() { Ok(()) } else { Err(Failure(wrong)) }

@@ -1,4 +1,4 @@
-//! The live image: shown in a viewer, and written to a preview file, while the render goes on.
+//! The live image: shown in a viewer, and written to a preview file, during the render.
 
 mod tev;
 
@@ -19,7 +19,7 @@ use tev::Viewer;
 
 /// Default seconds between two images.
 const EVERY: f64 = 2.0;
-/// The largest share of the time that copying images may take.
+/// The largest fraction of the time that copying images may take.
 const COPYING: f64 = 0.02;
 
 /// The planes of one image.
@@ -27,12 +27,12 @@ pub(crate) struct LiveImage {
     size: [u32; 2],
     radiance: Vec<[f32; 3]>,
     counts: Vec<f32>,
-    /// The predicted squared error, if the film knows it.
+    /// The predicted squared error, if the film records it.
     error: Option<Vec<f32>>,
 }
 
-/// The viewer and the preview file of a render. A thread of its own sends images, so that a slow viewer or disk does not
-/// keep the render waiting.
+/// The viewer and the preview file of a render. A separate thread sends images, so that a slow viewer or disk does not delay
+/// the render.
 #[derive(Default)]
 pub(crate) struct Live {
     places: Option<Places>,
@@ -73,11 +73,11 @@ impl Live {
         let worker = std::thread::Builder::new().name("live image".into());
         match worker.spawn(move || places.show_all(&images, &is_busy)) {
             Ok(worker) => (self.worker, self.due) = (Some((sender, worker)), Some(Instant::now())),
-            Err(e) => output::warn(format!("no live image: {e}")),
+            Err(e) => output::warn(format!("the live image cannot be shown: {e}")),
         }
     }
 
-    /// Shows the image of a film, if an image is due and the previous one is through.
+    /// Shows the image of a film, if an image is due and the previous one has been shown.
     pub(crate) fn show(&mut self, film: &Film) {
         let now = Instant::now();
         if self.due.is_some_and(|due| now >= due) && !self.is_busy.load(Ordering::Acquire) {
@@ -86,7 +86,7 @@ impl Live {
         }
     }
 
-    /// Shows the final image and waits until it is through.
+    /// Shows the final image and waits until it has been shown.
     pub(crate) fn finish(&mut self, image: &RenderedImage) {
         if self.worker.is_none() {
             return;
@@ -122,13 +122,13 @@ impl Places {
             if let Some(viewer) = &mut self.viewer
                 && let Err(e) = viewer.show(&image)
             {
-                output::warn(format!("--view: {} stopped listening: {e}; rendering goes on", viewer.address()));
+                output::warn(format!("--view: {} stopped listening: {e}; rendering continues", viewer.address()));
                 self.viewer = None;
             }
             if let Some(path) = &self.preview
                 && let Err(e) = write_preview(path, image, self.exposure)
             {
-                output::warn(format!("--preview: {e}; rendering goes on without it"));
+                output::warn(format!("--preview: {e}; rendering continues without it"));
                 self.preview = None;
             }
             is_busy.store(false, Ordering::Release);
@@ -136,7 +136,7 @@ impl Places {
     }
 }
 
-/// Replaces the preview file by an image, at once: first under a temporary name.
+/// Replaces the preview file atomically: writes the image under a temporary name, then renames the file.
 fn write_preview(path: &Path, image: LiveImage, exposure: f32) -> std::result::Result<(), String> {
     let image = Image { size: image.size, pixels: image.radiance, alpha: Vec::new() };
     let png = encode_png(&image, exposure).map_err(|e| e.to_string())?;

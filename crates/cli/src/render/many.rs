@@ -39,7 +39,7 @@ impl PlanOptions {
         Ok(Progress::new(&show, stop, Live::default()))
     }
 
-    /// The job of a render, checked to fit into memory; `None` if the program was stopped before.
+    /// The job of a render, checked to fit into memory; `None` if the user stopped the program.
     fn job(&self, spec: &RenderSpec, output: &Path, progress: &Progress) -> Result<Option<Job>> {
         progress.phase("reading");
         let limit = limit(self.memory);
@@ -56,7 +56,7 @@ impl PlanOptions {
 /// Writes the plan of the first stage.
 pub(super) fn first_plan(spec: &RenderSpec, output: &Path, options: &PlanOptions) -> Result<Outcome> {
     if matches!(spec.budget, BudgetSpec::Seconds(_)) {
-        let why = "the machines of a plan have no common clock; use --spp, --samples or --error";
+        let why = "--time cannot be used, since the machines of a plan have no common clock; use --spp or --error";
         return Err(Failure::usage("--time", why));
     }
     let progress = options.progress()?;
@@ -136,33 +136,33 @@ fn keep<'a>(output: &Path, inputs: impl Iterator<Item = (&'static str, &'a Path)
     for (who, input) in inputs {
         if FileIdentity::of(input).is_same(&written) {
             let (path, input) = (output.display(), input.display());
-            let wrong = format!("--output {path}: this is {who} ({input}), which would be lost; write to another file");
+            let wrong = format!("--output {path}: this file is {who} ({input}); write to another file");
             return Err(Failure::new(wrong));
         }
     }
     Ok(())
 }
 
-/// The number of processes that a launcher started together, as it says in the environment.
+/// The number of processes that a launcher started together, from environment variables; 1 without a launcher.
 fn launched() -> u32 {
     const SIZES: [&str; 4] = ["OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MV2_COMM_WORLD_SIZE", "SLURM_STEP_NUM_TASKS"];
     let size = |name: &&str| std::env::var(name).ok()?.parse().ok();
     SIZES.iter().find_map(size).unwrap_or(1)
 }
 
-/// The processes of which this is one; `None` for a process alone.
+/// The processes that were started together with this one; `None` for a process on its own.
 #[cfg(not(feature = "mpi"))]
 pub(super) fn processes() -> Result<Option<Box<dyn Processes>>> {
     match launched() {
         0 | 1 => Ok(None),
         processes => Err(Failure::new(format!(
-            "{processes} processes were started together, and this program has no MPI: each would render the whole image; \
+            "{processes} processes were started together, but this build has no MPI, so each would render the whole image; \
              build it with --features mpi, or start one process (docs/CLUSTER.md)"
         ))),
     }
 }
 
-/// The processes of which this is one; `None` for a process alone.
+/// The processes that were started together with this one; `None` for a process on its own.
 #[cfg(feature = "mpi")]
 pub(super) fn processes() -> Result<Option<Box<dyn Processes>>> {
     let launched = launched();
@@ -177,14 +177,14 @@ pub(super) fn processes() -> Result<Option<Box<dyn Processes>>> {
     let of = processes.size();
     if of != launched {
         return Err(Failure::new(format!(
-            "{launched} processes were started together, and MPI connects {of}; start them by the mpirun of the MPI library \
+            "{launched} processes were started together, but MPI connects only {of}; start them with mpirun of the MPI library \
              that this program was built with, or by srun --mpi=pmix"
         )));
     }
     Ok(Some(Box::new(processes)))
 }
 
-/// Renders together with other processes: process 0 plans, filters, prints and writes, all trace.
+/// Renders together with other processes. Process 0 plans, filters, prints and writes; all processes trace.
 pub(super) fn together(args: &RenderArgs, spec: &RenderSpec, mut processes: Box<dyn Processes>) -> Result<Outcome> {
     let processes = &mut *processes;
     let stop = Stop::listen()?;
@@ -200,7 +200,7 @@ pub(super) fn together(args: &RenderArgs, spec: &RenderSpec, mut processes: Box<
     }
     let show = Show::from(args);
     let prepared = ready(args, spec, &show, &stop, true);
-    // Others wait for rows until they are told that none come.
+    // The other processes wait for rows until process 0 dismisses them.
     if !matches!(prepared, Ok(Some(_))) {
         dismiss(processes).map_err(|e| Failure::lines(&e))?;
     }
@@ -215,14 +215,14 @@ pub(super) fn together(args: &RenderArgs, spec: &RenderSpec, mut processes: Box<
     show.deliver(&job, traced?, (Some(&expected), cpu), progress)
 }
 
-/// The job of a process that traces for another.
+/// The job of a process that traces rows for process 0.
 fn worker(args: &RenderArgs, spec: &RenderSpec, stop: Stop) -> Result<Job> {
     let show = Show { quiet: true, ..Show::from(args) };
     let progress = Progress::new(&show, stop, Live::default());
     let loaded = load(spec, limit(args.memory), true)?;
     let files = show.files(&loaded)?;
     let prepared = prepare(loaded, files, &progress)?;
-    prepared.map(|(job, _)| job).ok_or_else(|| Failure::new("it was stopped"))
+    prepared.map(|(job, _)| job).ok_or_else(|| Failure::new("a process was stopped"))
 }
 
 /// Plan the next stage of a render on many machines, from the parts of the stage before
@@ -276,7 +276,7 @@ pub(crate) fn plan(args: &PlanArgs) -> Result<Outcome> {
     }
 }
 
-/// The function that takes over the film of shards or of a plan.
+/// A function that loads the film of shards or of a plan into a job.
 type Film = Box<dyn FnOnce(&mut Job) -> std::result::Result<Traced, JobError>>;
 
 /// Make an image from shards that several machines rendered, or from the last plan of a render in stages
@@ -331,7 +331,7 @@ pub(crate) fn merge(args: &MergeArgs) -> Result<Outcome> {
             let spec = plan.spec.clone();
             (Box::new(move |job| job.finish_plan(&plan)), spec)
         }
-        (Some(_), _) => return Err(Failure::usage("merge", "a .plan is the whole image; give it alone")),
+        (Some(_), _) => return Err(Failure::usage("merge", "a .plan file stands for the whole image; pass it alone")),
         (None, _) => {
             let shards = RowsFiles::read(&args.shards)?;
             let spec = shards.spec.clone();
@@ -346,8 +346,8 @@ pub(crate) fn merge(args: &MergeArgs) -> Result<Outcome> {
     super::merge(film, &spec, &show, (args.threads, limit))
 }
 
-/// Checks before reading that the films of all shards fit into memory: all parts, the whole, and the file being read. A
-/// file that cannot be looked at counts as empty; reading it reports the error.
+/// Checks before reading that the films of all shards fit into memory: all parts, the whole, and the file being read. A file
+/// of unknown length counts as empty; reading it reports the error.
 fn check_fits(shards: &[PathBuf], limit: MemoryLimit) -> Result<()> {
     let lengths: Vec<u64> = shards.iter().map(|path| std::fs::metadata(path).map_or(0, |found| found.len())).collect();
     let sum = lengths.iter().fold(0_u64, |sum, length| sum.saturating_add(*length));
@@ -355,7 +355,7 @@ fn check_fits(shards: &[PathBuf], limit: MemoryLimit) -> Result<()> {
     if let Some(limit) = limit.bytes().filter(|limit| needed > *limit) {
         let (needed, limit) = (size(needed), size(limit));
         return Err(Failure::new(format!(
-            "merging these shards takes {needed}, and {limit} is the limit; raise --memory"
+            "merging these shards takes {needed}, but the limit is {limit}; raise --memory"
         )));
     }
     Ok(())

@@ -20,13 +20,13 @@ fn choice<T: Copy + Send + Sync + 'static>(
     PossibleValuesParser::new(names).map(value)
 }
 
-/// The choice of the pixel filter.
+/// The parser of `--pixel-filter`.
 pub(crate) fn pixel_filter() -> impl TypedValueParser<Value = PixelFilterSpec> {
     let scene = ("scene", "The pixel filter in the scene file", PixelFilterSpec::Scene);
     choice([scene, ("box", "A box one pixel wide", PixelFilterSpec::Box)])
 }
 
-/// The image that `--error` concerns.
+/// The parser of `--error-of`, which selects the image that `--error` concerns.
 pub(crate) fn error_of() -> impl TypedValueParser<Value = ErrorOf> {
     let filtered = ("filtered", "The filtered image", ErrorOf::Filtered);
     choice([filtered, ("unfiltered", "The image before the filter", ErrorOf::Unfiltered)])
@@ -130,7 +130,7 @@ pub(crate) fn size(text: &str) -> Parsed<u64> {
         _ => 0,
     };
     let number = above_zero(number).ok().filter(|_| unit > 0).map(|x| (x * unit as f64) as u64);
-    number.ok_or_else(|| "a size above zero is required, such as 2G, 500M or 1000000 (1024 bytes are a K)".into())
+    number.ok_or_else(|| "a size above zero is required, such as 2G, 500M or 1000000 (1K is 1024 bytes)".into())
 }
 
 /// Checks the name of a sampler by making one, so that a wrong name is reported before the scene is read.

@@ -9,7 +9,7 @@ fn the_list_names_each_effect_with_its_object() {
     let list = folder.done("effects tiny.pbrt --list");
     let lines: Vec<&str> = list.lines().collect();
     assert_eq!(lines[0], "tiny: 2 effects, depth 5");
-    assert!(lines[3].starts_with("soft-shadows") && lines[3].ends_with("tiny.pbrt:11: a sphere shines"), "{list}");
+    assert!(lines[3].starts_with("soft-shadows") && lines[3].ends_with("tiny.pbrt:11: a sphere emits light"), "{list}");
     assert!(lines[4].starts_with("interreflection") && lines.len() == 5, "{list}");
     let json = folder.line("effects tiny.pbrt --list --json");
     let first = &json["effects"][0];
@@ -80,9 +80,9 @@ fn what_is_left_out_is_said_three_times() {
     let folder = Folder::new();
     let words = "render tiny.pbrt --spp 4 --json -o a.exr --without interreflection --without soft-shadows";
     let lines = [
-        "warning: soft-shadows is left out: each area light is a point light of the same power, and invisible; ",
+        "warning: soft-shadows is left out: each area light is an invisible point light of the same power; ",
         "warning: interreflection is left out: light scatters once; ",
-        "tiny.pbrt:11 uses the effect (a sphere shines)",
+        "tiny.pbrt:11 uses the effect (a sphere emits light)",
     ];
     let said = folder.says(words, 0, &lines);
     let json: Value = serde_json::from_str(&said.out).expect("JSON");
@@ -99,6 +99,6 @@ fn what_is_left_out_is_said_three_times() {
         .replace("AreaLightSource \"diffuse\" \"rgb L\" [ 4 4 4 ]", "")
         .replace("WorldBegin", "WorldBegin\nLightSource \"infinite\" \"rgb L\" [ 1 1 1 ]");
     folder.write("sky.pbrt", dark);
-    let last = "error: cannot leave out environment: without environment no light is left";
+    let last = "error: cannot leave out environment: no light remains without environment";
     folder.says("render sky.pbrt --spp 1 --without environment", 1, &[last]);
 }

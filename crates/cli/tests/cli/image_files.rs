@@ -342,11 +342,10 @@ fn comparisons_find_the_image_pair_its_pixels_and_convert_its_colours() {
     // Other windows of one display.
     let shifted = Window { origin: [33, 5], size: [40, 28] };
     folder.write("shifted.exr", file(vec![part("", shifted, "R G B", 0, 1)]).bytes());
-    let cut =
-        "a.exr has pixels (30,7)-(69,34), shifted.exr (33,5)-(72,32); those in common are compared, (33,7)-(69,32)";
+    let cut = "a.exr has pixels (30,7)-(69,34), shifted.exr has (33,5)-(72,32); only the common pixels (33,7)-(69,32) are compared";
     assert_eq!(mse("a.exr shifted.exr", &[cut]), 0.0);
     folder.write("apart.exr", file(vec![part("", Window { origin: [80, 7], ..WINDOW }, "R G B", 0, 1)]).bytes());
-    folder.says("compare a.exr apart.exr", 1, &["none of which apart.exr has, (80,7)-(119,34)"]);
+    folder.says("compare a.exr apart.exr", 1, &["and apart.exr (pixels (80,7)-(119,34)) have no pixel in common"]);
     // A file without windows is the data window, if it has its size.
     let image = read_image(&folder.read("plain.exr"), "plain.exr", Encoding::Auto).expect("an image");
     folder.write("plain.pfm", encode_pfm(&image).expect("PFM"));
@@ -359,13 +358,13 @@ fn comparisons_find_the_image_pair_its_pixels_and_convert_its_colours() {
     assert!(mse("aces.exr plain.exr", &[]) > 0.001, "the same numbers in another space");
     // Several images.
     folder.write("two.exr", file(vec![part("", WINDOW, "AO.R AO.G AO.B diffuse.R diffuse.G diffuse.B", 0, 1)]).bytes());
-    let message = "two.exr: several of its layers may be the image: AO, diffuse; save the one to use as R, G and B without a layer, or name it with --layer NAME";
+    let message = "two.exr: several layers may be the image: AO, diffuse; save the one to use as R, G and B without a layer, or choose one with --layer NAME";
     folder.says("compare two.exr plain.exr", 1, &[message]);
     assert_eq!(mse("two.exr two.exr --layer AO", &[]), 0.0);
     folder.says(
         "compare two.exr plain.exr --layer A0",
         1,
-        &["two.exr: it has no image \"A0\"; its layers are AO, diffuse"],
+        &["two.exr: no layer \"A0\" holds an image; the layers are AO, diffuse"],
     );
 }
 
@@ -393,7 +392,8 @@ fn images_of_one_eye_are_never_paired_with_those_of_the_other() {
         assert!(error(&out, 0, name, salt) < 0.3 * error(&a, 0, name, salt), "{name}");
     }
     folder.write("c.exr", stereo(["right", "left"], 1).bytes());
-    let said = folder.says("compare a.exr c.exr --json", 0, &["c.exr: view \"left\" is read, view \"right\" is not"]);
+    let said =
+        folder.says("compare a.exr c.exr --json", 0, &["c.exr: view \"left\" is read; not read: view \"right\""]);
     assert_eq!(serde_json::from_str::<serde_json::Value>(&said.out).expect("JSON")["mse"].as_f64(), Some(0.0));
     for (name, eye) in [("a.exr", "left"), ("b.exr", "right")] {
         let parts = vec![MadePart { view: Some(eye.into()), ..part("main", WINDOW, "R G B", 0, 1) }];
@@ -401,7 +401,7 @@ fn images_of_one_eye_are_never_paired_with_those_of_the_other() {
     }
     let message = "b.exr: the image shows view \"right\", but a.exr shows view \"left\"";
     folder.says("denoise a.exr b.exr -o none.exr", 1, &[message]);
-    folder.says("compare a.exr b.exr", 1, &["a.exr: it shows view \"left\", and b.exr \"right\""]);
+    folder.says("compare a.exr b.exr", 1, &["a.exr shows view \"left\", but b.exr shows view \"right\""]);
 }
 
 #[test]
@@ -410,7 +410,7 @@ fn comparisons_refuse_windows_of_displays_of_other_sizes() {
     let own = Made::of(vec![part("", Window { origin: [0, 0], ..WINDOW }, "R G B", 0, 1)]);
     folder.write("own.exr", own.bytes());
     folder.write("part.exr", file(vec![part("", WINDOW, "R G B", 0, 1)]).bytes());
-    let message = "own.exr: it has pixels (0,0)-(39,27) of the display (0,0)-(39,27), and part.exr pixels (30,7)-(69,34) of the display (0,0)-(99,49)";
+    let message = "own.exr has pixels (0,0)-(39,27) of display window (0,0)-(39,27), but part.exr has pixels (30,7)-(69,34) of display window (0,0)-(99,49)";
     folder.says("compare own.exr part.exr", 1, &[message]);
 }
 
@@ -447,7 +447,7 @@ fn info_shows_what_an_image_holds() {
         size        40x28\n\
         data        (30,7)-(69,34)\n\
         display     (0,0)-(99,49)\n\
-        aspect      2 (width of a pixel by its height)\n\
+        aspect      2 (width of a pixel divided by its height)\n\
         colours     red (0.713, 0.293), green (0.165, 0.83), blue (0.128, 0.044), white (0.32168, 0.33767)\n\
         compression zip block, scan lines\n\
         channels    A, B, G, R (float)\n\
@@ -458,7 +458,7 @@ fn info_shows_what_an_image_holds() {
     assert!(info.starts_with(expected), "{info}");
     folder.write("b.exr", Made { half: true, space: None, ..file(vec![part("", WINDOW, "Y", 0, 1)]) }.bytes());
     let info = folder.done("info b.exr");
-    assert!(info.contains("channels    Y (half)\n") && info.contains("colours     Rec. 709 (no chroma"), "{info}");
+    assert!(info.contains("channels    Y (half)\n") && info.contains("colours     Rec. 709 (the file"), "{info}");
     folder.done("render tiny.pbrt --spp 1 -o c.png -o c.pfm");
     assert_eq!(folder.done("info c.png"), "image       PNG, 24x16\nchannels    R, G, B (8 bits)\n");
     assert_eq!(folder.done("info c.pfm"), "image       PFM, 24x16\nchannels    R, G, B (float)\n");

@@ -133,10 +133,10 @@ fn without_a_viewer_nothing_is_rendered() {
     // A port that was free a moment ago.
     let port = TcpListener::bind("127.0.0.1:0").expect("a port").local_addr().expect("an address").port();
     let said = folder.says(&format!("render tiny.pbrt --view tev:127.0.0.1:{port}"), 1, &[]);
-    let expected = format!("error: --view: nothing listens as tev at 127.0.0.1:{port} (");
+    let expected = format!("error: --view: cannot connect to tev at 127.0.0.1:{port} (");
     assert!(said.err.starts_with(&expected) && said.err.contains("start tev first"), "{}", said.err);
     assert!(folder.names().is_empty());
-    folder.says("render tiny.pbrt --view mpv", 2, &["there is no viewer \"mpv\"; give tev, tev:HOST or tev:HOST:PORT"]);
+    folder.says("render tiny.pbrt --view mpv", 2, &["unknown viewer \"mpv\"; use tev, tev:HOST or tev:HOST:PORT"]);
 }
 
 /// A viewer that is closed early costs a warning.
@@ -153,7 +153,7 @@ fn a_viewer_that_leaves_does_not_stop_the_render() {
     assert_eq!(said.status, Some(0), "{}", said.err);
     let lines: Vec<&str> = said.err.lines().filter(|line| line.starts_with("warning: --view: tev at ")).collect();
     assert_eq!(lines.len(), 1, "{}", said.err);
-    assert!(lines[0].ends_with("rendering goes on") && folder.names() == ["a.pfm"]);
+    assert!(lines[0].ends_with("rendering continues") && folder.names() == ["a.pfm"]);
 }
 
 #[test]
@@ -236,20 +236,17 @@ fn outputs_replace_neither_inputs_nor_each_other() {
         ("all.pbrt -o mesh.png", "--output mesh.png: the scene reads this file (mesh.png)"),
         ("all.pbrt -o hard.png", "--output hard.png: the scene reads this file (texture.png)"),
         #[cfg(unix)]
-        ("all.pbrt -o link.png", "--output link.png: the scene reads this file (all.pbrt), which would be lost"),
+        ("all.pbrt -o link.png", "--output link.png: the scene reads this file (all.pbrt); write to another"),
         ("all.pbrt -o scene.png", "--output scene.png: the scene reads this file (all.pbrt)"),
         ("all.pbrt -o a.png --preview hard.png", "--preview hard.png: the scene reads this file (texture.png)"),
         ("all.pbrt -o a.png --checkpoint mesh.png", "mesh.png"),
         ("all.pbrt -o a.pfm --maps maps", "--maps maps/albedo.png: the scene reads this file (mesh.png)"),
         ("--spec spec.png -o spec.png", "--output spec.png: --spec reads this file (spec.png)"),
-        ("all.pbrt --preview p.png -o p.png", "--preview p.png: this is the file of --output p.png"),
-        ("all.pbrt -o a.pfm -o ./a.pfm", "--output ./a.pfm: this is the file of --output a.pfm"),
+        ("all.pbrt --preview p.png -o p.png", "--preview p.png: --output p.png is the same file"),
+        ("all.pbrt -o a.pfm -o ./a.pfm", "--output ./a.pfm: --output a.pfm is the same file"),
         ("all.pbrt --maps new -o new/a.pfm -o new/../new/albedo.png", "is the file of --output new/../new/albedo.png"),
-        (
-            "all.pbrt --maps new.pfm -o new.pfm",
-            "--maps new.pfm: this is the file of --output new.pfm; give each its own",
-        ),
-        ("all.pbrt --checkpoint a.pfm -o a.pfm", "--checkpoint a.pfm: this is the file of --output a.pfm"),
+        ("all.pbrt --maps new.pfm -o new.pfm", "--maps new.pfm: --output new.pfm is the same file; choose different"),
+        ("all.pbrt --checkpoint a.pfm -o a.pfm", "--checkpoint a.pfm: --output a.pfm is the same file"),
         ("--spec spec.png -o texture.png", "--output texture.png: the scene reads this file (texture.png)"),
     ];
     for (words, message) in cases {

@@ -55,7 +55,7 @@ fn what_does_not_fit_is_refused_before_it_starts_z03() {
     folder.write("fine.pbrt", crate::common::TINY.to_owned() + pyramid);
     let said = folder.run("render fine.pbrt --memory 100M -o a.pfm");
     assert!(said.err.contains("fine.pbrt:13: Shape \"loopsubdiv\" would make 4194304 triangles"), "{}", said.err);
-    assert!(said.status == Some(1) && said.err.contains("may be made in all, for lack of memory"), "{}", said.err);
+    assert!(said.status == Some(1) && said.err.contains("are allowed in total (memory limit)"), "{}", said.err);
     // The tree of a scene is known before it is built.
     folder.says("render terrain --memory 40M --resolution 8x8", 1, &["the scene alone does not fit"]);
     // What fits is made, and no limit is needed for that.

@@ -335,7 +335,7 @@ fn an_image_equals_itself_and_no_other() {
     assert!(folder.done("compare b.exr a.exr").contains("\nFLIP            0."));
     for (words, message) in [
         ("small.pfm a.exr", "error: the image is 4x4 and its reference 24x16; "),
-        ("a.exr missing.exr", "error: missing.exr: cannot read it: "),
+        ("a.exr missing.exr", "error: missing.exr: cannot read the image: "),
         ("tiny.pbrt a.exr", "error: tiny.pbrt: unknown image format"),
     ] {
         let said = folder.says(&format!("compare {words}"), 1, &[]);

@@ -160,7 +160,7 @@ fn a_signal_leaves_image_and_checkpoint_x08() {
         let said = Said::of(child.wait_with_output().expect("it ends"));
         assert!(asked.elapsed() < Duration::from_secs(2), "{:?}", asked.elapsed());
         assert_eq!(said.status, Some(130), "{}", said.err);
-        assert!(said.err.ends_with("interrupted: the same command with --resume c resumes it\n"), "{}", said.err);
+        assert!(said.err.ends_with("interrupted: to resume, repeat the command with --resume c\n"), "{}", said.err);
         let size = folder.read("a.pfm").len();
         assert!(size > 12 * 64 * 48);
         // The image is that of the checkpoint: no sample is lost.
@@ -249,8 +249,8 @@ fn a_merge_that_does_not_fit_is_refused() {
         folder.done(&format!("{words} --shard {shard}"));
     }
     let merge = "merge tiny-1-of-2.part tiny-2-of-2.part -o a.pfm";
-    for (limit, what) in [("16", "merging these shards takes "), ("60", "making the image takes ")] {
-        folder.says(&format!("{merge} --memory {limit}M"), 1, &[what, &format!("{limit}.0 MiB is the limit")]);
+    for (limit, what) in [("16", "merging these shards takes "), ("60", "creating the image takes ")] {
+        folder.says(&format!("{merge} --memory {limit}M"), 1, &[what, &format!("the limit is {limit}.0 MiB")]);
     }
     assert!(!folder.names().contains(&"a.pfm".to_owned()));
     folder.done(&format!("{merge} -q --memory 1G"));

@@ -57,7 +57,7 @@ fn wrong_plans_and_parts_are_refused() {
         ("plan 1.part foreign.part -o 1.plan", "foreign.part: it belongs to another render than 1.part: "),
         ("plan 1.part cut.part -o 1.plan", "cut.part: it is "),
         ("plan 1.part nowhere.part -o 1.plan", "nowhere.part: there is no such file; check the name of the part"),
-        ("plan 1.part 2.part -o 0.plan", "this is --from (0.plan), which would be lost"),
+        ("plan 1.part 2.part -o 0.plan", "this file is --from (0.plan); write to another"),
         ("plan 1.part 2.part -o 1.part", "a file name that ends in .plan is required"),
         ("plan 0.plan -o 1.plan", "of another kind"),
         ("render --from cut.plan --shard 1/2 -o 3.part", "cut.plan: it is truncated"),

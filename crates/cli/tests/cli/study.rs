@@ -166,7 +166,7 @@ fn wrong_words_say_what_there_is() {
         ("--set spp=a", 2, "invalid type: string \"a\", expected u64"),
         ("--set spp", 2, "--set spp: this is not a setting; write KEY=VALUE"),
         ("--set time_of=3", 2, "time_of: 3 is not one of spp (4, 8, 16, 32)"),
-        ("tiny.pbrt", 2, "tiny.pbrt is no plan (FILE.toml); write --set scenes=tiny.pbrt to study a scene"),
+        ("tiny.pbrt", 2, "tiny.pbrt is not a plan (FILE.toml); use --set scenes=tiny.pbrt to study a scene"),
         ("nowhere.toml", 1, "nowhere.toml: cannot read the plan"),
         ("bad.toml", 1, "bad.toml:3: samplers: there is no sampler \"nonesuch\""),
         ("key.toml", 1, "key.toml:1: unknown field `samplesr`, expected one of `scenes`, `only`, `samplers`"),

@@ -164,10 +164,11 @@ fn the_unsupported_is_refused_or_listed() {
 #[cfg(target_os = "linux")]
 fn foreseen(folder: &Folder, info: &str) {
     let render = folder.done("render tiny.pbrt");
-    let [foreseen, expected] = [(info, "a render by default takes "), (&render, " taken, ")].map(|(said, before)| {
-        let sum = said.split_once(before).map(|(_, rest)| rest.lines().next().unwrap_or_default()).expect("memory");
-        sum.replace(" expected", "").split_once(", film ").expect("a film").1.to_owned()
-    });
+    let [foreseen, expected] =
+        [(info, "a render with default options takes "), (&render, " taken, ")].map(|(said, before)| {
+            let sum = said.split_once(before).map(|(_, rest)| rest.lines().next().unwrap_or_default()).expect("memory");
+            sum.replace(" expected", "").split_once(", film ").expect("a film").1.to_owned()
+        });
     assert_eq!(foreseen, expected);
 }
 
@@ -187,11 +188,11 @@ fn lists_and_info_are_for_reading() {
         "shapes      2 (1 mesh, 1 sphere)",
         "lights      1 (1 area)",
         "effects     2",
-        "  soft-shadows      a sphere shines (tiny.pbrt:11)",
+        "  soft-shadows      a sphere emits light (tiny.pbrt:11)",
     ] {
         assert!(out.lines().any(|l| l == line), "{line}: {out}");
     }
-    assert!(out.contains("\nmemory      a render by default takes "), "{out}");
+    assert!(out.contains("\nmemory      a render with default options takes "), "{out}");
     // What is said of it beforehand is what the render says.
     #[cfg(target_os = "linux")]
     foreseen(&folder, &out);

@@ -1,12 +1,12 @@
-//! The sRGB MSE of means of 4x4 pixels: what an eye sees that does not count single pixels.
+//! The sRGB MSE of the means of 4x4 pixels: the error seen by an eye that does not resolve single pixels.
 
 use super::Measurement;
 use crate::compare::srgb_encode;
 use crate::sum::Sum;
 use crate::{MetricsError, Pixels, block_means};
 
-/// Mean of `(x - a) (x - b)` over blocks and channels, for the blocks' means x of the image and a and b of the reference's two
-/// halves, as displayed, on a scale of 0 to 255. The halves' noise cancels, since it is independent.
+/// Mean of `(x - a) (x - b)` over blocks and channels, in sRGB values of 0 to 255. x is a block's mean in the image, a and b
+/// are its means in the reference's two halves. The noise of the halves is independent, so that it cancels.
 pub(super) fn of(measurement: &Measurement<'_>) -> Result<f64, MetricsError> {
     let (image, reference) = (measurement.image, measurement.reference);
     let halves = measurement.variance.map(|variance| halves(reference.values, variance.values));
@@ -16,14 +16,14 @@ pub(super) fn of(measurement: &Measurement<'_>) -> Result<f64, MetricsError> {
     Ok(255.0 * 255.0 * products.value() / x.len() as f64)
 }
 
-/// The values of blocks as displayed; an image with a side below 4 has one block across it.
+/// The sRGB values of the block means. A block is 4 pixels long, or as long as a shorter side of the image.
 fn displayed(size: [u32; 2], values: &[[f32; 3]]) -> Result<Vec<f64>, MetricsError> {
     let means = block_means(Pixels::new(size, values)?, size.map(|side| side.min(4)))?.means;
     Ok(means.into_iter().flatten().map(srgb_encode).collect())
 }
 
-/// The halves of the reference, but for their order. It is drawn for each pixel and channel, so that the noise of neighbours stays
-/// independent: one half that is always the larger would have a mean of its own.
+/// The two halves of the reference, computed from its mean and variance. Which half is brighter is random for each pixel and
+/// channel. A half that is brighter everywhere would be biased, with correlated noise in neighbouring pixels.
 pub(super) fn halves(reference: &[[f32; 3]], variance: &[[f32; 3]]) -> [Vec<[f32; 3]>; 2] {
     [1.0, -1.0].map(|order: f32| {
         let values = reference.iter().zip(variance).enumerate();

@@ -7,9 +7,9 @@ const MANY_DEGREES: f64 = 1e5;
 
 /// The quantile of Student's t: the value below which t lies with `probability`; -inf at 0, inf at 1.
 ///
-/// `degrees_of_freedom` is any number above 0, infinity included. The relative error is below 1e-12, near the median
-/// too. NaN for a probability outside 0..=1 or degrees of freedom not above 0. Infinite beyond the range of an f64, which
-/// happens below one degree of freedom.
+/// `degrees_of_freedom` is any number above 0, infinity included. The relative error is below 1e-12, also near the median.
+/// NaN for a probability outside 0..=1 or degrees of freedom not above 0. Infinite if the value exceeds the range of an f64,
+/// which happens below one degree of freedom.
 ///
 /// ```
 /// assert!((dapple_metrics::student_t_quantile(0.975, 7.0) - 2.364_624_251_592_785).abs() < 1e-11);
@@ -76,8 +76,8 @@ pub(super) fn normal_cdf(z: f64) -> f64 {
     0.5 * libm::erfc(-z * FRAC_1_SQRT_2)
 }
 
-/// The probability from which the quantile t is computed: above t (`Tail`), or between 0 and t (`Centre`). The smaller
-/// of both keeps all digits, in far tails and near the median.
+/// The probability from which the quantile t is computed: above t (`Tail`), or between 0 and t (`Centre`). The smaller of the
+/// two keeps full precision, in far tails and near the median.
 #[derive(Clone, Copy, PartialEq)]
 enum Side {
     Tail,
@@ -152,7 +152,7 @@ impl Beta {
     }
 
     /// The logarithm of the probability of `side` at t = exp(u), and the absolute value of its derivative by u, as
-    /// [`quantile`] takes them.
+    /// [`quantile`] requires.
     fn log_mass(&self, side: Side, u: f64) -> (f64, f64) {
         // ln(t^2 / v), and from it ln x and ln(1 - x) without cancellation.
         let odds = 2.0 * u - libm::log(self.v);
@@ -195,7 +195,7 @@ fn fraction(x: f64, a: f64, b: f64) -> f64 {
     let mut c = 1.0;
     let mut d = 1.0 / guarded(1.0 - (a + b) * x / (a + 1.0));
     let mut value = d;
-    // The number of steps grows with the root of the larger parameter: below 1000 for 1e5 degrees of freedom.
+    // The number of steps grows with the square root of the larger parameter: below 1000 for 1e5 degrees of freedom.
     for m in 1..10_000 {
         let m = f64::from(m);
         let even = m * (b - m) * x / ((a + 2.0 * m - 1.0) * (a + 2.0 * m));

@@ -18,8 +18,8 @@ pub struct Light {
     pub source: Source,
 }
 
-/// The kind of a light, with its parameters. Code matches it without a wildcard, so that the compiler finds every place
-/// that a new kind must extend.
+/// The kind of a light, with its parameters. Code matches on it without a wildcard, so that the compiler reports every place
+/// to extend for a new kind.
 #[derive(Clone, Debug)]
 pub enum LightKind {
     /// An environment: radiance from all directions, infinitely far away.

@@ -92,8 +92,8 @@ pub enum MaterialKind {
     /// A border between two media, without a surface: light passes straight through, and no scattering event is
     /// counted.
     Interface,
-    /// A surface that shows its colour to the camera as radiance, without light from anywhere. All rays that have been
-    /// scattered, and shadow rays, pass it: it lights nothing, shades nothing and is in no mirror.
+    /// An unlit surface: the camera sees its colour as radiance. Shadow rays and scattered rays pass through it. It neither
+    /// lights nor shades other surfaces, and is not visible in mirrors.
     Unlit {
         /// The radiance seen, linear RGB within 0 to 1.
         color: Color,
@@ -121,11 +121,12 @@ pub enum MaterialKind {
         /// Microfacet roughness of the coat.
         roughness: Roughness,
     },
-    /// The surface of glTF [Khronos 2021]: a share of metal, the rest diffuse below a glossy layer, and a clear coat above.
+    /// glTF's surface [Khronos 2021]: a blend of metal and of a diffuse base below a glossy layer, under an optional clear
+    /// coat.
     Layered {
-        /// The colour: of diffuse reflection, and of a metal's reflection along the normal.
+        /// The base colour: the diffuse reflectance, and the metal's Fresnel reflectance along the normal.
         base: Color,
-        /// The share of metal, 0 to 1.
+        /// The fraction of metal, 0 to 1.
         metallic: Scalar,
         /// Fresnel reflectance of the glossy layer along the normal, 0 to 1.
         normal: [f32; 3],
@@ -159,7 +160,7 @@ impl MaterialKind {
         }
     }
 
-    /// Returns the non-diffuse lobes, which decide the effects that the material calls for.
+    /// Returns the non-diffuse lobes, which decide the effects that the material uses.
     pub(crate) fn lobes(&self) -> Vec<Lobe<'_>> {
         let black = |color: &Color| *color == Color::Constant([0.0; 3]);
         let reflecting = |what, roughness| Lobe { what, roughness: Some(roughness), refracts: false };
@@ -193,8 +194,8 @@ impl MaterialKind {
         }
     }
 
-    /// Calls `visit` with each parameter that a texture may give, colours first, and its use in messages. The colour
-    /// that the albedo depends on most is called "color".
+    /// Calls `visit` with each parameter that may be textured, colours first, and the parameter's name for messages. The name
+    /// "color" marks the colour that most affects the albedo.
     pub(crate) fn each_parameter(&mut self, mut visit: impl FnMut(&'static str, Parameter<'_>)) {
         let visit = &mut visit;
         match self {
@@ -225,7 +226,7 @@ impl MaterialKind {
                 coat.roughness.each_parameter(visit);
                 roughness.each_parameter(visit);
             }
-            Self::Mix { amount, .. } => visit("share of a mix", Parameter::Scalar(amount)),
+            Self::Mix { amount, .. } => visit("amount of a mix", Parameter::Scalar(amount)),
             Self::Plastic { diffuse, specular, roughness } | Self::Substrate { diffuse, specular, roughness } => {
                 visit("color", Parameter::Color(diffuse));
                 visit("specular color", Parameter::Color(specular));
@@ -234,14 +235,14 @@ impl MaterialKind {
             Self::Layered { base, metallic, roughness, .. } => {
                 visit("color", Parameter::Color(base));
                 roughness.each_parameter(visit);
-                visit("share of metal", Parameter::Scalar(metallic));
+                visit("metallic", Parameter::Scalar(metallic));
             }
             Self::ThinDielectric { .. } | Self::Interface => {}
         }
     }
 }
 
-/// A parameter of a material that a texture may give.
+/// A parameter of a material that may be textured.
 pub(crate) enum Parameter<'m> {
     Color(&'m mut Color),
     Scalar(&'m mut Scalar),
@@ -271,7 +272,7 @@ impl Lobe<'_> {
 /// A clear coat of index of refraction 1.5, as in glTF.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ClearCoat {
-    /// The share of the surface that is coated, 0 to 1.
+    /// The fraction of the surface that is coated, 0 to 1.
     pub amount: f32,
     /// Microfacet width of the coat.
     pub alpha: f32,

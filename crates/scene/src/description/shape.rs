@@ -119,7 +119,7 @@ impl MeshData {
             [("normals", self.normals.len()), ("texture coordinates", self.uvs.len()), ("colours", self.colors.len())];
         for (of, count) in counts {
             if count != 0 && count != vertices {
-                let what = format!("there are {count} {of} for {vertices} vertices; give one for each, or none");
+                let what = format!("there are {count} {of} for {vertices} vertices; use one per vertex, or none");
                 return Err(MeshFault(what));
             }
         }
@@ -128,7 +128,7 @@ impl MeshData {
         let color = || self.colors.iter().position(|rgb| rgb.iter().any(|c| !c.is_finite()));
         let found = normal.or_else(|| Some(("texture coordinate", uv()?))).or_else(|| Some(("colour", color()?)));
         if let Some((of, vertex)) = found {
-            return Err(MeshFault(format!("the {of} of vertex {vertex} is not finite; mend the mesh")));
+            return Err(MeshFault(format!("the {of} of vertex {vertex} is not finite; repair the mesh")));
         }
         let beyond = |corner: &u32| *corner as usize >= vertices;
         if let Some(at) = self.triangles.as_flattened().iter().position(beyond) {
@@ -142,7 +142,7 @@ impl MeshData {
     /// Checks that positions are finite.
     pub(crate) fn check_positions(&self) -> Result<(), MeshFault> {
         match self.positions.iter().position(|p| !p.is_finite()) {
-            Some(vertex) => Err(MeshFault(format!("the position of vertex {vertex} is not finite; mend the mesh"))),
+            Some(vertex) => Err(MeshFault(format!("the position of vertex {vertex} is not finite; repair the mesh"))),
             None => Ok(()),
         }
     }
@@ -178,8 +178,8 @@ impl MeshData {
         }
     }
 
-    /// Sets normals that are NaN or infinite to 0, so that the geometric normal stands for them. Returns their number,
-    /// `None` if there are none.
+    /// Sets normals that are NaN or infinite to 0, so that the geometric normal is used instead. Returns their number, `None`
+    /// if there are none.
     pub(crate) fn mend_normals(&mut self) -> Option<usize> {
         let bad = self.normals.iter_mut().filter(|n| n.iter().any(|c| !c.is_finite()));
         let count = bad.map(|n| *n = [0.0; 3]).count();
@@ -225,7 +225,7 @@ impl Emission {
         Self { radiance, two_sided, texture: None }
     }
 
-    /// Returns the emission with the mean of its texture in the texture's place.
+    /// Returns the emission with its texture replaced by the texture's mean.
     pub(crate) fn mean(self, textures: &[Texture]) -> Self {
         let mean = self.texture.map_or([1.0; 3], |id| texture_mean(textures, id));
         Self::even(std::array::from_fn(|c| self.radiance[c] * mean[c]), self.two_sided)

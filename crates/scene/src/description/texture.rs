@@ -1,4 +1,4 @@
-//! Textures, and parameters that textures may give.
+//! Textures, and parameters that may be textured.
 
 use super::Source;
 use crate::image::Image;

@@ -8,7 +8,7 @@ use dapple_core::film::luminance;
 use glam::{DAffine3, DMat3, DVec3};
 use std::f64::consts::PI;
 
-/// Least length of a lamp's mean normal at which the lamp counts as flat and is replaced by spots, not by a point.
+/// Length of an area light's mean normal from which the light counts as flat: it is replaced by spots, not by a point.
 const FLAT: f64 = 0.9;
 
 pub(super) fn find_lamps(visible: &Visible<'_>) -> FirstCause {
@@ -16,14 +16,14 @@ pub(super) fn find_lamps(visible: &Visible<'_>) -> FirstCause {
     found(lamps, |(shape, lamp)| {
         let sides = if lamp.emission.two_sided { " from both sides" } else { "" };
         let because = match &shape.geometry {
-            Geometry::Mesh(mesh) => format!("a mesh of {} triangles shines{sides}", mesh.triangles.len()),
-            geometry => format!("a {} shines{sides}", geometry.name()),
+            Geometry::Mesh(mesh) => format!("a mesh of {} triangles emits light{sides}", mesh.triangles.len()),
+            geometry => format!("a {} emits light{sides}", geometry.name()),
         };
         (because, shape.source.clone())
     })
 }
 
-/// Replaces each lamp by lights without extent.
+/// Replaces each area light by lights without extent.
 pub(super) fn shrink_lamps(scene: &mut Scene) {
     let lamp = |shape: &Shape| {
         let lamp = LampShape::of(shape)?;
@@ -37,7 +37,7 @@ pub(super) fn shrink_lamps(scene: &mut Scene) {
     }
 }
 
-/// Returns the lights without extent that replace a lamp, each with its light-to-world transform.
+/// Returns the lights without extent that replace an area light, each with its light-to-world transform.
 fn point_lights(lamp: &LampShape) -> Vec<(LightKind, DAffine3)> {
     if lamp.facing.length() < FLAT {
         let intensity = lamp.power(&[]).map(|p| (p / (4.0 * std::f64::consts::PI)) as f32);
@@ -82,8 +82,8 @@ pub(super) fn find_environments(visible: &Visible<'_>) -> FirstCause {
     let environments = shining.filter_map(|light| Some((light, light.kind.environment()?)));
     found(environments, |(light, environment)| {
         let because = match environment.image() {
-            Some(image) => format!("an image of {}x{} surrounds the scene", image.size[0], image.size[1]),
-            None => "the same light comes from everywhere".into(),
+            Some(image) => format!("an environment map of {}x{} pixels", image.size[0], image.size[1]),
+            None => "a uniform environment".into(),
         };
         (because, light.source.clone())
     })
@@ -170,8 +170,8 @@ pub(super) enum LightNumber {
     Light(usize),
 }
 
-/// Returns every light that is not black, with the luminance of its radiant power. The power of an infinitely far light
-/// is what enters the scene's bounding sphere. The renderer's light selection by power uses the same weights within
+/// Returns every light that is not black, with the luminance of its radiant power. The power of an infinitely far light is
+/// the power that enters the scene's bounding sphere. The renderer's light selection by power uses the same weights up to
 /// rounding.
 pub(super) fn powers(scene: &Scene) -> Vec<(LightNumber, f64)> {
     let lamp =
@@ -209,8 +209,8 @@ fn bounds<'s>(shapes: impl IntoIterator<Item = (&'s Shape, DAffine3)>) -> [DVec3
     [low, high]
 }
 
-/// Solid angle in steradians below which a lamp is small: fewer than one diffusely scattered ray in 3000 (`1e-3 / pi`)
-/// hits it. At 64 to 1024 samples most pixels miss such a lamp.
+/// Solid angle in steradians below which a light is small: fewer than one diffusely scattered ray in 3000 (`1e-3 / pi`) hits
+/// it. At 64 to 1024 samples most pixels miss such a light.
 const SMALL: f64 = 1e-3;
 /// Fraction of the total power of all lights below which a light does not count.
 const WORTH: f64 = 0.01;
@@ -224,7 +224,7 @@ pub(super) fn found_by_chance(visible: &Visible<'_>) -> Option<CalledEffect> {
     let refracting = refracting(scene);
     let lights = powers(scene);
     let least = WORTH * lights.iter().map(|(_, power)| power).sum::<f64>();
-    // The glass from which a light looks smallest.
+    // The glass from whose middle a light has the smallest solid angle.
     let small = |light: LightNumber| {
         let seen = refracting.iter().filter_map(|glass| Some((glass, solid_angle(scene, light, glass.2)?)));
         let (glass, angle) = seen.min_by(|a, b| a.1.total_cmp(&b.1)).filter(|(_, angle)| *angle < SMALL)?;
@@ -234,10 +234,10 @@ pub(super) fn found_by_chance(visible: &Visible<'_>) -> Option<CalledEffect> {
     let found: Vec<_> = counting.filter_map(|(light, _)| small(*light)).collect();
     let &(light, (name, at, _), angle) = found.first()?;
     let what = match angle {
-        0.0 => "a light without extent, so that what it sends through is not found at all".to_owned(),
-        angle => format!("a lamp of {angle:.1e} sr"),
+        0.0 => "a source without extent, which paths never hit".to_owned(),
+        angle => format!("a small source ({angle:.1e} sr)"),
     };
-    let because = format!("material \"{name}\" ({at}) refracts the light of {what}");
+    let because = format!("material \"{name}\" ({at}) refracts light from {what}");
     let source = match light {
         LightNumber::Shape(i) => scene.shapes[i].source.clone(),
         LightNumber::Light(i) => scene.lights[i].source.clone(),
@@ -245,8 +245,8 @@ pub(super) fn found_by_chance(visible: &Visible<'_>) -> Option<CalledEffect> {
     Some(CalledEffect { effect: Effect::Refraction, because, source, objects: found.len() })
 }
 
-/// Returns the smooth refracting shapes, through which light sampling cannot connect: the name of the material, the
-/// place of the shape in the file, and its middle.
+/// Returns the smooth refracting shapes, through which light sampling cannot connect: for each the material's name, the place
+/// of the shape in the file, and its middle.
 fn refracting(scene: &Scene) -> Vec<(&str, &Source, DVec3)> {
     let glass = |(shape, to_world): (&'_ Shape, DAffine3)| {
         let mut seen = vec![false; scene.materials.len()];

@@ -25,12 +25,13 @@ fn describe(material: &Material, lobe: &Lobe<'_>) -> String {
     let (name, what) = (&material.name, lobe.what);
     match lobe.roughness.map(Roughness::alpha) {
         None => format!("material \"{name}\" is {what}"),
-        Some(None) => format!("material \"{name}\" is {what}, rough by a texture"),
+        Some(None) => format!("material \"{name}\" is {what} with a textured roughness"),
         Some(Some([u, v])) => format!("material \"{name}\" is {what} with alpha {u}, {v}"),
     }
 }
 
-/// Replaces all materials with a lobe for which `wanted` returns true: rough glass by clear glass, others by diffuse ones.
+/// Replaces all materials with a lobe for which `wanted` returns true: rough glass by smooth glass, others by diffuse
+/// materials.
 pub(super) fn replace_lobes(scene: &mut Scene, albedo: &Albedo<'_>, wanted: fn(&Lobe<'_>) -> bool) {
     let Scene { materials, textures, .. } = scene;
     for material in materials.iter_mut().filter(|m| m.kind.lobes().iter().any(wanted)) {
@@ -92,7 +93,7 @@ pub(super) fn find_textures(visible: &Visible<'_>) -> FirstCause {
     })
 }
 
-/// Returns the first texture that a material looks up and the name of its use, such as "roughness".
+/// Returns the first texture that a material looks up and the name of the textured parameter, such as "roughness".
 fn first_texture(material: &Material) -> Option<(TextureId, &'static str)> {
     let mut first = None;
     // The roughness of a material without lobes has no effect.

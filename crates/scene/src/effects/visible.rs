@@ -52,8 +52,8 @@ impl<'s> Visible<'s> {
     }
 }
 
-/// Returns a material and the materials that it mixes, without those `seen` before, and marks them as seen. Circular
-/// mixes thus end.
+/// Returns a material and the materials that it mixes, except those already `seen`, and marks them as seen, so that circular
+/// mixes end.
 pub(super) fn worn<'s>(scene: &'s Scene, first: MaterialId, seen: &mut [bool]) -> Vec<&'s Material> {
     let (mut waiting, mut worn) = (vec![first], Vec::new());
     while let Some(id) = waiting.pop() {
@@ -117,8 +117,8 @@ pub(super) fn find_interreflection(visible: &Visible<'_>) -> FirstCause {
     let because = match scene.max_depth {
         _ if !scatters => return None,
         Some(..=1) => return None,
-        Some(depth) => format!("up to {depth} scattering events are asked for"),
-        None => "paths of any length are asked for".into(),
+        Some(depth) => format!("paths have up to {depth} scattering events"),
+        None => "paths may have any length".into(),
     };
     Some((because, Source { line: 0, ..scene.camera.source.clone() }, 1))
 }

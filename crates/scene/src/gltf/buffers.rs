@@ -10,7 +10,7 @@ use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
-/// The largest number of values of an accessor whose bytes are not in the file (all zeros).
+/// The largest number of values of an accessor without data in the file, whose values are all 0.
 const MOST_ZEROS: usize = 1 << 24;
 
 /// The contents of all buffers of a file.
@@ -38,7 +38,7 @@ impl<'a> Buffers<'a> {
             let bytes = bytes.map_err(|what: String| format!("{}: {what}", name()))?;
             if bytes.len() < buffer.length() {
                 let (has, needs) = (bytes.len(), buffer.length());
-                return Err(format!("{}: has {has} bytes of {needs}; copy its file again", name()).into());
+                return Err(format!("{}: has only {has} of {needs} bytes; copy its file again", name()).into());
             }
             contents.push(bytes);
         }
@@ -87,7 +87,7 @@ impl<'a> Buffers<'a> {
             format!("{}: {what}; export the file again", named("accessor", accessor.index(), accessor.name()))
         };
         if accessor.dimensions().multiplicity() != N {
-            return Err(fault(&format!("must have {N} values each")));
+            return Err(fault(&format!("must have elements of {N} values")));
         }
         let (count, size) = (accessor.count(), accessor.data_type().size());
         let element = |bytes: &[u8]| std::array::from_fn(|k| read(&bytes[k * size..]));
@@ -111,13 +111,13 @@ impl<'a> Buffers<'a> {
         let (Some(places), Some(elements)) = (places, elements) else { return Err(fault("reaches beyond its buffer")) };
         for (place, bytes) in places.zip(elements) {
             let place = place.iter().rev().fold(0, |sum, &byte| sum << 8 | usize::from(byte));
-            *values.get_mut(place).ok_or_else(|| fault("changes a value that it does not have"))? = element(bytes);
+            *values.get_mut(place).ok_or_else(|| fault("has a sparse value out of range"))? = element(bytes);
         }
         Ok(values)
     }
 }
 
-/// `count` pieces of `size` bytes, `stride` bytes apart, from `offset` on; `None` if they reach beyond the bytes.
+/// `count` pieces of `size` bytes, `stride` bytes apart, from `offset` on; `None` if a piece ends beyond the bytes.
 fn strided(bytes: &[u8], layout: [usize; 3], count: usize) -> Option<impl Iterator<Item = &[u8]> + Clone> {
     let [offset, stride, size] = layout;
     let bytes = bytes.get(offset..)?;
@@ -140,7 +140,7 @@ pub(super) fn read_uri(uri: &str, files: &dyn Files, path: &Path) -> Result<Vec<
     if let Some(data) = uri.strip_prefix("data:") {
         let text = data.split_once(";base64,").ok_or("a data URI must be in base64; export the file again")?.1;
         let text: String = text.split_ascii_whitespace().collect();
-        // The padding at the end says nothing.
+        // The padding at the end is redundant.
         let lenient = GeneralPurposeConfig::new().with_decode_padding_mode(DecodePaddingMode::Indifferent);
         return GeneralPurpose::new(&base64::alphabet::STANDARD, lenient)
             .decode(text)
@@ -155,7 +155,7 @@ pub(super) fn beside(uri: &str, path: &Path) -> PathBuf {
     path.parent().unwrap_or(Path::new("")).join(unescaped(uri))
 }
 
-/// Replaces `%20` and its like by the bytes they stand for.
+/// Replaces escapes such as `%20` by their bytes.
 fn unescaped(uri: &str) -> String {
     let (text, mut bytes, mut at) = (uri.as_bytes(), Vec::with_capacity(uri.len()), 0);
     while let Some(&byte) = text.get(at) {

@@ -8,12 +8,12 @@ use crate::{
 };
 use ::gltf::material::{AlphaMode, Material as GltfMaterial};
 
-/// Reflectance of parts without a material, that of Blender's default surface.
+/// Reflectance of meshes without a material, that of Blender's default surface.
 const BARE: [f32; 3] = [0.8; 3];
 /// Index of refraction of materials that state none.
 const IOR: f32 = 1.5;
 
-/// A material of the scene, with what shapes hold beside it.
+/// A material of the scene, with the properties that shapes store beside it.
 #[derive(Clone)]
 pub(super) struct Surface {
     pub(super) material: MaterialId,
@@ -36,7 +36,8 @@ struct Look {
 }
 
 impl Reader<'_> {
-    /// The scene's material for one of the file, added at its first use. `colored` is true for a mesh with vertex colours.
+    /// Returns the scene's material for a material of the file. Adds it at its first use. `colored` is true for a mesh with
+    /// vertex colours.
     pub(super) fn surface_of(&mut self, material: &GltfMaterial<'_>, colored: bool) -> Result<Surface, String> {
         let key = (material.index(), colored);
         if let Some(known) = self.surfaces.get(&key) {
@@ -62,7 +63,7 @@ impl Reader<'_> {
     fn surface(&mut self, material: &GltfMaterial<'_>, name: String, colored: bool) -> Result<Surface, String> {
         let uv_set = self.uv_set(material, &name);
         if material.occlusion_texture().is_some() {
-            self.warn(format!("{name}: its texture of occlusion is left out; light is traced"));
+            self.warn(format!("{name}: its occlusion texture is left out; occlusion is ray-traced"));
         }
         let look = self.look(material, name, colored);
         if material.unlit() {
@@ -84,7 +85,7 @@ impl Reader<'_> {
             None => self.alpha(material),
             Some(_) if material.alpha_mode() == AlphaMode::Opaque => None,
             Some(_) => {
-                self.warn(format!("{}: shines, so that its opacity is left out", look.name));
+                self.warn(format!("{}: it emits light, so its opacity is left out", look.name));
                 None
             }
         };
@@ -100,7 +101,7 @@ impl Reader<'_> {
         sets.extend(material.normal_texture().map(|normal| Use::of_normals(&normal).set));
         let first = *sets.first()?;
         if sets.iter().any(|set| *set != first) {
-            self.warn(format!("{name}: all of its textures use set {first} of texture coordinates"));
+            self.warn(format!("{name}: its textures use several sets of coordinates; all use set {first} here"));
         }
         Some(first)
     }
@@ -121,7 +122,7 @@ impl Reader<'_> {
         let ior = if ior.is_finite() && ior >= 1.0 {
             ior
         } else {
-            self.warn(format!("{name}: its index of refraction of {ior} is left out; {IOR} stands for it"));
+            self.warn(format!("{name}: its index of refraction {ior} is invalid; {IOR} is used instead"));
             IOR
         };
         Look { name, base, colored, roughness, ior, normal_map }
@@ -237,11 +238,11 @@ impl Reader<'_> {
         }
     }
 
-    /// The medium inside a material with a volume, from the colour that light has left after the attenuation distance.
+    /// The medium inside a material with a volume, from the colour of white light after the attenuation distance.
     fn medium(&mut self, material: &GltfMaterial<'_>, name: &str) -> Option<MediumInterface> {
         let volume = material.volume().filter(|volume| volume.thickness_factor() > 0.0)?;
         if volume.thickness_texture().is_some() {
-            self.warn(format!("{name}: its texture of thickness is left out; light goes through the mesh as it is"));
+            self.warn(format!("{name}: its thickness texture is left out; the mesh has its own thickness"));
         }
         let distance = volume.attenuation_distance();
         let absorption = volume.attenuation_color().map(|c| -libm::logf(c.clamp(1e-6, 1.0)) / distance);
@@ -266,7 +267,7 @@ fn glass(look: &Look, solid: bool) -> MaterialKind {
     MaterialKind::Dielectric { eta: look.ior, roughness: look.roughness, reflectance, transmittance: look.base }
 }
 
-/// The value in 0 to 1 that is nearest; NaN becomes 0.
+/// The value clamped to 0..=1; NaN becomes 0.
 fn share(value: f32) -> f32 {
     if value > 0.0 { value.min(1.0) } else { 0.0 }
 }

@@ -12,9 +12,9 @@ use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3};
 const DEEPEST: usize = 256;
 /// Lumens per watt: the luminous efficacy in the definition of the candela, by which Blender converts lights too.
 const LUMENS_PER_WATT: f32 = 683.0;
-/// Height in pixels of images by a camera of the file.
+/// Image height in pixels if the file has a camera.
 const HEIGHT: f64 = 720.0;
-/// The range of the aspect ratio, so that the image keeps both sides.
+/// The allowed range of the aspect ratio, so that both sides of the image have pixels.
 const ASPECTS: [f64; 2] = [0.05, 20.0];
 
 /// A node and its transform to world space.
@@ -53,7 +53,7 @@ pub(super) fn place(document: &Document) -> Result<Vec<Placed<'_>>, Fault> {
             return fault("has two parents; export the file again");
         }
         if depth > DEEPEST {
-            return fault(&format!("more than {DEEPEST} nodes lie within each other; flatten the scene"));
+            return fault(&format!("nodes are nested more than {DEEPEST} levels deep; flatten the scene"));
         }
         let to_world = parent * local(&node);
         if !to_world.is_finite() {
@@ -103,7 +103,7 @@ impl Reader<'_> {
                 self.warn(format!("{name}: its range is left out; light fades with the square of the distance"));
             }
             let (Some(pose), true) = (rigid(*to_world), lit) else {
-                self.warn(format!("{name} has no light or no direction; left out"));
+                self.warn(format!("{name} has no intensity or no direction; left out"));
                 continue;
             };
             let (kind, to_world) = match light.kind() {
@@ -113,7 +113,7 @@ impl Reader<'_> {
                     let cone = outer_cone_angle.to_degrees().clamp(0.01, 90.0);
                     let falloff_start = inner_cone_angle.to_degrees().clamp(0.0, cone);
                     let falloff = SpotFalloff::Smoothstep;
-                    // glTF's spots shine along -z, ours along +z.
+                    // glTF's spots shine along -z, Dapple's along +z.
                     let turn = DAffine3::from_mat3(DMat3::from_diagonal(DVec3::new(-1.0, 1.0, -1.0)));
                     (LightKind::Spot { intensity: power, cone, falloff_start, falloff }, pose * turn)
                 }

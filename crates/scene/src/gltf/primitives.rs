@@ -24,7 +24,7 @@ pub(super) struct Part {
 type Pose<'a> = (&'a [DAffine3], &'a [f32]);
 
 impl Reader<'_> {
-    /// Adds the meshes of all nodes. A mesh that several nodes place becomes instances of one object, unless it shines.
+    /// Adds the meshes of all nodes. A mesh that several nodes place becomes instances of one object, unless it emits light.
     pub(super) fn add_shapes(&mut self, placed: &[Placed<'_>]) -> Result<(), Fault> {
         let mut uses: BTreeMap<usize, usize> = BTreeMap::new();
         let meshes = placed.iter().filter_map(|p| p.node.mesh());
@@ -100,13 +100,11 @@ impl Reader<'_> {
                 continue;
             }
             if primitive.get(&Semantic::Tangents).is_some() && primitive.material().normal_texture().is_some() {
-                self.warn(format!(
-                    "{name}: its tangents are left out; those of the texture coordinates stand for them"
-                ));
+                self.warn(format!("{name}: its tangents are left out; tangents follow from the texture coordinates"));
             }
             for (semantic, _) in primitive.attributes() {
                 if let Semantic::Extras(name) = semantic {
-                    self.warn(format!("attribute \"_{name}\" of vertices is left out"));
+                    self.warn(format!("vertex attribute \"_{name}\" is left out"));
                 }
             }
             let colors = self.vertex_colors(&primitive, &name).map_err(|what| format!("{name}: {what}"))?;
@@ -121,10 +119,10 @@ impl Reader<'_> {
                 self.warn(format!("{name}: {}", no_uvs(&format!(" of set {set}"))));
             }
             if let Some(count) = data.mend_normals() {
-                self.warn(format!("{name}: {count} normals are not finite; the faces' own stand for them"));
+                self.warn(format!("{name}: {count} normals are not finite; face normals are used instead"));
             }
             if let Some(count) = data.mend_colors() {
-                self.warn(format!("{name}: {count} vertex colours are not finite; white stands for them"));
+                self.warn(format!("{name}: {count} vertex colours are not finite; white is used instead"));
             }
             data.check().map_err(|e| format!("{name}: {e}"))?;
             parts.push(Part { geometry: Arc::new(data), surface });
@@ -152,7 +150,7 @@ impl Reader<'_> {
             self.bend(primitive, joints, [&mut positions, &mut normals])?;
         }
         let uvs = primitive.get(&Semantic::TexCoords(uv_set)).map(|accessor| self.buffers.floats::<2>(&accessor));
-        // glTF's v runs from the top edge of an image, ours from the bottom edge.
+        // glTF's v runs from the top edge of an image, Dapple's from the bottom edge.
         let uvs = uvs.transpose()?.unwrap_or_default().into_iter().map(|[u, v]| [u, 1.0 - v]).collect();
         let indices = primitive.indices().map(|accessor| self.buffers.integers::<1>(&accessor)).transpose()?;
         let indices = indices.map_or_else(|| (0..positions.len() as u32).collect(), |i| i.into_flattened());

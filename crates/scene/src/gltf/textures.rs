@@ -11,7 +11,7 @@ use ::gltf::texture::Info;
 use serde_json::Value;
 use std::sync::Arc;
 
-/// The part of an image that a parameter reads, and how. Floats are stored by their bits, so that this is a map key.
+/// The part of an image that a parameter reads, and its conversion. Floats are stored as bits, so that this can be a map key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Part {
     /// The colour, sRGB.
@@ -20,13 +20,13 @@ pub(super) enum Part {
     Normal(u32),
     /// One channel (0 is red), linear.
     Channel(usize),
-    /// The square of one channel, linear: alpha of a roughness.
+    /// The square of one linear channel: the microfacet width (alpha) of a roughness.
     Squared(usize),
     /// Opacity.
     Alpha,
     /// Opacity: 1 where it is at least this, else 0.
     Mask(u32),
-    /// The alpha of a roughness from a glossiness in the opacity, times this factor.
+    /// The microfacet width (alpha) of a roughness. The glossiness is the opacity times this factor.
     Glossiness(u32),
 }
 
@@ -52,7 +52,7 @@ impl<'a> Use<'a> {
         Self { texture, set, scale: [1.0; 2], offset: [0.0; 2], rotated: false }
     }
 
-    /// The use of a normal map, whose transform the crate `gltf` leaves in JSON.
+    /// The use of a normal map. The crate `gltf` leaves the transform of a normal map in JSON.
     pub(super) fn of_normals(map: &NormalTexture<'a>) -> Self {
         let plain = Self::plain(map.texture(), map.tex_coord());
         let Some(moved) = map.extension_value("KHR_texture_transform") else { return plain };
@@ -70,14 +70,14 @@ impl<'a> Use<'a> {
         }
     }
 
-    /// The scale and the shift of our texture coordinates, whose v is 1 minus that of glTF.
+    /// The scale and the shift of Dapple's texture coordinates, whose v is 1 minus glTF's.
     fn transform(&self) -> [[f32; 2]; 2] {
         [self.scale, [self.offset[0], 1.0 - self.offset[1] - self.scale[1]]]
     }
 }
 
 impl Reader<'_> {
-    /// The colour `factor` times a texture; only the factor without one, or if its image cannot be read.
+    /// Returns the colour `factor` times a texture; just `factor` if there is no texture, or its image cannot be read.
     pub(super) fn color(&mut self, info: Option<Info<'_>>, factor: [f32; 3]) -> Color {
         let even = factor[0] == factor[1] && factor[1] == factor[2];
         let scale = if even { factor[0] } else { 1.0 };
@@ -91,7 +91,8 @@ impl Reader<'_> {
         }
     }
 
-    /// The number `factor` times a part of a texture; only the factor without one, or if its image cannot be read.
+    /// Returns the number `factor` times a part of a texture; just `factor` if there is no texture, or its image cannot be
+    /// read.
     pub(super) fn number(&mut self, info: Option<Info<'_>>, part: Part, factor: f32) -> Scalar {
         let id = info.and_then(|info| self.texture(&Use::of(&info), part, factor));
         id.map_or(Scalar::Constant(factor), Scalar::Texture)
@@ -106,7 +107,7 @@ impl Reader<'_> {
             let extensions: Vec<&str> =
                 texture.extensions.iter().flat_map(|found| found.others.keys()).map(String::as_str).collect();
             let only = if extensions.is_empty() { "none".into() } else { format!("only by {}", extensions.join(", ")) };
-            self.warn(format!("{name} has no image that is read ({only}); a constant stands for it"));
+            self.warn(format!("{name} has no supported image ({only}); a constant is used instead"));
             return None;
         }
         let image = self.image(texture.source.value(), part)?;
@@ -114,13 +115,13 @@ impl Reader<'_> {
         let sampler = info.texture.sampler();
         let wrap = [sampler.wrap_s(), sampler.wrap_t()];
         if wrap.contains(&WrappingMode::MirroredRepeat) {
-            self.warn(format!("{name}: it repeats without being mirrored"));
+            self.warn(format!("{name}: it repeats without the mirroring in the file"));
         }
         if wrap[0] != wrap[1] {
-            self.warn(format!("{name}: wraps in the same way in both directions"));
+            self.warn(format!("{name}: u and v have different wrap modes; both use that of u"));
         }
         if sampler.mag_filter() == Some(MagFilter::Nearest) {
-            self.warn(format!("{name}: its texels are interpolated, where the file asks for the nearest"));
+            self.warn(format!("{name}: its texels are interpolated, not the nearest ones as in the file"));
         }
         let wrap = if wrap[0] == WrappingMode::ClampToEdge { Wrap::Clamp } else { Wrap::Repeat };
         let [scale, shift] = info.transform();
@@ -149,7 +150,7 @@ impl Reader<'_> {
             Err(what) => {
                 let name = self.document.images().nth(index).and_then(|image| image.name()).map(str::to_owned);
                 let name = named("image", index, name.as_deref());
-                self.warn(format!("{name} cannot be read, a constant stands for it: {what}"));
+                self.warn(format!("{name} cannot be read, so a constant is used instead: {what}"));
                 None
             }
         };
@@ -199,7 +200,7 @@ impl Part {
     }
 }
 
-/// The normal `2 rgb - 1` with x and y times `scale`, as an RGB value again.
+/// The normal `2 rgb - 1` with x and y times `scale`, encoded as RGB again.
 fn scaled_normal(rgb: [f32; 3], scale: f32) -> [f32; 3] {
     if scale == 1.0 {
         return rgb;

@@ -24,14 +24,14 @@ impl Chromaticities {
         [self.red, self.green, self.blue, self.white]
     }
 
-    /// Returns true if both are one space, up to the digits that programs write.
+    /// Returns true if both are the same colour space, up to rounding by programs.
     pub fn is_same(self, other: Self) -> bool {
         let pairs = self.points().into_iter().zip(other.points());
         pairs.into_iter().all(|(a, b)| (a[0] - b[0]).abs() < 1e-3 && (a[1] - b[1]).abs() < 1e-3)
     }
 
-    /// Returns the matrix that converts colours of this space to linear Rec.709, its white adapted by Bradford's matrix.
-    /// Grey stays as it is. `None` if these are not the chromaticities of a colour space.
+    /// Returns the matrix that converts colours of this space to linear Rec.709, with the white adapted by Bradford's matrix.
+    /// Grey stays grey. `None` if the chromaticities do not form a colour space.
     fn to_rec709(self) -> Option<DMat3> {
         let to_d65 = adaptation(xyz(self.white)?, xyz(Self::REC709.white)?);
         let to_xyz = self.to_xyz()?;
@@ -49,14 +49,13 @@ impl Chromaticities {
         Some(primaries * DMat3::from_diagonal(primaries.inverse() * xyz(self.white)?))
     }
 
-    /// The notice of chromaticities that are not those of a colour space.
+    /// The notice of chromaticities that do not form a colour space.
     pub(super) fn unfit(self) -> String {
-        format!("its chromaticities ({self}) are not those of a colour space; Rec. 709 is taken")
+        format!("its chromaticities ({self}) do not form a colour space; Rec. 709 is assumed")
     }
 
-    /// Converts colours of this space to linear Rec.709 in place, its white to that of Rec.709. Colours outside of
-    /// Rec.709 become negative in a channel. Returns false, and changes nothing, if these are not the chromaticities of
-    /// a colour space.
+    /// Converts colours of this space to linear Rec.709 in place, white to white. Colours outside Rec.709 get a negative
+    /// channel. Returns false, and changes nothing, if the chromaticities do not form a colour space.
     pub fn convert_to_rec709(self, pixels: &mut [[f32; 3]]) -> bool {
         let Some(matrix) = self.to_rec709() else { return false };
         for pixel in pixels.iter_mut().filter(|p| p[0] != p[1] || p[1] != p[2]) {

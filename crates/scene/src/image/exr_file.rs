@@ -16,7 +16,7 @@ use std::cell::OnceCell;
 pub struct ExrChannel {
     /// The name as the file has it, such as `albedo.R`.
     pub name: String,
-    /// `half`, `float` or `uint`.
+    /// The type of the values: `half`, `float` or `uint`.
     pub values: &'static str,
 }
 
@@ -25,13 +25,13 @@ pub struct ExrChannel {
 pub struct ExrPart {
     /// The name of the part; may be empty in a file of one part.
     pub name: String,
-    /// The view of all channels, if the part has one.
+    /// The view that all channels belong to, if the part states one.
     pub view: Option<String>,
-    /// The views among the channels, the default one first, if the header lists them.
+    /// The views that the header lists, the default one first; empty without a list.
     pub views: Vec<String>,
-    /// The pixels that the part has.
+    /// The data window: the pixels stored in the part.
     pub data_window: Window,
-    /// The pixels that a display shows.
+    /// The display window: the pixels shown on a display.
     pub display_window: Window,
     /// Width of a pixel divided by its height.
     pub pixel_aspect: f32,
@@ -41,7 +41,7 @@ pub struct ExrPart {
     pub compression: String,
     /// The width and height of tiles in pixels; `None` for scan lines.
     pub tiles: Option<[usize; 2]>,
-    /// True if the part has smaller versions of its image, too.
+    /// True if the part also holds smaller versions of its image (mip or rip maps).
     pub levels: bool,
     /// All channels, sorted by name.
     pub channels: Vec<ExrChannel>,
@@ -94,7 +94,7 @@ fn window(origin: ::exr::math::Vec2<i32>, size: ::exr::math::Vec2<usize>) -> Win
     Window { origin: [origin.0, origin.1], size: [size.0 as u32, size.1 as u32] }
 }
 
-/// An OpenEXR file, whose channels are decoded when they are used.
+/// An OpenEXR file, whose channels are decoded at their first use.
 #[derive(Clone, Debug)]
 pub struct ExrFile<'a> {
     bytes: Cow<'a, [u8]>,
@@ -144,7 +144,7 @@ impl<'a> ExrFile<'a> {
         Ok(self.planes[part].get_or_init(|| planes))
     }
 
-    /// Frees the memory of decoded channels, which are decoded anew when they are used.
+    /// Frees the memory of decoded channels, which are decoded again at their next use.
     pub fn release(&mut self) {
         self.planes.iter_mut().for_each(|planes| drop(planes.take()));
     }
@@ -157,7 +157,7 @@ impl<'a> ExrFile<'a> {
         let file = self.file();
         let header = &self.headers[image.part];
         with_reader(&file, |open| {
-            // The first value ends the search.
+            // The first value other than 0 ends the search.
             let found = read_lines(&file, open()?, image.part, |line, _| {
                 let mut zero = true;
                 if image.channels.contains(&line.location.channel) {
@@ -229,7 +229,7 @@ pub fn read_channels(bytes: &[u8], file_name: &str) -> Result<Channels, ImageErr
     let file = ExrFile::open(bytes, file_name)?;
     let size = file.parts[0].data_window.size;
     if file.parts.iter().any(|part| part.data_window.size != size) {
-        return Err(file.file().unsupported("a set of parts of different sizes", "one file a part"));
+        return Err(file.file().unsupported("a set of parts of different sizes", "one file per part"));
     }
     let several = file.parts.len() > 1;
     (0..file.parts.len()).try_for_each(|part| file.planes(part).map(drop))?;
@@ -326,7 +326,7 @@ fn main_channels(exr: &ExrFile<'_>, wanted: LayerQuery<'_>) -> Result<(MainChann
                 && !others.is_empty()
             {
                 let others: Vec<&str> = others.iter().map(|other| other.view.as_str()).collect();
-                notices.push(format!("view \"{}\" is read, view \"{}\" is not", view.view, others.join("\", \"")));
+                notices.push(format!("view \"{}\" is read; not read: view \"{}\"", view.view, others.join("\", \"")));
             }
             Ok((main(&layer), notices))
         }
@@ -337,10 +337,10 @@ fn main_channels(exr: &ExrFile<'_>, wanted: LayerQuery<'_>) -> Result<(MainChann
 
 fn no_layer(exr: &ExrFile<'_>, layers: &Layers, name: &str) -> ImageError {
     let layers = layers.names().join(", ");
-    ImageError::Unsupported(format!("{}: it has no image \"{name}\"; its layers are {layers}", exr.name))
+    ImageError::Unsupported(format!("{}: no layer \"{name}\" holds an image; the layers are {layers}", exr.name))
 }
 
-/// The only channel of the file as a gray image, or some of R, G and B.
+/// The file's only channel as a gray image, or those of R, G and B that exist.
 fn partial(exr: &ExrFile<'_>) -> Result<MainChannels, ImageError> {
     let view = |part: usize| exr.parts[part].view.clone().unwrap_or_default();
     if let [ExrPart { channels, .. }] = &exr.parts[..]

@@ -1,4 +1,4 @@
-//! Copies of OpenEXR files with other values in some channels.
+//! Copies of OpenEXR files with new values in some channels.
 
 use super::exr_file::ExrFile;
 use super::exr_write::{check_attributes, encode, room_for, sort_attributes, text};
@@ -16,9 +16,9 @@ use std::collections::BTreeMap;
 pub struct ExrEdit<'a> {
     /// The part, from 0.
     pub part: usize,
-    /// The pixels of the values, inside the part's data window. The part is cut to them.
+    /// The window that the values cover, inside the part's data window. The part is cropped to it.
     pub window: Window,
-    /// Full name and values of each channel. A channel that the part has keeps its type of floats; another is added.
+    /// Full name and values of each channel. An existing channel keeps its float type; a new channel is added to the part.
     pub channels: Vec<(String, Plane<'a>)>,
 }
 
@@ -32,9 +32,9 @@ pub struct RewrittenExr {
 }
 
 impl ExrFile<'_> {
-    /// Encodes the file with other values in some channels and further text attributes in the first part. Parts without
-    /// edits are copied as they are. Other parts keep their header, but lose smaller versions of their image, and lossy
-    /// compression becomes ZIP, so that channels without edits stay as they are.
+    /// Encodes the file with new values in some channels, and adds text attributes to the first part. Parts without edits are
+    /// copied unchanged. Edited parts keep their header, but lose smaller versions of their image. Their lossy compression
+    /// becomes ZIP, so that channels without edits keep their values.
     ///
     /// # Errors
     /// Those of [`planes`](Self::planes); [`ImageError::PixelCount`] and [`ImageError::Encode`] for channels and
@@ -71,7 +71,7 @@ impl ExrFile<'_> {
         Ok(RewrittenExr { bytes, notices })
     }
 
-    /// The pixels that all edits of a part have; `None` without edits.
+    /// The window common to all edits of a part; `None` without edits.
     fn common_window(&self, part: usize, edits: &[&ExrEdit<'_>]) -> Result<Option<Window>, ImageError> {
         let whole = self.parts[part].data_window;
         let common = edits.iter().try_fold(whole, |window, edit| window.common(edit.window));
@@ -82,7 +82,7 @@ impl ExrFile<'_> {
         }
     }
 
-    /// The planes of a part with its edits, cut to a window. Sets its channels and its window.
+    /// Returns the planes of a part after its edits, cropped to `window`. Updates the channels and the window of `header`.
     fn edited<'p>(
         &'p self,
         header: &mut Header,
@@ -115,7 +115,7 @@ impl ExrFile<'_> {
         Ok(planes)
     }
 
-    /// Sets an encoding that keeps all values, and counts its chunks. Returns notices about what changes.
+    /// Sets a lossless encoding and its number of chunks in `header`. Returns notices about changes.
     fn re_encoded(&self, header: &mut Header, part: usize) -> Vec<String> {
         let mut notices = Vec::new();
         let compression = match self.compression(part) {
@@ -124,7 +124,7 @@ impl ExrFile<'_> {
         };
         if compression != self.compression(part) {
             let old = &self.parts[part].compression;
-            notices.push(format!("its compression is ZIP in place of {old}, so that other channels keep their values"));
+            notices.push(format!("its compression is now ZIP, not {old}, so that other channels keep their values"));
         }
         let mut encoding = (header.blocks, header.line_order);
         if self.parts[part].levels {
@@ -135,7 +135,7 @@ impl ExrFile<'_> {
         notices
     }
 
-    /// The compressed chunks of parts, each with its number in the part.
+    /// The compressed chunks of the parts to copy, each with its number in the part.
     fn chunks(&self, is_copied: impl Fn(usize) -> bool) -> Result<Vec<(usize, Chunk)>, ImageError> {
         if !(0..self.parts.len()).any(&is_copied) {
             return Ok(Vec::new());
@@ -164,7 +164,7 @@ impl ExrFile<'_> {
     }
 }
 
-/// Holds key codes of film as bytes, since `exr` writes six of their seven numbers.
+/// Stores film key codes as raw bytes, since `exr` writes only six of their seven numbers.
 fn keep_key_codes(header: &mut Header) {
     let named = header.own_attributes.film_key_code.take().map(|code| (text("keyCode"), AttributeValue::KeyCode(code)));
     header.own_attributes.other.extend(named);
@@ -186,7 +186,7 @@ fn keep_key_codes(header: &mut Header) {
 }
 
 fn damaged(file: &super::read::File<'_>) -> ImageError {
-    file.malformed(file.bytes.len(), "a chunk is in no part")
+    file.malformed(file.bytes.len(), "a chunk belongs to no part")
 }
 
 fn cut<'p>(plane: &'p Plane<'_>, own: Window, inner: Window) -> Plane<'p> {

@@ -108,7 +108,7 @@ pub fn write_exr(path: &Path, size: [u32; 2], layers: &[Layer<'_>], given: &ExrH
     Ok(channels.iter().map(|(_, plane)| count_clamped(plane)).sum())
 }
 
-/// The channels of all layers in the order of the file, with their names in it.
+/// The channels of all layers with their full names, in the order of the file.
 fn channels<'a>(
     size: [u32; 2],
     layers: &'a [Layer<'_>],
@@ -142,9 +142,9 @@ fn encode_channels(
     let headers = vec![header(size, channels, given)];
     let refused = |error| match error {
         ExrError::Io(error) => Fault::Decoder(error),
-        error => {
-            Fault::Ours(ImageError::Encode(format!("EXR: {error}; rename what it names, or write another format")))
-        }
+        error => Fault::Ours(ImageError::Encode(format!(
+            "EXR: {error}; rename the layer or channel, or write another format"
+        ))),
     };
     let mut head = Vec::new();
     Header::write_all(&headers, &mut head, false).map_err(refused)?;
@@ -167,7 +167,7 @@ fn check_names<'a>(kind: &str, names: impl Iterator<Item = &'a str>) -> Result<(
         let unnamed = name.is_empty() || (kind == "channel" && name.ends_with('.'));
         if unnamed || name.len() > 255 || name.contains('\0') {
             return Err(ImageError::Encode(format!(
-                "{kind} name {name:?}; an EXR file takes names of 1 to 255 bytes without NUL"
+                "{kind} name {name:?} is invalid; EXR names have 1 to 255 bytes and no NUL"
             )));
         }
         if !seen.insert(name) {
@@ -177,13 +177,13 @@ fn check_names<'a>(kind: &str, names: impl Iterator<Item = &'a str>) -> Result<(
     Ok(())
 }
 
-/// Checks that every attribute can be read back as text. Refuses names to which OpenEXR gives another type.
+/// Checks that every attribute can be read back as text. Refuses names that OpenEXR reserves for other types.
 pub(super) fn check_attributes(bytes: &[u8], attributes: &[(String, String)]) -> Result<(), ImageError> {
     let found = read_attributes(bytes, "EXR: the file in memory")
         .map_err(|error| ImageError::Encode(format!("{error}; write another format")))?;
     match attributes.iter().find(|given| !found.contains(given)) {
         Some((name, _)) => {
-            Err(ImageError::Encode(format!("attribute name {name:?}: OpenEXR keeps it for itself; rename it")))
+            Err(ImageError::Encode(format!("attribute name {name:?} is reserved by OpenEXR; rename the attribute")))
         }
         None => Ok(()),
     }
@@ -223,19 +223,19 @@ fn header(size: [u32; 2], channels: &[(String, &Plane<'_>)], given: &ExrHeader<'
 /// Number of image rows per ZIP-compressed block, fixed by the OpenEXR format.
 const BLOCK_ROWS: usize = 16;
 
-/// Returns the number of rows that [`write_exr`] compresses at a time. Its memory holds these rows.
+/// Returns the number of rows that [`write_exr`] compresses at a time. It holds these rows in memory.
 pub fn rows_at_a_time() -> usize {
     4 * BLOCK_ROWS * rayon::current_num_threads()
 }
 
-/// An empty file in memory, with room for incompressible planes: a vector that grows is copied, and its old memory is wasted.
+/// Creates an empty file in memory, large enough for incompressible planes, since a vector that grows is copied.
 pub(super) fn room_for<'a>(planes: impl Iterator<Item = &'a Plane<'a>>) -> Cursor<Vec<u8>> {
     let raw: usize = planes.map(|plane| plane.sample_type().bytes_per_sample() * plane.len()).sum();
     Cursor::new(Vec::with_capacity(raw + raw / 64))
 }
 
-/// Encodes a file: planes for each part, in the order of its channels, or none for a part whose chunks are `copied`
-/// with their numbers in the part. `strict` refuses what other programs may not read.
+/// Encodes a file. `planes` holds each part's planes in the order of its channels; a part without planes has its chunks in
+/// `copied`, with their numbers in the part. `strict` refuses files that other programs may not read.
 pub(super) fn encode(
     to: &mut (impl Write + Seek),
     headers: Vec<Header>,

@@ -46,12 +46,12 @@ pub fn write_file(path: &Path, bytes: &[u8]) -> Result<(), ImageError> {
     write_file_with(path, |file| file.write_all(bytes).map_err(Fault::Decoder))
 }
 
-/// A file that is written, or the memory for a device or a pipe, in which nothing can be sought.
+/// The destination of a write: a file, or memory for a device or a pipe, which cannot seek.
 pub(super) trait Sink: Read + Write + Seek {}
 
 impl<T: Read + Write + Seek> Sink for T {}
 
-/// Writes a file as [`write_file`] does, from what `fill` writes to it.
+/// Writes a file as [`write_file`] does; `fill` writes its contents.
 pub(super) fn write_file_with(
     path: &Path,
     fill: impl FnOnce(&mut dyn Sink) -> Result<(), Fault<io::Error>>,
@@ -67,7 +67,7 @@ pub(super) fn write_file_with(
     let outcome = target
         .outcome(fill(&mut file))
         .and_then(|()| target.finish(&file))
-        .and_then(|()| fs::rename(&part, &target.path).map_err(|e| target.refuse("rename the finished file to it", e)));
+        .and_then(|()| fs::rename(&part, &target.path).map_err(|e| target.refuse("rename the finished file", e)));
     drop(file);
     if outcome.is_err() {
         // Nothing to be done about a second failure; the first one is reported.
@@ -90,7 +90,7 @@ pub fn check_writable(path: &Path) -> Result<(), ImageError> {
         return open.map(drop).map_err(|e| target.refuse("write to it", e));
     }
     let (_, part) = target.create_part()?;
-    fs::remove_file(&part).map_err(|e| target.refuse("remove the file that tried it", e))
+    fs::remove_file(&part).map_err(|e| target.refuse("remove the test file", e))
 }
 
 enum Place {
@@ -113,7 +113,7 @@ impl Target {
         let mut target = Self { path: follow_link(path), place: Place::Free };
         target.place = match fs::metadata(&target.path) {
             Err(e) if e.kind() == ErrorKind::NotFound => Place::Free,
-            Err(e) => return Err(target.refuse("look at it", e)),
+            Err(e) => return Err(target.refuse("inspect it", e)),
             Ok(found) if found.is_dir() => {
                 return Err(target.refuse("write an image over a directory", ErrorKind::IsADirectory.into()));
             }

@@ -6,7 +6,7 @@ use ::image::ImageError as Decoder;
 use ::image::codecs::hdr::HdrDecoder;
 use std::io::{Cursor, Read};
 
-/// Largest accepted header in bytes. Small attributes take tens of times their bytes in memory (an estimate).
+/// Largest accepted header in bytes. Small attributes take an estimated tens of times their size in memory.
 const HEADER: usize = 1 << 20;
 
 /// Reads a file.
@@ -43,7 +43,7 @@ fn pixels(file: &File<'_>, start: Option<usize>, cursor: &mut Cursor<&[u8]>) -> 
     Ok(if copies == 1 { image } else { order.turned(image)? })
 }
 
-/// The width and height by the header; `None` if its last line has another form.
+/// The width and height stated by the header; `None` if its last line has another form.
 pub(super) fn size(file: &File<'_>) -> Result<Option<[u32; 2]>, ImageError> {
     let order = Header::of(file)?.start.and_then(|start| Order::at(&file.bytes[start..]));
     let size = |Order([(axis, scanlines), (_, pixels)])| {
@@ -56,10 +56,10 @@ pub(super) fn size(file: &File<'_>) -> Result<Option<[u32; 2]>, ImageError> {
 /// The statements of a header.
 #[derive(Default)]
 struct Header {
-    /// The offset of the line behind it, which has the resolution; `None` if it does not end.
+    /// The offset of the resolution line, which follows the header; `None` if the header does not end.
     start: Option<usize>,
     space: Option<Chromaticities>,
-    /// Notices of fields that are not followed.
+    /// Notices of fields that are ignored.
     notices: Vec<String>,
 }
 
@@ -83,10 +83,10 @@ impl Header {
                     // Photoshop writes these into every file.
                     _ if numbers == [0.0; 8] => {}
                     [red, green, blue, white] => header.space = Some(Chromaticities { red, green, blue, white }),
-                    _ => header.notices.push(format!("its {line} is not eight numbers; Rec. 709 is taken")),
+                    _ => header.notices.push(format!("its {line} is not eight numbers; Rec. 709 is assumed")),
                 },
                 "EXPOSURE" | "COLORCORR" | "GAMMA" | "PIXASPECT" if numbers.iter().any(|number| *number != 1.0) => {
-                    let notice = format!("its {line} is not followed; values are as stored");
+                    let notice = format!("its {line} is ignored; values are used as stored");
                     if !header.notices.contains(&notice) {
                         header.notices.push(notice);
                     }
@@ -101,8 +101,8 @@ impl Header {
     }
 }
 
-/// The order of the pixels: the direction of scanlines and their number, then the direction within them and its number
-/// of pixels. +Y points up, +X to the right.
+/// The pixel order: direction and number of scanlines, then direction and number of pixels within a scanline. +Y points up,
+/// +X to the right.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Order([(Direction, u64); 2]);
 
@@ -110,7 +110,7 @@ struct Order([(Direction, u64); 2]);
 type Direction = (char, bool);
 
 impl Order {
-    /// The order in the line at the start of these bytes; `None` if they have another form.
+    /// The order stated by the line at the start of `bytes`; `None` if the line has another form.
     fn at(bytes: &[u8]) -> Option<Self> {
         let line = bytes.split(|&byte| byte == b'\n').next()?;
         let words: Vec<&str> = std::str::from_utf8(line).ok()?.split_ascii_whitespace().collect();
@@ -126,12 +126,12 @@ impl Order {
         (first.0 != second.0).then_some(Self([(first, scanlines.parse().ok()?), (second, pixels.parse().ok()?)]))
     }
 
-    /// The usual order of the same numbers: rows from the top, each from the left.
+    /// The usual order with the same numbers of scanlines and pixels: rows from the top, each from the left.
     fn usual(self) -> Self {
         Self([(('Y', false), self.0[0].1), (('X', true), self.0[1].1)])
     }
 
-    /// The image whose scanlines have been read as rows from the top, each from the left.
+    /// Rearranges an image whose scanlines were read as rows from the top, each from the left.
     fn turned(self, read: Image) -> Result<Image, ImageError> {
         let [((axis, _), scanlines), (_, pixels)] = self.0.map(|(direction, count)| (direction, count as usize));
         let [width, height] = if axis == 'X' { [scanlines, pixels] } else { [pixels, scanlines] };

@@ -27,7 +27,7 @@ pub fn is_image(start: &[u8], file_name: &str) -> bool {
     format_of(start, file_name).is_some()
 }
 
-/// Reads what an image file holds.
+/// Reads the properties of an image file from its header.
 ///
 /// # Errors
 /// Those of [`read_image`](super::read_image) for a faulty header.

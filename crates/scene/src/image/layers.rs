@@ -1,8 +1,8 @@
 //! Layers of OpenEXR files: channels that share a name, and the names that renderers give them.
 //!
-//! A layer's place is its part, its view layer and its view: `Front.Normal.left.X` is channel `X` of layer `Normal` in
-//! view layer `Front`, as the left eye sees it. [`Layers::image`] chooses an image; [`Layers::guide`] finds other layers
-//! of its place.
+//! A layer's place is its part, its view layer and its view: `Front.Normal.left.X` is channel `X` of layer `Normal` in view
+//! layer `Front`, as the left eye sees it. [`Layers::image`] chooses an image; [`Layers::guide`] finds other layers at the
+//! same place.
 
 mod choice;
 mod places;
@@ -33,7 +33,7 @@ pub enum LayerKind {
     Position,
     /// Depth.
     Depth,
-    /// The share of the samples that hit a surface.
+    /// The fraction of the samples that hit a surface.
     Coverage,
     /// The emission of light sources seen directly.
     Emission,
@@ -45,7 +45,7 @@ use LayerKind::{
     Albedo, Color, Count, Coverage, Depth, Emission, Id, MeanVariance, Normal, Position, SecondMoment, Variance,
 };
 
-/// Names of images that renderers write beside their denoised ones.
+/// Names of noisy images that renderers write beside the denoised image.
 const NOISY: [&str; 2] = ["unfiltered", "noisy image"];
 
 /// Every kind of layer with the names under which it is found, best first. Case does not matter. The empty name is `R`,
@@ -119,7 +119,7 @@ impl std::str::FromStr for LayerKind {
     fn from_str(name: &str) -> Result<Self, String> {
         Self::all().find(|kind| kind.name() == name).ok_or_else(|| {
             let names: Vec<&str> = Self::all().map(Self::name).collect();
-            format!("there is no kind of layer \"{name}\"; choose among {}", names.join(", "))
+            format!("unknown kind of layer \"{name}\"; choose among {}", names.join(", "))
         })
     }
 }
@@ -135,7 +135,7 @@ pub struct FoundLayer {
     pub part: usize,
     /// The view; empty in files without views.
     pub view: String,
-    /// Indices of channels in the part. Three equal ones if one channel stands for all three.
+    /// Indices of the channels in the part; three equal indices for a gray image.
     pub channels: Vec<usize>,
     group: usize,
 }
@@ -154,7 +154,7 @@ impl FoundLayer {
 /// The channels of a file that share part, layer name and view.
 struct Group {
     part: usize,
-    /// The layer's name as the file has it, after the name of its part where there are several.
+    /// The layer's name in the file, after the name of its part if the file has several parts.
     name: String,
     view: String,
     view_layer: Vec<String>,
@@ -171,7 +171,7 @@ pub struct Layers {
     views: Vec<String>,
 }
 
-/// The letters of the channels of a colour.
+/// The channel names of a colour.
 const RGB: [[&str; 3]; 2] = [["r", "g", "b"], ["red", "green", "blue"]];
 const XYZ: [&str; 3] = ["x", "y", "z"];
 
@@ -233,7 +233,7 @@ impl Group {
 }
 
 impl Layers {
-    /// Groups the channels of a file's parts. `Nx`, `Ny`, `Nz` make a layer, too.
+    /// Groups the channels of a file's parts. Channels such as `Nx`, `Ny` and `Nz` also form a layer.
     pub fn of(parts: &[ExrPart]) -> Self {
         let (groups, views) = places::grouped(parts);
         Self { groups, views }
@@ -261,8 +261,7 @@ impl Layers {
         self.groups.iter().flat_map(name).collect()
     }
 
-    /// The letters of a layer's channels, or the name itself of a channel without a layer, for messages. Empty if there
-    /// is neither.
+    /// The channel names of a layer, for messages; the name itself for a channel without a layer. Empty for an unknown name.
     pub fn letters(&self, name: &str) -> Vec<String> {
         match self.named(name) {
             Some(group) => self.groups[group].channels.iter().map(|(letter, _)| shown_letter(letter)).collect(),
@@ -270,7 +269,7 @@ impl Layers {
         }
     }
 
-    /// The name of a layer that has a known name of this kind, but not the channels.
+    /// The name of a layer that has a known name of this kind, but lacks its channels.
     pub fn unusable(&self, kind: LayerKind) -> Option<&str> {
         let known = |group: &&Group| kind.names().contains(&group.pass.to_lowercase().as_str());
         let group = self.groups.iter().filter(known).find(|group| group.channels_of(kind).is_none())?;
@@ -287,8 +286,8 @@ impl Layers {
         exact.or_else(|| self.groups.iter().position(|group| group.name.eq_ignore_ascii_case(name)))
     }
 
-    /// Finds the layer that the caller names, or the channel: `noise`, or `noise.V`. `None` if there is none with the
-    /// channels of this kind.
+    /// Finds the layer or channel that the caller names, such as `noise` or `noise.V`. `None` if it does not exist, or lacks
+    /// the channels of this kind.
     pub fn given(&self, kind: LayerKind, name: &str) -> Option<FoundLayer> {
         let whole = || self.found(self.named(name)?, kind);
         let lone = || (0..self.groups.len()).find_map(|group| self.lone(group, kind, &name.to_lowercase()));
@@ -306,12 +305,12 @@ impl Layers {
         Some(FoundLayer { kind, name: name.to_owned(), part, view, channels, group })
     }
 
-    /// The channels of the mean to which a layer of second moments belongs: `path.X` for `m2_path.X`.
+    /// The layer of means for a layer of second moments: `path.X` for `m2_path.X`.
     pub fn first_moment(&self, second: &FoundLayer) -> Option<FoundLayer> {
         self.found(self.named(&first_moment_of(&second.name)?)?, SecondMoment)
     }
 
-    /// The layer of second moments that belongs to this layer.
+    /// The layer of second moments for a layer of means.
     pub fn second_moment(&self, first: &FoundLayer) -> Option<FoundLayer> {
         let is = |group: &Group| first_moment_of(&group.name).is_some_and(|mean| mean == first.name);
         let second = self.found(self.groups.iter().position(is)?, first.kind)?;
@@ -328,13 +327,13 @@ fn shown_letter(letter: &str) -> String {
     if letter.chars().count() == 1 { letter.to_uppercase() } else { letter.to_owned() }
 }
 
-/// The name of the mean to a layer of second moments: `a.nested` for `m2_a.nested` or `a.m2_nested`.
+/// The name of the layer of means for a layer of second moments: `a.nested` for `m2_a.nested` or `a.m2_nested`.
 fn first_moment_of(layer: &str) -> Option<String> {
     let within = layer.rsplit_once(".m2_").map(|(path, name)| format!("{path}.{name}"));
     layer.strip_prefix("m2_").map(str::to_owned).or(within)
 }
 
-/// Returns true for the names of features, of which a file may hold second moments, too.
+/// Returns true for the names of features. A file may hold second moments of features, too.
 fn is_feature(layer: &str) -> bool {
     let name = layer.rsplit_once('.').map_or(layer, |(_, name)| name).to_lowercase();
     [Normal, Albedo, Position, Depth, Emission].iter().any(|kind| kind.names().contains(&name.as_str()))

@@ -84,7 +84,7 @@ impl<'a> Plane<'a> {
         Self::Each(ComputedFloats { len, is_half: false, of: Arc::new(of) })
     }
 
-    /// Stores the floats as 16-bit floats.
+    /// Marks the floats to be stored as 16-bit floats.
     pub fn halve(&mut self) {
         match self {
             Self::F32(values) => *self = Self::F16(std::mem::take(values)),
@@ -176,7 +176,7 @@ fn check_headers(file: &File<'_>, headers: &[Header]) -> Result<(), ImageError> 
             return Err(file.truncated());
         }
         if header.chunk_count != header.blocks_increasing_y_order().count() {
-            let what = format!("{} chunks are not what an image of this size has", header.chunk_count);
+            let what = format!("its number of chunks ({}) does not fit the size of the image", header.chunk_count);
             return Err(file.malformed(file.bytes.len(), what));
         }
     }

@@ -31,7 +31,7 @@ pub(super) fn read(file: &File<'_>) -> Result<Image, ImageError> {
     Image::new([width as u32, height as u32], pixels)
 }
 
-/// Reads what a file holds.
+/// Reads the properties of a file from its header.
 pub(super) fn info(file: &File<'_>) -> Result<ImageInfo, ImageError> {
     let (size, channels, ..) = header(file)?;
     file.check_claim(size, PIXEL_BYTES, 0)?;

@@ -30,7 +30,7 @@ pub struct ImageFile {
     pub window: Option<[Window; 2]>,
     /// Notices about the choice of a layer; one sentence each, without the file's name.
     pub notices: Vec<String>,
-    /// True if the file is of another colour space, from which its colours were converted.
+    /// True if colours were converted from another colour space.
     pub converted: bool,
 }
 
@@ -45,11 +45,12 @@ pub struct LayerQuery<'a> {
 
 /// Reads an image: PNG, JPEG, TGA, Radiance HDR, OpenEXR or PFM.
 ///
-/// The content decides on the format; only TGA, which has no signature, needs its extension. Integers of 8 or 16 bits
-/// are scaled to 0..=1, then decoded by the sRGB curve unless `encoding` is linear; alpha is never decoded. Gray
-/// becomes RGB. Color profiles and EXIF orientation are ignored, the curve and the space of a PNG (gAMA, cHRM, cICP) with a
-/// notice. An animated PNG gives its first frame. HDR values are used as stored (EXPOSURE and COLORCORR are ignored, with a
-/// notice), in any of the eight orders of pixels; PFM values are multiplied by the magnitude of the header's scale. NaN and infinities are kept: see [`Image::non_finite`].
+/// The content decides on the format; only TGA, which has no signature, needs its extension. Integers of 8 or 16 bits are
+/// scaled to 0..=1, then decoded by the sRGB curve unless `encoding` is linear; alpha is never decoded. Gray becomes RGB.
+/// Color profiles and EXIF orientation are ignored. A PNG's gAMA, cHRM and cICP are ignored with a notice; an animated PNG
+/// gives its first frame. HDR values are used as stored (EXPOSURE and COLORCORR are ignored, with a notice), in any of the
+/// eight orders of pixels. PFM values are multiplied by the magnitude of the header's scale. NaN and infinities are kept: see
+/// [`Image::non_finite`].
 ///
 /// Colours of an OpenEXR or HDR file of other chromaticities are converted to Rec. 709, unless `encoding` is linear;
 /// channels may become negative.
@@ -73,8 +74,8 @@ pub fn read_image(bytes: &[u8], file_name: &str, encoding: Encoding) -> Result<I
     read_image_file(bytes, file_name, encoding, LayerQuery::default()).map(|file| file.image)
 }
 
-/// Reads an image that scatters or gives light, and notices about it. Channels that are negative after the conversion
-/// of colours outside of Rec. 709 become 0.
+/// Reads a texture or an environment map, with notices. Channels that are negative after the conversion of colours outside of
+/// Rec. 709 become 0.
 ///
 /// # Errors
 /// Those of [`read_image`], and [`ImageError::NotFinite`].
@@ -84,7 +85,7 @@ pub fn read_texture(bytes: &[u8], file_name: &str, encoding: Encoding) -> Result
     if let Some([data, display]) = window
         && data != display
     {
-        notices.push(format!("its image is the data window {data}, not the display window {display}"));
+        notices.push(format!("the image is its data window {data}, not its display window {display}"));
     }
     let mut image = image.checked_finite(file_name)?;
     let outside = |pixel: &&mut [f32; 3]| converted && pixel.iter().any(|channel| *channel < 0.0);
@@ -94,13 +95,13 @@ pub fn read_texture(bytes: &[u8], file_name: &str, encoding: Encoding) -> Result
         clamped += 1;
     }
     if clamped > 0 {
-        notices.push(format!("{clamped} pixels are outside of Rec. 709; 0 stands for their negative channels"));
+        notices.push(format!("{clamped} pixels are outside of Rec. 709; their negative channels become 0"));
     }
     notices.iter_mut().for_each(|notice| *notice = format!("{file_name}: {notice}"));
     Ok((image, notices))
 }
 
-/// Reads an image as [`read_image`] does, with what the file tells of it. `wanted` is the layer of an OpenEXR file.
+/// Reads an image as [`read_image`] does, with its view, windows and notices. `wanted` selects a layer of an OpenEXR file.
 ///
 /// # Errors
 /// Those of [`read_image`], and [`ImageError::Unsupported`] for a layer that the file lacks.
@@ -122,7 +123,7 @@ fn open<'a>(bytes: &'a [u8], name: &'a str) -> Result<File<'a>, ImageError> {
     Ok(File { bytes, name, format })
 }
 
-/// Reads what a file of a format other than OpenEXR holds.
+/// Reads the properties of a file of a format other than OpenEXR.
 pub(super) fn flat_info(bytes: &[u8], name: &str) -> Result<ImageInfo, ImageError> {
     let file = open(bytes, name)?;
     let mut cursor = Cursor::new(bytes);
@@ -163,7 +164,7 @@ fn read_flat(file: &File<'_>, encoding: Encoding) -> Result<ImageFile, ImageErro
         PNG => {
             let (limits, unheeded) = check_png(file)?;
             if encoding != Encoding::Linear && !unheeded.is_empty() {
-                notices.push(format!("its {} is not followed; its colours are taken for sRGB", unheeded.join(", ")));
+                notices.push(format!("its {} is ignored; its colours are read as sRGB", unheeded.join(", ")));
             }
             decode(file, encoding, 0, PngDecoder::with_limits(&mut cursor, limits))
         }
@@ -241,7 +242,7 @@ impl File<'_> {
             Fault::Ours(error) => error,
             Fault::Decoder(Decoder::IoError(e)) if e.kind() == ErrorKind::UnexpectedEof => self.truncated(),
             Fault::Decoder(Decoder::Unsupported(e)) => {
-                self.unsupported(&format!("what this file uses ({e})"), "RGB of 8 bits per channel")
+                self.unsupported(&format!("a feature of this file ({e})"), "RGB of 8 bits per channel")
             }
             Fault::Decoder(error) => self.malformed(position, error),
         }
@@ -270,7 +271,7 @@ impl File<'_> {
         }
         let claim = format!("{name}: the {format} header claims {width}x{height} pixels");
         let (needed, limit, bytes) = (needed.div_ceil(1 << 20), limit >> 20, bytes.len());
-        let what = format!("which take {needed} MiB to read, but a file of {bytes} bytes is given {limit}");
+        let what = format!("which take {needed} MiB to read, but the limit for a file of {bytes} bytes is {limit}");
         Err(ImageError::TooLarge(format!("{claim}, {what}")))
     }
 }

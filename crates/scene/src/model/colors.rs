@@ -2,11 +2,11 @@
 
 use crate::image::srgb_decode;
 
-/// The largest number of colours from 0 to 1, a few of which may be too bright.
+/// The largest value of colours whose range is 0 to 1, since some may be too bright.
 const BRIGHT: f32 = 4.0;
 
-/// Decodes colours in sRGB to linear RGB. If one number is above 4, and more are above 1 than between 0 and 1, all are
-/// from 0 to 255, else from 0 to 1. NaN and infinity stay. Returns a notice if numbers are outside of their range.
+/// Decodes colours in sRGB to linear RGB. The range of values is 0 to 255 if one is above 4, and more are above 1 than
+/// between 0 and 1; else it is 0 to 1. NaN and infinity stay. Returns a notice if values are out of range.
 pub(super) fn decode(colors: &mut [[f32; 3]]) -> Option<String> {
     let channels = || colors.as_flattened().iter().copied().filter(|channel| channel.is_finite());
     let count = |is: fn(f32) -> bool| channels().filter(|channel| is(*channel)).count();
@@ -18,5 +18,5 @@ pub(super) fn decode(colors: &mut [[f32; 3]]) -> Option<String> {
         outside += usize::from(!(0.0..=1.0).contains(&share));
         *channel = srgb_decode(share.clamp(0.0, 1.0)) as f32;
     }
-    (outside > 0).then(|| format!("{outside} numbers of colours are outside of 0 to {most} and are clamped"))
+    (outside > 0).then(|| format!("{outside} colour values are outside of 0 to {most} and are clamped"))
 }

@@ -13,7 +13,8 @@ use std::sync::Arc;
 /// The materials of an OBJ file: those read from its MTL files, and those added to the scene so far.
 #[derive(Default)]
 pub(super) struct Materials {
-    /// MTL materials by name, with a comment behind it and without, each with the path of its file.
+    /// MTL materials by name, each with the path of its file. If a comment follows a name, the material is stored under the
+    /// name with and without the comment.
     known: BTreeMap<String, (Statements, Arc<PathBuf>)>,
     made: BTreeMap<(Option<String>, bool), MaterialId>,
     images: BTreeMap<PathBuf, Option<Arc<Image>>>,
@@ -35,7 +36,7 @@ impl Materials {
     /// Reads a material file. The error is a message.
     fn read(&mut self, scene: &mut Scene, name: &str, files: &dyn Files, source: &Source) -> Result<(), String> {
         let path = beside(&source.file, name);
-        let fault = |e: &dyn Display| format!("the materials of {} cannot be read ({e}); grey instead", path.display());
+        let fault = |e: &dyn Display| format!("the materials of {} cannot be read ({e}); grey is used", path.display());
         let bytes = files.read(&path).map_err(|e| fault(&e))?;
         let library = read_mtl(&text::decode(&bytes).map_err(|e| fault(&e))?);
         let file = Arc::new(path);
@@ -74,7 +75,7 @@ impl Materials {
                 }
                 None => {
                     let source = Source { line: *line, ..source.clone() };
-                    scene.warn(&source, format!("unknown material \"{name}\"; grey instead"));
+                    scene.warn(&source, format!("unknown material \"{name}\"; grey is used"));
                     add_material(scene, name, None, is_colored, &source)
                 }
             },
@@ -94,7 +95,7 @@ impl Materials {
         image.is_some_and(Option::is_some)
     }
 
-    /// Returns the colour by `Kd` and `map_Kd`; `None` without either.
+    /// Returns the colour from `Kd` and `map_Kd`; `None` if the material has neither.
     fn color(&mut self, scene: &mut Scene, material: &Statements, files: &dyn Files, source: &Source) -> Option<Color> {
         let flat = material.diffuse.map(Color::Constant);
         let Some(argument) = &material.texture else { return flat };
@@ -130,7 +131,7 @@ impl Materials {
                 Some(Arc::new(image))
             }
             Err(e) => {
-                scene.warn(source, format!("the texture cannot be read, Kd stands for it: {e}"));
+                scene.warn(source, format!("the texture cannot be read, so Kd is used instead: {e}"));
                 None
             }
         };
@@ -142,8 +143,8 @@ impl Materials {
 /// The largest number of material files that one statement names.
 const MOST_LIBRARIES: usize = 64;
 
-/// The names in the argument of a `mtllib` that names several files: in quotes, or up to a word that ends in `.mtl`, or
-/// single words. A comment ends them.
+/// The names in the argument of a `mtllib` with several files. A name is in quotes, or ends with a word in `.mtl`, or is a
+/// single word. A comment ends the names.
 fn several(argument: &str) -> Vec<&str> {
     let mut names = Vec::new();
     let mut rest = argument.trim_start();
@@ -215,7 +216,7 @@ fn read_mtl(text: &str) -> Library {
                     .insert(given.clone(), Statements { line: number, ..Statements::default() })
                     .is_some()
                 {
-                    library.notices.push((number, format!("material \"{given}\" is there twice; the last holds")));
+                    library.notices.push((number, format!("material \"{given}\" is defined twice; the last is used")));
                 }
             }
             "Kd" => match diffuse(rest) {
@@ -234,7 +235,7 @@ fn read_mtl(text: &str) -> Library {
             "map_Kd" => match file_of(rest) {
                 Some(file) => {
                     if rest.starts_with('-') {
-                        library.notices.push((number, "the options of map_Kd are not followed".into()));
+                        library.notices.push((number, "the options of map_Kd are ignored".into()));
                     }
                     material.texture = Some(file.to_owned());
                 }
@@ -249,13 +250,13 @@ fn read_mtl(text: &str) -> Library {
     }
     if !unheeded.is_empty() {
         let unheeded: Vec<String> = unheeded.into_iter().take(12).collect();
-        let what = format!("materials are diffuse, by Kd and map_Kd: {} not followed", unheeded.join(", "));
+        let what = format!("materials are diffuse, by Kd and map_Kd; {} ignored", unheeded.join(", "));
         library.notices.push((0, what));
     }
     library
 }
 
-/// The colour that `Kd` states: three finite numbers, or one for all three. More may follow three.
+/// The colour in the argument of `Kd`: three finite numbers, or one for all three. More may follow three.
 fn diffuse(argument: &str) -> Option<[f64; 3]> {
     let words = argument.split('#').next().unwrap_or("").split_whitespace().take(3);
     match words.map(|word| text::number::<f64>(word).filter(|c| c.is_finite())).collect::<Option<Vec<_>>>()?[..] {

@@ -59,7 +59,7 @@ pub struct ObjModel {
     pub meshes: Vec<ObjMesh>,
     /// Arguments of `mtllib`, which name one or several material files (MTL), each with its line.
     pub libraries: Vec<(String, u32)>,
-    /// Notices of statements that are left out or mended, each with the line of its first use; line 0 is the whole file.
+    /// Notices of statements that are left out or corrected, each with the line of its first use; line 0 is the whole file.
     pub notices: Vec<(String, u32)>,
 }
 
@@ -74,9 +74,9 @@ pub struct ObjMesh {
 
 /// Reads the meshes of an OBJ file.
 ///
-/// Negative indices count back from the last vertex read so far. Polygons become triangles. Colours of vertices
-/// (`v x y z r g b`) are in sRGB; a mesh has them if one of its vertices does, and its others are white. Names may be in
-/// UTF-8 or Latin-1.
+/// Negative indices count back from the last vertex read so far. Polygons become triangles. Colours of vertices (`v x y z r g
+/// b`) are in sRGB. If any vertex of a mesh has a colour, its vertices without one are white. Names may be in UTF-8 or
+/// Latin-1.
 ///
 /// # Errors
 /// Returns the first fault in the file.
@@ -101,7 +101,7 @@ pub fn read_obj(bytes: &[u8]) -> Result<ObjModel, ModelError> {
     Ok(ObjModel { meshes, libraries, notices })
 }
 
-/// Words that begin statements of names, which no backslash continues.
+/// Keywords of statements whose argument is a name, which no backslash continues.
 const NAMES: [&str; 6] = ["o", "g", "usemtl", "mtllib", "newmtl", "map_Kd"];
 
 /// The statements of an OBJ or MTL text, with the line of each: lines, joined where a backslash at the end continues them.
@@ -127,7 +127,7 @@ struct Vertices {
     positions: Vec<DVec3>,
     uvs: Vec<[f32; 2]>,
     normals: Vec<[f32; 3]>,
-    /// The colours of the first positions, up to the last that has one; NaN for those without.
+    /// The colours of the positions, up to the last position with a colour; NaN for positions without one.
     colors: Vec<[f32; 3]>,
 }
 
@@ -174,7 +174,7 @@ impl Vertices {
     }
 }
 
-/// The mark of a vertex without a colour, which is white.
+/// The value that marks a vertex without a colour, which is shown white.
 const NO_COLOR: [f32; 3] = [f32::NAN; 3];
 
 /// The key of a group of faces: material and vertex attributes. Keys sort by the material's first use.
@@ -202,7 +202,7 @@ const KINDS: [&str; 3] = ["vertices", "texture coordinates", "normals"];
 #[derive(Default)]
 struct Parser {
     vertices: Vertices,
-    /// The largest index of a vertex that had not been read at its use, and the line of that use.
+    /// For each of [`KINDS`], the largest index used before its definition, and the line of that use.
     largest: [(u64, u32); 3],
     groups: BTreeMap<Key, Group>,
     key: Key,
@@ -270,7 +270,7 @@ impl Parser {
         }
     }
 
-    /// Notes a statement that is left out, once for each reason.
+    /// Adds a notice of a statement that is left out, once for each reason.
     fn leave_out(&mut self, keyword: &str, why: &str, line: u32) {
         let (list, why) = (&mut self.notices, format!("{why}; left out"));
         if list.len() < MOST_LEFT_OUT && !list.iter().any(|(known, _)| known.ends_with(&why)) {
@@ -278,7 +278,7 @@ impl Parser {
         }
     }
 
-    /// Reads a position, and a colour if three or four numbers follow. A single one is a weight.
+    /// Reads a position, and a colour if three or four more numbers follow. A single further number is a weight.
     fn vertex<'w>(&mut self, line: u32, words: impl Iterator<Item = &'w str> + Clone) -> Result<(), String> {
         let Vertices { positions, colors, .. } = &mut self.vertices;
         positions.push(DVec3::from_array(numbers("v", words.clone())?));
@@ -286,10 +286,10 @@ impl Parser {
         let count = more.clone().count();
         if count == 1 {
             if more.filter_map(text::number::<f64>).next() != Some(1.0) {
-                self.leave_out("v", "has a weight, which counts in curves alone", line);
+                self.leave_out("v", "has a weight, which matters for curves only", line);
             }
         } else if !matches!(count, 0 | 3 | 4) {
-            self.leave_out("v", "has neither 3, 4, 6 nor 7 numbers; those behind the third have no meaning", line);
+            self.leave_out("v", "must have 3, 4, 6 or 7 numbers; those after the third are ambiguous", line);
         } else if count > 0 {
             colors.resize(positions.len() - 1, NO_COLOR);
             let color = numbers("v", more).and_then(single);
@@ -301,8 +301,8 @@ impl Parser {
         Ok(())
     }
 
-    /// Reads the numbers of a normal or of texture coordinates: 0, with a notice, if one is not finite. The face's own
-    /// normal stands for a normal of 0.
+    /// Reads the numbers of a normal or of texture coordinates: 0, with a notice, if one is not finite. A normal of 0 is
+    /// replaced by the face's normal.
     fn finite<'w, const N: usize>(
         &mut self,
         keyword: &str,
@@ -314,9 +314,9 @@ impl Parser {
             return Ok(values);
         }
         let why = if N == 3 {
-            "is not finite, and the face's own normal stands for it"
+            "is not finite; the face's normal is used instead"
         } else {
-            "is not finite; 0 stands for it"
+            "is not finite; 0 is used instead"
         };
         self.leave_out(keyword, why, line);
         Ok([0.0; N])
@@ -354,7 +354,7 @@ impl Parser {
             let value: i64 = text.parse().map_err(|_| bad(" is not a number"))?;
             let (count, what) = (self.vertices.counts()[kind], KINDS[kind]);
             *number = Some(match u64::try_from(value) {
-                Ok(0) => return Err(bad(&format!(": {what} count from 1"))),
+                Ok(0) => return Err(bad(&format!(": indices of {what} start at 1"))),
                 Ok(value) => {
                     if value > count.max(self.largest[kind].0) {
                         self.largest[kind] = (value, line);
@@ -375,7 +375,7 @@ impl Parser {
         for (kind, &(largest, line)) in self.largest.iter().enumerate() {
             let (count, what) = (self.vertices.counts()[kind], KINDS[kind]);
             if largest > count {
-                let what = format!("a corner has number {largest}, but there are only {count} {what}");
+                let what = format!("a corner has index {largest}, but there are only {count} {what}");
                 return Err(ModelError::at(line, what));
             }
             if count > u64::from(u32::MAX) {
@@ -396,7 +396,7 @@ fn numbers<'w, const N: usize>(
     bad.map_or(Ok(values), |(_, word)| Err(not_finite(word)))
 }
 
-/// Parses the first `N` numbers of a statement; NaN and infinity are some. The error is a message without the line.
+/// Parses the first `N` numbers of a statement, NaN and infinity included. The error is a message without the line.
 fn any_numbers<'w, const N: usize>(keyword: &str, words: impl Iterator<Item = &'w str>) -> Result<[f64; N], String> {
     let number = |word| text::number(word).ok_or_else(|| format!("\"{}\" is not a number", shown(word)));
     let values: Vec<f64> = words.take(N).map(number).collect::<Result<_, _>>()?;
@@ -410,7 +410,7 @@ fn single<const N: usize>(values: [f64; N]) -> Result<[f32; N], String> {
 }
 
 fn not_finite(word: &str) -> String {
-    format!("\"{}\" is not finite; mend the mesh", shown(word))
+    format!("\"{}\" is not finite; repair the mesh", shown(word))
 }
 
 /// Returns a word of the file for a message: cut to 32 characters, without control characters.

@@ -1,7 +1,7 @@
 //! Meshes from PLY files: ASCII, and binary of either byte order [Turk 1994].
 //!
-//! A file is a header and rows of numbers. This parser uses no library: those there are wrap every number in a
-//! property, and name neither the line of a fault nor its remedy.
+//! A file is a header and rows of numbers. This parser uses no library: existing ones wrap every number in a property, and
+//! their errors state neither line nor remedy.
 
 use super::{ModelError, ModelMesh, UpAxis, colors, mesh_scene};
 use crate::MeshData;
@@ -67,9 +67,9 @@ pub fn read_ply(bytes: &[u8]) -> Result<ModelMesh, ModelError> {
     } else if !of_faces.is_empty() {
         left_out.push("colours of faces, since vertices have their own".into());
     }
-    let colors = data.mend_colors().map(|count| format!("{count} colours are not finite; white stands for them"));
+    let colors = data.mend_colors().map(|count| format!("{count} colours are not finite; white is used instead"));
     let mended = data.mend_normals();
-    let mended = mended.map(|count| format!("{count} normals are not finite; the faces' own stand for them"));
+    let mended = mended.map(|count| format!("{count} normals are not finite; face normals are used instead"));
     data.check()?;
     let doubts =
         mended.into_iter().chain(clamped).chain(colors).chain(rows.doubt(&text)).collect::<Vec<String>>().join("; ");
@@ -119,7 +119,7 @@ impl Number {
         }
     }
 
-    /// The number of this type that stands for all of a colour.
+    /// The value of this type that means full intensity of a colour channel.
     fn full(self) -> f64 {
         match self {
             Self(_, Bits::Float) => 1.0,
@@ -128,7 +128,7 @@ impl Number {
         }
     }
 
-    /// The value of bits, of which those beyond the length are 0.
+    /// The value of `bits`; bits beyond the type's length are 0.
     fn of_bits(self, bits: u64) -> f64 {
         let unused = 64 - 8 * self.0;
         match self {
@@ -147,7 +147,7 @@ struct Property {
     number: Number,
 }
 
-/// An element of the header: the form of some rows.
+/// An element of the header: the number and the properties of its rows.
 struct Element {
     name: String,
     count: usize,
@@ -165,7 +165,7 @@ impl Element {
     }
 }
 
-/// The header, and what follows it.
+/// The header, and the bytes that follow it.
 struct Header<'b> {
     elements: Vec<Element>,
     format: &'static str,
@@ -183,7 +183,7 @@ fn header(bytes: &[u8]) -> Result<Header<'_>, ModelError> {
     loop {
         header.lines += 1;
         let line = header.lines;
-        let bad = |what| ModelError::at(line, format!("the PLY header cannot be read ({what}); export the mesh anew"));
+        let bad = |what| ModelError::at(line, format!("the PLY header cannot be read ({what}); export the mesh again"));
         let text = text::take_line(&mut header.rest, lone).ok_or_else(|| bad("it does not end"))?;
         let unknown = || bad("this line is unknown");
         let elements = &mut header.elements;
@@ -218,7 +218,7 @@ fn header(bytes: &[u8]) -> Result<Header<'_>, ModelError> {
 
 /// The rows that have not been read.
 enum Rows<'b> {
-    /// Numbers in ASCII. Any white space separates them, and the line ends of rows mean no more.
+    /// Numbers in ASCII. Any white space separates them; line ends have no special meaning.
     Text(Words<'b>),
     Binary {
         left: &'b [u8],
@@ -241,8 +241,8 @@ impl Rows<'_> {
         if fits || element.count == 0 {
             return Ok(());
         }
-        let promised = format!("the header promises {} elements {}", element.count, element.name);
-        Err(format!("{promised}, and only {bytes} bytes follow; the file is cut off or damaged").into())
+        let promised = format!("the header declares {} elements {}", element.count, element.name);
+        Err(format!("{promised}, but only {bytes} bytes follow; the file is cut off or damaged").into())
     }
 
     /// Takes the next number.
@@ -278,12 +278,12 @@ impl Rows<'_> {
         ModelError { line, what: what + "; the file is cut off or damaged" }
     }
 
-    /// A reason to suspect rows in ASCII, after the last one is read. `text` is all rows.
+    /// A reason to suspect ASCII rows, after the last one is read. `text` is the text of all rows.
     fn doubt(self, text: &str) -> Option<String> {
         let Self::Text(mut words) = self else { return None };
         if let Some((line, word)) = words.next() {
-            let first = format!("\"{}\" in line {line}, and all that follows, is not read", word.escape_debug());
-            return Some(first + ": the header promises no more; if rows hold more numbers than it does, export anew");
+            let first = format!("\"{}\" in line {line} and everything after it is not read", word.escape_debug());
+            return Some(first + ": the header declares no more rows; if rows hold more numbers, export again");
         }
         let cut = "the last line has no line break; if the file was cut off, a number may be wrong";
         (!text.ends_with('\n')).then(|| cut.to_owned())
@@ -323,8 +323,8 @@ fn has_colors(element: &Element) -> bool {
     (0..4).any(|k| element.has(&[COLORS[0][k], COLORS[1][k], COLORS[2][k]]))
 }
 
-/// Returns what of an element's vertices or faces is not read, for messages. `is_opaque` is true if no colour has an
-/// opacity below 1.
+/// Returns the properties of an element that are not read, for messages. `is_opaque` is true if no colour has an opacity
+/// below 1.
 fn unread(element: &Element, names: &[[&str; 4]], list: &str, is_opaque: bool) -> impl Iterator<Item = String> {
     let is_read = |p: &Property| match p.count {
         None => names.iter().any(|names| names.contains(&&*p.name)),
@@ -336,7 +336,7 @@ fn unread(element: &Element, names: &[[&str; 4]], list: &str, is_opaque: bool) -
     names.into_iter().map(|name| format!("property {name} of {}", element.name))
 }
 
-/// Reads the vertices; returns what is left out of them.
+/// Reads the vertices; returns the properties that are left out.
 fn read_vertices(rows: &mut Rows<'_>, element: &Element, data: &mut MeshData) -> Result<Vec<String>, ModelError> {
     let slots = slots(element, &SLOTS);
     let normals = element.has(&["nx", "ny", "nz"]);
@@ -379,7 +379,7 @@ struct Faces {
     colors: Vec<[f32; 3]>,
 }
 
-/// Reads the faces; returns what is left out of them too.
+/// Reads the faces; returns them and the properties that are left out.
 fn read_faces(rows: &mut Rows<'_>, element: &Element) -> Result<(Faces, Vec<String>), ModelError> {
     let is_corners = |p: &Property| p.count.is_some() && matches!(&*p.name, "vertex_indices" | "vertex_index");
     let list = element.properties.iter().position(is_corners).ok_or(NO_FACES)?;
@@ -395,7 +395,7 @@ fn read_faces(rows: &mut Rows<'_>, element: &Element) -> Result<(Faces, Vec<Stri
             _ => bad = bad.or(Some(value)),
         })?;
         if let Some(corner) = bad {
-            return Err(format!("face {face}: corner {corner} is negative; corners count vertices from 0").into());
+            return Err(format!("face {face}: vertex index {corner} is negative; indices start at 0").into());
         }
         faces.ends.push(faces.corners.len());
         if has_colors {
@@ -418,7 +418,7 @@ fn cut(faces: &Faces, data: &mut MeshData) -> Result<Vec<[f32; 3]>, ModelError> 
         start = end;
         let bad = |what: &str| ModelError::from(format!("face {face}: {what}"));
         if let Some(corner) = corners.iter().find(|&&c| c as usize >= vertices) {
-            return Err(bad(&format!("corner {corner} is beyond the last of {vertices} vertices, which count from 0")));
+            return Err(bad(&format!("vertex index {corner} is too large; there are {vertices} vertices, from 0")));
         }
         if corners.len() < 3 {
             return Err(bad(&format!("a face needs 3 corners or more, not {}; remove it", corners.len())));

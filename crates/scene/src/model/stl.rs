@@ -43,12 +43,12 @@ pub fn read_stl(bytes: &[u8]) -> Result<ModelMesh, ModelError> {
         }
     }
     let Some((count, promised)) = promised else {
-        let what = "bytes that do not begin with `solid` are no STL file; a binary one has";
+        let what = "bytes that do not begin with `solid` are not an STL file; a binary one has";
         return Err(format!("{} {what} {HEADER} or more", bytes.len()).into());
     };
     if promised > bytes.len() as u64 {
-        let found = format!("only {} bytes follow where each takes {FACET_LENGTH}", bytes.len() - HEADER);
-        let what = format!("the header promises {count} facets, and {found}; the file is cut off or damaged");
+        let found = format!("only {} bytes follow instead of {FACET_LENGTH} for each", bytes.len() - HEADER);
+        let what = format!("the header declares {count} facets, but {found}; the file is cut off or damaged");
         return Err(what.into());
     }
     let mut welder = Welder::default();
@@ -57,7 +57,7 @@ pub fn read_stl(bytes: &[u8]) -> Result<ModelMesh, ModelError> {
         // The normal comes first.
         let float = |i: usize| f32::from_le_bytes([facet[i], facet[i + 1], facet[i + 2], facet[i + 3]]);
         let corners = [12, 24, 36].map(|corner| [corner, corner + 4, corner + 8].map(float));
-        let not_finite = || ModelError::from(format!("facet {number}: a corner is not finite; mend the mesh"));
+        let not_finite = || ModelError::from(format!("facet {number}: a corner is not finite; repair the mesh"));
         welder.add(corners).ok_or_else(not_finite)?;
         attributes.facets.push(u16::from_le_bytes([facet[48], facet[49]]));
     }
@@ -73,11 +73,11 @@ pub fn read_stl(bytes: &[u8]) -> Result<ModelMesh, ModelError> {
     Ok(ModelMesh { data, doubt, left_out })
 }
 
-/// The two extra bytes of each facet of a binary file, and what its header states of colours.
+/// The two extra bytes of each facet of a binary file, and the colours in its header.
 ///
-/// VisCAM and SolidView set the highest bit of a facet that has a colour: red above green above blue. Magics writes
-/// `COLOR=` and the colour of the body into the header, clears the highest bit of a facet with a colour of its own, and
-/// has red lowest. Each channel has five bits, in sRGB.
+/// VisCAM and SolidView set the highest bit of a facet that has a colour, with red in the high bits and blue in the low bits.
+/// Magics writes `COLOR=` and the colour of the body into the header, clears the highest bit of a facet with a colour of its
+/// own, and stores red in the low bits. Each channel has five bits, in sRGB.
 struct Attributes {
     facets: Vec<u16>,
     /// The colour of the body in the header, as bytes.
@@ -93,7 +93,7 @@ impl Attributes {
         Self { facets: Vec::new(), body, has_material: after(b"MATERIAL=").is_some() }
     }
 
-    /// Returns the colour of each facet, linear RGB, or none; and what is left out.
+    /// Returns the colour of each facet, linear RGB, or none; also returns the names of left-out parts.
     fn colors(self) -> (Vec<[f32; 3]>, Vec<String>) {
         const COLORED: u16 = 1 << 15;
         let channels = |bits: u16| [10, 5, 0].map(|shift| f32::from(bits >> shift & 31) / 31.0);
@@ -115,7 +115,7 @@ impl Attributes {
             None => {
                 let first = self.facets.iter().position(|bits| *bits != 0);
                 left_out
-                    .extend(first.map(|facet| format!("attributes of facets, which are no colours (facet {facet})")));
+                    .extend(first.map(|facet| format!("attributes of facets that are not colours (facet {facet})")));
                 Vec::new()
             }
         };
@@ -142,10 +142,10 @@ fn begins_as_text(bytes: &[u8]) -> bool {
 
 /// The marks that begin comments between solids.
 const COMMENTS: [&str; 3] = ["#", ";", "//"];
-/// The words that begin a facet, where a line holds more than the name of a solid.
+/// The words that begin a facet, also in the line of a solid's name.
 const FACET: [&str; 2] = ["facet", "normal"];
 
-/// Reads solids in a row. Line ends mean nothing, except that names of solids reach to the end of their line.
+/// Reads a sequence of solids. Line ends mean nothing, except that names of solids reach to the end of their line.
 fn read_text(text: &str) -> Result<ModelMesh, ModelError> {
     let mut words = Words::new(text, 1);
     let mut welder = Welder::default();
@@ -162,14 +162,14 @@ fn read_text(text: &str) -> Result<ModelMesh, ModelError> {
             open = true;
         } else if open {
             let corners = read_facet(&mut words).map_err(|lacks| bad_facet(line, lacks))?;
-            let not_finite = || ModelError::at(line, "a corner of this facet is not finite; mend the mesh");
+            let not_finite = || ModelError::at(line, "a corner of this facet is not finite; repair the mesh");
             welder.add(corners).ok_or_else(not_finite)?;
         } else if COMMENTS.iter().any(|mark| word.starts_with(mark)) {
             words = ahead;
             // No word is a line end.
             words.skip_line_to(["\n"; 2]);
         } else {
-            return Err(ModelError::at(line, "outside of a solid, only `solid` can follow; the file is damaged"));
+            return Err(ModelError::at(line, "only `solid` may stand outside of a solid; the file is damaged"));
         }
     }
     if open {
@@ -179,7 +179,7 @@ fn read_text(text: &str) -> Result<ModelMesh, ModelError> {
     Ok(ModelMesh { data: welder.mesh, doubt: None, left_out: Vec::new() })
 }
 
-/// Reads the corners of a facet, and skips its normal, which may be missing or anything. The error is what lacks.
+/// Reads the corners of a facet, and skips its normal, which may be missing or invalid. The error names the missing words.
 fn read_facet(words: &mut Words<'_>) -> Result<[[f32; 3]; 3], &'static str> {
     let is = |word: &str, other: &&str| word.eq_ignore_ascii_case(other);
     words.next().filter(|(_, word)| is(word, &"facet")).ok_or("facet")?;
@@ -202,7 +202,7 @@ fn read_facet(words: &mut Words<'_>) -> Result<[[f32; 3]; 3], &'static str> {
 /// The error of a facet that begins at a line and lacks these words.
 fn bad_facet(line: u32, words: &str) -> ModelError {
     let what = format!(
-        "this was read as a text STL file, and its next facet is missing or wrong (`{words}` is missing, or its numbers); the file is cut off, damaged or of another format"
+        "the file was read as text STL, but its next facet lacks `{words}` or its numbers; the file is cut off, damaged or of another format"
     );
     ModelError::at(line, what)
 }

@@ -13,7 +13,7 @@ use std::sync::{Arc, LazyLock};
 const FOV: f64 = 35.0;
 /// The tangent of half of `FOV`, a literal so that it is the same on every machine.
 const TAN_HALF_FOV: f64 = 0.315_298_788_878_984;
-/// The part of the image's width or height that the model fills.
+/// The fraction of the image's width or height that the model fills.
 const FILLED: f64 = 0.88;
 /// The largest number of scattering events per path. Grey surfaces leave little light after this number.
 const MAX_DEPTH: u32 = 6;
@@ -21,10 +21,10 @@ const MAX_DEPTH: u32 = 6;
 const HEIGHT: u32 = 720;
 /// The reflectance of the ground.
 const GROUND: [f32; 3] = [0.32, 0.31, 0.30];
-/// The ground's radius over the model's: beyond the horizon of the default image.
+/// The ground's radius divided by the model's, so that the ground reaches beyond the horizon of the default image.
 const GROUND_RADIUS: f64 = 300.0;
-/// The gap between the ground and the model's lowest point, over the model's radius. Without it, faces on the ground
-/// would lie in it.
+/// The gap between the ground and the model's lowest point, divided by the model's radius. Without a gap, the lowest faces
+/// would coincide with the ground.
 const GAP: f64 = 1e-4;
 
 /// The parts that a file lacks.
@@ -38,7 +38,7 @@ pub(crate) struct Wanted {
 /// The setting of a bare model: the axis that points up, and width over height of the image.
 pub(crate) type Stage = (UpAxis, Option<f64>);
 
-/// Sets camera, film, light and ground of a scene, as far as they are wanted.
+/// Sets camera, film, light and ground of a scene, those that `wanted` requests.
 ///
 /// # Errors
 /// Returns a message if all vertices coincide, or if the size overflows.
@@ -84,16 +84,16 @@ fn bounds(scene: &Scene) -> Result<(DVec3, f64), &'static str> {
     let centre = low + 0.5 * (high - low);
     let radius = (0.5 * (high - low)).length();
     if !(centre.is_finite() && radius.is_finite()) {
-        return Err("the model is too large to be seen; its size overflows; scale it down");
+        return Err("the size of the model overflows; scale the model down");
     }
     if radius == 0.0 {
-        return Err("all corners of the model lie in one point; there is nothing to see");
+        return Err("all vertices of the model coincide; there is nothing to render");
     }
     Ok((centre, radius))
 }
 
-/// The place of the camera relative to `centre`, in units of `radius`, from which all corners just fit into the image.
-/// `axes` are its directions to the right, up and forward, `tangents` those of half the angles of view.
+/// The position of the camera relative to `centre`, in units of `radius`, from which all corners just fit into the image.
+/// `axes` are the camera's directions to the right, up and forward; `tangents` are those of half the angles of view.
 fn frame(scene: &Scene, centre: DVec3, radius: f64, axes: [DVec3; 3], tangents: [f64; 2]) -> DVec3 {
     let [right, up, forward] = axes;
     // The largest of x - t z and -x - t z over all corners, and the same for y: the corners that touch each edge.
@@ -147,10 +147,10 @@ fn each_triangle(scene: &Scene, mut f: impl FnMut([DVec3; 3])) {
     }
 }
 
-/// The environment map of model scenes. It is made once, since that takes longer than reading a small model.
+/// The environment map of model scenes. It is computed once, since that takes longer than reading a small model.
 static STUDIO: LazyLock<Arc<Image>> = LazyLock::new(|| Arc::new(studio()));
 
-/// Makes the environment map of model scenes: brighter above than below, with a round lamp over the viewer's left
+/// Creates the environment map of model scenes: brighter above than below, with a round light over the viewer's left
 /// shoulder. z is up, and x points to the viewer.
 fn studio() -> Image {
     const SIZE: [u32; 2] = [512, 256];
@@ -158,7 +158,7 @@ fn studio() -> Image {
     const HORIZON: DVec3 = DVec3::new(0.34, 0.34, 0.35);
     const ZENITH: DVec3 = DVec3::new(0.55, 0.60, 0.68);
     const LAMP: DVec3 = DVec3::new(13.0, 12.2, 11.0);
-    /// Cosines of the angular radii of the lamp's outer edge (17 degrees) and of its fully bright part (13 degrees).
+    /// Cosines of the angular radii of the light's outer edge (17 degrees) and of its fully bright part (13 degrees).
     const EDGE: [f64; 2] = [0.956, 0.974];
     let lamp = DVec3::new(0.62, -0.62, 0.72).normalize();
     let mix = |a: DVec3, b: DVec3, [from, to]: [f64; 2], x: f64| {
@@ -185,7 +185,7 @@ fn studio() -> Image {
 // show the outsides of its walls from there. So a small image of each side tells whether the triangles that are seen
 // face the viewer, and the first view from which most do is taken.
 
-/// A view: components of the direction to the camera to the front, to the right and up. It is normalized at its use.
+/// A view: the direction to the camera, by its components to the front, to the right and up. It is normalized on use.
 type View = [f64; 3];
 
 /// The usual view.
@@ -193,13 +193,13 @@ const USUAL: View = [1.0, 0.6, 0.45];
 /// Other views, in the order of preference.
 const OTHERS: [View; 6] =
     [[1.0, 0.0, 0.08], [-1.0, 0.0, 0.08], [0.0, 1.0, 0.08], [0.0, -1.0, 0.08], [1.0, 0.0, 1.2], [-1.0, -0.6, 0.45]];
-/// The share of back faces among what is seen, above which other views are tried.
+/// The fraction of back faces among visible ones above which other views are tried.
 const ENOUGH: f64 = 0.3;
-/// Another view must have this part of the usual view's back faces at most.
+/// The largest fraction of the usual view's back faces that another view may have.
 const BETTER: f64 = 0.5;
 /// Width and height of the small images in pixels.
 const VIEW: usize = 48;
-/// The largest number of triangles that are drawn; of more, evenly spaced ones.
+/// The largest number of triangles drawn; larger models are drawn by that many evenly spaced triangles.
 const MOST: usize = 300_000;
 
 /// Returns the direction of a view, given the directions to the front, to the right and up.
@@ -218,7 +218,7 @@ fn choose_view(scene: &Scene, axes: [DVec3; 3], centre: DVec3, radius: f64) -> V
     others.into_iter().fold((BETTER * usual, USUAL), better).1
 }
 
-/// The share of pixels that show the back of a triangle, among those that show any.
+/// The fraction of pixels that show the back of a triangle, among those that show any.
 fn back_faces(scene: &Scene, towards: DVec3, up: DVec3, centre: DVec3, radius: f64) -> f64 {
     let right = (-towards).cross(up).normalize();
     let up = right.cross(-towards);

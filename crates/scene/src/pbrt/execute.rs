@@ -74,8 +74,7 @@ impl Reader<'_> {
     fn set_version(&mut self, version: Version, whole: &Source) {
         self.context.version = version;
         if version.is_old() {
-            let what =
-                format!("this file is written for an older version; it is read by the rules of {}", version.name());
+            let what = format!("this file is of an older version and is read by the rules of {}", version.name());
             self.log.notice(whole, what);
             self.scene.film.resolution = [640, 480];
             self.scene.film.pixel_filter = PixelFilter::Box { radius: [0.5, 0.5] };
@@ -93,7 +92,7 @@ impl Reader<'_> {
             "AttributeBegin" if self.in_world(&d) => self.begin_block("AttributeBegin", source),
             "TransformBegin" if self.context.version.is_old() => self.begin_block("TransformBegin", source),
             "TransformBegin" if self.in_world(&d) => {
-                let what = "TransformBegin is read as AttributeBegin, as pbrt-v4 does; write that instead";
+                let what = "TransformBegin is read as AttributeBegin, as in pbrt-v4; write AttributeBegin instead";
                 self.log.notice(&source, what);
                 self.begin_block("TransformBegin", source);
             }
@@ -139,7 +138,8 @@ impl Reader<'_> {
         self.is_placed(d, true)
     }
 
-    /// Returns true if a directive stands where it belongs, before or after `WorldBegin`; else reports it.
+    /// Returns true if a directive is on its side of `WorldBegin`: after it if `after`, else before it. Otherwise reports a
+    /// problem.
     fn is_placed(&mut self, d: &Directive<'_>, after: bool) -> bool {
         let placed = self.once.contains_key("WorldBegin") == after;
         if !placed {
@@ -163,7 +163,7 @@ impl Reader<'_> {
         match self.blocks.pop() {
             Some(block) => {
                 if block.begin != begin {
-                    let what = format!("{} closes the {} of {}; they must match", d.word, block.begin, block.source);
+                    let what = format!("{} closes the {} at {}; they must match", d.word, block.begin, block.source);
                     self.log.problem(&d.source, what);
                 }
                 if block.begin == "ObjectBegin" {
@@ -176,7 +176,7 @@ impl Reader<'_> {
                     self.state = block.saved;
                 }
             }
-            None => self.log.problem(&d.source, format!("{} without {begin}; remove it", d.word)),
+            None => self.log.problem(&d.source, format!("{} has no matching {begin}; remove it", d.word)),
         }
     }
 
@@ -193,7 +193,7 @@ impl Reader<'_> {
         list.retain(|old: &Param| d.params.iter().all(|new| new.name != old.name));
         list.extend(d.params);
         if list.len() > MOST_ATTRIBUTES {
-            let what = format!("more than {MOST_ATTRIBUTES} attributes of one kind; give them where they belong");
+            let what = format!("more than {MOST_ATTRIBUTES} attributes of one kind; set them in the directives");
             self.log.problem(&d.source, what);
             self.stopped = true;
         }
@@ -205,7 +205,7 @@ impl Reader<'_> {
         if self.including.iter().any(|open| tidy(open) == path) {
             self.log.problem(source, format!("{} includes itself; remove this Include", path.display()));
         } else if self.including.len() > DEEPEST_INCLUDE {
-            self.log.problem(source, format!("files are included too deep; at most {DEEPEST_INCLUDE} may be open"));
+            self.log.problem(source, format!("includes are nested too deep; at most {DEEPEST_INCLUDE} may be open"));
         } else if self.included > MOST_INCLUDES {
             self.log.problem(source, format!("more than {MOST_INCLUDES} files are included; the rest is not read"));
             self.stopped = true;
@@ -220,7 +220,7 @@ impl Reader<'_> {
             if param.name == "forcediffuse" && param.values != Values::Bools(vec![false]) {
                 self.log.unsupported(&d.source, "Option forcediffuse");
             } else {
-                self.log.notice(&d.source, format!("Option {} is not followed", shown(&param.name)));
+                self.log.notice(&d.source, format!("Option {} is ignored", shown(&param.name)));
             }
         }
     }
@@ -248,7 +248,7 @@ impl Reader<'_> {
             self.log.notice(whole, format!("there is no Film; the image is {width}x{height}"));
         }
         let camera = "there is no Camera; add one before WorldBegin, as in Camera \"perspective\"";
-        let light = "nothing gives off light; add a LightSource, or an AreaLightSource before a Shape";
+        let light = "there are no lights; add a LightSource, or an AreaLightSource before a Shape";
         let present = [
             (self.once.contains_key("Camera"), camera),
             (self.shapes_met > 0, "there are no shapes; add a Shape after WorldBegin"),
@@ -262,13 +262,13 @@ impl Reader<'_> {
         let Scene { shapes, instances, objects, lights, .. } = &self.scene;
         if shapes.is_empty() && instances.is_empty() {
             let what = match objects.iter().any(|o| !o.shapes.is_empty()) {
-                true => "no shape stands in the world; place an object by ObjectInstance",
-                false => "no shapes remain once unsupported ones are left out",
+                true => "no shape is placed in the world; place an object with ObjectInstance",
+                false => "no shapes remain after unsupported ones are left out",
             };
             self.log.problem(whole, what);
         }
         if lights.is_empty() && shapes.iter().all(|s| s.emission.is_none()) {
-            self.log.problem(whole, "no lights remain; those that there are belong to no shape, or are not supported");
+            self.log.problem(whole, "no lights remain; unsupported ones and area lights without a shape are left out");
         }
     }
 
@@ -288,7 +288,7 @@ impl Reader<'_> {
         if let Some((Material { name, source, .. }, _)) = deep.filter(|_| !self.log.has_problems()) {
             let name = shown(name);
             let what =
-                format!("material {name} mixes itself, or mixes more than {DEEPEST_MIX} deep; name other materials");
+                format!("material {name} contains itself, or nests more than {DEEPEST_MIX} mixes; mix other materials");
             self.log.problem(source, what);
         }
     }

@@ -113,7 +113,7 @@ fn glass(params: &mut Params) -> MaterialKind {
     MaterialKind::Dielectric { eta, roughness, reflectance, transmittance }
 }
 
-/// Makes a mix of two materials. The file's `amount` is the weight of the first material, here of the second, so it
+/// Makes a mix of two materials. The file's `amount` is the weight of the first material, Dapple's that of the second, so it
 /// is subtracted from 1.
 fn old_mix(params: &mut Params) -> Made {
     let names = ["namedmaterial1", "namedmaterial2"].map(|name| params.needed_text(name).map(|text| text.0));

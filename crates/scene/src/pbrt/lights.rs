@@ -40,7 +40,7 @@ impl Reader<'_> {
                 params.problem(line, format!("{} has both L and filename; remove one", params.of));
             }
             if power.is_some() {
-                params.unsupported(line, "the power of an image that shines (give its scale)");
+                params.unsupported(line, "parameter power of an area light with an image (use scale)");
             }
             texture = self.shining_image(&file, line, &mut params);
         }
@@ -81,7 +81,7 @@ impl Reader<'_> {
             }
         };
         if self.state.ctm.moves_to().is_some() {
-            let what = format!("{} does not move; it stands where the motion starts, as in pbrt", params.of);
+            let what = format!("{} does not move; it stays where the motion starts, as in pbrt", params.of);
             params.notice(d.source.line, what);
         }
         if params.finish(&mut self.log)
@@ -171,12 +171,12 @@ impl Reader<'_> {
             if equal_area {
                 // pbrt-v4 weights the square as half a sphere (lights.cpp, the image branch of `infinite`).
                 found *= 0.5;
-                let what = "pbrt-v4 takes half of what a square image gives for its illuminance, and so makes it \
-                            twice as bright as asked: it is done alike";
+                let what = "pbrt-v4 halves the illuminance that it computes for a square image, so that the light is \
+                            twice as bright as illuminance states; this reader does the same";
                 params.notice(line, what);
             }
             if found <= 0.0 || !found.is_finite() {
-                let what = "gives no light from above; illuminance cannot be had";
+                let what = "has no light from above, so that illuminance cannot be reached; remove illuminance";
                 return params.fail(line, format!("{} {what}", shown(file)));
             }
             scale = brighter([scale; 3], wanted / found, params)[0];
@@ -184,7 +184,7 @@ impl Reader<'_> {
         let bad = image.pixels.iter().position(|p| p.iter().any(|&c| !(0.0..f32::INFINITY).contains(&(c * scale))));
         if let Some(at) = bad {
             let (x, y) = (at as u32 % image.size[0], at as u32 / image.size[0]);
-            let what = format!("pixel {x}, {y} of {} is negative or not finite; mend the image", shown(file));
+            let what = format!("pixel {x}, {y} of {} is negative or not finite; repair the image", shown(file));
             return params.fail(line, what);
         }
         Some(match equal_area {
@@ -244,7 +244,7 @@ fn pose(params: &mut Params, sign: f64) -> Option<(DVec3, DMat3)> {
     let (from, to) = (point(params, "from", DVec3::ZERO), point(params, "to", DVec3::Z));
     let direction = (to - from) * sign;
     let Some(z) = (direction / direction.abs().max_element()).try_normalize() else {
-        return params.fail(params.line(), format!("{} needs from and to to differ", params.of));
+        return params.fail(params.line(), format!("parameters from and to of {} must differ", params.of));
     };
     let (x, y) = z.any_orthonormal_pair();
     Some((from, DMat3::from_cols(x, y, z)))

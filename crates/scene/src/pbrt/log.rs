@@ -14,7 +14,7 @@ const LISTED_NOTICES: usize = 1000;
 pub(super) struct Log {
     problems: Vec<Problem>,
     more: usize,
-    /// The listed notices, each with the number of others with the same message.
+    /// The listed notices, each with the number of its repetitions.
     notices: Vec<(Notice, usize)>,
     /// The index of the listed notice by its message.
     said: BTreeMap<String, usize>,
@@ -39,12 +39,12 @@ impl Log {
         self.push_notice(Notice::warning(source.clone(), message));
     }
 
-    /// Adds a notice of an ignored setting, such as a sampler, which Dapple takes from its user.
+    /// Adds a notice of an ignored setting, such as a sampler, which the user of Dapple chooses.
     pub(super) fn ignored_setting(&mut self, source: &Source, message: String) {
         self.push_notice(Notice { source: source.clone(), kind: NoticeKind::IgnoredSetting, message });
     }
 
-    /// Adds a notice. Of those with the same message only the first is listed, and the others are counted.
+    /// Adds a notice. Of notices with the same message only the first is listed, and the others are counted.
     fn push_notice(&mut self, notice: Notice) {
         if let Some(&first) = self.said.get(&notice.message) {
             self.notices[first].1 += 1;

@@ -26,10 +26,10 @@ impl Reader<'_> {
         let kind = params.text("type").or_else(|| params.lacks("its type; add \"string type\" \"diffuse\""));
         if let Some(first) = self.named_materials.get(&name) {
             let first = &self.scene.materials[first].source;
-            let what = |how| format!("material {} is made {how} (first at {first})", shown(&name));
+            let what = |how| format!("material {} is {how} (first at {first})", shown(&name));
             match self.context.version.is_old() {
-                true => params.notice(d.source.line, what("anew")),
-                false => params.problem(d.source.line, what("twice")),
+                true => params.notice(d.source.line, what("redefined")),
+                false => params.problem(d.source.line, what("defined twice")),
             }
         }
         let (kind, line) = kind.unwrap_or(("diffuse".into(), d.source.line));
@@ -93,7 +93,7 @@ impl Reader<'_> {
                 let what = format!("{}: reflectance and transmittance, scaled, must not be above 1", params.of);
                 params.problem(params.line(), what);
             } else if (0..3).any(|i| r[i] + t[i] > 1.0) {
-                let what = format!("{} gives back more light than it gets; the sum of both is above 1", params.of);
+                let what = format!("{} creates light: the sum of reflectance and transmittance is above 1", params.of);
                 params.notice(params.line(), what);
             }
         }

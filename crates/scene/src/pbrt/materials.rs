@@ -16,7 +16,7 @@ pub(super) fn default_kind() -> MaterialKind {
     MaterialKind::Diffuse { reflectance: Color::Constant([0.5; 3]) }
 }
 
-/// A material as a directive describes it, without an index.
+/// A material made by a directive, before it has an index.
 pub(super) struct Made {
     pub(super) kind: MaterialKind,
     pub(super) mixes: Mixes,

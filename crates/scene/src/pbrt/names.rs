@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 /// The names of the scene's materials, media or objects. A use before the definition reserves a place in the scene.
 #[derive(Default)]
 pub(super) struct Names {
-    /// The index in the scene by name.
+    /// The index of each defined name in the scene.
     defined: BTreeMap<String, usize>,
     /// The reserved index, and the place of the first use, of each name that is not defined yet.
     awaited: BTreeMap<String, (usize, Source)>,
@@ -20,7 +20,7 @@ impl Names {
         self.defined.get(name).copied()
     }
 
-    /// Defines a name as `item`, which goes to its place in `list`. Returns its index.
+    /// Defines `name` as `item`, and stores `item` at its place in `list`. Returns its index.
     pub(super) fn define<T>(&mut self, name: &str, item: T, list: &mut Vec<T>) -> usize {
         let index = self.awaited.remove(name).map_or(list.len(), |(index, _)| index);
         self.defined.insert(name.to_owned(), index);
@@ -31,7 +31,7 @@ impl Names {
         index
     }
 
-    /// Returns the index of a name that is used at `source`. Reserves a place with `item` for a name without one.
+    /// Returns the index of a name that is used at `source`. Reserves a place with `item` if the name has none.
     pub(super) fn used<T>(
         &mut self,
         name: &str,
@@ -47,13 +47,13 @@ impl Names {
         list.len() - 1
     }
 
-    /// Reports the names that are used and not defined, in the order of their first uses. `what` is the kind of thing that
-    /// has them, made by the directive `by`.
+    /// Reports the names that are used but not defined, in the order of their first uses. `what` is the kind of named object,
+    /// `by` the directive that defines it.
     pub(super) fn check(&self, what: &str, by: &str, log: &mut Log) {
         let mut unknown: Vec<_> = self.awaited.iter().collect();
         unknown.sort_by_key(|(_, (index, _))| *index);
         for (name, (_, source)) in unknown {
-            log.problem(source, unknown_name(what, name, self.defined.keys(), &format!("make it by {by}")));
+            log.problem(source, unknown_name(what, name, self.defined.keys(), &format!("define it with {by}")));
         }
     }
 }
@@ -69,7 +69,7 @@ pub(super) struct Textures {
 impl Textures {
     /// Returns the spectrum (colour) texture with this name. The error is a message for an unknown name.
     pub(super) fn spectrum(&self, name: &str) -> Result<Color, String> {
-        let wrong = self.floats.contains_key(name).then_some("it is a float texture, and a spectrum texture is needed");
+        let wrong = self.floats.contains_key(name).then_some("it is a float texture, but a spectrum texture is needed");
         self.spectra.get(name).copied().ok_or_else(|| unknown_texture(name, self.spectra.keys(), wrong))
     }
 
@@ -77,11 +77,11 @@ impl Textures {
     /// names an unsupported class of texture.
     pub(super) fn float(&self, name: &str) -> Result<&Result<Scalar, String>, String> {
         let wrong =
-            self.spectra.contains_key(name).then_some("it is a spectrum texture, and a float texture is needed");
+            self.spectra.contains_key(name).then_some("it is a spectrum texture, but a float texture is needed");
         self.floats.get(name).ok_or_else(|| unknown_texture(name, self.floats.keys(), wrong))
     }
 }
 
 fn unknown_texture<'k>(name: &str, known: impl IntoIterator<Item = &'k String>, wrong: Option<&str>) -> String {
-    unknown_name("texture", name, known, wrong.unwrap_or("make it by Texture above this line"))
+    unknown_name("texture", name, known, wrong.unwrap_or("define it with Texture above this line"))
 }

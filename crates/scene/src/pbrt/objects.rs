@@ -13,13 +13,13 @@ impl Reader<'_> {
     pub(super) fn begin_object(&mut self, d: &Directive<'_>) {
         if let Some(open) = self.object {
             let open = &self.scene.objects[open.0 as usize];
-            let what = format!("ObjectBegin within object {} of {}; close that first", shown(&open.name), open.source);
+            let what = format!("ObjectBegin in object {} at {}; end the object first", shown(&open.name), open.source);
             self.log.problem(&d.source, what);
         }
         let name = d.texts[0].clone();
         if let Some(first) = self.named_objects.get(&name) {
             let first = &self.scene.objects[first].source;
-            let what = format!("object {} is made twice (first at {first}); rename one", shown(&name));
+            let what = format!("object {} is defined twice (first at {first}); rename one", shown(&name));
             self.log.problem(&d.source, what);
         }
         self.begin_block("ObjectBegin", d.source.clone());
@@ -75,7 +75,7 @@ impl Reader<'_> {
             params.ignore_rest();
         }
         if let Some(param) = params.take("preset") {
-            let what = format!("parameter preset (give its sigma_a and sigma_s) of {}", params.of);
+            let what = format!("parameter preset (use sigma_a and sigma_s) of {}", params.of);
             params.unsupported(param.line, what);
         }
         params.refuse(&["Le", "Lescale"]);
@@ -88,7 +88,7 @@ impl Reader<'_> {
         let g = params.float32("g", 0.0, |v| v > -1.0 && v < 1.0, "between -1 and 1");
         if let Some(first) = self.named_media.get(&name) {
             let first = &self.scene.media[first].source;
-            params.problem(line, format!("medium {} is made twice (first at {first})", shown(&name)));
+            params.problem(line, format!("medium {} is defined twice (first at {first})", shown(&name)));
         }
         // Made even after an error, so that its uses cause no further errors.
         let _good = params.finish(&mut self.log);

@@ -25,8 +25,8 @@ impl Reader<'_> {
     /// Adds a notice if a pbrt-v2 file names no `SurfaceIntegrator`, since pbrt-v2's default differs from path tracing.
     pub(super) fn check_old_transport(&mut self, whole: &Source) {
         if self.context.version == Version::V2 && !self.once.contains_key("depth") {
-            let what = "no SurfaceIntegrator is named: pbrt-v2 would light directly and follow 5 mirrors; \
-                        light is transported by path tracing of that depth";
+            let what = "no SurfaceIntegrator is named: pbrt-v2 would use direct lighting with 5 mirror reflections; \
+                        path tracing of that depth is used";
             self.log.notice(whole, what);
         }
     }
@@ -193,7 +193,7 @@ impl Reader<'_> {
     }
 }
 
-/// Returns the integrator that takes the place of pbrt's by default, and how to request one like it if there is one.
+/// Returns advice on the integrator `kind`: Dapple's default, and the option for a similar integrator if there is one.
 fn transport(kind: &str) -> String {
     let (ours, method) = match kind {
         "bdpt" => ("bdpt", "bidirectional path tracing"),
@@ -201,9 +201,9 @@ fn transport(kind: &str) -> String {
         "sppm" | "photonmap" => ("photons", "photon mapping"),
         "igi" => ("instant", "virtual lights"),
         "ambientocclusion" => ("ambient-occlusion", "ambient occlusion"),
-        _ => return "light is transported by path tracing".into(),
+        _ => return "path tracing is used".into(),
     };
-    format!("by default, the scene's effects decide how light is transported; for {method}, use --integrator {ours}")
+    format!("by default, the scene's effects decide on the integrator; for {method}, use --integrator {ours}")
 }
 
 /// Returns the crop window in pixels: x0, y0, x1, y1; `None` if the file sets none or an empty one. `cropwindow` takes

@@ -169,7 +169,7 @@ pub(super) struct Params {
     list: Vec<Param>,
     asked: Vec<&'static str>,
     reports: Vec<(Report, Fault)>,
-    /// Makes [`finish`](Self::finish) return false: an invalid value, or a failure that has been reported.
+    /// True after an invalid value or a reported failure; [`finish`](Self::finish) then returns false.
     pub(super) broken: bool,
     /// The state of the file before the directive.
     pub(super) context: Context,
@@ -227,8 +227,8 @@ impl Params {
         None
     }
 
-    /// Reports an unsupported type of a directive, such as an unknown shape, and suggests the nearest of the supported
-    /// types `known`. Ignores the parameters.
+    /// Reports an unsupported type of a directive, such as an unknown shape, and suggests the nearest name in `known`.
+    /// Ignores the parameters.
     pub(super) fn unsupported_type(&mut self, line: u32, directive: &str, kind: &str, known: &[&str]) {
         let near = nearest_name(kind, known.iter().copied());
         let near = near.map_or(String::new(), |known| format!(" (did you mean \"{known}\"?)"));
@@ -406,7 +406,7 @@ impl Params {
     /// Takes unsupported parameters that may be ignored. Adds a notice for each parameter that was given.
     pub(super) fn not_followed(&mut self, names: &[&'static str]) {
         for param in self.given(names) {
-            self.notice(param.line, format!("parameter {} of {} is not followed", param.name, self.of));
+            self.notice(param.line, format!("parameter {} of {} is ignored", param.name, self.of));
         }
     }
 

@@ -32,7 +32,7 @@ pub(super) struct Reader<'a> {
     pub(super) state: State,
     pub(super) context: Context,
     pub(super) blocks: Vec<Block>,
-    /// Named coordinate systems. The two transforms lead to world space, at the start and at the end of the motion.
+    /// Named coordinate systems, as transforms to world space at the start and at the end of the motion.
     pub(super) spaces: BTreeMap<String, [DAffine3; 2]>,
     /// The object that new shapes belong to; `None` outside of object definitions.
     pub(super) object: Option<ObjectId>,
@@ -104,7 +104,7 @@ impl<'a> Reader<'a> {
     /// Records a directive that should occur only once. Adds a notice if it has occurred before.
     pub(super) fn meet(&mut self, word: &str, source: &Source) {
         if let Some(first) = self.once.insert(word.to_owned(), source.clone()) {
-            self.log.notice(source, format!("a second {word} (the first is at {first}); this one counts"));
+            self.log.notice(source, format!("a second {word} (the first is at {first}); this one is used"));
         }
     }
 

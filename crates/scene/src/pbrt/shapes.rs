@@ -47,7 +47,7 @@ impl Reader<'_> {
         let emission = geometry.as_ref().and_then(|g| self.emission(g, &mut params));
         let moves_to = self.state.ctm.moves_to();
         if moves_to.is_some() && self.object.is_some() {
-            params.unsupported(line, "a shape that moves within an object (let the instance move)");
+            params.unsupported(line, "a shape that moves within an object (move the instance)");
         }
         let good = params.finish(&mut self.log);
         let geometry = match geometry {
@@ -76,26 +76,26 @@ impl Reader<'_> {
             return None;
         }
         if light.texture.is_some() && !matches!(geometry, Geometry::Mesh(_)) {
-            params.unsupported(line, format!("an image that a {} emits (make it a mesh)", geometry.name()));
+            params.unsupported(line, format!("an area light image on a {} (use a mesh)", geometry.name()));
             return None;
         }
         let Some(power) = light.power else {
             return Some(Emission { texture: light.texture, ..Emission::even(light.radiance, light.two_sided) });
         };
         let Some(area) = world_area(geometry, self.state.ctm.start) else {
-            let what = "the power of a stretched sphere or disk is not known; give its radiance L and scale";
+            let what = "the area of a stretched sphere or disk is not computed; use L and scale instead of power";
             return params.fail(line, what);
         };
         if let Geometry::Mesh(mesh) = geometry
             && mesh.triangles.len() > 1
         {
-            let what = "the power of the light is shared by the whole mesh; pbrt-v4 gives each triangle all of it";
+            let what = "the whole mesh shares the light's power; pbrt-v4 gives each triangle the full power";
             params.notice(params.line(), what);
         }
         let sides = if light.two_sided { 2.0 } else { 1.0 };
         let radiance = light.radiance.map(|c| (f64::from(c) * power / (PI * area * sides)) as f32);
         if radiance.iter().any(|c| !c.is_finite()) {
-            return params.fail(line, "the power of the light is too much for the shape's area");
+            return params.fail(line, "the light's power is too large for the shape's area; lower it");
         }
         Some(Emission::even(radiance, light.two_sided))
     }
@@ -185,7 +185,7 @@ impl Reader<'_> {
         self.make_room(most, MOST_MADE, params)?;
         let (mesh, curved) = Patches { positions, normals, uvs, corners }.mesh();
         if curved > 0 {
-            let what = format!("{} has {curved} curved patches; made of triangles with smooth normals", params.of);
+            let what = format!("{} has {curved} curved patches, made of triangles with smooth normals", params.of);
             params.notice(params.line(), what);
         }
         self.made(mesh, params)
@@ -212,9 +212,9 @@ impl Reader<'_> {
         if self.triangles_made.saturating_add(more) <= most {
             return Some(());
         }
-        let why = if most < MOST_MADE { ", for lack of memory" } else { "" };
-        let made = format!("would make {more} triangles, after {} made of others", self.triangles_made);
-        params.fail(params.line(), format!("{} {made}; at most {most} may be made in all{why}", params.of))
+        let why = if most < MOST_MADE { " (memory limit)" } else { "" };
+        let made = format!("would make {more} triangles, in addition to {} from other shapes", self.triangles_made);
+        params.fail(params.line(), format!("{} {made}; at most {most} are allowed in total{why}", params.of))
     }
 
     fn made(&mut self, mesh: MeshData, params: &mut Params) -> Option<Geometry> {
@@ -281,8 +281,8 @@ fn vertices(params: &mut Params) -> Option<Vertices> {
 /// The declaration of vertex indices, for messages.
 const INDICES: &str = "\"integer indices\"";
 
-/// Takes the vertex indices in groups of `N`, each called `what` in messages. `N` vertices need no indices: they are a group.
-/// `None`, with a reported problem, if they are missing, or if one is not below `vertices`.
+/// Takes the vertex indices in groups of `N`, each called `what` in messages. Exactly `N` vertices need no indices: they form
+/// one group. `None`, with a reported problem, if indices are missing, or if one is not below `vertices`.
 fn indices<const N: usize>(params: &mut Params, what: &str, vertices: usize) -> Option<Vec<[u32; N]>> {
     let Some((numbers, line)) = params.numbers("indices", &[Type::Integer], N) else {
         let all = std::array::from_fn(|i| i as u32);

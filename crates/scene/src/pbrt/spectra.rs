@@ -56,7 +56,7 @@ impl Params {
     /// Returns the linear sRGB colour of a black body parameter. Its values are a temperature in kelvin and, in pbrt-v3
     /// files, a scale.
     fn blackbody(&self, values: &[f64]) -> Result<[f32; 3], String> {
-        let hidden = |kelvin: f64| format!("is a black body of {kelvin} K, which does not shine visibly");
+        let hidden = |kelvin: f64| format!("is a black body of {kelvin} K, which emits no visible light");
         let rgb = match *values {
             [kelvin] if kelvin > 0.0 && self.context.version == Version::V4 => {
                 blackbody(kelvin).ok_or_else(|| hidden(kelvin))?
@@ -68,7 +68,7 @@ impl Params {
                 return Err("takes a temperature above 0 (kelvin) and a scale of at least 0".into());
             }
             _ if self.context.version == Version::V2 => {
-                return Err("is a black body, which is read in files of pbrt-v3 and v4 only; give its rgb".into());
+                return Err("is a black body, which only files of pbrt-v3 and v4 may have; use rgb instead".into());
             }
             _ => return Err("takes one temperature above 0 (kelvin)".into()),
         };
@@ -83,7 +83,7 @@ impl Params {
         let rgb = match gamut {
             _ if constant.is_some() => constant.unwrap_or_default(),
             Gamut::Light if self.context.version == Version::V4 => {
-                spectrum.rgb_of_luminance_one().ok_or("is not visible; give values above 0 from 380 to 780 nm")?
+                spectrum.rgb_of_luminance_one().ok_or("has no visible part; use values above 0 from 380 to 780 nm")?
             }
             Gamut::Light | Gamut::Index => spectrum.rgb(),
             Gamut::Reflectance => spectrum.rgb_under_d65().min(DVec3::ONE),
@@ -120,7 +120,7 @@ impl Params {
     }
 }
 
-/// Returns the colour of three numbers, RGB or XYZ; an error, to follow the parameter's name.
+/// Returns the colour of three numbers, RGB or XYZ. The error is a message that follows the parameter's name.
 fn three(values: &[f64], xyz: bool, gamut: Gamut) -> Result<[f32; 3], String> {
     let [a, b, c] = *values else { return Err(format!("takes 3 numbers, not {}", values.len())) };
     // Negative channels, of colours outside the gamut of sRGB, are clipped.
@@ -128,7 +128,8 @@ fn three(values: &[f64], xyz: bool, gamut: Gamut) -> Result<[f32; 3], String> {
     in_range(rgb, gamut).map_err(|range| format!("must be {range} in every channel, not {a} {b} {c}"))
 }
 
-/// Returns a colour in single precision; an error, to follow the parameter's name, if a channel is outside of `gamut`.
+/// Returns a colour in single precision. The error, if a channel is outside of `gamut`, is a message that follows the
+/// parameter's name.
 fn in_range(rgb: [f64; 3], gamut: Gamut) -> Result<[f32; 3], &'static str> {
     let most = if gamut == Gamut::Reflectance { 1.0 } else { f64::from(f32::MAX) };
     match rgb.iter().all(|c| (0.0..=most).contains(c)) {
@@ -138,7 +139,7 @@ fn in_range(rgb: [f64; 3], gamut: Gamut) -> Result<[f32; 3], &'static str> {
     }
 }
 
-/// The spectra of pbrt-v4 that are known by name, a line each.
+/// The spectra of pbrt-v4 that are known by name, one per line.
 ///
 /// * `metal-M-eta`, `metal-M-k`: the complex index of refraction of a metal as linear RGB, from the Tungsten renderer's
 ///   table of conductors [Bitterli 2018], which integrates measured spectra against the CIE observer. The values of brass

@@ -26,7 +26,7 @@ pub(super) enum Unfit {
     #[error("triangle {0} has the same corner twice; remove it")]
     Collapsed(usize),
     #[error(
-        "the triangles around vertex {0} do not follow each other; each edge must belong to one or two triangles that turn the same way"
+        "the triangles around vertex {0} are not connected; each edge must belong to one or two triangles of the same winding"
     )]
     Tangled(usize),
 }

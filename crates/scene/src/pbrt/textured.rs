@@ -25,7 +25,7 @@ impl Params {
         let Some((texture, line)) = self.text_of(name, Type::Texture) else { return default_color };
         match self.context.textures.clone().spectrum(&texture) {
             Ok(Color::Constant(c)) if gamut == Gamut::Reflectance && c.iter().any(|&c| c > 1.0) => {
-                let what = format!("texture {} is above 1: {name} of {} must not be", shown(&texture), self.of);
+                let what = format!("texture {} is above 1, the limit of {name} of {}", shown(&texture), self.of);
                 self.problem(line, what);
             }
             Ok(color) => return color,

@@ -37,8 +37,8 @@ impl Reader<'_> {
         let known = &params.context.textures;
         let made = if colors { known.spectra.contains_key(name) } else { known.floats.contains_key(name) };
         match made {
-            true if old => params.notice(line, format!("texture {} is made anew", shown(name))),
-            true => params.problem(line, format!("{ty} texture {} is made twice; rename one", shown(name))),
+            true if old => params.notice(line, format!("texture {} is redefined", shown(name))),
+            true => params.problem(line, format!("{ty} texture {} is defined twice; rename one", shown(name))),
             false => {}
         }
         let color = self.texture_color(name, class, colors, &mut params);
@@ -113,7 +113,7 @@ impl Reader<'_> {
         };
         let depth = below.unwrap_or(0) + 1;
         if depth > DEEPEST_TEXTURE {
-            let what = format!("textures are nested too deep; at most {DEEPEST_TEXTURE} may be made of each other");
+            let what = format!("textures are nested too deep; at most {DEEPEST_TEXTURE} levels are allowed");
             params.problem(params.line(), what);
             return GREY;
         }
@@ -177,8 +177,8 @@ impl Reader<'_> {
         }
     }
 
-    /// Returns the product of two colours, each a constant or a texture. A gray constant is multiplied into the other
-    /// texture's own values if possible.
+    /// Returns the product of two colours, each a constant or a texture. If possible, a gray constant scales the texture's
+    /// own parameters instead of adding a product.
     fn product(&mut self, name: &str, a: Color, b: Color, params: &mut Params) -> Color {
         let gray = |c: [f32; 3]| (c[0] == c[1] && c[1] == c[2]).then_some(c[0]);
         let folded = match (a, b) {

@@ -99,7 +99,7 @@ impl Reader<'_> {
             false => old,
         });
         if !(is_invertible(&start) && is_invertible(&end)) {
-            return Err("with this, the transform flattens space or overflows; it must have an inverse".into());
+            return Err("this transform flattens space or overflows; it must have an inverse".into());
         }
         self.state.ctm = Ctm { start, end, active };
         Ok(())
@@ -122,7 +122,7 @@ impl Reader<'_> {
             self.state.ctm = Ctm { start, end, ..self.state.ctm };
             return;
         }
-        let what = unknown_name("coordinate system", name, self.spaces.keys(), "name it by CoordinateSystem first");
+        let what = unknown_name("coordinate system", name, self.spaces.keys(), "define it with CoordinateSystem first");
         self.log.problem(source, what);
     }
 }

@@ -283,7 +283,7 @@ fn textures_of_coats_and_of_thickness_are_left_out_by_name() {
     let said = material(true);
     assert_eq!(said.len(), 2, "{said:?}");
     for what in
-        ["material 0 \"car\": the textures of its clear coat are", "material 0 \"car\": its texture of thickness is"]
+        ["material 0 \"car\": the textures of its clear coat are", "material 0 \"car\": its thickness texture is"]
     {
         assert!(said.iter().any(|notice| notice.starts_with(what)), "{what}: {said:?}");
     }
@@ -385,7 +385,7 @@ fn broken_files_are_errors_that_say_what_to_do_i03() {
         (changed("/meshes/0/primitives/0/attributes", json!({"POSITION": 3})), "accessor 3"),
         (changed("/meshes/0/primitives/0/indices", json!(0)), "accessor 0: must hold unsigned integers"),
         (changed("/bufferViews/0/byteLength", json!(1_000_000)), "buffer"),
-        (changed("/buffers/0/byteLength", json!(1_000)), "buffer 0: has 140 bytes of 1000; copy its file again"),
+        (changed("/buffers/0/byteLength", json!(1_000)), "buffer 0: has only 140 of 1000 bytes; copy its file again"),
         (changed("/buffers/0/uri", json!("square.bin")), "cannot read square.bin"),
         (changed("/buffers/0/uri", json!("data:;base64,*")), "cannot be decoded"),
         (changed("/nodes/0", json!({"mesh": 9})), "nodes"),

@@ -167,7 +167,7 @@ fn what_only_glows_gets_a_sky_and_keeps_its_glow() {
         let scene = read(&with_material(glow.clone())).unwrap();
         assert_eq!((scene.shapes.len(), scene.lights.len()), (2, 1), "a ground and a sky: {glow}");
         assert!(scene.shapes[0].emission.is_some(), "{glow}");
-        assert!(notices(&scene).iter().any(|notice| notice.contains("the sky of bare models is added")), "{glow}");
+        assert!(notices(&scene).iter().any(|notice| notice.contains("the default sky is added")), "{glow}");
     }
 }
 
@@ -180,10 +180,7 @@ fn attributes_of_others_are_left_out_with_one_warning_each() {
     assert_eq!(mesh(&scene).positions.len(), 4);
     let mut found = notices(&scene);
     found.sort_unstable();
-    assert_eq!(
-        found,
-        ["_BATCHID", "_FEATURE_ID_0"].map(|name| format!("attribute \"{name}\" of vertices is left out"))
-    );
+    assert_eq!(found, ["_BATCHID", "_FEATURE_ID_0"].map(|name| format!("vertex attribute \"{name}\" is left out")));
 }
 
 #[test]
@@ -196,7 +193,7 @@ fn textures_without_an_image_that_is_read_are_named() {
         document["textures"][0] = texture;
         let scene = read(&document).unwrap();
         assert_eq!(base(&scene), [Color::Constant([0.5, 0.25, 0.125])]);
-        let expected = format!("texture 0 has no image that is read ({what}); a constant stands for it");
+        let expected = format!("texture 0 has no supported image ({what}); a constant is used instead");
         assert_eq!(notices(&scene), [expected]);
     }
 }
@@ -205,7 +202,7 @@ fn textures_without_an_image_that_is_read_are_named() {
 fn textures_without_their_coordinates_are_named() {
     let mut document =
         with_material(json!({"pbrMetallicRoughness": {"baseColorTexture": {"index": 0, "texCoord": 3}}}));
-    let expected = "mesh 0 \"square\", part 0: it has textures and no texture coordinates of set 3; each triangle shows the same part of them";
+    let expected = "mesh 0 \"square\", part 0: it has textures but no texture coordinates of set 3; every triangle shows the same piece of the textures";
     assert_eq!(notices(&read(&document).unwrap()), [expected]);
     document["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"]["texCoord"] = json!(0);
     assert!(read(&document).unwrap().notices.is_empty());

@@ -67,15 +67,15 @@ const OBJ: [(&str, &str); 50] = [
     ("s 1\nf 1 2 3", "smooths faces without normals"),
     ("mtllib missing.mtl", "missing.mtl cannot be read"),
     ("usemtl unknown\nf 1 2 3", "unknown material \"unknown\""),
-    ("mtllib Ks.mtl", "Ks not followed"),
-    ("mtllib Ke.mtl", "Ke not followed"),
-    ("mtllib Tf.mtl", "Tf not followed"),
-    ("mtllib d.mtl", "d not followed"),
-    ("mtllib Tr.mtl", "Tr not followed"),
-    ("mtllib illum.mtl", "illum not followed"),
-    ("mtllib map_Ke.mtl", "map_Ke not followed"),
-    ("mtllib pbr.mtl", "Pc, Pm, Pr, Ps, aniso not followed"),
-    ("mtllib maps.mtl", "bump, decal, disp, map_Bump, map_Ks, map_Pr, map_d, norm, refl not followed"),
+    ("mtllib Ks.mtl", "Ks ignored"),
+    ("mtllib Ke.mtl", "Ke ignored"),
+    ("mtllib Tf.mtl", "Tf ignored"),
+    ("mtllib d.mtl", "d ignored"),
+    ("mtllib Tr.mtl", "Tr ignored"),
+    ("mtllib illum.mtl", "illum ignored"),
+    ("mtllib map_Ke.mtl", "map_Ke ignored"),
+    ("mtllib pbr.mtl", "Pc, Pm, Pr, Ps, aniso ignored"),
+    ("mtllib maps.mtl", "bump, decal, disp, map_Bump, map_Ks, map_Pr, map_d, norm, refl ignored"),
 ];
 
 /// Material files of [`OBJ`].
@@ -108,7 +108,7 @@ fn statements_of_obj_and_mtl_that_are_left_out_are_named() {
     for (statement, what) in OBJ {
         // A material file is named as a whole.
         let line = match statement {
-            _ if what.ends_with("not followed") => 0,
+            _ if what.ends_with("ignored") => 0,
             _ if statement.starts_with("s 1") => 6,
             _ => 5,
         };
@@ -137,11 +137,11 @@ fn gltf_features() -> Vec<(Vec<(&'static str, Value)>, &'static str)> {
             ],
             "left out: camera 1",
         ),
-        (material(json!({"occlusionTexture": texture()})), "texture of occlusion is left out"),
+        (material(json!({"occlusionTexture": texture()})), "occlusion texture is left out"),
         (material(json!({"emissiveFactor": [1, 1, 1], "alphaMode": "BLEND"})), "its opacity is left out"),
         (
             material(json!({"normalTexture": texture(), "emissiveTexture": {"index": 0, "texCoord": 1}})),
-            "set 1 of texture coordinates",
+            "all use set 1 here",
         ),
         (
             vec![
@@ -157,7 +157,7 @@ fn gltf_features() -> Vec<(Vec<(&'static str, Value)>, &'static str)> {
                 ("/samplers", json!([{"magFilter": 9728}])),
                 ("/textures/0/sampler", json!(0)),
             ],
-            "where the file asks for the nearest",
+            "not the nearest ones as in the file",
         ),
         (
             vec![
@@ -165,7 +165,7 @@ fn gltf_features() -> Vec<(Vec<(&'static str, Value)>, &'static str)> {
                 ("/samplers", json!([{"wrapS": 33648, "wrapT": 33648}])),
                 ("/textures/0/sampler", json!(0)),
             ],
-            "repeats without being mirrored",
+            "repeats without the mirroring",
         ),
         (
             vec![
@@ -173,7 +173,7 @@ fn gltf_features() -> Vec<(Vec<(&'static str, Value)>, &'static str)> {
                 ("/samplers", json!([{"wrapS": 33071, "wrapT": 10497}])),
                 ("/textures/0/sampler", json!(0)),
             ],
-            "wraps in the same way in both directions",
+            "both use that of u",
         ),
         (
             vec![
@@ -187,7 +187,7 @@ fn gltf_features() -> Vec<(Vec<(&'static str, Value)>, &'static str)> {
                 {"KHR_texture_transform": {"rotation": 1}}}}})),
             "rotation of its coordinates is left out",
         ),
-        (material(with("KHR_materials_ior", json!({"ior": 0}))), "index of refraction of 0 is left out"),
+        (material(with("KHR_materials_ior", json!({"ior": 0}))), "index of refraction 0 is invalid"),
         (
             material(with("KHR_materials_specular", json!({"specularTexture": texture()}))),
             "textures of its specular reflection are left out",
@@ -198,7 +198,7 @@ fn gltf_features() -> Vec<(Vec<(&'static str, Value)>, &'static str)> {
         ),
         (
             material(with("KHR_materials_volume", json!({"thicknessFactor": 1, "thicknessTexture": texture()}))),
-            "its texture of thickness is left out",
+            "its thickness texture is left out",
         ),
         (
             vec![
@@ -214,7 +214,7 @@ fn gltf_features() -> Vec<(Vec<(&'static str, Value)>, &'static str)> {
                 ("/extensions", json!({"KHR_lights_punctual": {"lights": [{"type": "point", "intensity": 0}]}})),
                 ("/nodes/0/extensions", json!({"KHR_lights_punctual": {"light": 0}})),
             ],
-            "light 0 has no light or no direction",
+            "light 0 has no intensity or no direction",
         ),
         (
             vec![("/nodes", json!([{"mesh": 0, "scale": [0, 1, 1]}, {"mesh": 0}])), ("/scenes/0/nodes", json!([0, 1]))],
@@ -337,7 +337,7 @@ fn bytes_of_stl_that_are_left_out_are_named() {
     assert!(plain.notices.is_empty(), "{:?}", notices(&plain));
     let material = [b"COLOR=\x33\x66\x99\xff,MATERIAL=".as_slice(), &[0x40; 12]].concat();
     for (found, what) in [
-        (file(b"", 7, b""), "left out: attributes of facets, which are no colours (facet 0)"),
+        (file(b"", 7, b""), "left out: attributes of facets that are not colours (facet 0)"),
         (file(&material, 0, b""), "left out: MATERIAL of the header"),
         (file(b"", 0, b"more"), "4 bytes follow the last of 1 facets"),
     ] {

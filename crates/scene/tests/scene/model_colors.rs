@@ -179,7 +179,7 @@ fn colours_that_are_not_finite_are_white() {
     let colors = "property float red\nproperty float green\nproperty float blue\n";
     let found = read_ply(&ply(colors, &["1 0 0", "inf 0 0", "0 nan 0"])).unwrap();
     assert_colors(&found.data.colors, &[[1.0, 0.0, 0.0], [1.0; 3], [1.0; 3]], "PLY");
-    assert_eq!(found.doubt.unwrap(), "2 colours are not finite; white stands for them");
+    assert_eq!(found.doubt.unwrap(), "2 colours are not finite; white is used instead");
 }
 
 #[test]
@@ -190,7 +190,7 @@ fn a_colour_just_above_1_is_clamped_and_leaves_the_others() {
         let found = scene(&[("c.obj", obj.as_bytes())]);
         assert_colors(&mesh(&found, 0).colors, &expected, above);
         assert_eq!(found.notices.len(), 1);
-        assert_eq!(found.notices[0].message, "1 numbers of colours are outside of 0 to 1 and are clamped");
+        assert_eq!(found.notices[0].message, "1 colour values are outside of 0 to 1 and are clamped");
         let head = "property float x\nproperty float y\nproperty float z\nproperty float red\nproperty float green\nproperty float blue";
         let face = "element face 1\nproperty list uchar int vertex_indices\nend_header";
         let rows = format!("0 0 0 .9 .2 .1\n1 0 0 {above} .2 .1\n0 1 0 .9 .2 .1\n3 0 1 2\n");
@@ -221,7 +221,7 @@ fn a_vertex_with_other_numbers_than_a_colour_has_a_notice() {
         let obj = format!("v -1 0 0 {numbers}\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
         let found = scene(&[("c.obj", obj.as_bytes())]);
         assert!(mesh(&found, 0).colors.is_empty());
-        assert!(found.notices[0].message.contains("neither 3, 4, 6 nor 7 numbers"), "{:?}", found.notices);
+        assert!(found.notices[0].message.contains("must have 3, 4, 6 or 7 numbers"), "{:?}", found.notices);
         assert_eq!((found.notices.len(), found.notices[0].source.line), (1, 1));
     }
 }

@@ -118,7 +118,7 @@ fn obj_corners_resolve_or_are_errors_with_lines_i05() {
     let uvs: Vec<usize> = model.meshes.iter().map(|m| m.data.uvs.len()).collect();
     assert_eq!((uvs, model.meshes[0].data.triangles.len()), (vec![0, 3], 2));
     for (text, what) in [
-        ("f 1 2 0", "count from 1"),
+        ("f 1 2 0", "indices of vertices start at 1"),
         ("f 1 2 5", "only 4 vertices"),
         ("f 1 2 -5", "only 4 vertices so far"),
         ("f 1 2 2147483648", "only 4 vertices"),
@@ -155,14 +155,14 @@ fn numbers_of_models_are_finite_or_errors_with_lines_i04() {
     let mut facets = FACETS;
     facets[1][2][0] = f32::NAN;
     let message = read(&[("bad.stl", &binary_stl(&[0; 80], &facets))]).unwrap_err().to_string();
-    assert_eq!(message, "bad.stl: facet 1: a corner is not finite; mend the mesh");
+    assert_eq!(message, "bad.stl: facet 1: a corner is not finite; repair the mesh");
     let message = read(&[("bad.stl", TEXT_STL.replace("1E0", "nan").as_bytes())]).unwrap_err().to_string();
     assert!(message.starts_with("bad.stl:12: "), "{message}");
     // Too far apart to be seen, and nothing to be seen.
     let far = TETRAHEDRON.replace("v 1 0 0", "v 1e308 0 0").replace("v 0 1 0", "v -1e308 0 0");
-    assert!(read(&[("far.obj", far.as_bytes())]).unwrap_err().to_string().contains("too large"));
+    assert!(read(&[("far.obj", far.as_bytes())]).unwrap_err().to_string().contains("the size of the model overflows"));
     let point = "v 1 1 1\nf 1 1 1\n";
-    assert!(read(&[("point.obj", point.as_bytes())]).unwrap_err().to_string().contains("one point"));
+    assert!(read(&[("point.obj", point.as_bytes())]).unwrap_err().to_string().contains("coincide"));
 }
 
 #[test]
@@ -179,15 +179,15 @@ fn materials_of_obj_files_are_diffuse_with_notices() {
     let Color::Texture(id) = colors[2] else { panic!("{:?}", colors[2]) };
     assert!(matches!(scene.textures[id.0 as usize].kind, TextureKind::Image { factor: 0.5, .. }));
     let notices: Vec<String> = scene.notices.iter().map(|n| format!("{}: {}", n.source, n.message)).collect();
-    assert!(notices[0].starts_with("d/m.mtl: ") && notices[0].contains("Ks not followed"), "{notices:?}");
-    assert!(notices[1].starts_with("d/a.obj:9: the mesh of \"wood\": it has textures and no"), "{notices:?}");
-    assert_eq!(notices[2], "d/a.obj:12: unknown material \"odd\"; grey instead");
+    assert!(notices[0].starts_with("d/m.mtl: ") && notices[0].contains("Ks ignored"), "{notices:?}");
+    assert!(notices[1].starts_with("d/a.obj:9: the mesh of \"wood\": it has textures but no"), "{notices:?}");
+    assert_eq!(notices[2], "d/a.obj:12: unknown material \"odd\"; grey is used");
     // Nothing but the model: grey, and said.
     let alone = read(&[("d/a.obj", obj.as_bytes())]).unwrap();
     assert!(alone.notices[0].message.contains("d/m.mtl cannot be read"), "{:?}", alone.notices);
     assert!((0..4).all(|shape| reflectance(&alone, shape) == Color::Constant([0.5; 3])));
     let untextured = read(&[("d/a.obj", obj.as_bytes()), ("d/m.mtl", mtl.as_bytes())]).unwrap();
-    assert!(untextured.notices.iter().any(|n| n.message.contains("Kd stands for it")));
+    assert!(untextured.notices.iter().any(|n| n.message.contains("Kd is used instead")));
 }
 
 #[test]
@@ -227,9 +227,9 @@ fn models_cut_at_any_byte_are_errors_or_shorter_meshes_i02() {
 fn models_with_false_headers_are_errors_i03() {
     let mut lie = binary_stl(&[0; 80], &FACETS);
     lie[80..84].copy_from_slice(&u32::MAX.to_le_bytes());
-    assert!(read_stl(&lie).unwrap_err().to_string().contains("promises 4294967295 facets, and only 100 bytes"));
+    assert!(read_stl(&lie).unwrap_err().to_string().contains("declares 4294967295 facets, but only 100 bytes"));
     for (name, bytes, what) in [
-        ("a.stl", b"".as_slice(), "no STL file"),
+        ("a.stl", b"".as_slice(), "not an STL file"),
         ("a.stl", b"solid nothing\nendsolid\n", "no triangles"),
         ("a.stl", b"solid nothing\n", "cut off"),
         ("a.obj", b"", "no faces"),
@@ -262,7 +262,7 @@ fn extensions_decide_and_directories_are_refused_i10() {
     assert_eq!(read_any_from(&given, "plain", &options).unwrap().name, "plain", "no extension: a scene");
     for (name, what) in [
         ("m.fbx", "FBX files are not supported; open it in Blender and export glTF"),
-        ("m.foo", "its format is unknown, and so is extension \".foo\"; export pbrt, glTF, OBJ, PLY or STL"),
+        ("m.foo", "its format and extension \".foo\" are unknown; export pbrt, glTF, OBJ, PLY or STL"),
         ("m.obj.gz", "are compressed; unpack the file first"),
         ("z.pbrt", "compressed by gzip"),
         ("missing.stl", "cannot read missing.stl: no such file; check the name"),
@@ -291,7 +291,7 @@ fn wrong_statements_of_materials_are_left_out_and_noted() {
     assert_eq!(colors, [[1.0, 0.0, 0.0], [0.5; 3], [1.0, 0.0, 0.5]].map(Color::Constant));
     let noted: Vec<_> = scene.notices.iter().map(|n| n.source.line).collect();
     assert_eq!(noted, [6, 8, 9, 10, 12, 13, 0, 7, 11]);
-    for (notice, what) in [(6, "Ks, d not followed"), (7, "brick wall.png: "), (8, "wood \u{ff}.png: ")] {
+    for (notice, what) in [(6, "Ks, d ignored"), (7, "brick wall.png: "), (8, "wood \u{ff}.png: ")] {
         assert!(scene.notices[notice].message.contains(what), "{}", scene.notices[notice].message);
     }
 }
@@ -318,7 +318,7 @@ fn kd_is_read_whole_or_left_out() {
         ("Kd 255 128 0", [1.0, 1.0, 0.0], "Kd 255 128 0 is outside of 0 to 1"),
         ("Kd -1 0.5 0", [0.0, 0.5, 0.0], "Kd -1 0.5 0 is outside of 0 to 1"),
         ("newmtl\nKd 0 1 0", [0.5; 3], "newmtl has no name"),
-        ("newmtl m\nKd 0 1 0", [0.0, 1.0, 0.0], "material \"m\" is there twice; the last holds"),
+        ("newmtl m\nKd 0 1 0", [0.0, 1.0, 0.0], "material \"m\" is defined twice; the last is used"),
     ] {
         let (found, notices) = read_kd(&format!("newmtl m\n{kd}\n"));
         assert_eq!(found, Color::Constant(color), "{kd}");

@@ -43,7 +43,7 @@ fn small_lights() {
     );
     assert_eq!(
         say("LightSource \"distant\" \"point3 from\" [1 1 1] \"point3 to\" [1 1 1]"),
-        "s.pbrt:4: LightSource \"distant\" needs from and to to differ"
+        "s.pbrt:4: parameters from and to of LightSource \"distant\" must differ"
     );
     assert!(say("LightSource \"point\" \"float power\" 1e39 \"rgb I\" [1e30 1 1]").contains("brighter than 3.4e38"));
 }
@@ -84,7 +84,7 @@ fn area_lights_by_their_power() {
     let quad = "Scale 3 1 1\nShape \"bilinearmesh\" \"point3 P\" [0 0 0 1 0 0 0 1 0 1 1 0]";
     assert!(close(emission(quad, "\"float power\" 6").radiance, [2.0 / PI; 3], 1e-5));
     let text = "AreaLightSource \"diffuse\" \"float power\" 1\nScale 1 2 1";
-    assert!(complaint(text).contains("the power of a stretched sphere or disk is not known"), "{}", complaint(text));
+    assert!(complaint(text).contains("the area of a stretched sphere or disk is not computed"), "{}", complaint(text));
 }
 
 #[test]
@@ -97,10 +97,10 @@ fn area_lights_shine_an_image() {
     let kind = &scene.textures[emission.texture.unwrap().0 as usize].kind;
     assert!(matches!(kind, TextureKind::Image { image, wrap: Wrap::Clamp, .. } if image.size == [4, 2]), "{kind:?}");
     let say = |text: &str| complaint(text);
-    assert!(say(light).contains("an image that a sphere emits (make it a mesh) is not supported"), "{}", say(light));
+    assert!(say(light).contains("an area light image on a sphere (use a mesh) is not supported"), "{}", say(light));
     let both = format!("{light} \"rgb L\" [1 1 1]\n{quad}\nAttributeBegin");
     assert!(say(&both).contains("has both L and filename; remove one"), "{}", say(&both));
-    assert!(say(&format!("{light} \"float power\" 9")).contains("the power of an image that shines"));
+    assert!(say(&format!("{light} \"float power\" 9")).contains("parameter power of an area light with an image"));
     assert!(say(&light.replace("wide", "no")).contains("no.pfm"));
 }
 
@@ -151,7 +151,7 @@ fn objects_and_instances() {
         read(&format!("{HEAD}{WORLD}LightSource \"infinite\"\nObjectBegin \"o\"\nShape \"disk\"\nObjectEnd\n"));
     assert_eq!(
         unplaced.unwrap_err().to_string(),
-        "s.pbrt: no shape stands in the world; place an object by ObjectInstance"
+        "s.pbrt: no shape is placed in the world; place an object with ObjectInstance"
     );
 }
 
@@ -383,7 +383,7 @@ fn white_skies() {
     for size in [[128, 64], [64, 64]] {
         assert!((light(size, 0).unwrap() - 1.0).abs() < 1e-3, "{size:?}");
     }
-    assert!(light([8, 4], 16).is_err_and(|e| e.contains("gives no light from above")));
+    assert!(light([8, 4], 16).is_err_and(|e| e.contains("has no light from above")));
 }
 
 #[test]

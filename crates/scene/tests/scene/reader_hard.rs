@@ -106,7 +106,7 @@ fn false_mesh_headers_are_errors_i03() {
     ] {
         let error = read_ply(&lie(&element)).unwrap_err().to_string();
         assert!(
-            error.starts_with("the header promises ") && error.contains("only 8 bytes follow"),
+            error.starts_with("the header declares ") && error.contains("only 8 bytes follow"),
             "{element}: {error}"
         );
     }
@@ -148,7 +148,7 @@ fn endless_includes_are_errors_i03() {
         (0..100).map(|i| (name(i), format!("Include \"{}.pbrt\"\n", i + 1).into_bytes())).collect();
     files.insert(name(100), Vec::new());
     let error = read_scene_from(&files, "0.pbrt", &ReadOptions::default()).unwrap_err();
-    assert!(error.to_string().contains("included too deep"), "{error}");
+    assert!(error.to_string().contains("includes are nested too deep"), "{error}");
 }
 
 #[test]
@@ -166,11 +166,11 @@ fn invalid_faces_are_errors_with_their_number_i05() {
     assert_eq!(faces(square, "3 0 1 1\n").unwrap(), [[0, 1, 1]]);
     assert_eq!(
         faces(square, "3 0 1 4\n").unwrap_err(),
-        "face 0: corner 4 is beyond the last of 4 vertices, which count from 0"
+        "face 0: vertex index 4 is too large; there are 4 vertices, from 0"
     );
     assert_eq!(
         faces(square, "3 0 1 2\n3 0 1 -1\n").unwrap_err(),
-        "face 1: corner -1 is negative; corners count vertices from 0"
+        "face 1: vertex index -1 is negative; indices start at 0"
     );
     assert_eq!(faces(square, "2 0 1\n").unwrap_err(), "face 0: a face needs 3 corners or more, not 2; remove it");
     assert_eq!(faces(square, "").unwrap_err(), "the mesh has no triangles; remove it");
@@ -241,5 +241,5 @@ fn normals_that_are_not_finite_give_way_to_the_faces_own_i04() {
     );
     let mesh = read_ply(text.as_bytes()).unwrap();
     assert_eq!(mesh.data.normals, [[0.0; 3], [0.0, 0.0, 1.0], [0.0; 3]]);
-    assert_eq!(mesh.doubt.unwrap(), "2 normals are not finite; the faces' own stand for them");
+    assert_eq!(mesh.doubt.unwrap(), "2 normals are not finite; face normals are used instead");
 }

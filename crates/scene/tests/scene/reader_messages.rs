@@ -244,7 +244,7 @@ fn impossible_settings_are_errors_i06() {
     let none = read("Film \"rgb\"\nWorldBegin\n").map(|_| ()).unwrap_err().to_string();
     assert_eq!(
         none,
-        "s.pbrt: there is no Camera; add one before WorldBegin, as in Camera \"perspective\"\ns.pbrt: there are no shapes; add a Shape after WorldBegin\ns.pbrt: nothing gives off light; add a LightSource, or an AreaLightSource before a Shape"
+        "s.pbrt: there is no Camera; add one before WorldBegin, as in Camera \"perspective\"\ns.pbrt: there are no shapes; add a Shape after WorldBegin\ns.pbrt: there are no lights; add a LightSource, or an AreaLightSource before a Shape"
     );
     let empty = read("").map(|_| ()).unwrap_err().to_string();
     assert_eq!(empty, "s.pbrt: there is no WorldBegin; the file holds no scene, or is cut off");
@@ -263,19 +263,19 @@ fn deviations_from_the_file_are_listed_i06() {
     assert!(once.len() == 1 && once[0].ends_with("did you mean \"radius\"? (and 2 more times)"), "{once:?}");
     let cameras = format!("Camera \"perspective\" \"float fov\" 20\n{HEAD}{WORLD}{TAIL}");
     let scene = read(&cameras).unwrap();
-    assert_eq!(scene.notices[0].message, "a second Camera (the first is at s.pbrt:1); this one counts");
+    assert_eq!(scene.notices[0].message, "a second Camera (the first is at s.pbrt:1); this one is used");
     assert_eq!(scene.camera.projection, Projection::Perspective { fov: 90.0 });
     let scene =
         read(&format!("Integrator \"bdpt\" \"integer maxdepth\" 9\nSampler \"halton\"\n{HEAD}{WORLD}{TAIL}")).unwrap();
     let said: Vec<&str> = scene.notices.iter().map(|n| n.message.as_str()).collect();
     assert_eq!(
         said,
-        ["Integrator \"bdpt\" is ignored; by default, the scene's effects decide how light is transported; for \
+        ["Integrator \"bdpt\" is ignored; by default, the scene's effects decide on the integrator; for \
              bidirectional path tracing, use --integrator bdpt"],
         "samplers are chosen here"
     );
     let volumes = read(&format!("Integrator \"volpath\"\n{HEAD}{WORLD}{TAIL}")).unwrap().notices;
-    assert_eq!(volumes[0].message, "Integrator \"volpath\" is ignored; light is transported by path tracing");
+    assert_eq!(volumes[0].message, "Integrator \"volpath\" is ignored; path tracing is used");
     assert_eq!((scene.max_depth, scene.film.spp), (Some(9), None));
     assert_eq!(world("").max_depth, Some(5));
 }

@@ -39,7 +39,7 @@ fn defaults_of_older_versions() {
         assert_eq!(scene.film.resolution, [640, 480]);
         assert_eq!(scene.film.pixel_filter, PixelFilter::Box { radius: [0.5, 0.5] });
         assert!(said(&scene).starts_with(&format!(
-            "s.pbrt: this file is written for an older version; it is read by the rules of pbrt-v{version}\n"
+            "s.pbrt: this file is of an older version and is read by the rules of pbrt-v{version}\n"
         )));
         // pbrt-v2's path tracer lights one vertex more.
         assert_eq!(scene.max_depth, Some(if version == 2 { 6 } else { 5 }));

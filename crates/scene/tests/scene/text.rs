@@ -196,7 +196,7 @@ fn ascii_ply_is_separated_by_any_white_space_and_comments_are_any_bytes() {
     let longer = PLY.replace("0 0 1\n3", "0 0 1\n7 3");
     assert!(read_ply(longer.as_bytes()).is_err());
     let doubt = read_ply(format!("{PLY}3 0 1 2\n").as_bytes()).unwrap().doubt.unwrap();
-    assert!(doubt.starts_with("\"3\" in line 15, and all that follows, is not read"), "{doubt}");
+    assert!(doubt.starts_with("\"3\" in line 15 and everything after it is not read"), "{doubt}");
 }
 
 #[test]

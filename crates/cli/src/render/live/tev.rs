@@ -26,7 +26,7 @@ impl FromStr for Address {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let wrong = || format!("there is no viewer \"{text}\"; give tev, tev:HOST or tev:HOST:PORT");
+        let wrong = || format!("unknown viewer \"{text}\"; use tev, tev:HOST or tev:HOST:PORT");
         let (viewer, address) = text.split_once(':').unwrap_or((text, HOST));
         // An IPv6 host stands in brackets.
         let (host, port) = match address.rsplit_once(':') {
@@ -63,7 +63,7 @@ impl Viewer {
     pub(super) fn connect(address: &Address) -> Result<Self, String> {
         let refused = |e: io::Error| {
             format!(
-                "--view: nothing listens as {address} ({e}); start tev first, or give its address: --view tev:HOST:PORT"
+                "--view: cannot connect to {address} ({e}); start tev first, or state its address: --view tev:HOST:PORT"
             )
         };
         let mut last = io::Error::from(io::ErrorKind::AddrNotAvailable);
@@ -90,7 +90,7 @@ impl Viewer {
         self.name = scene.replace('\0', "");
     }
 
-    /// Sends an image with its layers; the first one creates it.
+    /// Sends an image with its layers; the first call creates the image in tev.
     pub(super) fn show(&mut self, image: &LiveImage) -> io::Result<()> {
         if self.has_error.is_none() {
             let [width, height] = image.size;
@@ -146,7 +146,7 @@ mod tests {
         assert_eq!(address("tev:[::1]:99").unwrap(), "tev at [::1]:99");
         assert_eq!(address("tev:[::1]").unwrap(), "tev at [::1]:14158");
         for wrong in ["", "mpv", "tev:", "tev:a:", "tev:a:0", "tev:a:70000", "tev::9"] {
-            assert!(address(wrong).unwrap_err().contains("give tev, tev:HOST"), "{wrong}");
+            assert!(address(wrong).unwrap_err().contains("use tev, tev:HOST"), "{wrong}");
         }
     }
 }

@@ -17,7 +17,7 @@ pub enum Purpose {
 pub struct ChosenImage {
     /// The layer.
     pub layer: FoundLayer,
-    /// Names of layers that come first but are 0 everywhere.
+    /// Names of preferred layers that were skipped because they are 0 everywhere.
     pub empty: Vec<String>,
     /// Names of other images of the same view that are not 0 everywhere, as far as they were tested.
     pub others: Vec<String>,
@@ -28,18 +28,18 @@ pub struct ChosenImage {
 pub enum NoImage {
     /// No layer has the channels and the name of an image.
     Missing,
-    /// Several layers may be meant; these are their names.
+    /// Several layers may be the image; these are their names.
     Ambiguous(Vec<String>),
 }
 
 impl Layers {
-    /// Chooses an image in the first view that has one. Channels without a layer come first, then the layers named as
-    /// images of each view layer. An image that `is_zero` finds to be 0 everywhere gives way to others, in its view
-    /// layer or beyond. For [`Purpose::Showing`], the only layer with the channels of an image is taken whatever its
+    /// Chooses an image in the first view that has one. Channels without a layer come first, then the layers named as images
+    /// of each view layer. An image for which `is_zero` returns true (0 everywhere) is skipped in favour of others, first of
+    /// its own view layer. For [`Purpose::Showing`], the only layer with the channels of an image is chosen whatever its
     /// name.
     ///
     /// # Errors
-    /// Those of `is_zero`. The inner result is the reason why there is no choice.
+    /// Those of `is_zero`. The inner error is the reason why no image was chosen.
     pub fn image<E>(
         &self,
         purpose: Purpose,
@@ -70,7 +70,7 @@ impl Layers {
             match &full[..] {
                 [] => {}
                 [(layer, beside)] => {
-                    // The finished image beside a noisy one shows its result.
+                    // The finished image beside a noisy one shows the denoised result.
                     let beside = beside.iter().filter(|other| self.is_noisy(other) == self.is_noisy(layer));
                     let others = beside.chain(places.iter().map(|images| &images[0])).map(FoundLayer::shown);
                     let others = others.filter(|name| *name != layer.shown() && !empty.contains(name)).collect();
@@ -87,7 +87,7 @@ impl Layers {
         NOISY.contains(&self.groups[image.group].pass.to_lowercase().as_str())
     }
 
-    /// The order of images: those without a view layer; a composite to be shown; others; a composite to be denoised.
+    /// The rank of an image, best first: without a view layer; a composite to be shown; others; a composite to be denoised.
     fn rank(&self, image: &FoundLayer, purpose: Purpose) -> u8 {
         let view_layer = &self.groups[image.group].view_layer;
         let is_composite = view_layer.last().is_some_and(|name| name.eq_ignore_ascii_case("composite"));
@@ -99,7 +99,7 @@ impl Layers {
         }
     }
 
-    /// The images of one view by their names: those of each view layer, the best one first.
+    /// The images of one view that are found by name, grouped by view layer, the best one first.
     fn images(&self, purpose: Purpose, view: &str) -> Vec<Vec<FoundLayer>> {
         let names = Color.names();
         let noisy = names.iter().filter(|name| NOISY.contains(name));
@@ -121,13 +121,14 @@ impl Layers {
             }
         }
         places.iter_mut().for_each(|images| images.sort_by_key(|&i| order(&self.groups[i])));
-        // In the order of the best ones in the file.
+        // View layers in the order in which their best images lie in the file.
         places.sort_by_key(|images| images[0]);
         let found = |images: Vec<usize>| images.into_iter().filter_map(|group| self.found(group, Color)).collect();
         places.into_iter().map(found).collect()
     }
 
-    /// All layers of one view with the channels of an image, each by itself, in colour or in grey, whatever their names.
+    /// All layers of one view with the channels of an image, whatever their names, each in a group of its own. `grey` selects
+    /// grey or coloured images.
     fn unnamed(&self, view: &str, grey: bool) -> Vec<Vec<FoundLayer>> {
         let images = (0..self.groups.len()).filter(|&i| self.is_image(i, view) && self.groups[i].is_grey() == grey);
         images.filter_map(|group| Some(vec![self.found(group, Color)?])).collect()
@@ -138,8 +139,8 @@ impl Layers {
         group.view == view && group.image().is_some() && first_moment_of(&group.name).is_none()
     }
 
-    /// Finds the layer of a kind that belongs to an image by its known names: in the same view layer, else in one above
-    /// or below it that has no image of its own.
+    /// Finds the layer of a kind that belongs to an image by its known names: in the same view layer, else in an enclosing or
+    /// nested view layer that has no image of its own.
     pub fn guide(&self, kind: LayerKind, image: &FoundLayer) -> Option<FoundLayer> {
         let images = self.images(Purpose::Denoising, &image.view);
         let place = &self.groups[image.group];
@@ -192,7 +193,7 @@ impl Layers {
         beside.next().filter(|_| self.is_noisy(image)).unwrap_or_else(|| image.clone())
     }
 
-    /// The same layer in every view, this one first, and the views that lack it.
+    /// The layers that correspond to `image` in every view, `image` first, and the views that lack one.
     pub fn in_all_views(&self, image: &FoundLayer) -> (Vec<FoundLayer>, Vec<String>) {
         let place = &self.groups[image.group];
         let is = |group: &Group| group.pass.eq_ignore_ascii_case(&place.pass) && group.view_layer == place.view_layer;
@@ -208,7 +209,7 @@ impl Layers {
         (found, missing)
     }
 
-    /// The same layer in another view; `None` if that view lacks it.
+    /// The corresponding layer in another view; `None` if that view lacks it.
     pub fn in_view(&self, layer: &FoundLayer, view: &str) -> Option<FoundLayer> {
         if layer.view == view {
             return Some(layer.clone());
@@ -218,8 +219,8 @@ impl Layers {
         self.found(self.groups.iter().position(is)?, layer.kind)
     }
 
-    /// The layer at the place of an image of another file: of the same name, or pass and view layer, in the same view.
-    /// Where only one of the files names its views, their default views are the same. `None` without such a view.
+    /// Finds the layer that corresponds to `image`, a layer of the file `of`: same view, and same name or same pass and view
+    /// layer. If only one of the files names its views, the default views correspond. `None` if there is no such layer.
     pub fn same(&self, image: &FoundLayer, of: &Self) -> Option<FoundLayer> {
         let is_default = image.view == of.views[0] && (image.view.is_empty() || self.views[0].is_empty());
         let view = if is_default { &self.views[0] } else { &image.view };
@@ -232,7 +233,7 @@ impl Layers {
         named.or_else(|| self.found(self.groups.iter().position(is)?, Color))
     }
 
-    /// The name of a channel in another layer at the place of `image`, which is in this part: `Front.error.Y` beside
+    /// The full name of a channel of `layer` beside `image`, a layer of this `part`: `Front.error.Y` beside
     /// `Front.Combined.R`.
     pub fn channel_beside(&self, image: &FoundLayer, part: &ExrPart, layer: &str, letter: &str) -> String {
         let Group { pass, view, .. } = &self.groups[image.group];

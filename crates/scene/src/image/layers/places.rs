@@ -39,8 +39,8 @@ pub(super) fn grouped(parts: &[ExrPart]) -> (Vec<Group>, Vec<String>) {
     (groups, views)
 }
 
-/// A group without channels, from the name of the part (empty if it is the only one), the name of the layer, the view of
-/// the part, and all names of views.
+/// Creates a group without channels, from the part's name (empty if it is the only part), the layer's name, the part's view
+/// and the names of all views.
 fn place(part: &str, layer: &str, view_of_part: Option<&str>, views: &[&str]) -> Group {
     let mut path: Vec<&str> = layer.split('.').filter(|name| !name.is_empty()).collect();
     let mut own: Vec<&str> = part.split('.').filter(|name| !name.is_empty()).collect();

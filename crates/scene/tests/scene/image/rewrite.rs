@@ -49,7 +49,7 @@ fn a_rewritten_file_keeps_all_but_its_edits() {
         let rewritten = original.rewritten(&[edit(WINDOW)], &attributes).unwrap();
         let name = &original.parts[0].compression;
         let lossy = ["b44", "pxr24"].contains(&name.as_str());
-        let notice = format!("its compression is ZIP in place of {name}, so that other channels keep their values");
+        let notice = format!("its compression is now ZIP, not {name}, so that other channels keep their values");
         assert_eq!(rewritten.notices, if lossy { vec![notice] } else { Vec::new() });
         assert_eq!(rewritten, original.rewritten(&[edit(WINDOW)], &attributes).unwrap(), "the same bytes");
         let mut key_code = b"keyCode\0keycode\0\x1c\0\0\0".to_vec();

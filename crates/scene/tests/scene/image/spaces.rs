@@ -36,7 +36,7 @@ fn textures_outside_of_rec709_are_clamped_with_one_notice() {
     let (image, notices) = texture(pixel([0.0, 1.0, 0.0], Some(ACES)));
     assert_eq!(image.pixels[0][0], 0.0);
     assert!((image.pixels[0][1] - 1.1408).abs() < 1e-3);
-    assert_eq!(notices, ["a.exr: 1 pixels are outside of Rec. 709; 0 stands for their negative channels"]);
+    assert_eq!(notices, ["a.exr: 1 pixels are outside of Rec. 709; their negative channels become 0"]);
     // Negative values of data that is not converted stay.
     assert_eq!(texture(pixel([-1.0, 1.0, 0.0], None)), (Image::filled([1, 1], [-1.0, 1.0, 0.0]).unwrap(), vec![]));
 }
@@ -48,7 +48,7 @@ fn textures_with_another_display_window_have_a_notice() {
     let bytes = Made { display, ..Made::of(vec![Made::part("", window, &["Y"], |_, _, _| 0.5)]) }.bytes();
     let (image, notices) = read_texture(&bytes, "a.exr", Encoding::Auto).unwrap();
     assert_eq!(image.size, [1, 1]);
-    assert_eq!(notices, ["a.exr: its image is the data window (3,0)-(3,0), not the display window (0,0)-(3,1)"]);
+    assert_eq!(notices, ["a.exr: the image is its data window (3,0)-(3,0), not its display window (0,0)-(3,1)"]);
 }
 
 #[test]
@@ -57,7 +57,7 @@ fn chromaticities_of_no_colour_space_are_named() {
     let file = pixel([1.0, 0.5, 0.25], Some(flat));
     let read = read_image_file(&file, "a.exr", Encoding::Auto, LayerQuery::default()).unwrap();
     assert_eq!(read.image.pixels, [[1.0, 0.5, 0.25]]);
-    assert!(read.notices[0].contains("are not those of a colour space; Rec. 709 is taken"), "{:?}", read.notices);
+    assert!(read.notices[0].contains("do not form a colour space; Rec. 709 is assumed"), "{:?}", read.notices);
 }
 
 /// A sky of ACEScg colours in `beauty`, beside a layer that comes first by its name.
@@ -119,7 +119,7 @@ fn views_that_are_not_read_are_named() {
     let file = read_image_file(&bytes, "a.exr", Encoding::Auto, LayerQuery::default()).unwrap();
     assert_eq!(
         (file.image.pixels[0], &file.notices[..]),
-        ([1.0; 3], &["view \"left\" is read, view \"right\" is not".to_owned()][..])
+        ([1.0; 3], &["view \"left\" is read; not read: view \"right\"".to_owned()][..])
     );
 }
 
@@ -150,7 +150,7 @@ fn fields_of_hdr_files_that_are_not_followed_are_named() {
             read_image_file(&hdr(&format!("{field}\n{field}\n")), "a.hdr", Encoding::Auto, LayerQuery::default())
                 .unwrap();
         assert_eq!(file.image.pixels, [[1.0, 0.25, 0.125]]);
-        assert_eq!(file.notices, [format!("its {field} is not followed; values are as stored")]);
+        assert_eq!(file.notices, [format!("its {field} is ignored; values are used as stored")]);
     }
     let usual =
         "EXPOSURE=1.0\nCOLORCORR=1 1 1\nGAMMA=1\nPIXASPECT=1\nPRIMARIES=0 0 0 0 0 0 0 0\nVIEW=-vta\nSOFTWARE=x\n";
@@ -195,7 +195,7 @@ fn chunks_of_png_files_that_state_other_colours_than_srgb_are_named() {
         ("cICP", vec![9, 16, 0, 1]),
     ];
     for (kind, content) in other {
-        let expected = format!("its {kind} is not followed; its colours are taken for sRGB");
+        let expected = format!("its {kind} is ignored; its colours are read as sRGB");
         assert_eq!(notices(with(kind, &content), Encoding::Auto), [expected]);
         assert!(notices(with(kind, &content), Encoding::Linear).is_empty());
     }
