@@ -121,11 +121,7 @@ impl Domain {
     /// The domain of the position in the pixel alone. All other random numbers are outside.
     #[must_use]
     pub fn place(&self) -> Self {
-        let outside = if self.axes.len() > 2 {
-            Some("coordinates other than the position in the pixel".to_owned())
-        } else {
-            None
-        };
+        let outside = if self.axes.len() > 2 { Some("axes other than the position".to_owned()) } else { None };
         Self { axes: self.axes[..2].to_vec(), outside: outside.or_else(|| self.outside.clone()) }
     }
 
