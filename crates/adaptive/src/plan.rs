@@ -57,7 +57,7 @@ impl<P: PointSet> Adaptive<P> {
         if let Some(map) = &self.errors {
             let errors = (map.of)(film)?;
             if errors.len() != scores.len() {
-                let what = format!("its error map has {} values for {} pixels", errors.len(), scores.len());
+                let what = format!("the error map has {} values for {} pixels", errors.len(), scores.len());
                 return Err(Error::Mismatch { who: map.name.clone(), what });
             }
             self.blend_errors(&errors, film, &mut scores);

@@ -157,7 +157,8 @@ impl<A: Sampler, B: Sampler> Sampler for Then<A, B> {
             let (first, second) = rest.split_at_checked(u64::from_le_bytes(*length).try_into().ok()?)?;
             Some((*stage == 1, first, second))
         };
-        let (is_second, first, second) = parts().ok_or(Error::BadSnapshot { what: "they are not of two samplers" })?;
+        let (is_second, first, second) =
+            parts().ok_or(Error::BadSnapshot { what: "they are not the state of two samplers" })?;
         self.is_second = is_second;
         self.first.restore(first)?;
         self.second.restore(second)

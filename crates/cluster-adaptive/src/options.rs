@@ -45,7 +45,7 @@ impl ClusterThesisOptions {
     pub fn check(&self) -> Result<(), Error> {
         self.check_ranges()?;
         if self.max != 0 && self.max < self.min {
-            return Err(Error::range("max", self.max, "no less than min; 0 chooses"));
+            return Err(Error::range("max", self.max, "use at least min; 0 chooses"));
         }
         Ok(())
     }
@@ -88,7 +88,7 @@ pub fn published_bounds(mean: f64) -> [u32; 2] {
 pub enum Error {
     /// A probe's hit on a primitive that has no label.
     #[error(
-        "pixel ({}, {}): a probe hit primitive {primitive}, but there are labels for {labels} only: give one label per \
+        "pixel ({}, {}): a probe hit primitive {primitive}, but there are only {labels} labels: give one label per \
          primitive, in the numbering of the hits",
         pixel[0],
         pixel[1]
@@ -103,7 +103,7 @@ pub enum Error {
     },
     /// A label that names a cluster not in the list.
     #[error(
-        "label {label} names no cluster: there are {clusters}, numbered from 0; pass labels and clusters of the same \
+        "label {label} is no cluster: there are {clusters} clusters, numbered from 0; pass labels and clusters of the same \
          clustering"
     )]
     NoCluster {
@@ -121,7 +121,7 @@ pub enum Error {
         triangles: usize,
     },
     /// A triangle with the index of a vertex that does not exist.
-    #[error("triangle {triangle} names vertex {vertex}, but there are {vertices}")]
+    #[error("triangle {triangle} refers to vertex {vertex} of {vertices}: use indices from 0 to below {vertices}")]
     NoVertex {
         /// The index of the triangle.
         triangle: usize,
@@ -134,7 +134,7 @@ pub enum Error {
     #[error(transparent)]
     OutOfRange(#[from] dapple_core::options::OutOfRange),
     /// Probes that were traced for another frame than the rendered one.
-    #[error("the probes are those of {of}, but {wanted} is rendered: probe that frame, or let the sampler probe")]
+    #[error("the probes were traced for {of}, but {wanted} is rendered: probe that frame, or let the sampler probe")]
     OtherFrame {
         /// The frame of the probes, as text.
         of: String,

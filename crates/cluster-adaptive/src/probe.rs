@@ -147,7 +147,7 @@ pub fn probe(
     let clock = Clock::of_machine();
     let k = placement.per_pixel();
     if !(1..=256).contains(&k) || u64::from(k) > points.capacity() {
-        let allowed = "at least 1 and at most 256, and no more than the point set has";
+        let allowed = "use 1 to 256, and no more than the point set has";
         return Err(Error::range("probes per pixel", k, allowed));
     }
     let width = frame.size()[0] as usize * k as usize;

@@ -136,7 +136,7 @@ impl<P: PointSet> ClusterThesis<P> {
         options: ClusterThesisOptions,
     ) -> Result<Self, Error> {
         if options.lights > 0 {
-            return Err(Error::range("lights", options.lights, "0 for probes traced beforehand"));
+            return Err(Error::range("lights", options.lights, "use 0 with probes traced beforehand"));
         }
         let importance = importance(probes, clusters, &size, &options)?;
         let prior = Some(Prior::new(*probes.frame(), importance));
@@ -160,7 +160,7 @@ impl<P: PointSet> ClusterThesis<P> {
         options.check()?;
         let placement = probed.placement;
         if !(1..=256).contains(&placement.per_pixel()) {
-            return Err(Error::range("probes", placement, "centre, or at least 1 and at most 256 per pixel"));
+            return Err(Error::range("probes", placement, "use centre, or 1 to 256 per pixel"));
         }
         let handle = ProbesHandle(vec![Arc::default()]);
         Ok(Self { points, size, options, placement, probed: Some(probed), visible: None, handle, prior: None })
@@ -195,7 +195,7 @@ impl<P: PointSet> ClusterThesis<P> {
         let mut importance = importance(&probes, &probed.clusters, &self.size, &self.options)?;
         let (rays, clock) = (self.options.lights, Clock::of_machine());
         if rays > 0 {
-            let lacks = || Error::range("lights", rays, "0 without a function that traces shadow rays");
+            let lacks = || Error::range("lights", rays, "use 0, or set a function that traces shadow rays");
             let visible = self.visible.as_ref().ok_or_else(lacks)?;
             let clusters = probed.clusters.len();
             importance.raise(&probes, &visibility_variances(&probes, clusters, &self.points, rays, &**visible)?);
@@ -253,7 +253,7 @@ impl<P: PointSet> Sampler for ClusterThesis<P> {
         // The bounds of the table yield to the budget. The user's bounds hold, or an error is returned.
         let asked = self.options.min.max(budget.min_spp);
         if asked > ceiling {
-            let allowed = "no less than the floor of samples per pixel";
+            let allowed = "use at least the floor of samples per pixel";
             return Err(dapple_core::Error::OutOfRange { name: "max", value: ceiling.to_string(), allowed });
         }
         let needed = pixels as u64 * u64::from(asked);

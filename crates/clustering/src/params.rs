@@ -180,16 +180,18 @@ impl ClusterParams {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
     /// There are no triangles.
-    #[error("there are no triangles to cluster: leave the mesh out, or give it at least one triangle")]
+    #[error("there are no triangles to cluster: remove the mesh, or add at least one triangle")]
     Empty,
     /// There are more triangles than a `u32` can number.
-    #[error("{triangles} triangles are more than can be numbered: cluster at most {} at a time", u32::MAX)]
+    #[error("{triangles} triangles are too many: cluster at most {} at a time", u32::MAX)]
     TooManyTriangles {
         /// The number of triangles passed.
         triangles: usize,
     },
     /// The number of materials is neither 0 nor the number of triangles.
-    #[error("{materials} materials do not fit {triangles} triangles: give one each, or none where all are alike")]
+    #[error(
+        "{materials} materials for {triangles} triangles: give one material per triangle, or none if all triangles share one"
+    )]
     BadMaterials {
         /// The number of materials passed.
         materials: usize,
@@ -197,9 +199,7 @@ pub enum Error {
         triangles: usize,
     },
     /// A triangle refers to a vertex that does not exist.
-    #[error(
-        "triangle {triangle} refers to vertex {index} of {vertices}: indices count from 0 and stay below {vertices}"
-    )]
+    #[error("triangle {triangle} refers to vertex {index} of {vertices}: use indices from 0 to below {vertices}")]
     BadIndex {
         /// The index of the triangle with the missing vertex.
         triangle: u32,
@@ -219,29 +219,29 @@ pub enum Error {
         vertex: u32,
     },
     /// The factor K ([`ClusterParams::k`](ClusterParams::k)) is not above 0, or is above 2^20.
-    #[error("K = {k} is out of range: give a number above 0 and at most {} (pbrt-v2 has 3)", MAX_K)]
+    #[error("K = {k} is out of range: use a number above 0 and at most {} (pbrt-v2 uses 3)", MAX_K)]
     BadK {
         /// The requested factor K.
         k: f64,
     },
     /// The bound on voxels per axis is 0 or above 2^20.
-    #[error("a clamp of {clamp} voxels per axis cannot be used: give 1 to {}", MAX_CLAMP)]
+    #[error("a clamp of {clamp} voxels per axis is out of range: use 1 to {}", MAX_CLAMP)]
     BadClamp {
         /// The requested bound on voxels per axis.
         clamp: u32,
     },
     /// The angle within which normals are alike is not within 0 to 90 degrees.
-    #[error("an angle of {angle} degrees is out of range: give 0 to {} (the thesis has 10)", MAX_ANGLE)]
+    #[error("an angle of {angle} degrees is out of range: use 0 to {} (the thesis uses 10)", MAX_ANGLE)]
     BadAngle {
         /// The requested angle in degrees.
         angle: f64,
     },
     /// The requested number of clusters is 0.
-    #[error("0 clusters cannot hold triangles: ask for at least 1")]
+    #[error("0 clusters cannot hold triangles: request at least 1")]
     BadCount,
     /// The bounding boxes of the triangles overlap too many voxels in all.
     #[error(
-        "the triangles' boxes overlap voxels {entries} times, more than the limit of {limit}: lower K or the clamp, or \
+        "the triangles' boxes overlap {entries} voxels in total, more than the limit of {limit}: lower K or the clamp, or \
          insert by centroid"
     )]
     TooManyEntries {

@@ -50,13 +50,13 @@ impl Rule for MitchellOptions {
         self.check_ranges()?;
         match (self.initial, self.additional) {
             (0, 0) => {}
-            (0, _) => return out("initial", 0, "1 or more beside additional; 0 for both chooses by the budget"),
-            (_, 0) => return out("additional", 0, "1 or more beside initial; 0 for both chooses by the budget"),
+            (0, _) => return out("initial", 0, "use 1 or more if additional is set; 0 for both chooses by the budget"),
+            (_, 0) => return out("additional", 0, "use 1 or more if initial is set; 0 for both chooses by the budget"),
             (1, _) if self.radius == 0 => {
-                return out("initial", 1, "one sample alone has no contrast: 2 or more, or a radius above 0");
+                return out("initial", 1, "a single sample has no contrast; use 2 or more, or a radius above 0");
             }
             (initial, additional) if initial.checked_add(additional).is_none() => {
-                return out("additional", additional, "with initial at most 2^32 - 1");
+                return out("additional", additional, "initial + additional must be at most 2^32 - 1");
             }
             _ => {}
         }
