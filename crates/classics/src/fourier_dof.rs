@@ -175,6 +175,7 @@ dapple_core::options! {
 }
 
 /// Reconstruction from Gaussians around the sampled pixels, as wide as the image's bandwidth allows [after Soler et al. 2009].
+///
 /// The bandwidth is computed from the lens and the surfaces, as in the sampler [`FourierDof`]; this filter fills the pixels
 /// that the sampler leaves empty. Use the same parameters for both. A pixel of bandwidth `W` spreads its mean as a Gaussian of
 /// standard deviation `1 / (4 W)` pixels. The image is the weighted mean of these Gaussians. Where the bandwidth is 1/2, a

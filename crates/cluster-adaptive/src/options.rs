@@ -5,6 +5,7 @@ use dapple_core::options::Options as _;
 
 dapple_core::options! {
     /// The parameters of [`ClusterThesis`](crate::ClusterThesis), the sampler of [Lan 2016].
+    ///
     /// The defaults are those of the thesis where it states them. It states no formula for `map` and no values for the two
     /// weights; the default 0.25 of the weights is a guess.
     pub struct ClusterThesisOptions {

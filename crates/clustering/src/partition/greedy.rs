@@ -5,9 +5,9 @@ use crate::params::{ClusterParams, Order, Sides};
 
 /// The tolerance of a cosine. It exceeds the rounding error of the dot product of two `f32` unit vectors: at most `2 *
 /// 2^-24` from their lengths and `3 * 2^-24` from the sum.
+///
 /// With this tolerance, equal normals are similar at any angle (a representative joins its own cluster), and an angle that
 /// equals the limit counts as within.
-/// exactly counts as within.
 const COSINE_SLACK: f64 = 1.0 / (1 << 21) as f64;
 
 impl ClusterParams {
