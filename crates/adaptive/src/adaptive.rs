@@ -6,54 +6,53 @@ use dapple_core::options::Options as _;
 use dapple_core::plan::{Feedback, PilotPolicy, Plan, Progress, SamplerMemory};
 use dapple_core::{Error, Frame, Limits, Needs, PointSet, Sampler, film::RgbMoments, parallel};
 
-/// The error-driven sampler: a uniform pilot estimates each pixel's error, then counts minimise the estimated relative
-/// error of the image.
+/// The error-driven sampler. A uniform pilot estimates each pixel's error; further counts minimise the estimated relative error
+/// of the image.
 ///
 /// The score of a pixel is the relative variance of its samples, pooled with that of its neighbours
-/// ([`relative_variance`](crate::relative_variance)). By default, neighbours with like surfaces weigh more, and the score
-/// is divided by the root of the share of like pixels around: a filter takes more samples from there
-/// ([`PoolShape::Similar`](crate::PoolShape::Similar)). With an [`ErrorMap`], the score is the geometric mean of that variance and the map. A pixel's
-/// error is assumed to fall as `n^-exponent` with its count `n`. Counts minimise the sum of errors and lie on the ladder
-/// of well-stratified counts ([`Ladder`](dapple_core::plan::Ladder)).
+/// ([`relative_variance`](crate::relative_variance)). By default, neighbours with similar surfaces weigh more. The score is
+/// also divided by the square root of the fraction of similar pixels in the surroundings, since a filter averages over them
+/// ([`PoolShape::Similar`](crate::PoolShape::Similar)). With an [`ErrorMap`], the score is the geometric mean of that variance
+/// and the map. A pixel's error is assumed to fall as `n^-exponent` with its count `n`. Counts minimise the sum of errors and
+/// are restricted to the ladder of well-stratified counts ([`Ladder`](dapple_core::plan::Ladder)).
 ///
-/// With [`AdaptiveOptions::cost`], scores are divided by the rays per sample. Counts are then in proportion to the
-/// deviation over the root of the cost, as in efficiency-aware splitting at the camera [after Rath 2022].
+/// With [`AdaptiveOptions::cost`], scores are divided by the rays per sample. Counts are then proportional to the deviation
+/// divided by the square root of the cost, as in efficiency-aware splitting at the camera [after Rath 2022].
 ///
 /// # Guarantees
 ///
-/// * The budget is met exactly.
+/// * The budget is spent exactly.
 /// * No pixel gets fewer samples than a kept pilot. See [`AdaptiveOptions::pilot`].
 /// * Every pixel's score is at least 1 % of the mean.
-/// * Counts are uniform where the predicted gain of adapted counts is too small ([`AdaptiveOptions::gain`]).
+/// * Counts are uniform if adaptive counts are predicted to gain too little ([`AdaptiveOptions::gain`]).
 ///
 /// # Bias
 ///
-/// By default all samples stay in the image, and no pixel's count depends on its own samples
-/// ([`PilotPolicy::Neighbours`]): neither on their light nor on the surfaces they hit. The image is unbiased for a budget
-/// that is known at the start, but for the share of a pixel in the total of all scores.
-/// With [`PilotPolicy::Keep`] a pixel's own samples also decide its count [Kirk and Arvo 1991]. That lowers the error a
-/// little, and loses light where light is rare.
-/// [`PilotPolicy::Discard`] and [`PilotPolicy::Cross`] are exactly unbiased for a budget that is known at the start,
-/// but lose accuracy.
+/// By default all samples stay in the image, and no pixel's count depends on its own samples ([`PilotPolicy::Neighbours`]):
+/// neither on their light nor on the surfaces they hit. The image is then unbiased for a budget that is known at the start,
+/// except that each pixel contributes to the total of all scores. With [`PilotPolicy::Keep`] a pixel's count also depends on
+/// its own samples [Kirk and Arvo 1991]. That lowers the error a little, and loses energy where light is rare.
+/// [`PilotPolicy::Discard`] and [`PilotPolicy::Cross`] are exactly unbiased for a budget that is known at the start, but less
+/// accurate.
 ///
 /// # Weaknesses
 ///
-/// The sampler does not find a light that the pilot misses in a whole neighbourhood.
+/// A light is not found if the pilot misses it in a whole neighbourhood.
 pub struct Adaptive<P> {
     pub(crate) points: P,
     pub(crate) options: AdaptiveOptions,
-    /// The preset whose options are in use, if any: its name and parameters describe the sampler.
+    /// The preset whose options are in use, if any. Its name and parameters then describe the sampler.
     pub(crate) preset: Option<VarianceOptions>,
     pub(crate) errors: Option<ErrorMap>,
 }
 
 impl<P: PointSet> Adaptive<P> {
-    /// Makes a sampler that uses this point set, with the default parameters.
+    /// Creates a sampler that uses this point set, with the default parameters.
     pub fn new(points: P) -> Self {
         Self { points, options: AdaptiveOptions::default(), preset: None, errors: None }
     }
 
-    /// Makes a sampler that uses this point set, with these parameters.
+    /// Creates a sampler that uses this point set, with these parameters.
     ///
     /// # Errors
     ///
@@ -63,14 +62,14 @@ impl<P: PointSet> Adaptive<P> {
         Ok(Self { points, options, preset: None, errors: None })
     }
 
-    /// Adds a filter's error map to the pixels' scores, beside the variance of their samples.
+    /// Adds a filter's error map to the pixels' scores, besides the variance of their samples.
     ///
     /// # Errors
     ///
     /// [`Error::OutOfRange`] unless the pilot is kept, because an error map reads kept samples in both halves.
     pub fn with_error_map(mut self, errors: ErrorMap) -> Result<Self, Error> {
         if self.options.policy != PilotPolicy::Keep {
-            let allowed = "keep beside a filter's error map (policy=keep)";
+            let allowed = "use policy=keep with a filter's error map";
             return Err(Error::OutOfRange { name: "policy", value: self.options.policy.name().into(), allowed });
         }
         self.errors = Some(errors);
@@ -111,10 +110,11 @@ impl<P: PointSet> Sampler for Adaptive<P> {
         let memory = SamplerMemory::planning(frame, 0);
         let mut memory = if crosses { memory.with_second_half(frame) } else { memory };
         if !self.pilot().is_all(frame, limits) {
-            // Counts, floors, those of both halves, and scores above 0; pooled costs, and scores divided by them.
+            // Counts, floors, the counts and floors of both halves, and positive scores; pooled costs, and scores divided by
+            // them.
             let costs = if self.options.cost == 1 { 16 } else { 0 };
             let always = 20 + if crosses { 12 } else { 0 } + costs;
-            // Scores, moments of pairs, and the windows of each thread; scores beside the error map.
+            // Scores, moments of pairs, and the windows of each thread; scores together with the error map.
             let pairs = if self.pilot().is_single(frame, limits) { size_of::<RgbMoments>() } else { 0 };
             let size = frame.size().map(|n| n as usize);
             let has_surfaces = needs.features && self.reads_surfaces();
@@ -144,7 +144,7 @@ impl<P: PointSet> Sampler for Adaptive<P> {
             PilotPolicy::Cross => self.plan_across(seen, plan)?,
             _ => self.plan_kept((seen, pilot.samples), plan)?,
         }
-        // Nothing is left to add if every pixel is at its ceiling.
+        // No samples can be added if every pixel is at its ceiling.
         Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })
     }
 }

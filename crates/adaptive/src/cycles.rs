@@ -12,14 +12,14 @@ dapple_core::options! {
         pub threshold: f64 = 0.0 => "0", |t| t >= 0.0 && t.is_finite(), "0 or above; 0 chooses";
         /// Samples per pixel before any pixel stops; 0 takes 16 t^-0.3 for threshold t, at most a quarter of the mean.
         ///
-        /// With 0, at least 4 samples are taken. The limit of a quarter holds with [`Stopping::Budget`] only.
+        /// With 0, at least 4 samples are taken. The limit of a quarter applies only with [`Stopping::Budget`].
         pub min: u32 = 0, |min| min != 1, "each of the two halves needs a sample; 0 chooses";
         /// Additional samples per round of each pixel that has not converged.
         pub step: u32 = 16, |step| step != 0, "at least one sample";
         /// Stopping rule: budget (the threshold falls until it is spent) or threshold (the budget is an upper bound).
         ///
-        /// With [`Stopping::Budget`], errors are compared with half of the largest error if that is less than 5 times
-        /// the threshold.
+        /// With [`Stopping::Budget`], errors are compared with half of the largest error if that is less than 5 times the
+        /// threshold.
         pub mode: Stopping = Stopping::Budget => "budget";
         /// Use in the image of the samples that decide when a pixel stops: keep (biased, as published), the only one.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
@@ -28,7 +28,7 @@ dapple_core::options! {
 }
 
 impl CyclesOptions {
-    /// The threshold and the least samples per pixel in effect, for a mean budget of `mean` samples per pixel.
+    /// The threshold and the minimum number of samples per pixel in effect, for a mean budget of `mean` samples per pixel.
     fn resolved(&self, mean: u64) -> (f64, u32) {
         let Self { threshold, min, mode, .. } = *self;
         let threshold = if threshold > 0.0 { threshold } else { (1.0 / mean.max(1) as f64).max(LEAST_THRESHOLD) };
@@ -43,35 +43,35 @@ impl CyclesOptions {
 
 /// The factor by which Cycles multiplies the user's threshold before comparing errors with it.
 const LOOSENED: f64 = 5.0;
-/// The smallest threshold that is chosen by default.
+/// The smallest threshold that is chosen automatically.
 const LEAST_THRESHOLD: f64 = 1e-3;
-/// The term of the denominator that avoids division by zero in black pixels.
+/// The number added to the denominator to avoid a division by zero in black pixels.
 const BLACK: f64 = 1e-4;
 
 /// The adaptive sampler of Blender's Cycles [Cycles, `kernel/film/adaptive_sampling.h` and `scene/integrator.cpp`;
 /// after Dammertz 2010].
 ///
-/// A pixel's error compares the mean of all samples with the mean of half of them: `(|dR| + |dG| + |dB|) / (1e-4 +
-/// N(I))`. Here `I = R + G + B`, and `N(I)` is the root of `I` below 1 and `I` above. Pixels whose error exceeds five
-/// times the threshold get another `step` samples, as do their eight neighbours. The halves here are two independent
-/// sequences; Cycles splits one sequence, whose parts are not independent.
+/// A pixel's error compares the mean of all samples with the mean of half of them: `(|dR| + |dG| + |dB|) / (1e-4 + N(I))`. Here
+/// `I = R + G + B`, and `N(I)` is `sqrt(I)` for `I < 1` and `I` otherwise. Pixels whose error exceeds five times the threshold
+/// get another `step` samples, and so do their eight neighbours. The halves here are two independent sequences; Cycles splits
+/// one sequence, whose halves are not independent.
 ///
-/// *Guarantees*: spends the budget exactly, or treats it as an upper bound; no pixel gets fewer than `min` samples if
-/// the budget allows. *Bias*: all samples are kept and decide how many follow [Kirk and Arvo 1991], so a pixel stops
-/// when its halves happen to agree. *Weaknesses*: the two halves of one pixel are a poor error estimate, one threshold
-/// holds for all brightnesses, and fireflies keep a pixel open.
+/// *Guarantees*: spends the budget exactly, or treats it as an upper bound; no pixel gets fewer than `min` samples if the
+/// budget allows it. *Bias*: sample counts depend on the samples, and all samples are kept [Kirk and Arvo 1991]. A pixel thus
+/// stops when its halves agree by chance. *Weaknesses*: the two halves of one pixel are a poor error estimate, one threshold
+/// applies to all brightnesses, and fireflies keep a pixel from stopping.
 pub struct Cycles<P> {
     points: P,
     options: CyclesOptions,
 }
 
 impl<P: PointSet> Cycles<P> {
-    /// Makes a sampler that uses this point set, with the default parameters.
+    /// Creates a sampler that uses this point set, with the default parameters.
     pub fn new(points: P) -> Self {
         Self { points, options: CyclesOptions::default() }
     }
 
-    /// Makes a sampler that uses this point set, with these parameters.
+    /// Creates a sampler that uses this point set, with these parameters.
     ///
     /// # Errors
     ///
@@ -81,8 +81,8 @@ impl<P: PointSet> Cycles<P> {
         Ok(Self { points, options })
     }
 
-    /// Plans `step` more samples for each open pixel (one that has not converged). If the budget is too small for all,
-    /// the pixels with the largest error come first.
+    /// Plans `step` more samples for each open pixel (one that has not converged). If the budget is too small for all, the
+    /// pixels with the largest errors come first.
     fn refine(&self, seen: &Feedback<'_>, threshold: f64, plan: &mut Plan) -> Result<(), Error> {
         let errors: Vec<f64> = (0..seen.pixels()).map(|i| half_error(seen.film, i)).collect();
         let mut limit = LOOSENED * threshold;
@@ -100,7 +100,7 @@ impl<P: PointSet> Cycles<P> {
             left -= u64::from(plan.counts[i]);
         }
         if plan.total() == 0 && self.options.mode == Stopping::Budget {
-            // No pixel is open, or all open ones are at their ceiling: the rest is spread evenly.
+            // No pixel is open, or all open pixels are at their ceiling, so the rest is spread evenly.
             let total = seen.film.counts().iter().sum::<u64>() + seen.budget.left();
             let shared = allocate(&vec![1.0; now.len()], &now, most, total)?;
             plan.counts = shared.counts.iter().zip(&now).map(|(n, now)| n - now).collect();
@@ -141,7 +141,7 @@ impl<P: PointSet> Sampler for Cycles<P> {
     }
 
     fn memory(&self, frame: &Frame, _: &Needs, _: &Limits) -> SamplerMemory {
-        // Per pixel: error, room below the ceiling, three flags for open pixels and their neighbours, and an index in
+        // Per pixel: the error, the room below the ceiling, three flags for open pixels and their neighbours, and an index in
         // the order.
         SamplerMemory::planning(frame, 8 + 4 + 3 + size_of::<usize>())
     }

@@ -10,10 +10,10 @@ dapple_core::options! {
     pub struct AdaptiveOptions {
         /// Samples per pixel before counts adapt; 0 takes half of the mean budget up to 8, or a quarter if that is more.
         ///
-        /// That is rounded down to a count on the ladder of well-stratified counts, and at least 4, or 1
-        /// with [`PilotPolicy::Neighbours`]. Any other pilot has at least 2 samples per pixel, 1 with
-        /// [`PilotPolicy::Neighbours`], which then takes the variance of pairs of pixels, and 4 with [`PilotPolicy::Cross`],
-        /// because each half needs a variance.
+        /// With 0, the pilot is rounded down to a count on the ladder of well-stratified counts. It is then at least 4, or 1
+        /// with [`PilotPolicy::Neighbours`]. An explicit pilot has at least 2 samples per pixel. With
+        /// [`PilotPolicy::Neighbours`] 1 is enough, as the variance then comes from pairs of pixels. With
+        /// [`PilotPolicy::Cross`] it is at least 4, because each half needs a variance.
         pub pilot: u32 = 0;
         /// Rounds for the rest of the budget; 0 takes 3 with keep, 2 with neighbours, 1 with discard or cross.
         ///
@@ -40,14 +40,15 @@ dapple_core::options! {
         pub mix: f64 = 0.5, |mix| (0.0..=1.0).contains(&mix), "a share from 0 to 1";
         /// Largest predicted error of adapted counts, relative to uniform counts, for using them; inf always does.
         ///
-        /// At 1, counts stay uniform where the ladder makes adapted counts worse than uniform ones.
+        /// At 1, counts stay uniform only if the ladder makes adaptive counts worse than uniform ones.
         pub gain: f64 = 0.98, |gain| (0.0..=1.0).contains(&gain) || gain == f64::INFINITY, "a share from 0 to 1, or inf";
         /// Use of pilot samples: neighbours (nearly unbiased), discard or cross (unbiased), or keep (biased).
         pub policy: PilotPolicy = PilotPolicy::Neighbours => "neighbours",
             |policy| !matches!(policy, PilotPolicy::Refined), "one of keep, neighbours, discard, cross";
         /// Weight of costs: 1 divides scores by the rays per sample, so that counts minimise the error per ray; 0 does not.
         ///
-        /// The budget is still a number of samples. Equal costs change nothing. Rays are pooled over the window.
+        /// The budget is still a number of samples. Costs that are equal everywhere change nothing. Rays are pooled over the
+        /// window.
         pub cost: u32 = 0, |cost| cost <= 1, "0 or 1";
     }
 }
@@ -63,14 +64,13 @@ impl AdaptiveOptions {
         }
     }
 
-    /// Checks every option and their combination.
+    /// Checks all options and their combination.
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`] for a value out of range, several rounds with [`PilotPolicy::Discard`] or
-    /// [`PilotPolicy::Cross`], or more than two with [`PilotPolicy::Neighbours`]. With [`PilotPolicy::Cross`] also
-    /// for a pilot below 4 and for costs, which films do not record per half. With [`PilotPolicy::Neighbours`] also for a
-    /// window of radius 0.
+    /// [`Error::OutOfRange`] for a value out of range, several rounds with [`PilotPolicy::Discard`] or [`PilotPolicy::Cross`],
+    /// or more than two rounds with [`PilotPolicy::Neighbours`]. With [`PilotPolicy::Cross`] also for a pilot below 4, and for
+    /// costs, which films do not record per half. With [`PilotPolicy::Neighbours`] also for a window of radius 0.
     pub fn check(&self) -> Result<(), Error> {
         self.check_ranges()?;
         let Self { pilot, rounds, radius, policy, cost, .. } = *self;
@@ -78,18 +78,18 @@ impl AdaptiveOptions {
         let is_one_round = crosses || policy == PilotPolicy::Discard;
         let name = || policy.name().to_owned();
         let (option, value, allowed) = if pilot == 1 && !reads_neighbours {
-            ("pilot", pilot.to_string(), "two samples or more have a variance; 0 chooses")
+            ("pilot", pilot.to_string(), "a variance needs 2 samples or more; 0 chooses")
         } else if crosses && (1..4).contains(&pilot) {
-            ("pilot", pilot.to_string(), "each of the two halves needs two samples; 0 chooses")
+            ("pilot", pilot.to_string(), "use at least 4, since each half needs two samples; 0 chooses")
         } else if is_one_round && rounds > 1 {
-            ("rounds", rounds.to_string(), "1 with discard or cross: more rounds would bias the image")
+            ("rounds", rounds.to_string(), "use 1 with discard or cross, as more rounds would bias the image")
         } else if reads_neighbours && rounds > 2 {
-            let allowed = "1 or 2 with neighbours: a third round would bias the image; add policy=keep for more";
+            let allowed = "use 1 or 2 with neighbours, as a third round would bias the image; policy=keep allows more";
             ("rounds", rounds.to_string(), allowed)
         } else if crosses && cost == 1 {
-            ("policy", name(), "keep, neighbours or discard beside cost=1: costs belong to both halves")
+            ("policy", name(), "use keep, neighbours or discard with cost=1, as costs are not recorded per half")
         } else if reads_neighbours && radius == 0 {
-            ("policy", name(), "keep or discard beside radius 0, as in policy=keep: own samples would decide there")
+            ("policy", name(), "use keep or discard with radius 0, or a larger radius with neighbours")
         } else {
             return Ok(());
         };
@@ -102,14 +102,14 @@ pub type MapErrors = Box<dyn Fn(&Film) -> Result<Vec<f32>, Error> + Send>;
 
 /// An additional source of error estimates: a filter that predicts the error of the filtered image.
 pub struct ErrorMap {
-    /// The error map's name in the sampler's description.
+    /// The name of the error map in the sampler's description.
     pub name: String,
     /// The statistics that the map reads from the film.
     pub needs: Needs,
-    /// The function that returns the predicted squared error of each pixel of the filtered image, row by row, relative
-    /// to the squared image. Any unit will do; negative numbers and NaN count as 0.
+    /// The function that returns the predicted squared error of each pixel of the filtered image, row by row, relative to the
+    /// squared image. The scale is arbitrary; negative numbers and NaN count as 0.
     pub of: MapErrors,
-    /// The largest working memory of `of` in bytes per pixel.
+    /// The peak working memory of `of` in bytes per pixel.
     pub bytes_per_pixel: usize,
 }
 
@@ -124,7 +124,7 @@ dapple_core::options! {
         pub radius: u32 = 2;
         /// Exponent of the assumed error decrease n^-exponent; at most 1 is used with independent points.
         ///
-        /// The default 1.3 measured best for Owen-scrambled nets in images.
+        /// The default 1.3 gives the least error for Owen-scrambled nets in images.
         pub exponent: f64 = 1.3;
         /// Number added to the squared mean in relative errors.
         pub epsilon: f64 = 0.01;
@@ -153,16 +153,16 @@ impl From<VarianceOptions> for AdaptiveOptions {
 
 /// The preset `variance`: counts by Neyman's rule [Neyman 1934] from a uniform pilot.
 ///
-/// The pilot's sample variance, relative to `mean^2 + epsilon` and pooled over 5x5 pixels, decides all counts at once.
-/// With unpooled variances of 4 samples, the error is 1.2 to 3.3 times that of uniform counts. Pooled variances do
-/// nearly as well as exact ones.
+/// The pilot's sample variance, relative to `mean^2 + epsilon` and pooled over 5x5 pixels, determines all counts at once. With
+/// unpooled variances of 4 samples, the error is 1.2 to 3.3 times that of uniform counts. Pooled variances are nearly as good
+/// as exact ones.
 impl<P: PointSet> Adaptive<P> {
-    /// Makes the preset `variance` of the error-driven sampler, with this point set and the default parameters.
+    /// Creates the preset `variance` of the error-driven sampler, with this point set and the default parameters.
     pub fn variance(points: P) -> Self {
         Self::preset(points, VarianceOptions::default())
     }
 
-    /// Makes the preset `variance` of the error-driven sampler, with this point set and these parameters.
+    /// Creates the preset `variance` of the error-driven sampler, with this point set and these parameters.
     ///
     /// # Errors
     ///

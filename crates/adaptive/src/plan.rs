@@ -9,29 +9,29 @@ use dapple_core::{Error, Film, PointSet, film::RgbMoments, parallel};
 /// The largest sample count `n` for which a table stores `n^-exponent`.
 const TABLE: u32 = 4096;
 
-/// The divisor of the mean count that gives the least number of samples per pixel after a discarded pilot: a quarter of
-/// the mean.
+/// The divisor of the mean count that gives the minimum number of samples per pixel after a discarded pilot: a quarter of the
+/// mean.
 const FLOOR: u64 = 4;
 
-/// The samples per pixel below which the pool is wider. At 480x270 the filtered image has 0.71 of the error so at 2 spp and 0.94 at 4
-/// (eight scenes, two seeds); at 8 and 16 spp it would have 1.05 (six scenes, one seed).
+/// The samples per pixel below which the pool is wider. At 480x270 the filtered image then has 0.71 of the error at 2 spp and
+/// 0.94 at 4 (eight scenes, two seeds); at 8 and 16 spp it would have 1.05 (six scenes, one seed).
 const FEW: u64 = 4;
 
 /// The smallest score of a pixel, as a fraction of the mean score.
 const SCORE_FLOOR: f64 = 0.01;
 
-/// The estimates that decide counts, one per pixel.
+/// The estimates that determine counts, one per pixel.
 struct Scores {
     /// The width of the image.
     width: usize,
-    /// The relative variance per sample.
+    /// The relative variance of one sample.
     errors: Vec<f64>,
-    /// The cost per sample, relative to the cheapest pixel; `None` if all samples count alike.
+    /// The cost per sample, relative to the cheapest pixel; `None` if costs are ignored.
     costs: Option<Vec<f64>>,
 }
 
 impl<P: PointSet> Adaptive<P> {
-    /// The exponent with which errors fall: that of the options, at most 1 for independent samples.
+    /// The exponent at which errors are assumed to fall: that of the options, at most 1 for independent samples.
     fn exponent(&self) -> f64 {
         if self.points.is_independent() { self.options.exponent.min(1.0) } else { self.options.exponent }
     }
@@ -57,7 +57,7 @@ impl<P: PointSet> Adaptive<P> {
         if let Some(map) = &self.errors {
             let errors = (map.of)(film)?;
             if errors.len() != scores.len() {
-                let what = format!("its error map has {} values for {} pixels", errors.len(), scores.len());
+                let what = format!("the error map has {} values for {} pixels", errors.len(), scores.len());
                 return Err(Error::Mismatch { who: map.name.clone(), what });
             }
             self.blend_errors(&errors, film, &mut scores);
@@ -66,23 +66,23 @@ impl<P: PointSet> Adaptive<P> {
         Ok(Scores { width, errors: scores, costs })
     }
 
-    /// The radius of the pool: twice that of the options while pixels have as few samples as a pilot of less than 4.
+    /// The radius of the pool. It is doubled while pixels have fewer than [`FEW`] samples.
     fn radius(&self, film: &Film) -> u32 {
         let AdaptiveOptions { pool, radius, .. } = self.options;
         let is_few = || (0..film.frame().pixels()).any(|i| film.count(i) + film.discarded(i).count < FEW);
         if pool == PoolShape::Similar && is_few() { 2 * radius } else { radius }
     }
 
-    /// True if the features of pixels decide on weights. The film has no features of one half alone.
+    /// Returns `true` if weights depend on the pixels' features. A film has no features of one half alone.
     pub(crate) fn reads_surfaces(&self) -> bool {
         self.options.pool == PoolShape::Similar && self.options.policy != PilotPolicy::Cross
     }
 
     /// Returns the pixels whose samples count in a score, in the round that follows the samples of `film`.
     ///
-    /// With [`PilotPolicy::Neighbours`], the first round after the pilot reads the other colour of a chessboard, and the
-    /// second the pixel's own colour. The counts of that colour followed the pilot of the other colour, so no path of
-    /// decisions leads from a pixel's samples back to its counts.
+    /// With [`PilotPolicy::Neighbours`], the first round after the pilot reads the other colour of a chessboard, and the second
+    /// round reads the pixel's own colour. The counts of the own colour depend only on the pilot of the other colour, so no
+    /// chain of decisions leads from a pixel's samples back to its counts.
     fn sources(&self, film: &Film) -> Sources {
         if self.options.policy != PilotPolicy::Neighbours {
             return Sources::All;
@@ -91,8 +91,8 @@ impl<P: PointSet> Adaptive<P> {
         if (0..film.frame().pixels()).all(|i| film.count(i) == first) { Sources::Odd } else { Sources::Even }
     }
 
-    /// Replaces each score by a weighted geometric mean of the score and the predicted error. The error is first
-    /// multiplied by `n^exponent`, which makes it the error of one sample.
+    /// Replaces each score by a weighted geometric mean of the score and the predicted error. Multiplying the error by
+    /// `n^exponent` first turns it into the error of one sample.
     fn blend_errors(&self, errors: &[f32], film: &Film, scores: &mut [f64]) {
         let of_one = |(i, &e): (usize, &f32)| {
             let e = if e.is_finite() { f64::from(e.max(0.0)) } else { 0.0 };
@@ -111,8 +111,8 @@ impl<P: PointSet> Adaptive<P> {
         }
     }
 
-    /// Returns counts that minimise the error given by the scores, sum to `total` and are at least `floors`, less the counts `now`.
-    /// With costs, they minimise the error of as many rays.
+    /// Returns the samples to add to the counts `now`. The final counts minimise the error given by the scores, sum to `total`
+    /// and are at least `floors`. With costs, they minimise the error for a given number of rays.
     fn more(
         &self,
         scores: &Scores,
@@ -128,11 +128,11 @@ impl<P: PointSet> Adaptive<P> {
         let cap = (self.options.cap * mean).ceil().min(f64::from(ceiling)) as u32;
         let mut shared = ladder.allocate(scores, floors, cap, total, exponent)?;
         if shared.unspent > 0 {
-            // The floors left too little room under the cap: only the user's ceiling applies.
+            // The floors leave too little room below the cap, so only the user's ceiling applies.
             shared = ladder.allocate(scores, floors, ceiling, total, exponent)?;
         }
         let left = |n: f64| n.max(1.0).powf(-exponent);
-        // Most images have more pixels than different counts: one power per count.
+        // Most images have more pixels than distinct counts, so powers are tabulated per count.
         let known: Vec<f64> = (0..=cap.min(TABLE)).map(|n| left(f64::from(n))).collect();
         let left_of = |&n: &u32| known.get(n as usize).copied().unwrap_or_else(|| left(f64::from(n)));
         let sum = |value: &dyn Fn(usize) -> f64| sum_by_rows(*width, errors.len(), value);
@@ -147,8 +147,8 @@ impl<P: PointSet> Adaptive<P> {
         Ok(shared.counts.iter().zip(now).map(|(n, now)| n - now).collect())
     }
 
-    /// Plans the next round of a render that keeps all samples. The budget beyond the pilot is divided into equal
-    /// steps, one per round.
+    /// Plans the next round of a render that keeps all samples. The budget after the pilot is divided into equal steps, one per
+    /// round.
     pub(crate) fn plan_kept(&self, (seen, pilot): (&Feedback<'_>, u32), plan: &mut Plan) -> Result<(), Error> {
         let BudgetLeft { spent, total, min_spp, max_spp, .. } = seen.budget;
         let scores = self.scores(seen.film, |i| seen.film.moments(i))?;
@@ -163,7 +163,7 @@ impl<P: PointSet> Adaptive<P> {
         Ok(())
     }
 
-    /// Plans the samples that enter the image, from the scores of a discarded pilot.
+    /// Plans the samples of the image, using the scores of a discarded pilot.
     pub(crate) fn plan_after_discarding(&self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<(), Error> {
         let BudgetLeft { min_spp, max_spp, .. } = seen.budget;
         let ladder = Ladder::of(seen.film.needs());
@@ -180,8 +180,8 @@ impl<P: PointSet> Adaptive<P> {
         Ok(())
     }
 
-    /// Plans each half's counts from the other half's samples. Each half spends half the budget, as far as floors and
-    /// ceilings allow; an odd sample goes to the first half.
+    /// Plans each half's counts from the other half's samples. Each half spends half of the budget, as far as floors and
+    /// ceilings allow it; an odd sample goes to the first half.
     pub(crate) fn plan_across(&self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<(), Error> {
         let BudgetLeft { total, min_spp, max_spp, .. } = seen.budget;
         let moments = |half: usize, i: usize| seen.film.half(half, i).unwrap_or_default();
@@ -203,8 +203,9 @@ impl<P: PointSet> Adaptive<P> {
     }
 }
 
-/// The moments of pixels with one sample each, which have no variance: each is joined with the most alike of its diagonal
-/// neighbours. These have the pixel's own colour on the chessboard of [`Sources`], so that sources of the other colour stay so.
+/// The moments of pixels with one sample each, which have no variance on their own. Each pixel is paired with its most similar
+/// diagonal neighbour. Diagonal neighbours have the pixel's own colour on the chessboard of [`Sources`], so pairs never mix the
+/// two colours.
 fn paired(
     single: impl Fn(usize) -> RgbMoments + Sync,
     [width, height]: [usize; 2],
@@ -230,8 +231,8 @@ fn paired(
 
 /// The rays per sample of each pixel, pooled over a window, relative to the cheapest pixel: 1 or above.
 ///
-/// The window is `2 radius + 1` pixels wide and high. Only the samples of `sources` count, so that a pixel's own paths do
-/// not decide its counts where its own values must not. A sample takes at least one ray. Equal costs give exactly 1.
+/// The window is `2 radius + 1` pixels wide and high. Only the samples of `sources` count, so that a pixel's own paths do not
+/// affect its counts where its own values must not. A sample costs at least one ray. Equal costs give exactly 1.
 fn relative_costs(film: &Film, radius: u32, sources: Sources) -> Vec<f64> {
     let size = film.frame().size().map(|n| n as usize);
     let parts = |i: usize| {
@@ -257,9 +258,9 @@ fn mean(values: &[f64], width: usize) -> f64 {
     sum_by_rows(width, values.len(), finite) / values.len() as f64
 }
 
-/// The sum over pixels: of each row from left to right, then of the rows from the top.
+/// The sum over all pixels: first of each row from left to right, then of the rows from top to bottom.
 fn sum_by_rows(width: usize, pixels: usize, value: impl Fn(usize) -> f64) -> f64 {
-    // Starts from 0: the empty sum of floats is -0.
+    // Starting from 0 is required, since an empty sum of floats is -0.
     let add = |sum: f64, value: f64| sum + value;
     let row = |row: usize| (row * width..(row + 1) * width).map(&value).fold(0.0, add);
     (0..pixels / width).map(row).fold(0.0, add)

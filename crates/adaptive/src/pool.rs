@@ -10,15 +10,16 @@ pub enum PoolShape {
     /// The square window of pixels around the pixel.
     #[default]
     Window,
-    /// The square window; near pixels with like surfaces weigh more, and a pixel that few others are like has a higher score.
+    /// The same window. Near pixels with similar surfaces weigh more, and a pixel with few similar pixels around has a higher
+    /// score.
     ///
-    /// Surfaces are the features of the film: normal, albedo and depth. Likeness is `1 / (1 + d^2)^2`, where `d` is the
-    /// difference in units of 0.3 (normals), 0.1 (albedos) and 10 % (depths), less its noise. The score is divided by
-    /// the root of the mean likeness of pixels 6 and 12 rows and columns away, in the same band of 16 rows.
-    /// With [`Sources::Odd`] and [`Sources::Even`], the pixel's own surface is the mean of its nearest sources.
+    /// Surfaces are the features of the film: normal, albedo and depth. The similarity of two surfaces is `1 / (1 + d^2)^2`.
+    /// `d` is their difference without its noise, in units of 0.3 (normals), 0.1 (albedos) and 10 % (depths). The score is
+    /// divided by the square root of the mean similarity to pixels 6 and 12 rows and columns away, in the same band of 16 rows.
+    /// With [`Sources::Odd`] and [`Sources::Even`], the mean surface of the pixel's nearest sources replaces its own.
     ///
-    /// Where the film has no features, as without a filter, weights follow the distance alone. So they do with
-    /// [`PilotPolicy::Cross`](dapple_core::plan::PilotPolicy::Cross), because features belong to both halves.
+    /// If the film has no features, as without a filter, weights depend on the distance alone. The same holds for
+    /// [`PilotPolicy::Cross`](dapple_core::plan::PilotPolicy::Cross), because features are those of both halves together.
     Similar,
 }
 
@@ -26,15 +27,15 @@ dapple_core::choices!(PoolShape { Window = "window", Similar = "similar" });
 
 /// The pixels of a window whose samples count in a pixel's score.
 ///
-/// Steps are counted as columns plus rows.
+/// The steps between two pixels are the difference in columns plus that in rows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Sources {
-    /// All pixels. The pixel's own samples count in the window and beside it.
+    /// All pixels, including the pixel itself.
     #[default]
     All,
-    /// Pixels an odd number of steps away. They form the other colour of a chessboard.
+    /// Pixels an odd number of steps away: the other colour of a chessboard.
     Odd,
-    /// Pixels an even number of steps away, but not the pixel itself.
+    /// Pixels an even number of steps away, except the pixel itself.
     Even,
 }
 
@@ -45,15 +46,15 @@ pub struct Pooling {
     pub pool: PoolShape,
     /// The radius of the window, which is `2 radius + 1` pixels wide and high.
     pub radius: u32,
-    /// The weight of the pooled variance, in degrees of freedom; a pixel's own variance has `n - 1`. Infinity uses the
-    /// pool alone.
+    /// The weight of the pooled variance, in degrees of freedom; a pixel's own variance has `n - 1`. With infinity, only the
+    /// pooled variance counts.
     pub prior: f64,
-    /// The exponent, above 0, to which variances are raised before averaging. 1 averages variances. 2 gives the
-    /// noisiest pixels more weight, which helps if a few of many samples carry the error.
+    /// The exponent, above 0, to which variances are raised before averaging. With 1, variances are averaged. With 2, the
+    /// noisiest pixels weigh more, which helps if a few of many samples carry most of the error.
     pub power: f64,
-    /// The number added to the squared mean before division, so that black pixels have finite relative variance.
+    /// The number added to the squared mean in the denominator, so that black pixels have a finite relative variance.
     pub epsilon: f64,
-    /// The pixels whose samples count. `prior` is used with [`Sources::All`] only.
+    /// The pixels whose samples count. `prior` applies only with [`Sources::All`].
     pub sources: Sources,
 }
 
@@ -63,10 +64,10 @@ pub struct Pooling {
 /// `q` the power, and `m` the mean radiance over the window. The result is not negative, and 0 if neither the pixel nor
 /// the pool has two samples.
 ///
-/// `moments` are row by row, for an image of `size` pixels. The pool is a mean weighted by degrees of freedom, so
-/// pixels with fewer than two samples do not contribute.
+/// `moments` are in row order, for an image of `size` pixels. The pool is a mean weighted by degrees of freedom, so pixels with
+/// fewer than two samples do not contribute.
 ///
-/// With [`PoolShape::Similar`], neighbours weigh by their distance alone, since no surfaces are known here.
+/// With [`PoolShape::Similar`], the weight of a neighbour depends on its distance alone, since surfaces are unknown here.
 ///
 /// With [`Sources::Odd`] and [`Sources::Even`], `v~^q = pool(v^q)`, and both the pool and `m` omit the pixel itself.
 ///
@@ -76,13 +77,13 @@ pub struct Pooling {
 pub fn relative_variance(moments: &[RgbMoments], size: [u32; 2], pooling: &Pooling) -> Result<Vec<f64>, Error> {
     let [w, h] = size.map(|n| n as usize);
     if moments.len() != w * h {
-        let (value, allowed) = (moments.len().to_string(), "one for each pixel of the image");
+        let (value, allowed) = (moments.len().to_string(), "pass one for each pixel of the image");
         return Err(OutOfRange { name: "moments", value, allowed }.into());
     }
     Ok(pooled_variance(|i| moments[i], [w, h], pooling, &|_| None))
 }
 
-/// The relative variance of the pixels of an image of this size, which show these `surfaces`, if they are known.
+/// The relative variance of the pixels of an image of this size. `surfaces` returns the visible surfaces, if known.
 pub(crate) fn pooled_variance(
     moments: impl Fn(usize) -> RgbMoments + Sync,
     size: [usize; 2],
@@ -91,7 +92,7 @@ pub(crate) fn pooled_variance(
 ) -> Vec<f64> {
     let score = |Terms([freedom, _, own @ ..]): &Terms, sums: &Terms| {
         let Terms([freedoms, seen, ..]) = *sums;
-        // Starts from 0: the empty sum of floats is -0.
+        // Starting from 0 is required, since an empty sum of floats is -0.
         (0..3).fold(0.0, |sum, c| {
             let (pool, mean) = (ratio(sums.deviation(c), freedoms), ratio(sums.mean(c), seen));
             let variance = match (pooling.sources, pooling.prior) {
@@ -109,8 +110,8 @@ pub(crate) fn pooled_variance(
     }
 }
 
-/// The terms of a pixel that are summed over its pool: degrees of freedom (1), a 1 if there are samples (1), powers of
-/// the variance times degrees of freedom (3), and means (3). Eight numbers side by side are added in SIMD lanes.
+/// The terms of a pixel that are summed over its pool: degrees of freedom (1), 1 if there are samples (1), powers of the
+/// variance times degrees of freedom (3), and means (3). Eight contiguous numbers are added in SIMD lanes.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Terms([f64; 8]);
 
@@ -148,7 +149,7 @@ impl Terms {
 /// The least number of pixels per task.
 const SERIAL: usize = 4096;
 
-/// `x` to the power `power`. Powers 1 and 2, the usual ones, take no logarithm.
+/// `x` raised to `power`. The usual powers 1 and 2 need no logarithm.
 fn power(x: f64, power: f64) -> f64 {
     match power {
         1.0 => x,
@@ -179,8 +180,8 @@ fn rows_of_task(width: usize, radius: usize) -> usize {
     (SERIAL / width.max(1)).max(2 * radius).max(1)
 }
 
-/// The working memory of `threads` threads for an image of this size, in bytes. Each thread holds the terms of its rows
-/// and of `radius` rows around them, sums of columns, and surfaces if `has_surfaces`.
+/// The working memory of `threads` threads for an image of this size, in bytes. Each thread holds the terms of its rows and of
+/// `radius` rows above and below, sums of columns, and surfaces if `has_surfaces`.
 pub(crate) fn bytes_of_windows([w, h]: [usize; 2], radius: usize, threads: usize, has_surfaces: bool) -> usize {
     let own = rows_of_task(w, radius);
     let around = (own + 2 * radius).min(h);
@@ -190,8 +191,9 @@ pub(crate) fn bytes_of_windows([w, h]: [usize; 2], radius: usize, threads: usize
     task.saturating_mul(threads.min(h.div_ceil(own)))
 }
 
-/// The scores of an image's pixels, row by row. `score_row` gets a row's scores and number, the terms of `radius` rows around it with
-/// the number of the first of them, and what `prepare` makes of the rows of a task.
+/// The scores of an image's pixels, row by row. `score_row` gets the scores of a row and the row's number, the terms of
+/// `radius` rows above and below with the number of the first of these rows, and the result of `prepare` for the rows of a
+/// task.
 pub(crate) fn scores_by_rows<T>(
     [w, h]: [usize; 2],
     radius: usize,
@@ -214,11 +216,11 @@ pub(crate) fn scores_by_rows<T>(
     scores
 }
 
-/// The score of each pixel, from its own terms and the sums of `sources` in a window. The window is `2 radius + 1` pixels wide and
-/// high, cut off at the borders.
+/// The score of each pixel, from its own terms and the sums over `sources` in a window. The window is `2 radius + 1` pixels
+/// wide and high, cut off at the borders.
 ///
-/// Terms are added in the order of rows and columns. A running sum would keep the rounding error of a firefly, and so
-/// would a difference.
+/// Terms are added in the order of rows and columns. Running sums or differences of sums would retain the rounding error of a
+/// firefly.
 fn over_windows(
     [w, h]: [usize; 2],
     (radius, sources): (usize, Sources),
@@ -232,7 +234,7 @@ fn over_windows(
         |_| (),
         |scores, y, (all, first), ()| {
             let row = |y: usize| &all[(y - first) * w..][..w];
-            // Sums over rows an even number of steps away, and over the others if they are not added together.
+            // Sums over rows an even number of steps away, and over the other rows unless all are added together.
             let mut columns = [0, 1].map(|_| vec![Terms::default(); w]);
             for k in near(y, radius, h) {
                 let odd = usize::from(sources != Sources::All && k.abs_diff(y) % 2 == 1);
@@ -256,7 +258,7 @@ fn over_windows(
     )
 }
 
-/// The ratio of two sums over the window around each pixel, of `parts(i)[0]` and of `parts(i)[1]`; 0 if the latter is 0.
+/// The ratio of the sums of `parts(i)[0]` and of `parts(i)[1]` over the window around each pixel; 0 if the latter is 0.
 pub(crate) fn ratios_over_windows(
     size: [usize; 2],
     window: (usize, Sources),

@@ -4,19 +4,18 @@ use dapple_core::plan::{BudgetLeft, Feedback, Plan, Progress, SamplerMemory, sat
 use dapple_core::{Error, Frame, Limits, Needs, PointSet, Sampler, film::Recorder, limits::Budget, options::nested};
 use std::sync::Arc;
 
-/// Two samplers in sequence: the first spends up to a number of samples per pixel, the second the rest of the budget.
+/// Two samplers in sequence: the first spends a number of samples per pixel, the second the rest of the budget.
 ///
-/// The second sampler sees the first one's samples in the film. If it takes a pilot, they are its pilot, and it adds only
-/// what pixels lack. So counts planned from geometry can be the first stage of a sampler that reads samples.
+/// The second sampler sees the first one's samples in the film. If it has a pilot, these samples count as its pilot, and it
+/// adds only what pixels lack. So counts planned from geometry can be the first stage of a sampler that reads samples.
 ///
-/// The first stage ends when its share is spent, or when its sampler wants no more. Each stage uses the points of its
-/// sampler. Give both the same point set, so that a pixel's samples continue one sequence.
+/// The first stage ends when its samples are spent, or when its sampler needs no more. Each stage uses the points of its
+/// sampler. Use the same point set for both, so that a pixel's samples continue one sequence.
 ///
-/// *Guarantees*: the budget is spent exactly if the second sampler spends it exactly. *Bias*: none if both samplers are
-/// [a priori](Sampler::a_priori). A second sampler that reads samples is biased as its own policy says, and reads the
-/// first one's samples too; kept samples that decided counts bias the image [Kirk and Arvo 1991].
-/// [`Sampler::describe`] names both with their policies. *Weaknesses*: a first stage that puts samples in the wrong place
-/// takes them from the second.
+/// *Guarantees*: the budget is spent exactly if the second sampler does so. *Bias*: none if both samplers are [a
+/// priori](Sampler::a_priori). A second sampler that reads samples has the bias of its own policy, and also reads the first
+/// sampler's samples. Kept samples on which counts depend bias the image [Kirk and Arvo 1991]. [`Sampler::describe`] names both
+/// samplers with their policies. *Weaknesses*: samples that the first stage puts in the wrong place are lost to the second.
 ///
 /// ```
 /// # use dapple_core::{PointSet, SampleId};
@@ -45,7 +44,7 @@ pub struct Sequence<A, B> {
 }
 
 impl<A: Sampler, B: Sampler> Sequence<A, B> {
-    /// A sequence in which `first` spends up to `spp` samples per pixel on average, and `second` the rest.
+    /// Creates a sequence in which `first` spends up to `spp` samples per pixel on average, and `second` the rest.
     ///
     /// # Errors
     ///
@@ -63,13 +62,13 @@ impl<A: Sampler, B: Sampler> Sequence<A, B> {
         u64::from(self.spp).saturating_mul(pixels as u64)
     }
 
-    /// The budget of the first sampler: its share, and bounds of counts that leave every pixel's floor affordable.
+    /// The budget of the first sampler, with limits on counts that leave every pixel's floor affordable.
     fn first_budget(&self, seen: &Feedback<'_>) -> BudgetLeft {
         let pixels = seen.pixels() as u64;
         let BudgetLeft { min_spp, max_spp, .. } = seen.budget;
         let total = seen.budget.total.min(self.share(seen.pixels()));
         let affordable = saturating_u32(total / pixels);
-        // Samples above a pixel's floor must not take what other floors need.
+        // Samples above a pixel's floor must not use up what the floors of other pixels need.
         let beyond_floors = seen.budget.total.saturating_sub(pixels * u64::from(min_spp));
         let is_tight = affordable < min_spp && beyond_floors < total;
         let max_spp = if is_tight { min_spp.min(max_spp) } else { max_spp };
@@ -112,7 +111,7 @@ impl<A: Sampler, B: Sampler> Sampler for Sequence<A, B> {
             limits
         };
         let first = self.first.memory(frame, needs, &of(total.map_or(limits.budget, Budget::Samples)));
-        // The film is not empty before the second sampler's first plan, just as under a limit of time.
+        // The second sampler's first plan starts from a film with samples, as under a time limit.
         let second = self.second.memory(frame, needs, &of(Budget::Seconds(1.0)));
         let mut memory = SamplerMemory::default();
         memory.discarded = first.discarded.max(second.discarded);
@@ -128,7 +127,7 @@ impl<A: Sampler, B: Sampler> Sampler for Sequence<A, B> {
 
     fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
         if seen.round == 0 {
-            // The sampler may have rendered before.
+            // The sampler may have been used for an earlier render.
             self.is_second = false;
             self.second.restore(&self.fresh)?;
         }
@@ -158,7 +157,8 @@ impl<A: Sampler, B: Sampler> Sampler for Sequence<A, B> {
             let (first, second) = rest.split_at_checked(u64::from_le_bytes(*length).try_into().ok()?)?;
             Some((*stage == 1, first, second))
         };
-        let (is_second, first, second) = parts().ok_or(Error::BadSnapshot { what: "they are not of two samplers" })?;
+        let (is_second, first, second) =
+            parts().ok_or(Error::BadSnapshot { what: "they are not the state of two samplers" })?;
         self.is_second = is_second;
         self.first.restore(first)?;
         self.second.restore(second)

@@ -1,37 +1,37 @@
-//! Neighbours that count by the likeness of the surfaces they show.
+//! Pooling in which neighbours weigh by the similarity of their surfaces.
 
 use crate::Sources;
 use crate::pool::{Terms, scores_by_rows};
 use dapple_core::{Film, film::Features};
 use std::ops::Range;
 
-/// The rows of a band, within which surfaces are compared: bits of images depend on it.
+/// The rows of a band, within which surfaces are compared. Changing the number changes the bits of images.
 const BAND: usize = 16;
 
-/// The differences at which likeness falls to a quarter: of normals, of albedos, and of depths relative to their geometric
-/// mean.
+/// The differences at which the similarity falls to a quarter: of normals, of albedos, and of depths relative to their
+/// geometric mean.
 const NORMAL: f32 = 0.3;
 const ALBEDO: f32 = 0.1;
 const DEPTH: f32 = 0.1;
-/// The weight of a neighbour that is not alike. Without it, a pixel that is like no other would have no pool.
+/// The weight of a dissimilar neighbour. Without it, a pixel unlike all others would have no pool.
 const LEAST: f64 = 0.02;
 /// The weight of a neighbour in another band of rows.
 const UNKNOWN: f64 = 0.5;
-/// The window in which like pixels are counted: its radius, and the distance between the pixels that are compared.
+/// The radius of the window in which similar pixels are counted. [`STEP`] is the distance between the compared pixels.
 const REACH: usize = 12;
 const STEP: usize = 6;
 
 /// The mean surface of a pixel's samples, in units of the differences above.
 #[derive(Clone, Copy, Debug)]
 struct Surface {
-    /// Normal, albedo and two zeros: eight numbers side by side are compared in SIMD lanes. Then depth and inverse depth.
+    /// Normal, albedo and two zeros (eight contiguous numbers, compared in SIMD lanes), then depth and inverse depth.
     values: [f32; 10],
-    /// The variance of the means, which is part of each squared difference.
+    /// The variance of the means, which contributes to each squared difference.
     variance: f32,
 }
 
 impl Surface {
-    /// A surface at infinity, which is like no other.
+    /// A surface at infinity, which is unlike all others.
     const MISS: Self =
         Self { values: [1e4, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0 / DEPTH, 1.0 / DEPTH], variance: 0.0 };
 
@@ -49,7 +49,7 @@ impl Surface {
         Self { values, variance: variance / f.hits as f32 }
     }
 
-    /// The mean of surfaces, or one at infinity without any.
+    /// The mean of surfaces; without any, a surface at infinity.
     fn mean<'a>(of: impl Iterator<Item = &'a Self>) -> Self {
         let (mut values, mut variance, mut count) = ([0.0; 10], 0.0, 0.0);
         for surface in of {
@@ -61,7 +61,7 @@ impl Surface {
         if count > 0.0 { mean } else { Self::MISS }
     }
 
-    /// The likeness of two surfaces: 1 if they differ by no more than their noise, towards 0 for unlike ones.
+    /// The similarity of two surfaces: 1 if they differ by no more than their noise, approaching 0 for different ones.
     #[inline]
     fn likeness(&self, other: &Self) -> f64 {
         let [mut d @ .., _, _] = self.values;
@@ -75,28 +75,28 @@ impl Surface {
     }
 }
 
-/// The surfaces that some rows of an image show.
+/// The visible surfaces in some rows of an image.
 pub(crate) struct Surfaces {
     size: [usize; 2],
     first: usize,
     of: Vec<Surface>,
 }
 
-/// Makes the surfaces of the bands around rows; `None` if no features are known.
+/// A function that returns the surfaces of the bands that contain given rows; `None` if features are unknown.
 pub(crate) type SurfacesOfRows<'a> = dyn Fn(Range<usize>) -> Option<Surfaces> + Sync + 'a;
 
-/// The rows of the bands that some rows lie in, of `height` rows.
+/// The rows of all bands that contain `rows`, in an image of `height` rows.
 fn bands(rows: &Range<usize>, height: usize) -> Range<usize> {
     rows.start / BAND * BAND..rows.end.next_multiple_of(BAND).min(height)
 }
 
 impl Surfaces {
-    /// The bytes for so many rows of `width` pixels, and the rest of their bands.
+    /// The bytes for this many rows of `width` pixels, and the rest of their bands.
     pub(crate) fn bytes(width: usize, rows: usize) -> usize {
         (rows + 2 * BAND).saturating_mul(width).saturating_mul(size_of::<Surface>())
     }
 
-    /// The surfaces of a film in the bands around `rows`; `None` if it records no features.
+    /// The surfaces of a film in the bands that contain `rows`; `None` if it records no features.
     pub(crate) fn of_rows(film: &Film, rows: Range<usize>) -> Option<Self> {
         film.features(0)?;
         let size = film.frame().size().map(|n| n as usize);
@@ -109,7 +109,7 @@ impl Surfaces {
         &self.of[(y - self.first) * self.size[0] + x]
     }
 
-    /// The surface that stands for a pixel: the mean of its nearest `sources`, so that its own samples decide nothing.
+    /// The surface that represents a pixel: the mean of its nearest `sources`, so that its own samples have no effect.
     fn standing(&self, [x, y]: [usize; 2], sources: Sources) -> Surface {
         let (above, left, below, right) = (y.wrapping_sub(1), x.wrapping_sub(1), y + 1, x + 1);
         let nearest = match sources {
@@ -122,10 +122,11 @@ impl Surfaces {
         Surface::mean(nearest.iter().filter(|at| known(at)).map(|at| self.at(*at)))
     }
 
-    /// The likeness of a pixel's surface and those of `sources` around it in its band of rows: the mean, with a 1 for itself.
+    /// The mean similarity between a pixel's surface and those of `sources` around it in its band of rows, including a 1 for
+    /// itself.
     fn company(&self, own: &Surface, [x, y]: [usize; 2], sources: Sources) -> f64 {
         let (mut sum, mut count) = (1.0, 1.0);
-        // Steps are even, so the column beside has the other colour.
+        // Steps are even, so the adjacent column has the other colour.
         let beside = usize::from(sources == Sources::Odd);
         for row in steps(y, self.band(y)) {
             for column in steps(x, 0..self.size[0]).map(|column| column + beside) {
@@ -138,7 +139,7 @@ impl Surfaces {
         sum / count
     }
 
-    /// The rows of a row's band.
+    /// The rows of the band that contains `row`.
     fn band(&self, row: usize) -> Range<usize> {
         let first = row / BAND * BAND;
         first..(first + BAND).min(self.size[1])
@@ -149,22 +150,22 @@ fn surface(film: &Film, i: usize) -> Surface {
     film.features(i).as_ref().map_or(Surface::MISS, Surface::of)
 }
 
-/// The likeness of the surfaces of two pixels; 1 in a film without features.
+/// The similarity of the surfaces of two pixels; 1 in a film without features.
 pub(crate) fn likeness(film: &Film, [a, b]: [usize; 2]) -> f64 {
     if film.needs().features { surface(film, a).likeness(&surface(film, b)) } else { 1.0 }
 }
 
-/// The numbers of a range at distances of 0, [`STEP`], …, [`REACH`] from `at`, in ascending order.
+/// The numbers in a range at distances 0, [`STEP`], …, [`REACH`] from `at`, in ascending order.
 fn steps(at: usize, within: Range<usize>) -> impl Iterator<Item = usize> {
     let before = (at - within.start).min(REACH) / STEP * STEP;
     (at - before..within.end.min(at + REACH + 1)).step_by(STEP)
 }
 
-/// The score of each pixel, from its own terms and the weighted sums of `sources` in a window. The window is `2 radius + 1` pixels
-/// wide and high, cut off at the borders.
+/// The score of each pixel, from its own terms and the weighted sums over `sources` in a window. The window is `2 radius + 1`
+/// pixels wide and high, cut off at the borders.
 ///
-/// A neighbour's weight falls with its distance and with the difference of the surfaces. The score is divided by the root
-/// of the mean likeness of the pixels around, of which a filter gathers the like ones.
+/// A neighbour's weight falls with its distance and with the difference of the surfaces. The score is divided by the square
+/// root of the mean similarity to the surrounding pixels, since a filter averages over the similar ones.
 pub(crate) fn over_similar(
     size: [usize; 2],
     (radius, sources): (usize, Sources),
@@ -180,7 +181,7 @@ pub(crate) fn over_similar(
             let mut sums = Terms::default();
             for (row, column, near) in window.around([x, y], size) {
                 let like = match &known {
-                    // Surfaces are compared within a band only, and all pixels of others count alike.
+                    // Surfaces are compared only within a band; all pixels of other bands have the same weight.
                     Some(_) if row / BAND != y / BAND => UNKNOWN,
                     Some((surfaces, own)) => LEAST + own.likeness(surfaces.at([column, row])),
                     None => 1.0,
@@ -194,7 +195,7 @@ pub(crate) fn over_similar(
     })
 }
 
-/// The pixels of a window by their offsets in rows and columns, with the weights of their distances.
+/// The pixels of a window by their offsets in rows and columns, with weights by distance.
 struct Window(Vec<([isize; 2], f64)>);
 
 impl Window {

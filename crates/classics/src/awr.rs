@@ -1,4 +1,4 @@
-//! Adaptive wavelet rendering: samples for blocks of pixels by the variance of their wavelets.
+//! Adaptive wavelet rendering: the variance of wavelet coefficients determines which blocks of pixels get samples.
 
 use crate::method::{MethodSampler, SamplingMethod};
 use crate::method::{next_step, with_extra};
@@ -29,20 +29,19 @@ dapple_core::options! {
 /// The sampler of adaptive wavelet rendering [after Overbeck, Donner and Ramamoorthi 2009].
 ///
 /// Blocks of 1, 2x2, 4x4 and more pixels compete for samples. A block's variance `V` is that of the mean of its pixels. The
-/// mean square of its three wavelet coefficients is subtracted, so that a block across an edge gives way to its parts. Both
-/// are relative to the square of the scaling coefficient plus 0.01. The block with the largest difference, times its number
-/// of pixels, gets four samples per pixel, at most 64. Its variance is lowered accordingly, and the next block follows.
+/// mean square of its three wavelet coefficients is subtracted, so that across an edge its sub-blocks win over the block. Both
+/// are relative to the square of the scaling coefficient plus 0.01. The block with the largest difference times its number of
+/// pixels gets four samples per pixel, at most 64 in all. Its variance is lowered accordingly, and the next block follows.
 /// [`Wavelet`](crate::Wavelet) is the matching filter.
 ///
-/// The difference `V - w^2` is that of a re-implementation; the authors' own priority could not be read. On noise the mean
-/// of `w^2` is `V` itself, which would hide all noise, so only what exceeds it is subtracted. The statistic is the sample
-/// variance relative to the squared brightness, averaged over 3x3 pixels. It, the variance of a block (that of its scaling
-/// coefficient with Haar wavelets only), the levels, the batches, the number of rounds and the pilot are ours too.
+/// The difference `V - w^2` comes from a re-implementation, since the authors' own priority was not available. On noise the
+/// mean of `w^2` equals `V` and would hide all noise, so only its excess is subtracted. These choices are not in the paper
+/// either: the sample variance relative to the squared brightness, averaged over 3x3 pixels; the variance of a block (that of
+/// its scaling coefficient only with Haar wavelets); levels, batches, number of rounds and pilot.
 ///
-/// *Guarantees*: spends the budget exactly, and takes the pilot in every pixel if the budget allows. *Bias*: all samples
-/// are kept and decide how many follow [Kirk and Arvo 1991].
-/// *Weaknesses*: counts suit wavelet shrinkage; filters that know features leave other errors. Samples are handed out by
-/// one thread.
+/// *Guarantees*: spends the budget exactly, and takes the pilot in every pixel if the budget allows. *Bias*: sample counts
+/// depend on the samples, and all samples are kept [Kirk and Arvo 1991]. *Weaknesses*: counts suit wavelet shrinkage; the
+/// errors of filters that use features lie elsewhere. A single thread distributes the samples.
 pub type Awr<P> = MethodSampler<P, AwrOptions>;
 
 impl SamplingMethod for AwrOptions {
@@ -63,44 +62,44 @@ impl SamplingMethod for AwrOptions {
     }
 }
 
-/// A block of a level.
+/// A block of pixels at one level of the wavelet transform.
 #[derive(Clone, Copy)]
 struct WaveletBlock {
     /// One over the squared mean brightness plus 0.01.
     unit: f64,
-    /// The part of the mean's variance that the wavelets show to be detail.
+    /// The part of the mean's variance that the wavelets attribute to detail.
     detail: f64,
-    /// The sum of the variances of its pixels.
+    /// The sum of the variances of the block's pixels.
     sum: f64,
-    /// The number of its pixels.
+    /// The number of pixels in the block.
     area: f64,
-    /// The number of samples that it got as a block.
+    /// The number of samples that were assigned to the block as a whole.
     given: u64,
 }
 
 impl WaveletBlock {
-    /// A block without pixels yet, of this mean colour and detail.
+    /// A block without pixels yet, with this mean colour and detail.
     fn new(colour: &[f64; 3], detail: f64) -> Self {
         let grey = colour.iter().sum::<f64>() / 3.0;
         Self { unit: 1.0 / (grey * grey + BLACK), detail, sum: 0.0, area: 0.0, given: 0 }
     }
 
-    /// The squared error that samples of this block would lower, relative and summed over its pixels.
+    /// The squared error that samples in this block would reduce, relative and summed over its pixels.
     fn key(&self) -> f64 {
         let variance = self.sum / (self.area * self.area);
         self.area * self.unit * (variance - self.detail)
     }
 }
 
-/// A block that waits for samples: the bits of its key, its level, a hash that settles ties, and its number. Keys are positive,
-/// so that their bits are in their order; of equal keys, coarse blocks come first.
+/// A queued block: the bits of its key, its level, a hash that breaks ties, and its number. Positive floats sort by their bits.
+/// Among equal keys, coarse blocks come first.
 type Waiting = (u64, u32, Reverse<u64>, u32);
 
 fn waiting(key: f64, level: u32, block: u32) -> Waiting {
     (key.to_bits(), level, Reverse(mix(block.into())), block)
 }
 
-/// A pixel in a round.
+/// The sample counts of a pixel in a round.
 #[derive(Clone, Copy)]
 struct PixelCount {
     /// The variance of one sample.
@@ -111,7 +110,7 @@ struct PixelCount {
     added: u32,
 }
 
-/// The blocks of all levels in the order of their keys.
+/// A queue of the blocks of all levels, by key.
 struct Queue {
     size: [usize; 2],
     sizes: Vec<[usize; 2]>,
@@ -123,7 +122,7 @@ struct Queue {
     salt: u64,
 }
 
-/// The largest relative term of the denominators of relative variances.
+/// The number added to the squared brightness in the denominator of relative variances.
 const BLACK: f64 = 0.01;
 
 impl Queue {
@@ -159,14 +158,14 @@ impl Queue {
         Self { size, sizes, levels, pixels, heap, ceiling, salt }
     }
 
-    /// Hands out `total` samples in batches, and returns the number of those that no block with a positive key could take.
+    /// Distributes `total` samples in batches. Returns the number left over when no block has a positive key.
     fn hand_out(&mut self, total: u64) -> u64 {
         let mut left = total;
         while left > 0 {
             let Some((key, level, _, block)) = self.heap.pop() else { break };
             let (level, block) = (level as usize, block as usize);
             let now = self.levels[level][block].key();
-            // Keys only fall, so that a block is moved when its turn comes.
+            // Keys only fall, so a block is moved down when it reaches the top.
             if now >= f64::from_bits(key) {
                 let most = left.min(self.batch(level, block));
                 let taken = self.sample(level, block, most);
@@ -183,7 +182,7 @@ impl Queue {
         left
     }
 
-    /// The first pixel of a block, and its width and height within the image.
+    /// The first pixel of a block, and the block's width and height within the image.
     fn place(&self, level: usize, block: usize) -> ([usize; 2], [usize; 2]) {
         let columns = self.sizes[level][0];
         let first = [block % columns, block / columns].map(|at| at << level);
@@ -196,12 +195,12 @@ impl Queue {
         4 * (width * height).min(16) as u64
     }
 
-    /// Adds samples to the pixels of a block, and returns their number. Pixels at the ceiling take none.
+    /// Adds samples to the pixels of a block, and returns the number added. Pixels at their ceiling get none.
     fn sample(&mut self, level: usize, block: usize, samples: u64) -> u64 {
         let (first, [width, height]) = self.place(level, block);
         let area = (width * height) as u64;
         let key = mix(self.salt ^ mix((level as u64) << 32 | block as u64));
-        // The sequence goes on, or the same pixels would take all samples.
+        // The sequence continues from the last batch; otherwise the same pixels would get all samples.
         let given = self.levels[level][block].given;
         self.levels[level][block].given += samples;
         let mut taken = 0;
@@ -216,7 +215,8 @@ impl Queue {
         taken
     }
 
-    /// Adds a sample to a pixel, and lowers the variances of all blocks that contain it. Returns `false` at the ceiling.
+    /// Adds a sample to a pixel, and lowers the variances of all blocks that contain it. Returns `false` if the pixel is at its
+    /// ceiling.
     fn add(&mut self, [x, y]: [usize; 2]) -> bool {
         let pixel = &mut self.pixels[y * self.size[0] + x];
         let count = pixel.before.saturating_add(pixel.added);
@@ -234,7 +234,7 @@ impl Queue {
     }
 }
 
-/// The `j`-th of numbers spread evenly over [0, 1): an additive sequence with an irrational step and a start by hash
+/// Element `j` of a sequence spread evenly over [0, 1): an additive sequence with an irrational step and a hashed start
 /// [Roberts 2018].
 fn spread(key: u64, axis: usize, j: u64) -> f64 {
     const STEPS: [f64; 2] = [0.754_877_666_246_692_8, 0.569_840_290_998_053_3];
@@ -243,8 +243,8 @@ fn spread(key: u64, axis: usize, j: u64) -> f64 {
     at - at.floor()
 }
 
-/// The variance of each pixel's mean, from the relative sample variances of 3x3 pixels. Absolute ones would let dark pixels
-/// take samples beside a noisy lamp.
+/// The variance of each pixel's mean, from the relative sample variances of 3x3 pixels. Absolute variances would give dark
+/// pixels beside a noisy light too many samples.
 fn pooled(film: &Film, size: [usize; 2], image: &[[f64; 3]], unpooled: &[f64]) -> Vec<f64> {
     let unit = |i: usize| WaveletBlock::new(&image[i], 0.0).unit;
     let n = |i: usize| film.count(i).max(1) as f64;
@@ -256,7 +256,7 @@ fn pooled(film: &Film, size: [usize; 2], image: &[[f64; 3]], unpooled: &[f64]) -
     })
 }
 
-/// The blocks of a level of the transformed image, without their pixels.
+/// The blocks of one level of the transformed image, before their pixels are added.
 fn coarse_blocks(
     image: &[[f64; 3]],
     size: [usize; 2],

@@ -1,4 +1,4 @@
-//! Samples where cosines fitted to blocks of pixels leave the most: a frequency-based sampler, and its filter.
+//! Samples where cosines fitted to blocks of pixels leave the largest error: a frequency-based sampler and its filter.
 
 mod cosines;
 
@@ -32,36 +32,36 @@ dapple_core::options! {
     }
 }
 
-/// The side of a cell in pixels: samples are planned by cells.
+/// The side of a cell in pixels. Samples are planned per cell.
 const CELL: u32 = 2;
 
-/// The least error of a cell, as a share of the mean.
+/// The least error of a cell, as a fraction of the mean error.
 const LEAST: f64 = 0.01;
 
 /// The largest error of a cell, so that sums and scores stay finite.
 const HIGHEST: f64 = 1e200;
 
-/// The share of a block's squared luminance below which deviations are rounding.
+/// The fraction of a block's squared luminance below which deviations are rounding errors.
 const ROUNDING: f64 = 1e-12;
 
 /// Samples where cosines that are fitted to blocks leave the largest visible error [after Bolin and Meyer 1995].
 ///
 /// Blocks of 8x8 pixels start with a sample in each cell of 2x2 pixels, if pixels have no floor (`--min-spp 0`). Luminance and
-/// two colour differences of each block are fitted by cosines, half as many as there are samples, from the lowest frequency
-/// on. A cell's error is the mean squared deviation of its samples from the fit. The energy is added that is expected in the
-/// first frequencies that the fit lacks, if energies fall with the squared frequency. Errors are weighted by the eye's
-/// sensitivity to these frequencies, and masked by the block's luminance. The cell with the largest error per sample gets
-/// the next sample. A block whose samples have grown by half waits until it is fitted anew.
+/// two colour differences of each block are fitted by cosines: half as many as there are samples, the lowest frequencies first.
+/// A cell's error is the mean squared deviation of its samples from the fit, plus the energy expected in the first frequencies
+/// that the fit leaves out. That energy is extrapolated by the inverse square of the frequency. Errors are weighted by the
+/// eye's sensitivity to these frequencies, and masked by the block's luminance. The cell with the largest error per sample gets
+/// the next sample. A block whose samples have grown by half gets no more until it is fitted again.
 ///
-/// Half the cosines, and refinement by frequencies, are the authors'. Opponent space, penalty, JPEG's tables as sensitivity,
-/// masking, and the pooling of a cell's deviations with one sample of its block are ours. So are rounds, of at most half of
-/// the samples that blocks may take.
+/// The paper has half as many cosines as samples, and refinement by frequency. Not in the paper are the opponent colour space,
+/// the penalty, JPEG's tables as sensitivity, masking, and pooling a cell's deviations with one sample of its block. Neither
+/// are rounds, which have at most half of the samples that blocks may get.
 ///
 /// The image is made by [`DctFilter`].
 ///
-/// *Guarantees*: spends the budget exactly. A cell's error counts as at least 1 % of the mean. *Bias*: samples decide where
-/// others lie, and stay [Kirk and Arvo 1991]. *Weaknesses*: to the fit, noise is detail. Sensitivity and masking leave busy
-/// and bright parts coarse, which squared errors do not forgive.
+/// *Guarantees*: spends the budget exactly. A cell's error is at least 1 % of the mean. *Bias*: samples determine where others
+/// are placed, and all are kept [Kirk and Arvo 1991]. *Weaknesses*: the fit mistakes noise for detail. Sensitivity and masking
+/// leave busy and bright regions coarse, which raises the squared error.
 pub struct Dct<P> {
     points: P,
     domain: Domain,
@@ -70,12 +70,12 @@ pub struct Dct<P> {
     known: Known<BlockErrors>,
 }
 
-/// A block's errors.
+/// The fitted errors of one block.
 #[derive(Clone, Debug, Default)]
 struct BlockErrors {
     samples: usize,
     luminance: f64,
-    /// The number of each cell, and its squared error before masking.
+    /// The number of each cell, and the cell's squared error before masking.
     cells: Vec<(u32, f64)>,
 }
 
@@ -87,11 +87,11 @@ impl BlockErrors {
     }
 }
 
-/// A sample that a cell may get: the error that it takes away, and the cell.
+/// A sample that a cell may get: the error that the sample would remove, and the cell's number.
 type Gain = (f64, u32);
 
 impl<P: PointSet> Dct<P> {
-    /// Makes a sampler that takes its samples from this point set, whose dimensions `domain` names.
+    /// Creates a sampler over this point set, whose dimensions `domain` names.
     ///
     /// # Errors
     ///
@@ -102,7 +102,7 @@ impl<P: PointSet> Dct<P> {
         Ok(Self { points, domain: domain.place(), options, cosines, known: Known::default() })
     }
 
-    /// Plans what cells lack of the pilot, and pixels of their floor.
+    /// Plans the samples that cells and pixels still lack for the pilot and for their floors.
     fn plan_pilot(&self, seen: &Feedback<'_>, round: &mut Round) -> Result<(), Error> {
         let cells = Cells::new(seen.frame(), CELL);
         let (least, most) = (seen.budget.min_spp, seen.budget.max_spp);
@@ -129,13 +129,13 @@ impl<P: PointSet> Dct<P> {
         Ok(())
     }
 
-    /// The samples that each block may get until it is fitted anew, with the error that each takes away.
+    /// The samples that each block may get before it is fitted again, each with the error that it would remove.
     fn gains(&self, seen: &Feedback<'_>, now: &[u32]) -> Vec<Gain> {
         let (cells, exponent) = (Cells::new(seen.frame(), CELL), self.options.masking);
         let known = || self.known.0.iter().map(|(_, known)| known);
         let mean = known().map(|known| known.luminance).sum::<f64>() / self.known.0.len() as f64;
         let sum: f64 = known().flat_map(|known| known.errors(mean, exponent)).sum();
-        // Without errors, all pixels are alike.
+        // Without errors, all pixels have the same score.
         let least = if sum > 0.0 { LEAST * sum / cells.count() as f64 } else { 1.0 };
         let gains = |(_, known): &(_, BlockErrors)| {
             let open = known.cells.iter().zip(known.errors(mean, exponent));
@@ -157,7 +157,7 @@ impl<P: PointSet> Dct<P> {
         parallel::map(self.known.0.len(), |i| gains(&self.known.0[i])).into_iter().flatten().collect()
     }
 
-    /// Fits the blocks whose samples have changed, and plans a round of the samples that take away the most.
+    /// Fits the blocks whose samples have changed, and plans a round of the samples that remove the most error.
     fn plan_round(&mut self, seen: &Feedback<'_>, recorded: &FilmSamples<'_>, round: &mut Round) {
         let (columns, visible) = (seen.frame().size()[0].div_ceil(CELL), self.options.visible == 1);
         let errors = |_, block: &Cell| errors(block, columns, &self.cosines, visible);
@@ -189,7 +189,7 @@ fn errors(block: &Cell, columns: u32, cosines: &CosineOptions, visible: bool) ->
         let cells = (0..width * height).map(|i| (number(i), 0.0)).collect();
         return BlockErrors { cells, ..BlockErrors::default() };
     };
-    // The squared deviations of each cell's samples from the fit, summed for each channel, and the number of samples.
+    // For each cell, the squared deviations of its samples from the fit, summed per channel, and the number of samples.
     let mut cells = vec![[0.0; 4]; (width * height) as usize];
     for (at, &value) in block.at.iter().zip(&block.values) {
         let (fitted, colour) = (fit.at(at), cosines.scale.opponent(value));
@@ -203,7 +203,7 @@ fn errors(block: &Cell, columns: u32, cosines: &CosineOptions, visible: bool) ->
     for c in 0..3 {
         let samples = block.at.len() as f64;
         let mean = cells.iter().map(|cell| cell[c]).sum::<f64>() / samples;
-        // Coefficients take up a part of the deviations.
+        // Fitted coefficients absorb a part of the deviations.
         let taken_up = samples / (samples - fit.coefficients[c].len() as f64).max(1.0);
         let (expected, weight) = (fit.expected_energy(c), if visible { weight(&fit, c) } else { 1.0 });
         for (error, cell) in errors.iter_mut().zip(&cells) {
@@ -214,7 +214,7 @@ fn errors(block: &Cell, columns: u32, cosines: &CosineOptions, visible: bool) ->
     BlockErrors { samples: block.at.len(), luminance, cells: (0..).map(number).zip(errors).collect() }
 }
 
-/// A cell that may get samples, and the number that its pixels can still take.
+/// A cell that may get samples. `room` is the number of samples that its pixels can still take.
 struct Open {
     number: u32,
     score: f64,
@@ -231,7 +231,7 @@ fn greedy(cells: &mut [Open], quota: u64) -> Vec<Gain> {
     let mut gains = Vec::new();
     for _ in 0..quota {
         let open = cells.iter_mut().filter(|cell| cell.room > 0);
-        // Of equal cells, the first.
+        // Among equal cells, the first.
         let best = open.reduce(|best, cell| if gain(cell) > gain(best) { cell } else { best });
         let Some(best) = best else { break };
         gains.push((gain(best), best.number));
@@ -241,10 +241,10 @@ fn greedy(cells: &mut [Open], quota: u64) -> Vec<Gain> {
     gains
 }
 
-/// The samples of a round while it is planned.
+/// The sample counts of a round while it is planned.
 struct Round {
     seed: u64,
-    /// The samples of each pixel before the round, and those that the round adds.
+    /// The samples of each pixel before the round; `counts` holds the samples that the round adds.
     now: Vec<u32>,
     counts: Vec<u32>,
 }
@@ -255,7 +255,7 @@ impl Round {
         total(&self.now)
     }
 
-    /// Adds samples to a cell: each to a pixel with the fewest so far, below the ceiling. Equal pixels take turns at random.
+    /// Adds samples to a cell, each to a pixel with the fewest so far that is below its ceiling. Ties are broken at random.
     fn give(&mut self, cells: Cells, number: usize, count: u32, seen: &Feedback<'_>) {
         for _ in 0..count {
             let samples = |i: usize| self.now[i].saturating_add(self.counts[i]);
@@ -315,22 +315,24 @@ impl<P: PointSet> Sampler for Dct<P> {
         self.known.0.clear();
         match saved {
             [] => Ok(()),
-            _ => Err(Error::BadSnapshot { what: "the sampler dct keeps no state between rounds" }),
+            _ => Err(Error::BadSnapshot { what: "they hold state for the sampler dct, which has none" }),
         }
     }
 }
 
 /// Cosines fitted to the samples of each block of 8x8 pixels [after Bolin and Meyer 1995].
 ///
-/// The fit is by least squares, at the samples' places in the image, so that unequal densities do not move edges. Luminance
-/// has half as many cosines as the block has samples, the lowest frequencies first. Red and blue differences from it have
-/// half as many as luminance. Large coefficients of high frequencies are penalised by `lambda`. A pixel is the mean of the
-/// cosines over its area, and 0 where they are negative.
+/// The fit is by least squares at the samples' positions in the image, so unequal densities do not move edges. Luminance has
+/// half as many cosines as the block has samples, the lowest frequencies first. The colour differences (red and blue minus
+/// luminance) have half as many as luminance. `lambda` penalises large coefficients of high frequencies. A pixel is the mean of
+/// the cosines over its area, and 0 where that is negative.
 ///
-/// It is made for the sampler `dct`, and works on the samples of any sampler: coordinates come from [`FilmPoints`]. Blocks
-/// without samples are black. There is no error estimate. Opponent space, penalty and the share of chroma are ours.
+/// The filter is made for the sampler `dct` but works with any sampler; [`FilmPoints`] provides the coordinates. Blocks without
+/// samples are black. There is no error estimate. Opponent colour space, penalty and the fraction of chroma cosines are not in
+/// the paper.
 ///
-/// *Bias*: of the frequencies that are left out. *Weaknesses*: blocks show; cosines ring at edges and around lamps.
+/// *Bias*: from the frequencies that are left out. *Weaknesses*: block boundaries show; cosines ring at edges and around
+/// lights.
 pub type DctFilter = MethodFilter<CosineOptions, FilmPoints>;
 
 impl FilterMethod<FilmPoints> for CosineOptions {

@@ -1,5 +1,5 @@
-//! Samplers that go by the deviation of each pixel's samples: a threshold on the confidence interval of its mean, optimistic counts,
-//! and efficiency-aware splitting at the camera.
+//! Samplers driven by the deviation of each pixel's samples: a threshold on the confidence interval of the mean, counts from
+//! upper confidence bounds, and efficiency-aware splitting at the camera.
 
 use crate::method::{MethodSampler, SamplingMethod};
 use crate::method::{WorstFirst, counts_so_far, lacking, total};
@@ -30,28 +30,29 @@ dapple_core::options! {
     }
 }
 
-/// Samples for each pixel until the confidence interval of its mean is narrow [after Kajiya 1986; Mitsuba,
+/// Sampling of each pixel until the confidence interval of its mean is narrow [after Kajiya 1986; Mitsuba,
 /// `src/integrators/misc/adaptive.cpp`].
 ///
-/// A pixel stops when `t s / sqrt(n) <= threshold max(mean, 0.01 image)`. Here `n` is its count, `t` the two-sided
-/// critical value of Student's distribution with `n - 1` degrees of freedom, and `image` the mean of all pixels. Means
-/// are luminances. The deviation `s` is the weighted sum of the channels' deviations, an upper bound of the luminance's.
+/// A pixel stops when `t s / sqrt(n) <= threshold max(mean, 0.01 image)`. Here `n` is its sample count, `t` the two-sided
+/// critical value of Student's distribution with `n - 1` degrees of freedom, and `image` the mean of all pixels. Means are
+/// luminances. The deviation `s` is the luminance-weighted sum of the channels' deviations, an upper bound of the luminance's
+/// deviation.
 ///
 /// With [`Stopping::Threshold`], intervals are checked every `step` samples. [`Stopping::Budget`], the default, ranks
 /// pixels by the width of their intervals: each round adds samples to the widest quarter.
 ///
-/// *Guarantees*: spends the budget exactly, or treats it as an upper bound. No pixel stops below `min` samples if the
-/// budget allows them, or a quarter of it with [`Stopping::Budget`].
+/// *Guarantees*: spends the budget exactly, or treats it as an upper bound. No pixel stops below `min` samples if the budget
+/// allows it. With [`Stopping::Budget`], that minimum is at most a quarter of the mean budget.
 ///
-/// *Bias*: all samples are kept and decide how many follow [Kirk and Arvo 1991]. A pixel stops when its samples happen
-/// to agree, so its interval misses more often than `alpha`.
+/// *Bias*: sample counts depend on the samples, and all samples are kept [Kirk and Arvo 1991]. A pixel stops when its samples
+/// happen to agree, so its interval misses the true mean more often than `alpha`.
 ///
-/// *Weaknesses*: a pixel whose first samples are equal stops for ever, however rare the light that it missed. Variances
-/// are not pooled over neighbours. Fireflies keep a pixel open.
+/// *Weaknesses*: a pixel whose first samples are equal stops for ever, even if they missed a rare light. Variances are not
+/// pooled over neighbours. Fireflies keep a pixel from stopping.
 pub type VarianceThreshold<P> = MethodSampler<P, VarianceThresholdOptions>;
 
 impl VarianceThresholdOptions {
-    /// Half the width of each pixel's confidence interval, divided by the largest width at which it stops.
+    /// Half the width of each pixel's confidence interval, divided by the largest half width at which the pixel stops.
     fn scores(&self, film: &Film) -> Vec<f64> {
         let pixels = film.frame().pixels();
         let image = (0..pixels).map(|i| luminance(film.moments(i).mean)).sum::<f64>() / pixels as f64;
@@ -70,7 +71,7 @@ impl VarianceThresholdOptions {
     }
 }
 
-/// The least mean to which a pixel's error is relative, as a share of the image's mean.
+/// The least mean to which a pixel's error is relative, as a fraction of the image's mean.
 const DARKEST: f64 = 0.01;
 
 impl SamplingMethod for VarianceThresholdOptions {
@@ -92,7 +93,7 @@ impl SamplingMethod for VarianceThresholdOptions {
 }
 
 dapple_core::options! {
-    /// The parameters of [`UpperConfidence`]. All defaults are Dapple's.
+    /// The parameters of [`UpperConfidence`]. No default is from the paper.
     pub struct UpperConfidenceOptions {
         /// Samples per pixel before counts adapt.
         pub pilot: u32 = 4, |pilot| pilot >= 2, "one sample has no deviation: 2 or more";
@@ -112,21 +113,20 @@ dapple_core::options! {
 
 /// Counts in proportion to an upper bound of each pixel's deviation [after Carpentier and Munos 2011].
 ///
-/// The bound is `w (s + c sqrt(ln(1/delta) / n))` for a pixel of `n` samples with deviation `s` and weight `w = 1 /
-/// sqrt(mean^2 + epsilon)`. The scale `c` is `bonus` times the pooled deviation of the image. Published counts give the
-/// next sample to the pixel with the largest bound divided by `n`. Here counts in proportion to the bound are planned
-/// for the next share of the budget, and the bounds are then computed again. The constants of `ln(1/delta)` and `c` are
-/// Dapple's.
+/// The bound is `w (s + c sqrt(ln(1/delta) / n))` for a pixel of `n` samples with deviation `s` and weight `w = 1 / sqrt(mean^2
+/// + epsilon)`. The scale `c` is `bonus` times the pooled deviation of the image. The published method gives the next sample to
+/// the pixel with the largest bound divided by `n`. Here, each round spends the next fraction of the budget in proportion to
+/// the bounds and then computes them again. The constants in `ln(1/delta)` and `c` are not in the paper.
 ///
-/// The bonus of a pixel grows as its share of samples falls. A pixel whose pilot saw nothing is therefore sampled again:
-/// the cure for zero-variance pilots, which `variance` treats by pooling over neighbours.
+/// The bonus of a pixel grows as its fraction of the samples falls. A pixel whose pilot samples were all 0 is therefore sampled
+/// again. (`variance` solves the same problem by pooling over neighbours.)
 ///
-/// Deviations and means are those of the average of the three channels, with the mean of the channels' variances.
+/// Means and deviations are averages over the three channels.
 ///
-/// *Guarantees*: the budget is met exactly. No pixel gets fewer samples than the pilot. The regret over Neyman's counts
-/// falls as `n^(-3/2)` up to logarithms [Carpentier and Munos 2011, abstract]. *Bias*: all samples are kept and decide
-/// how many follow [Kirk and Arvo 1991]. *Weaknesses*: the bonus moves counts towards uniform ones, and each pixel is
-/// judged by its own samples alone. Counts are off the ladder of well-stratified ones.
+/// *Guarantees*: spends the budget exactly. No pixel gets fewer samples than the pilot. The regret over Neyman's counts falls
+/// as `n^(-3/2)` up to logarithms [Carpentier and Munos 2011, abstract]. *Bias*: sample counts depend on the samples, and all
+/// samples are kept [Kirk and Arvo 1991]. *Weaknesses*: the bonus makes counts more uniform, and each pixel is judged by its
+/// own samples alone. Counts are not the well-stratified ones of the point set.
 pub type UpperConfidence<P> = MethodSampler<P, UpperConfidenceOptions>;
 
 impl UpperConfidenceOptions {
@@ -153,7 +153,7 @@ impl UpperConfidenceOptions {
     }
 }
 
-/// The largest variance, and the largest relative one, that is used: sums of more would be infinite.
+/// The largest variance and relative variance that are used; sums of larger ones would be infinite.
 const LARGEST: f64 = 1e200;
 
 fn grey([r, g, b]: [f64; 3]) -> f64 {
@@ -162,7 +162,7 @@ fn grey([r, g, b]: [f64; 3]) -> f64 {
 
 impl SamplingMethod for UpperConfidenceOptions {
     const NAME: &'static str = "ucb";
-    // The bound and its copy in `allocate`, the counts so far and those wanted.
+    // The bound and its copy in `allocate`, the counts so far and the planned ones.
     const PLANNING: usize = 8 + 8 + 4 + 4;
 
     fn pilot_and_rounds(&self, _: u64) -> (u32, Option<u32>) {
@@ -181,7 +181,8 @@ impl SamplingMethod for UpperConfidenceOptions {
 }
 
 dapple_core::options! {
-    /// The parameters of [`Ears`]. Clamps, outliers and epsilon are published; pilot, rounds and radius are Dapple's.
+    /// The parameters of [`Ears`]. Clamps, outliers and epsilon are as published; pilot, rounds and radius are not in the
+    /// paper.
     pub struct EarsOptions {
         /// Samples per pixel before counts adapt; 0 takes 4, or a quarter of the mean budget if that is more.
         pub pilot: u32 = 0, |pilot| pilot != 1, "two samples or more have a variance; 0 chooses";
@@ -209,19 +210,19 @@ dapple_core::options! {
 /// Rath 2022].
 ///
 /// A pixel's factor is `sqrt(V / C) sqrt(C_image / V_image)`, clamped to `[0.05, 20]`. `V` is the variance of its samples
-/// relative to the squared denoised pixel, and `C` the rays per sample. `V_image` and `C_image` are means over the image,
-/// the former without the 10 worst pixels. The denoiser is [`Gaussian`]. Published splitting also acts at later vertices
-/// of a path; this sampler splits at the camera only, where the factor is a sample count.
+/// relative to the squared denoised pixel, and `C` the number of rays per sample. `V_image` and `C_image` are means over the
+/// image, the former without the 10 worst pixels. The denoiser is [`Gaussian`]. The published method also splits at later
+/// vertices of a path; this sampler splits only at the camera, where the factor is a sample count.
 ///
-/// The budget is a number of samples. Its division minimises the error per ray, so it helps under a time limit.
+/// The budget is a number of samples. Its distribution minimises the error per ray, so it helps under a time limit.
 ///
-/// *Guarantees*: the budget is met exactly. No pixel gets fewer samples than the pilot. *Bias*: all samples are kept and
-/// decide how many follow [Kirk and Arvo 1991]. *Weaknesses*: rays are not time. Samples that differ little in cost
-/// leave Neyman's counts, with clamps. The published gains come from later vertices.
+/// *Guarantees*: spends the budget exactly. No pixel gets fewer samples than the pilot. *Bias*: sample counts depend on the
+/// samples, and all samples are kept [Kirk and Arvo 1991]. *Weaknesses*: the number of rays is not the time. If all samples
+/// cost about the same, the result is Neyman's counts, with clamps. The published gains come from later vertices.
 pub type Ears<P> = MethodSampler<P, EarsOptions>;
 
 impl EarsOptions {
-    /// The relative variance and the rays of one sample, per pixel.
+    /// The relative variance and the number of rays of one sample, per pixel.
     fn variances_and_costs(&self, film: &Film) -> Result<Vec<[f64; 2]>, Error> {
         let estimate = Gaussian::default().apply(film)?.radiance;
         let relative = |i: usize| {
@@ -264,7 +265,7 @@ impl EarsOptions {
 
 impl SamplingMethod for EarsOptions {
     const NAME: &'static str = "ears";
-    // The denoiser's sums of rows and columns, and its emission; sums of windows, factors and counts take less.
+    // The denoiser's sums over rows and columns, and its emission; sums over windows, factors and counts need less.
     const PLANNING: usize = 2 * 32 + 24;
 
     fn needs(&self) -> Needs {
@@ -279,7 +280,7 @@ impl SamplingMethod for EarsOptions {
     fn refine(&self, seen: &Feedback<'_>, _: u32, _: &mut Option<f64>, plan: &mut Plan) -> Result<(), Error> {
         let (budget, pixels, now) = (seen.budget, seen.pixels() as u64, counts_so_far(seen));
         let floors: Vec<u32> = now.iter().map(|&n| n.max(budget.min_spp)).collect();
-        // The budget after the pilot is divided into equal steps.
+        // The budget that remains after the pilot is divided into equal steps.
         let (pilot, _) = self.pilot_and_rounds(budget.total / pixels);
         let after = budget.total.saturating_sub(u64::from(pilot) * pixels);
         let needed = total(&floors) - total(&now);

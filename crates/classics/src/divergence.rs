@@ -1,4 +1,4 @@
-//! Counts by divergences and entropies of a pixel's samples.
+//! Sample counts by divergences and entropies of a pixel's samples.
 
 mod scores;
 
@@ -40,24 +40,24 @@ dapple_core::options! {
     }
 }
 
-/// Counts by how much the shares of a pixel's samples in their sum differ from equal shares [after Rigau 2003].
+/// Sample counts by how much the samples' fractions of their sum deviate from equal fractions [after Rigau 2003].
 ///
-/// The samples `x_i` of one channel have the shares `p_i = x_i / sum x`. Equal ones are `1 / n`. The scores are
-/// [`DivergenceScore`]. Most are functions of streaming sums, so that no sample is stored. `geometric` reads the first hits
+/// The samples `x_i` of one channel have the fractions `p_i = x_i / sum x`; equal fractions are `1 / n`. [`DivergenceScore`]
+/// lists the scores. Most scores are functions of streaming sums, so that no sample is stored. `geometric` reads the first hits
 /// of the pilot. `fuzzy` and `gh` read a pixel's first samples: as many as the pilot has, but at most 8.
 ///
 /// With [`Stopping::Threshold`], each pixel gets `step` more samples while its score exceeds the threshold, as published.
-/// [`Stopping::Budget`], the default, plans all counts at once from the pilot's scores `s`, so that the sum of `s^2 n` over
-/// the final counts is least. Every score is at least 1 % of the mean.
+/// [`Stopping::Budget`], the default, plans all counts at once from the pilot's scores `s`, so that the sum of `s^2 n` divided
+/// by the final counts is least. Every squared score times count is at least 1 % of the mean.
 ///
-/// *Guarantees*: spends the budget exactly, or treats it as an upper bound. No pixel gets fewer samples than the pilot.
-/// *Bias*: all samples are kept and decide how many follow [Kirk and Arvo 1991].
+/// *Guarantees*: spends the budget exactly, or treats it as an upper bound. No pixel gets fewer samples than the pilot. *Bias*:
+/// sample counts depend on the samples, and all samples are kept [Kirk and Arvo 1991].
 ///
-/// *Weaknesses*: a score of few samples is as noisy as their variance, and is not pooled over neighbours. Near convergence
-/// all divergences rank pixels alike: with `c` the coefficient of variation, `kl` is about `c^2 / 2` and `hellinger` `c^2 /
+/// *Weaknesses*: a score from few samples is as noisy as their variance, and is not pooled over neighbours. Near convergence
+/// all divergences rank pixels alike: for a coefficient of variation `c`, `kl` is about `c^2 / 2` and `hellinger` about `c^2 /
 /// 8`. `hellinger` reacts least to fireflies. Later samples do not change `geometric`, `fuzzy` and `gh`: with
 /// [`Stopping::Threshold`], a pixel whose pilot exceeds the threshold is refined up to the cap. The factor of the published
-/// score is recalled, and refinement there descends a tree over the image, which this sampler does not have.
+/// score is quoted from memory. The published refinement descends a tree over the image, which this sampler does not have.
 pub type Divergence<P> = MethodSampler<P, DivergenceOptions>;
 
 impl DivergenceOptions {
@@ -91,7 +91,7 @@ impl DivergenceOptions {
         Ok(())
     }
 
-    /// Plans a step for each pixel above the threshold, which is chosen after the pilot unless it is given.
+    /// Plans `step` samples for each pixel above the threshold. If no threshold is set, it is chosen after the pilot.
     fn plan_threshold(
         &self,
         seen: &Feedback<'_>,
@@ -110,12 +110,12 @@ impl DivergenceOptions {
     }
 }
 
-/// The smallest squared score of a pixel, as a share of the mean.
+/// The smallest product of squared score and count, as a fraction of the mean.
 const SCORE_FLOOR: f64 = 0.01;
 
 impl SamplingMethod for DivergenceOptions {
     const NAME: &'static str = "divergence";
-    // A score per pixel; then its error, counts so far, floors, and what `allocate` takes.
+    // A score per pixel; then the pixel's error, count so far, floor, and the memory of `allocate`.
     const PLANNING: usize = 8 + 28;
 
     fn needs(&self) -> Needs {
@@ -154,13 +154,13 @@ impl SamplingMethod for DivergenceOptions {
     }
 }
 
-/// The contrast `1 - H / ln n` of each pixel's first hits, with shares in proportion to `cos(theta) / d^2` [Rigau 2003,
-/// GI]. Misses have no share. 0 for pixels without hits, or with fewer than two samples.
+/// The contrast `1 - H / ln n` of each pixel's first hits, which are weighted by `cos(theta) / d^2` [Rigau 2003, GI]. Misses
+/// have weight 0. The contrast is 0 for pixels without hits or with fewer than two samples.
 fn geometric_scores(film: &Film) -> Vec<f64> {
     let eye = eye(film);
     let score = |i: usize| {
         let hits = film.first_hits(i);
-        // Places of samples that were not traced hold no hit.
+        // Entries of samples that were not traced hold no hit.
         let taken = hits.len().min(usize::try_from(film.count(i)).unwrap_or(usize::MAX));
         contrast(hits[..taken].iter().map(|hit| hit.as_ref().map_or(0.0, |hit| projected(hit, eye))))
     };
@@ -182,7 +182,7 @@ fn contrast(values: impl Iterator<Item = f64>) -> f64 {
     if divergence > 1e-12 { divergence / libm::log(count) } else { 0.0 }
 }
 
-/// `cos(theta) / d^2` of a hit, seen from `eye`. Without it the cosine is taken as 1.
+/// `cos(theta) / d^2` of a hit, seen from `eye`. If `eye` is `None`, the cosine is taken as 1.
 fn projected(hit: &FirstHit, eye: Option<[f64; 3]>) -> f64 {
     let depth = f64::from(hit.depth).max(1e-9);
     let cosine = eye.map_or(1.0, |eye| {
@@ -197,10 +197,10 @@ fn projected(hit: &FirstHit, eye: Option<[f64; 3]>) -> f64 {
     cosine / (depth * depth)
 }
 
-/// The point whose distances from all first hits are their depths: the camera. `None` if hits do not determine it, because
-/// all lie in a plane.
+/// The camera's position: the point whose distances from all first hits are their depths. `None` if the hits do not determine
+/// it, because all lie in a plane.
 ///
-/// `|p - e|^2 = d^2` is linear in `e` and `|e|^2`, and solved by least squares.
+/// `|p - e|^2 = d^2` is linear in `e` and `|e|^2`, and is solved by least squares.
 fn eye(film: &Film) -> Option<[f64; 3]> {
     let hits = || (0..film.frame().pixels()).flat_map(|i| film.first_hits(i)).flatten();
     let (mut count, mut centre) = (0.0, [0.0; 3]);
@@ -209,7 +209,7 @@ fn eye(film: &Film) -> Option<[f64; 3]> {
         (0..3).for_each(|c| centre[c] += f64::from(hit.position[c]));
     }
     let centre = centre.map(|sum| sum / f64::max(count, 1.0));
-    // Rows of the normal equations, the right side last.
+    // Rows of the normal equations, with the right-hand side last.
     let mut rows = [[0.0; 5]; 4];
     for hit in hits() {
         let p: [f64; 3] = std::array::from_fn(|c| f64::from(hit.position[c]) - centre[c]);

@@ -1,4 +1,4 @@
-//! Fourier depth of field: sample counts from the lens and the surfaces that the camera sees.
+//! Fourier depth of field: sample counts from the lens and the visible surfaces.
 
 mod bandwidth;
 
@@ -16,10 +16,10 @@ use dapple_core::{
 use dapple_low_discrepancy::BlueNoise;
 use std::sync::Arc;
 
-/// The function that traces the ray through the centres of a pixel and of the lens, for a pixel of the full image.
+/// A function that traces the ray through the centres of a pixel and of the lens. Its argument is a pixel of the full image.
 ///
-/// It returns the first hit, and the radius in pixels of the circle of confusion there, negative in front of the plane in
-/// focus. It must be pure.
+/// It returns the first hit, and the radius in pixels of the circle of confusion there, negative in front of the focal plane.
+/// The function must be pure.
 pub type TraceLensProbe = Arc<dyn Fn([u32; 2]) -> (Option<FirstHit>, f32) + Send + Sync>;
 
 dapple_core::options! {
@@ -31,30 +31,30 @@ dapple_core::options! {
         pub normals: f64 = 0.25, |weight| weight >= 0.0 && weight.is_finite(), "a weight of 0 or more";
         /// Least standard deviation over the lens that counts assume; the default is not in the paper.
         ///
-        /// It stands for all noise that is not the lens'.
+        /// It covers all noise that does not come from the lens.
         pub floor: f64 = 0.3, |floor| floor > 0.0 && floor <= 1.0, "above 0 and at most 1";
         /// 1 also samples scenes without a lens, by the bandwidth of their surfaces alone.
         pub force: u8 = 0, |force| force <= 1, "0 or 1";
     }
 }
 
-/// Fourier depth of field [after Soler et al. 2009]: few pixels where the lens blurs the image, many samples where their
-/// radiance varies over the lens.
+/// Fourier depth of field [after Soler et al. 2009]: samples in few pixels where the lens blurs the image, and many samples in
+/// pixels whose radiance varies over the lens.
 ///
-/// One ray per pixel, through the centres of pixel and lens, finds surface and circle of confusion. From them follows the
-/// image's bandwidth `W`, in cycles per pixel ([`LensBandwidthOptions`]). A pixel gets samples with density `(2 W)^2`; a tile of
-/// blue noise picks the pixels. Their counts follow the standard deviation over the lens of a sinusoid of the surface's own
-/// bandwidth. The contrast of albedo and normals within the circle of confusion stands for its amplitude.
+/// One ray per pixel, through the centres of pixel and lens, finds the surface and its circle of confusion. They determine the
+/// image's bandwidth `W` in cycles per pixel ([`LensBandwidthOptions`]). A pixel is sampled with probability `(2 W)^2`; a
+/// blue-noise tile selects the pixels. Their counts follow the standard deviation over the lens of a sinusoid with the
+/// surface's own bandwidth. Its amplitude is the contrast of albedo and normals within the circle of confusion.
 ///
-/// The floor of samples per pixel holds for all pixels: pass a floor of 0 (`--min-spp 0`), so that pixels may have none. The
-/// filter [`Splat`] fills these.
+/// The floor of samples per pixel applies to all pixels: use a floor of 0 (`--min-spp 0`), so that pixels may have none. The
+/// filter [`Splat`] fills these pixels.
 ///
-/// The published method propagates spectra through the scene, and was read in abstract and slides only. Bandwidth and
-/// contrast are simpler stand-ins of ours.
+/// The published method propagates spectra through the scene; only its abstract and slides were available. The bandwidth and
+/// contrast here are simpler and not in the paper.
 ///
-/// *Guarantees*: spends the budget exactly. Counts never depend on samples, so each pixel with samples is unbiased.
-/// *Weaknesses*: knows no effect but the lens. The edges of shadows and of reflections, and the noise of lights, are no part of
-/// the bandwidth. The rays of its first plan count as planning time.
+/// *Guarantees*: spends the budget exactly. Counts never depend on samples, so each sampled pixel is unbiased. *Weaknesses*:
+/// only the lens is modelled. The bandwidth ignores edges of shadows and reflections, and the noise of lights. Tracing the rays
+/// before the first plan counts as planning time.
 pub struct FourierDof<P> {
     points: P,
     probes: TraceLensProbe,
@@ -64,7 +64,7 @@ pub struct FourierDof<P> {
 }
 
 impl<P: PointSet> FourierDof<P> {
-    /// Makes a sampler that traces these probes before its first plan.
+    /// Creates a sampler that traces `probes` before its first plan.
     ///
     /// # Errors
     ///
@@ -80,7 +80,7 @@ impl<P: PointSet> FourierDof<P> {
         Ok(Self { points, probes, options, bandwidth, prior: None })
     }
 
-    /// The proportions of the counts; 0 for pixels that need no samples.
+    /// The relative sample counts of the pixels; 0 for pixels that need no samples.
     fn weights(&mut self, frame: &Frame) -> &[f64] {
         let fresh = self.prior.take().filter(|(of, _)| of == frame);
         let (_, weights) = self.prior.insert(fresh.unwrap_or_else(|| {
@@ -97,7 +97,7 @@ impl<P: PointSet> FourierDof<P> {
     }
 }
 
-/// The point set whose coordinates are all 0: blue noise over it is the tile of blue noise itself.
+/// A point set whose coordinates are all 0, so that blue noise over it is the blue-noise tile itself.
 struct Origin;
 
 impl PointSet for Origin {
@@ -110,9 +110,9 @@ impl PointSet for Origin {
     }
 }
 
-/// The value of the blue noise at a pixel, in `[0, 1)`. The pixels below any threshold are evenly spread.
+/// The value of the blue noise at a pixel, in `[0, 1)`. The pixels below any threshold are evenly distributed.
 fn threshold(tile: &BlueNoise<Origin>, pixel: [u32; 2]) -> f64 {
-    /// The side of the tile: one tile is repeated, which leaves no seams.
+    /// The side of the tile. A single tile is repeated, which leaves no seams.
     const SIDE: u32 = 128;
     f64::from(tile.block(SampleId::new(pixel.map(|c| c % SIDE), streams::PROBE, 0), 0)[0])
 }
@@ -131,8 +131,8 @@ impl<P: PointSet> Sampler for FourierDof<P> {
     }
 
     fn memory(&self, frame: &Frame, _: &Needs, _: &Limits) -> SamplerMemory {
-        // Before the first plan nothing is written to the film, whose counts and means take 32 bytes. Later plans hold counts,
-        // floors, and the allocation's weights, shares and counts.
+        // Before the first plan, the film's counts and means (32 bytes) are unused. Later plans hold counts, floors, and the
+        // weights, fractions and counts of the allocation.
         let first = LensBandwidth::BYTES.saturating_sub(32);
         SamplerMemory::planning(frame, first.max(28)).with_state(frame, 8)
     }
@@ -149,7 +149,7 @@ impl<P: PointSet> Sampler for FourierDof<P> {
         let now = counts_so_far(seen);
         let all = total(&now) + budget.left();
         let weights = self.weights(seen.frame());
-        // Each chosen pixel gets a sample, as far as the budget suffices.
+        // Each selected pixel gets a sample, if the budget suffices.
         let floors = |chosen: u32| -> Vec<u32> {
             let least = |weight: f64| if weight > 0.0 { budget.min_spp.max(chosen) } else { budget.min_spp };
             now.iter().zip(weights).map(|(&now, &weight)| now.max(least(weight).min(budget.max_spp))).collect()
@@ -174,21 +174,21 @@ dapple_core::options! {
     }
 }
 
-/// Gaussians around the pixels that have samples, as wide as the image's bandwidth allows [after Soler et al. 2009].
+/// Reconstruction from Gaussians around the sampled pixels, as wide as the image's bandwidth allows [after Soler et al. 2009].
 ///
-/// The bandwidth follows from the lens and the surfaces, as in the sampler [`FourierDof`], whose pixels
-/// without samples this filter fills. Give both the same parameters. A pixel of bandwidth `W` spreads its mean as a Gaussian of
-/// standard deviation `1 / (4 W)` pixels. The image is the mean of these, weighted by the Gaussians. Where the bandwidth is 1/2
-/// a pixel keeps its own mean.
+/// The bandwidth is computed from the lens and the surfaces, as in the sampler [`FourierDof`]; this filter fills the pixels
+/// that the sampler leaves empty. Use the same parameters for both. A pixel of bandwidth `W` spreads its mean as a Gaussian of
+/// standard deviation `1 / (4 W)` pixels. The image is the weighted mean of these Gaussians. Where the bandwidth is 1/2, a
+/// pixel keeps its own mean.
 ///
-/// A pixel of `n` samples has the weight `n / (n + m)`, for a mean of `m` samples per pixel: pixels at the floor of counts hardly
-/// matter, and many samples never count for more than 1.
+/// A pixel of `n` samples has the weight `n / (n + m)` if the mean is `m` samples per pixel. Pixels with the minimum count thus
+/// matter little, and the weight never exceeds 1.
 ///
-/// Each pixel's Gaussian costs its area: films with samples in all pixels of a smooth image take longer than those of the
-/// sampler. Pixels out of reach of all samples are black. There is no error estimate.
+/// The cost of each pixel's Gaussian is its area. Films with samples in all pixels of a smooth image therefore take longer than
+/// those of the sampler. Pixels out of reach of all samples are black. There is no error estimate.
 ///
-/// *Bias*: blur within the bandwidth, and across edges by a pixel or two. *Weaknesses*: knows neither shadows nor
-/// reflections, and blurs them where surfaces are smooth.
+/// *Bias*: blur within the bandwidth, and across edges by a pixel or two. *Weaknesses*: shadows and reflections are ignored,
+/// and blurred where surfaces are smooth.
 #[derive(Clone)]
 pub struct Splat {
     probes: TraceLensProbe,
@@ -197,7 +197,7 @@ pub struct Splat {
 }
 
 impl Splat {
-    /// Makes a filter that traces these probes for each film.
+    /// Creates a filter that traces `probes` for each film.
     ///
     /// # Errors
     ///
@@ -214,7 +214,7 @@ impl Splat {
 struct Kernel {
     /// `exp(-falloff d^2)` is the weight at distance `d`.
     falloff: f64,
-    /// The weight by the number of samples.
+    /// The factor on the weight, from the number of samples.
     trust: f64,
     /// The largest distance along a row or column; `None` for a pixel without samples.
     reach: Option<u32>,
@@ -277,7 +277,8 @@ fn splat_row(sums: &mut [[f64; 4]], film: &Film, kernels: &[Kernel], [from, to]:
         let mut add = |x: usize, weight: f64| {
             sums[x].iter_mut().zip([r, g, b, 1.0]).for_each(|(sum, value)| *sum += weight * value);
         };
-        // The weights at growing distances: each is the last one times a factor, which itself falls by a constant factor.
+        // The weights at growing distances. Each is the previous weight times a factor, which falls by a constant factor
+        // itself.
         let mut weight = kernel.trust * libm::exp(-kernel.falloff * (down * down) as f64);
         let mut factor = libm::exp(-kernel.falloff);
         let fall = factor * factor;

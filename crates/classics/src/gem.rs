@@ -1,4 +1,4 @@
-//! Greedy error minimisation: Gaussians of selected scales, and samples for the pixels with the largest error.
+//! Greedy error minimisation: a Gaussian of its own scale for each pixel, and samples for the pixels with the largest error.
 
 use crate::method::{FilterMethod, MethodFilter, MethodSampler, SamplingMethod};
 use crate::method::{next_step, within_ceiling};
@@ -30,29 +30,28 @@ dapple_core::options! {
     }
 }
 
-/// The filter of greedy error minimisation [Rousselle, Knaus and Zwicker 2011]: each pixel takes the Gaussian of its own
+/// The filter of greedy error minimisation [Rousselle, Knaus and Zwicker 2011]: each pixel is blurred by a Gaussian of its own
 /// scale.
 ///
-/// A pixel goes through seven Gaussians of 1 to 8 pixels, from fine to coarse, as long as the estimated squared error falls. A step from the
-/// scale `f` to the next, `c`, stops if `z loss - gain >= 0`. The gain is the fall of the variance. The loss is
-/// `beta (mu_f - mu_c)^2`, with `beta = (r_c^2 + r_f^2) / (r_c^2 - r_f^2)` for standard deviations `r`. On an image that is
-/// quadratic in the position, this is the rise of the squared bias.
-/// The factor `z = -ln(1 - (1.9 gamma)^(1 / sqrt 2)) (1 - 1 / N)` depends on the mean number of samples `N` under the
-/// kernel. On white noise `gamma` is the share of false stops. A Gaussian over the flags of each step removes most of them.
+/// A pixel steps through seven Gaussians of 1 to 8 pixels, from fine to coarse, as long as the estimated squared error falls.
+/// The step from a scale `f` to the next coarser scale `c` stops if `z loss - gain >= 0`. The gain is the decrease of the
+/// variance. The loss is `beta (mu_f - mu_c)^2`, with `beta = (r_c^2 + r_f^2) / (r_c^2 - r_f^2)` for standard deviations `r`.
+/// If the image is quadratic in the position, the loss is the increase of the squared bias. The factor `z = -ln(1 - (1.9
+/// gamma)^(1 / sqrt 2)) (1 - 1 / N)` depends on the mean number of samples `N` under the kernel. On white noise, `gamma` is the
+/// fraction of false stops. Smoothing the stop flags of each step by a Gaussian removes most of these.
 ///
-/// *Differences from the authors' program*: a pixel is the finest grid, in place of 4x4 cells within it. The Gaussian of
-/// 0.71 pixels is therefore left out. Variances are exact at the image's border, and pixels without samples have no weight.
+/// *Differences from the authors' program*: the finest grid has one cell per pixel instead of 4x4, and therefore no Gaussian of
+/// 0.71 pixels. Variances are exact at the image's border, and pixels without samples have no weight.
 ///
-/// *Error*: the variance, plus the losses less their share of noise. These are averaged by a Gaussian of 8 pixels, and only
-/// positive means count. On white noise the error is overrated. On six bundled scenes at 16 independent samples per pixel,
-/// its sum is 0.54 to 0.84 of the real one; on lens, where most pixels' samples miss the light, 0.18.
-/// *Bias*: scales follow the samples that they blur.
-/// *Weaknesses*: kernels are round and know no features, so textures and edges of shadows blur at few samples, and blotches
-/// appear where flags change.
+/// *Error*: the variance, plus the losses without their noise. The losses are averaged by a Gaussian of 8 pixels, and only
+/// positive averages count. On white noise the error is overestimated. On six bundled scenes at 16 independent samples per
+/// pixel, its sum is 0.54 to 0.84 of the true one; on lens, where most pixels' samples miss the light, 0.18. *Bias*: scales
+/// depend on the samples that are blurred. *Weaknesses*: kernels are round and use no features. Textures and edges of shadows
+/// blur at few samples, and blotches appear where flags change.
 pub type GemFilter = MethodFilter<GemFilterOptions>;
 
 impl GemFilterOptions {
-    /// The squared error of each pixel: its variance, and the squared bias around it if that is positive.
+    /// The squared error of each pixel: its variance, plus the squared bias around it if the estimate is positive.
     fn errors(&self, film: &Film, selection: &[Selected]) -> Vec<f32> {
         let size = film.frame().size().map(|n| n as usize);
         let own: Vec<[f64; 2]> = selection.iter().map(|pixel| [pixel.bias, 1.0]).collect();
@@ -67,7 +66,7 @@ impl GemFilterOptions {
     }
 }
 
-/// The standard deviation, in pixels, of the Gaussian over estimated squared biases: the coarsest scale.
+/// The standard deviation in pixels of the Gaussian that averages estimated squared biases: the coarsest scale.
 const SMOOTHING: f64 = 8.0;
 
 impl FilterMethod for GemFilterOptions {
@@ -88,17 +87,17 @@ impl FilterMethod for GemFilterOptions {
 
 /// The sampler of greedy error minimisation [Rousselle, Knaus and Zwicker 2011].
 ///
-/// After a pilot, each round selects a scale for every pixel among four Gaussians (see [`GemFilter`]). The pixels with the
-/// largest estimated error are picked, `e / (0.001 + mu^2) b / (b + N)`. Here `e` is the squared error, `mu` the mean, `N`
-/// the number of samples under the kernel and `b` the mean budget. Each pick takes `b` samples, in pixels drawn from the
-/// picked pixel's own kernel.
+/// After a pilot, each round selects one of four Gaussians for every pixel (see [`GemFilter`]). The pixels with the largest
+/// estimated error `e / (0.001 + mu^2) b / (b + N)` are picked. Here `e` is the squared error, `mu` the mean, `N` the number of
+/// samples under the kernel and `b` the mean budget. Each pick distributes `b` samples, in pixels drawn from the picked pixel's
+/// own kernel.
 ///
-/// *Guarantees*: spends the budget exactly, and takes the pilot in every pixel if the budget allows. *Bias*: all samples
-/// are kept and decide how many follow [Kirk and Arvo 1991].
-/// *Weaknesses*: counts suit the Gaussians of [`GemFilter`]; a filter that knows features leaves other errors.
+/// *Guarantees*: spends the budget exactly, and takes the pilot in every pixel if the budget allows. *Bias*: sample counts
+/// depend on the samples, and all samples are kept [Kirk and Arvo 1991]. *Weaknesses*: counts suit the Gaussians of
+/// [`GemFilter`]; the errors of a filter that uses features lie elsewhere.
 ///
 /// *Differences from the authors' program*: hashes replace random numbers, so that the same samples give the same counts.
-/// Pixels without error are picked in the order of hashes.
+/// Pixels without error are picked in hash order.
 pub type Gem<P> = MethodSampler<P, GemOptions>;
 
 impl SamplingMethod for GemOptions {
@@ -118,7 +117,7 @@ impl SamplingMethod for GemOptions {
     }
 }
 
-/// Hands out `total` samples: picks pixels by error, and draws the pixels that receive each pick's samples.
+/// Distributes `total` samples: picks pixels by error, and draws the pixels that receive the samples of each pick.
 fn draw(seen: &Feedback<'_>, bank: &Bank, selection: &[Selected], total: u64) -> Vec<u32> {
     let pixels = seen.pixels();
     let each = (seen.budget.total / pixels as u64).max(1);
@@ -155,15 +154,15 @@ fn draw(seen: &Feedback<'_>, bank: &Bank, selection: &[Selected], total: u64) ->
     received.into_iter().map(AtomicU32::into_inner).collect()
 }
 
-/// The distributions from which receiving pixels are drawn.
+/// The distributions from which the receiving pixels are drawn.
 struct Kernels {
-    /// Cumulated weights along an axis, for each Gaussian.
+    /// The cumulative weights along an axis, for each Gaussian.
     cumulated: Vec<Vec<f64>>,
     size: [i64; 2],
 }
 
 impl Kernels {
-    /// The number of draws after which a pixel whose kernel lies outside the image receives the sample itself.
+    /// The number of attempts to draw a pixel inside the image. After that, the picked pixel itself receives the sample.
     const TRIES: u64 = 64;
 
     fn new(bank: &Bank, size: [u32; 2]) -> Self {
@@ -177,8 +176,8 @@ impl Kernels {
         Self { cumulated: bank.sigmas.iter().map(cumulated).collect(), size: size.map(i64::from) }
     }
 
-    /// The pixel that receives a sample of the picked `pixel`, drawn again while it lies outside the image. The hash `key`
-    /// has its last 8 bits free.
+    /// The pixel that receives a sample of the picked `pixel`. It is drawn again while it lies outside the image. The lowest 8
+    /// bits of the hash `key` number these attempts.
     fn draw(&self, pixel: u32, scale: u8, key: u64) -> usize {
         let Some(cumulated) = usize::from(scale).checked_sub(1).map(|s| &self.cumulated[s]) else {
             return pixel as usize;
@@ -199,30 +198,30 @@ impl Kernels {
     }
 }
 
-/// A bank of Gaussians, and the smoothing of the flags that stop at one of them.
+/// A bank of Gaussians, and how the stop flags of each step are smoothed.
 struct Bank {
     /// The standard deviations in pixels, from fine to coarse.
     sigmas: Vec<f64>,
-    /// The standard deviation of the Gaussian over a step's flags, in units of the step's own.
+    /// The standard deviation of the Gaussian that smooths a step's flags, relative to the step's own.
     smoothing: f64,
-    /// `true` if smoothed flags only remove flags. Otherwise they replace them.
+    /// `true` if smoothing only removes flags. Otherwise the smoothed flags replace them.
     only_removes: bool,
 }
 
 impl Bank {
-    /// The bank between rounds: four scales of 1 to 8 pixels.
+    /// The bank that is used between rounds: four scales of 1 to 8 pixels.
     fn between_rounds() -> Self {
         Self { sigmas: vec![1.0, 2.0, 4.0, 8.0], smoothing: 1.0, only_removes: false }
     }
 
-    /// The bank of the image: seven scales of 1 to 8 pixels, a factor of the square root of 2 apart.
+    /// The bank for the final image: seven scales of 1 to 8 pixels, each larger by a factor of the square root of 2.
     fn of_image() -> Self {
         let sigma = |s: i32| f64::from(1 << (s / 2)) * if s % 2 == 0 { 1.0 } else { std::f64::consts::SQRT_2 };
         Self { sigmas: (0..7).map(sigma).collect(), smoothing: 2.0, only_removes: true }
     }
 
-    /// The factor on a step's squared difference of means that makes it a difference of squared biases. It is exact where
-    /// the image is a quadratic function of the position.
+    /// The factor that turns a step's squared difference of means into a difference of squared biases. It is exact where the
+    /// image is a quadratic function of the position.
     fn beta(&self, step: usize) -> f64 {
         let [coarse, fine] = match step {
             0 => return 1.0,
@@ -234,16 +233,16 @@ impl Bank {
 
 /// The image at one scale.
 struct Level {
-    /// Red, green and blue, the kernel's weight on pixels with samples, and the mean count under the kernel.
+    /// Red, green and blue, the kernel's weight on pixels with samples, and the mean sample count under the kernel.
     means: Vec<[f64; 5]>,
     /// The variances of the means, averaged over the channels.
     variances: Vec<f64>,
-    /// The kernel along an axis.
+    /// The kernel's weights along an axis.
     taps: Vec<f64>,
 }
 
 impl Level {
-    /// The pixels themselves.
+    /// The level that holds the pixels themselves.
     fn finest(film: &Film, variances: &[f64]) -> Self {
         let mean = |i: usize| {
             let [r, g, b] = film.mean(i);
@@ -253,7 +252,7 @@ impl Level {
         Self { means: per_pixel(film, mean), variances: variances.to_vec(), taps: vec![1.0] }
     }
 
-    /// The convolution of this level, the finest, with a Gaussian. Pixels without samples have no weight.
+    /// The convolution of this (finest) level with a Gaussian. Pixels without samples have no weight.
     fn blurred(&self, size: [usize; 2], sigma: f64) -> Self {
         let taps = gaussian_taps(sigma);
         let mut means = convolve(size, &taps, &self.means);
@@ -272,7 +271,7 @@ impl Level {
         Self { means, variances, taps }
     }
 
-    /// The number of samples under this level's kernel, scaled to a peak of 1.
+    /// The number of samples under this level's kernel, with the kernel scaled to a peak of 1.
     fn samples(&self, i: usize) -> f64 {
         let peak = self.taps[self.taps.len() / 2];
         self.means[i][4] / (peak * peak)
@@ -284,8 +283,8 @@ fn convolved(size: [usize; 2], taps: &[f64], plane: &[f64]) -> Vec<f64> {
     convolve(size, taps, plane.as_chunks::<1>().0).into_flattened()
 }
 
-/// The variance, averaged over the channels, of the difference between the means at two scales. `own` holds the variances
-/// of the pixels.
+/// The variance of the difference between the means at two scales, averaged over the channels. `own` holds the variances of the
+/// pixels.
 fn variances_of_differences(size: [usize; 2], fine: &Level, coarse: &Level, own: &[f64]) -> Vec<f64> {
     let beyond = (coarse.taps.len() - fine.taps.len()) / 2;
     let products: Vec<f64> = fine.taps.iter().zip(&coarse.taps[beyond..]).map(|(f, c)| f * c).collect();
@@ -297,7 +296,7 @@ fn variances_of_differences(size: [usize; 2], fine: &Level, coarse: &Level, own:
     })
 }
 
-/// The part of the kernel's weight that lies inside the image, as a function of the pixel at its centre.
+/// The part of the kernel's weight that lies inside the image, as a function of the kernel's central pixel.
 fn inside([width, height]: [usize; 2], taps: &[f64]) -> impl Fn(usize) -> f64 + Sync + use<> {
     let reach = taps.len() / 2;
     let along = |length: usize| -> Vec<f64> {
@@ -311,15 +310,15 @@ fn inside([width, height]: [usize; 2], taps: &[f64]) -> impl Fn(usize) -> f64 + 
 /// The result of a step from one scale to the next for one pixel.
 #[derive(Clone, Copy)]
 struct Step {
-    /// 1 if the step raises the error, so that the pixel stops before it; else 0.
+    /// 1 if the step raises the error, so that the pixel stops before the step; else 0.
     flag: f64,
-    /// The estimated rise of the squared bias.
+    /// The estimated increase of the squared bias.
     loss: f64,
-    /// The fall of the variance.
+    /// The decrease of the variance.
     gain: f64,
 }
 
-/// Compares two scales at pixel `i`: the loss `beta (mu_f - mu_c)^2` with the gain `V_f - V_c`.
+/// Compares two scales at pixel `i` by the loss `beta (mu_f - mu_c)^2` and the gain `V_f - V_c`.
 ///
 /// The step stops if the mean over the channels of `z loss - gain` is not negative, where `z` is `strictness` times
 /// 1 - 1 / N.
@@ -332,13 +331,13 @@ fn compare(fine: &Level, coarse: &Level, beta: f64, strictness: f64, i: usize) -
     Step { flag: f64::from(u8::from(stops)), loss, gain }
 }
 
-/// The factor on the loss in units of which false stops are `gamma` of all steps on white noise:
-/// `-ln(1 - (1.9 gamma)^(1 / sqrt 2))`.
+/// The factor on the loss for which a fraction `gamma` of all steps stop falsely on white noise: `-ln(1 - (1.9 gamma)^(1 / sqrt
+/// 2))`.
 fn strictness(gamma: f64) -> f64 {
     -libm::log(1.0 - libm::pow(1.9 * gamma, std::f64::consts::FRAC_1_SQRT_2))
 }
 
-/// Smooths the flags of a step by a Gaussian in which the pixel's own flag has at most 1 % of the weight, and rounds them.
+/// Smooths the flags of a step by a Gaussian and rounds them. The pixel's own flag has at most 1 % of the weight.
 fn smoothed(size: [usize; 2], sigma: f64, flags: &[[f64; 1]]) -> Vec<bool> {
     let taps = gaussian_taps(sigma);
     let (inside, peak) = (inside(size, &taps), taps[taps.len() / 2]);
@@ -351,27 +350,27 @@ fn smoothed(size: [usize; 2], sigma: f64, flags: &[[f64; 1]]) -> Vec<bool> {
     parallel::map(sums.len(), |i| round((i, &sums[i])))
 }
 
-/// A pixel at its scale.
+/// A pixel filtered at its selected scale.
 struct Selected {
     /// The number of steps taken: 0 for the pixel's own mean, `s` for the bank's Gaussian `s - 1`.
     scale: u8,
     /// The mean at that scale, linear RGB.
     mean: [f64; 3],
-    /// The estimated squared error there as published, averaged over the channels: the variance plus all losses. Noise
+    /// The estimated squared error at that scale as published, averaged over the channels: the variance plus all losses. Noise
     /// raises the losses.
     error: f64,
-    /// The estimated squared bias there, averaged over the channels and free of the share of noise. It may be negative. It is 0
-    /// for a bank that is not the image's.
+    /// The estimated squared bias at that scale without noise, averaged over the channels. It may be negative. It is 0 except
+    /// in the bank for the final image.
     bias: f64,
-    /// The variance there, averaged over the channels.
+    /// The variance at that scale, averaged over the channels.
     variance: f64,
-    /// The number of samples under the kernel of peak 1.
+    /// The number of samples under the kernel, with the kernel scaled to a peak of 1.
     samples: f64,
 }
 
 impl Selected {
-    /// The bytes per pixel at the peak of [`select`]: the finest level, two more, the sums along rows of one, variances, errors
-    /// and marks, steps and flags.
+    /// The bytes per pixel at the peak of [`select`]: the finest level, two more levels, the row sums of one level, variances,
+    /// errors and marks, steps and flags.
     const BYTES: usize = 4 * 48 + 25 + size_of::<Step>() + 17 + 8 + size_of::<Self>();
 
     fn new(level: &Level, i: usize, scale: u8, [error, bias]: [f64; 2]) -> Self {
@@ -380,9 +379,9 @@ impl Selected {
     }
 }
 
-/// Selects each pixel's scale. A pixel goes from scale to scale until the first step that is flagged.
+/// Selects each pixel's scale. A pixel advances from scale to scale until the first flagged step.
 ///
-/// If nothing is known of the noise, as in an image of one sample, no scale is selected.
+/// If the noise is unknown, as in an image of one sample per pixel, no scale is selected.
 fn select(film: &Film, bank: &Bank, gamma: f64) -> Vec<Selected> {
     let size = film.frame().size().map(|n| n as usize);
     let variances = variances_of_means(film);

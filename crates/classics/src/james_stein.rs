@@ -6,13 +6,13 @@ use dapple_core::options::{Options as _, nested};
 use dapple_core::{Error, Film, Filter, Filtered, Frame, Needs, film::Recorder};
 use std::sync::Arc;
 
-/// The estimate of a pixel's noise that [`JamesStein`] shrinks by.
+/// The estimate of a pixel's noise that determines the shrinkage of [`JamesStein`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum NoiseEstimate {
-    /// The squared difference between the two halves of the samples, for any set of points.
+    /// The squared difference between the two halves of the samples, valid for any point set.
     #[default]
     Halves,
-    /// The sample variance over the count, as published. Too large for low-discrepancy points, which then shrink too much.
+    /// The sample variance over the count, as published. It is too large for low-discrepancy points and then shrinks too much.
     Samples,
 }
 
@@ -28,35 +28,35 @@ dapple_core::options! {
     }
 }
 
-/// Shrinkage towards the image of another filter, as far as their difference is noise [Gu 2022, without the network].
+/// Shrinkage towards the image of another filter, as far as the difference is noise [Gu 2022, without the network].
 ///
 /// Let `y` be the pixels of one half of the samples with variance `s^2`, and `z` the filtered image of the other half. In
 /// each channel, over a window of `K^2` pixels,
 ///
 /// `rho = max(0, 1 - (K^2 - 2) s^2 / max(sum (y - z)^2, 1e-5))`
 ///
-/// is the positive-part factor of [James and Stein 1961]. It is averaged over the same window, and `z + rho (y - z)` is the
-/// result of that half. The image is the mean of both halves, weighted by their counts.
+/// is the positive-part factor of [James and Stein 1961]. It is averaged over the same window, and the result of that half is
+/// `z + rho (y - z)`. The image is the mean of both halves, weighted by their counts.
 ///
-/// *Guarantee*: the squared error of a window is below that of `y`, whatever the filter does, before factors are averaged.
-/// That takes an independent `z` and a known `s^2` that is the same over the window. So a biased filter no longer flattens
-/// images of many samples. The guarantee is that of each half. The mean of both can have a few percent more error than all
-/// samples, where few samples meet a filter that is far off.
+/// *Guarantee*: before factors are averaged, the squared error of a window is below that of `y`, whatever the filter. This
+/// requires that `z` is independent of `y`, and that `s^2` is known and the same over the window. So a biased filter no longer
+/// flattens images of many samples. The guarantee holds for each half. If a poor filter is applied to few samples, the mean of
+/// both halves can have a few percent more error than the unfiltered image.
 ///
 /// # Differences from the paper
 ///
-/// * `z` is any filter's image. There, a regression makes it.
-/// * `s^2` is the mean over the window. There, a network weighs it.
+/// * `z` is any filter's image. In the paper, it is a regression's.
+/// * `s^2` is the mean over the window. In the paper, a network weights the pixels.
 ///
 /// # Weaknesses
 ///
-/// `z` sees half of the samples. One factor serves a window of 15x15 pixels: a fine detail in a smooth surround is
-/// shrunk, and so are dark pixels beside bright noisy ones. A texture of noise in proportion to its brightness can end
-/// with 8 % more error than the samples. Filters that need halves themselves are refused.
+/// `z` uses only half of the samples. One factor applies to a window of 15x15 pixels: fine detail in a smooth surrounding is
+/// shrunk, and so are dark pixels beside bright noisy ones. If noise is proportional to the brightness of a texture, the result
+/// can have 8 % more error than the unfiltered image. Filters that need halves themselves are refused.
 ///
 /// # Result
 ///
-/// Pixels without samples in one half take the mean of the other half; without samples in either, the mean of both
+/// Pixels without samples in one half use the mean of the other half. Without samples in either, they are the mean of both
 /// filtered images. The error is not estimated.
 pub struct JamesStein<F> {
     of: F,
@@ -81,13 +81,13 @@ impl<F: Filter> JamesStein<F> {
     pub fn with_options(of: F, options: JamesSteinOptions) -> Result<Self, Error> {
         options.check_ranges()?;
         if of.needs().halves {
-            let allowed = "a filter that needs no halves, such as gaussian: it gets one half of the samples";
+            let allowed = "use a filter that needs no halves, such as gaussian";
             return Err(Error::OutOfRange { name: "of", value: of.name().to_owned(), allowed });
         }
         Ok(Self { of, options })
     }
 
-    /// The shrunk image of `half`: that half's pixels, moved towards the filtered image `z` of the other half.
+    /// The shrunk image of `half`: its pixels, moved towards the filtered image `z` of the other half.
     fn shrunk(&self, film: &Film, half: usize, z: &[[f32; 3]]) -> Vec<[f64; 3]> {
         let size = film.frame().size().map(|n| n as usize);
         let radius = self.options.window / 2;
@@ -96,7 +96,7 @@ impl<F: Filter> JamesStein<F> {
             let y = film.half(half, i).unwrap_or_default().mean;
             std::array::from_fn::<f64, 3, _>(|c| y[c] - f64::from(z[i][c]))
         };
-        // Per pixel: a 1 if both halves have samples, squared differences, a 1 if the noise is known, and the noise.
+        // Per pixel: 1 if both halves have samples, the squared differences, 1 if the noise is known, and the noise.
         let sums = window_sums(size, radius, |i| {
             let mut sums = [0.0; 8];
             if [0, 1].iter().all(|&h| film.half(h, i).unwrap_or_default().count > 0) {
@@ -131,7 +131,7 @@ fn noise(film: &Film, half: usize, i: usize, estimate: NoiseEstimate) -> Option<
     match estimate {
         NoiseEstimate::Samples => Some(own.variance()?.map(|v| v / own.count as f64)),
         NoiseEstimate::Halves => {
-            // Both means together vary by 1 / own + 1 / other samples.
+            // The difference of both means has the variance of a sample times 1 / own + 1 / other.
             let share = other.count as f64 / (own.count + other.count).max(1) as f64;
             let both = own.count > 0 && other.count > 0;
             both.then(|| std::array::from_fn(|c| (own.mean[c] - other.mean[c]).powi(2) * share))
@@ -139,11 +139,11 @@ fn noise(film: &Film, half: usize, i: usize, estimate: NoiseEstimate) -> Option<
     }
 }
 
-/// The share, in `[0, 1]`, of the difference between pixels and filtered image that is kept.
+/// The fraction, in `[0, 1]`, of the difference between pixels and filtered image that is kept.
 ///
-/// The window has `count` pixels, with this variance and sum of squared differences.
+/// `count` is the number of pixels in the window, `variance` their noise, and `squares` the sum of squared differences.
 fn factor(count: f64, variance: f64, squares: f64) -> f64 {
-    // Fewer than 3 pixels cannot be shrunk.
+    // Fewer than 3 pixels give no shrinkage estimate.
     let excess = (count - 2.0).max(0.0) * variance / squares.max(1e-5);
     if excess.is_finite() { (1.0 - excess).max(0.0) } else { 0.0 }
 }
@@ -168,7 +168,7 @@ impl<F: Filter> Filter for JamesStein<F> {
     }
 
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
-        // One half's film and image beside the filter's planes; then both images, sums of rows and of windows, factors.
+        // One half's film and image beside the filter's planes; then both images, sums over rows and windows, and factors.
         let mut alone = *needs;
         (alone.halves, alone.feature_halves) = (false, false);
         let half = Film::bytes_per_pixel(&alone) + 12;

@@ -11,7 +11,7 @@ dapple_core::options! {
     pub struct MdasOptions {
         /// Share of the largest error down to which boxes get samples in a round.
         ///
-        /// 0.025 is the default of a program by one of the authors [Meister and Hachisuka 2022].
+        /// 0.025 is the default in a program by one of the authors [Meister and Hachisuka 2022].
         pub alpha: f64 = 0.025, |alpha| alpha > 0.0 && alpha <= 1.0, "above 0 and at most 1";
         /// Candidates of which the one farthest from the box's samples becomes a sample.
         pub candidates: u32 = 4, |n| (1..=64).contains(&n), "1 to 64 candidates";
@@ -19,12 +19,12 @@ dapple_core::options! {
         pub leaf: u32 = 4, |n| (1..=64).contains(&n), "1 to 64 samples";
         /// Side of a pixel, where the ranges of lens, time and light are 1.
         ///
-        /// The paper gives the image a scale of its own, which could not be read; the default is not in the paper.
+        /// The paper scales the image differently, but that scale was not available; the default is not in the paper.
         pub pixel: f64 = 0.5, |pixel| pixel > 0.0 && pixel.is_finite(), "a finite number above 0";
         /// Samples per pixel of the pilot; the default is not in the paper.
         ///
-        /// The published grid has four samples in a cell, here 2x2 pixels: pilot=1. What they miss is found late or
-        /// never, since boxes without contrast hardly get samples.
+        /// The published grid has four samples in a cell, here 2x2 pixels: pilot=1. What these samples miss is found late or
+        /// never, since boxes without contrast get hardly any samples.
         pub pilot: u32 = 4, |n| n >= 1, "at least one sample";
         /// 1 also samples scenes with random numbers outside the domain, whose noise then looks like detail.
         pub force: u8 = 0, |force| force <= 1, "0 or 1";
@@ -47,17 +47,17 @@ dapple_core::options! {
 /// The side of a cell in pixels: with a pilot of one sample per pixel, a cell starts as one box with four samples.
 const SIDE: u32 = 2;
 
-/// The least share of a box's error, so that boxes without contrast are refined by their volume.
+/// The least error of a box per unit of volume, so that boxes without contrast are refined by their volume.
 const LEAST: f64 = 1e-5;
 
 impl MdasOptions {
-    /// The extent along an axis, in units of the axes other than the place.
+    /// The extent along an axis, where a pixel's side is `pixel` and all other axes range over 1.
     fn extent(&self, bounds: &Bounds, axis: usize) -> f64 {
         bounds.extent(axis) * if axis < 2 { self.pixel } else { 1.0 }
     }
 }
 
-/// The range of the samples along an axis.
+/// The spread of the samples along an axis.
 fn spread(cell: &Cell, items: &Items, axis: usize) -> f32 {
     let all = items.iter().map(|&item| cell.at[item as usize][axis]);
     let (low, high) = all.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)));
@@ -65,8 +65,8 @@ fn spread(cell: &Cell, items: &Items, axis: usize) -> f32 {
 }
 
 impl Division for MdasOptions {
-    /// Cuts the longest axis at the gap in the middle of the samples. Of equally long axes, it is the one over which the samples
-    /// spread most.
+    /// Cuts the longest axis at the gap in the middle of the samples. Among equally long axes, the one along which the samples
+    /// spread most is cut.
     fn cut(&self, cell: &Cell, items: &mut Items, bounds: &Bounds, _: u32) -> Option<(usize, f32)> {
         if items.len() <= self.leaf as usize {
             return None;
@@ -88,9 +88,9 @@ impl Division for MdasOptions {
     }
 }
 
-/// A box's error: its volume times its samples' mean relative deviation from their mean, summed over channels
-/// [Meister and Hachisuka 2022]. Channels that are black are left out. A box with less than two samples, as in cells cut by the
-/// window, has no deviation yet; each channel then counts as 1.
+/// A box's error: its volume times the mean relative deviation of its samples from their mean, summed over channels [Meister
+/// and Hachisuka 2022]. Black channels are left out. In a box with fewer than two samples, as in cells cut by the window, the
+/// deviation is unknown; each channel then counts as 1.
 fn error(cell: &Cell, leaf: &Leaf<'_>) -> f64 {
     let volume = leaf.bounds.volume(cell.axes);
     if leaf.items.len() < 2 {
@@ -111,10 +111,10 @@ impl Refinement for MdasOptions {
     const NAME: &'static str = "mdas";
     const SIDE: u32 = SIDE;
 
-    /// All, unless there are random numbers outside.
+    /// All dimensions, unless samples depend on random numbers outside the domain.
     fn dimensions(&self, domain: &Domain) -> Result<Domain, Error> {
         if let Some(what) = domain.outside().filter(|_| self.force == 0) {
-            let allowed = "scenes without it; force=1 samples it, and its noise looks like detail";
+            let allowed = "use a scene without it, or force=1 (its noise then looks like detail)";
             return Err(Error::OutOfRange { name: "dependence of samples", value: what.to_owned(), allowed });
         }
         Ok(domain.clone())
@@ -128,8 +128,8 @@ impl Refinement for MdasOptions {
         error(cell, leaf)
     }
 
-    /// A box's error falls with its volume, which is shared by its samples. So `samples` and `k` more leave
-    /// `samples / (samples + k)` of it. At most as many as there are, since errors of few samples mislead.
+    /// A box's error is proportional to its volume, which its samples divide. So `k` more samples reduce the error to `samples
+    /// / (samples + k)`. At most as many samples are added as there are, since errors from few samples mislead.
     fn wanted(&self, score: f64, samples: u32, level: f64) -> u32 {
         let more = f64::from(samples.max(1)) * (score / level - 1.0);
         more.ceil().clamp(0.0, f64::from(samples.max(1))) as u32
@@ -139,7 +139,7 @@ impl Refinement for MdasOptions {
         self.alpha
     }
 
-    /// Of several candidates each time, the one that is farthest from its nearest sample in the box.
+    /// Each new sample is the one of several candidates that is farthest from its nearest sample in the box.
     fn place(&self, cell: &Cell, leaf: &Leaf<'_>, count: u32, seed: u64, to: &mut Vec<At>) {
         let apart = |a: &At, b: &At| {
             let along = |axis: usize| {
@@ -167,39 +167,42 @@ impl Refinement for MdasOptions {
     }
 }
 
-/// Multidimensional adaptive sampling [Hachisuka et al. 2008], with the boxes and errors of a later program by one of its
+/// Multidimensional adaptive sampling [Hachisuka et al. 2008], with the boxes and errors of a later program by one of the
 /// authors [Meister and Hachisuka 2022].
 ///
-/// Samples lie in the space of place, lens, time and light ([`Domain`]). Its boxes hold at most four samples each. The box
-/// with the largest error gets the next sample: the best of four candidates, the one farthest from the box's samples. A box's
-/// error is its volume times the mean relative deviation of its samples.
+/// Samples lie in the space of image position, lens, time and light ([`Domain`]), which is divided into boxes of at most four
+/// samples each. The box with the largest error gets the next sample: the one of four candidates that is farthest from the
+/// box's samples. A box's error is its volume times the mean relative deviation of its samples.
 ///
-/// A pilot comes first, from the point set. The published grid has four samples in each cell. Boxes never exceed 2x2 pixels. The published program
-/// cuts a full box when a sample arrives; here, boxes follow anew from all samples before each round, by the same
-/// rule: the longest side is cut, in the gap at the median. A round has half a sample per pixel, or a quarter of the
-/// samples so far if they are more. It serves many boxes at once, as if each sample took its share of a box's error.
+/// The pilot samples come from the point set; the published grid has four samples in each cell. Boxes never exceed 2x2 pixels.
+/// The published program cuts a full box when a sample arrives. Here, all boxes are rebuilt from all samples before each round,
+/// by the same rule: the longest side is cut, in the gap at the median. A round has half a sample per pixel, or a quarter of
+/// the samples so far if that is more. It adds samples to many boxes at once, as if each sample removed a proportional part of
+/// a box's error.
 ///
-/// The image is made by [`MdasBoxes`]. A pixel's plain mean overweights refined parts, as does every filter that reads means.
+/// The matching filter is [`MdasBoxes`]. Plain pixel means give refined regions too much weight, as does every filter that
+/// reads only means.
 ///
-/// *Guarantees*: spends the budget exactly. *Bias*: samples decide where others lie, and stay [Kirk and Arvo 1991].
-/// *Weaknesses*: random numbers outside the domain, as of paths that scatter twice, look like detail and attract samples;
-/// such scenes are refused unless [`MdasOptions::force`] is 1. Boxes in which the pilot saw no contrast starve. Boxes grow long
-/// in more than five dimensions. Each round reads the coordinates of all samples in the cells that got some.
+/// *Guarantees*: spends the budget exactly. *Bias*: samples determine where others are placed, and all are kept [Kirk and Arvo
+/// 1991]. *Weaknesses*: random numbers outside the domain, such as those of a second scattering, look like detail and attract
+/// samples; such scenes are refused unless [`MdasOptions::force`] is 1. Boxes in which the pilot found no contrast get too few
+/// samples. Boxes become elongated in more than five dimensions. Each round reads the coordinates of all samples in the cells
+/// that got new ones.
 pub type Mdas<P> = TreeSampler<P, MdasOptions>;
 
-/// The integral of a function that is constant in boxes: the reconstruction of [Meister and Hachisuka 2022] for samples in
-/// the space of place, lens, time and light.
+/// The integral of a function that is constant in each box: the reconstruction of [Meister and Hachisuka 2022] for samples in
+/// the space of image position, lens, time and light.
 ///
 /// Each box of at most four samples has their mean radiance. A pixel is the sum over the boxes of this mean times the box's
-/// volume within the pixel. So samples count by the volume around them, and unequal densities leave no bias beyond that of
-/// constant boxes. It is made for the sampler `mdas`, and works on the samples of any sampler: coordinates come from
-/// [`FilmPoints`].
+/// volume within the pixel. Samples are thus weighted by the volume around them, and unequal densities cause no bias beyond
+/// that of constant boxes. The filter is made for the sampler `mdas` but works with any sampler; [`FilmPoints`] provides the
+/// coordinates.
 ///
-/// Boxes are at most 2x2 pixels wide, and narrower where they have more samples. Pixels of a cell of 2x2 pixels without
-/// samples are black. There is no error estimate.
+/// Boxes are at most 2x2 pixels wide, and narrower where there are more samples. Pixels are black if their cell of 2x2 pixels
+/// has no samples. There is no error estimate.
 ///
-/// *Bias*: of constant boxes, of their width. *Weaknesses*: blurs by up to a pixel at few samples; noise from outside the domain
-/// stays.
+/// *Bias*: from constant boxes; it grows with their width. *Weaknesses*: blurs by up to a pixel at few samples; noise from
+/// outside the domain remains.
 pub type MdasBoxes = MethodFilter<MdasBoxesOptions, FilmPoints>;
 
 impl FilterMethod<FilmPoints> for MdasBoxesOptions {

@@ -1,5 +1,5 @@
-//! Methods that are a rule with options, and what their rules share: a uniform pilot, equal steps of the budget, and the pixels with
-//! the largest errors.
+//! Methods defined by a rule with options, and what the rules share: a uniform pilot, equal steps of the budget, and selection
+//! of the pixels with the largest errors.
 
 use crate::recorders::Singles;
 use dapple_core::filter::{FilterMemory, ImagePlanes};
@@ -16,7 +16,7 @@ pub trait SamplingMethod: Options + Copy + Send {
     /// The sampler's name.
     const NAME: &'static str;
 
-    /// The bytes per pixel, besides the plan, in which a round is planned.
+    /// The bytes per pixel that planning a round needs besides the plan.
     const PLANNING: usize;
 
     /// The statistics that the rule reads.
@@ -29,21 +29,21 @@ pub trait SamplingMethod: Options + Copy + Send {
         Vec::new()
     }
 
-    /// The samples per pixel of the pilot for a mean budget of `mean` samples per pixel, and the number of rounds after it if it
-    /// is known.
+    /// The samples per pixel of the pilot, for a mean budget of `mean` samples per pixel, and the number of rounds after the
+    /// pilot if it is known.
     fn pilot_and_rounds(&self, mean: u64) -> (u32, Option<u32>);
 
-    /// Plans a round after the pilot, which has `first` samples per pixel. Counts stay 0 if no more samples are wanted.
+    /// Plans a round after the pilot, which has `first` samples per pixel. Counts stay 0 if no more samples are needed.
     ///
-    /// `kept` is a number, 0 or above, that the rule keeps from round to round; `None` at first.
+    /// `kept` is a number, 0 or above, that the rule preserves from round to round; it is `None` at first.
     ///
     /// # Errors
     ///
-    /// If the budget cannot be met, or the film lacks words of a recorder.
+    /// If the budget cannot be met, or the film lacks a recorder's data.
     fn refine(&self, seen: &Feedback<'_>, first: u32, kept: &mut Option<f64>, plan: &mut Plan) -> Result<(), Error>;
 }
 
-/// A sampler of a point set and a rule with options.
+/// A sampler that combines a point set with a rule and its options.
 pub struct MethodSampler<P, M> {
     points: P,
     options: M,
@@ -51,12 +51,12 @@ pub struct MethodSampler<P, M> {
 }
 
 impl<P: PointSet, M: SamplingMethod> MethodSampler<P, M> {
-    /// The sampler with these points and the default parameters.
+    /// Creates a sampler with these points and the default parameters.
     pub fn new(points: P) -> Self {
         Self { points, options: M::default(), kept: None }
     }
 
-    /// The sampler with these points and parameters.
+    /// Creates a sampler with these points and parameters.
     ///
     /// # Errors
     ///
@@ -104,7 +104,7 @@ impl<P: PointSet, M: SamplingMethod> Sampler for MethodSampler<P, M> {
         if seen.budget.left() == 0 {
             return Ok(Progress::Done);
         }
-        // The pilot is within the bounds of each pixel's count and the mean budget.
+        // The pilot respects the limits of each pixel's count and the mean budget.
         let mean = seen.budget.total / seen.pixels() as u64;
         let (pilot, _) = self.options.pilot_and_rounds(mean);
         let first = pilot.max(seen.budget.min_spp).min(seen.budget.max_spp).min(saturating_u32(mean));
@@ -124,24 +124,24 @@ impl<P: PointSet, M: SamplingMethod> Sampler for MethodSampler<P, M> {
         self.kept = match <[u8; 8]>::try_from(saved).map(f64::from_le_bytes) {
             Ok(kept) if kept >= 0.0 => Some(kept),
             Err(_) if saved.is_empty() => None,
-            _ => return Err(Error::BadSnapshot { what: "they do not hold a number, 0 or above, of a sampler" }),
+            _ => return Err(Error::BadSnapshot { what: "they do not hold a sampler's number of 0 or more" }),
         };
         Ok(())
     }
 }
 
-/// A rule that makes an image from a film and from `I`: nothing, or the points of the film's samples.
+/// A rule that computes an image from a film and from `I`: nothing, or the points of the film's samples.
 pub trait FilterMethod<I = ()>: Options + Copy + Send + Sync {
     /// The filter's name.
     const NAME: &'static str;
 
-    /// The bytes per pixel in which the image is made.
+    /// The bytes per pixel that computing the image needs.
     const BYTES: usize = 12;
 
     /// The planes of the image.
     const PLANES: ImagePlanes = ImagePlanes::Radiance;
 
-    /// The single samples that the rule reads; none by default.
+    /// The individual samples that the rule reads; none by default.
     const SAMPLES: Option<Singles> = None;
 
     /// The statistics that the rule reads.
@@ -154,25 +154,25 @@ pub trait FilterMethod<I = ()>: Options + Copy + Send + Sync {
         Self::SAMPLES.map_or(Vec::new(), Singles::list)
     }
 
-    /// Refuses inputs that the rule cannot use.
+    /// Checks the inputs.
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`] for such inputs.
+    /// [`Error::OutOfRange`] for inputs that the rule cannot use.
     fn check(&self, inputs: &I) -> Result<(), Error> {
         let _ = inputs;
         Ok(())
     }
 
-    /// The image of a film that records what the rule reads.
+    /// Computes the image of a film that records the statistics of [`Self::needs`] and [`Self::recorders`].
     ///
     /// # Errors
     ///
-    /// If the film lacks words of a recorder.
+    /// If the film lacks a recorder's data.
     fn image(&self, film: &Film, inputs: &I) -> Result<Filtered, Error>;
 }
 
-/// A filter of a rule with options, and of the inputs that it reads besides a film.
+/// A filter that combines a rule, its options, and the inputs that the rule reads besides a film.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MethodFilter<M, I = ()> {
     inputs: I,
@@ -180,7 +180,7 @@ pub struct MethodFilter<M, I = ()> {
 }
 
 impl<M: FilterMethod> MethodFilter<M> {
-    /// The filter with these parameters.
+    /// Creates a filter with these parameters.
     ///
     /// # Errors
     ///
@@ -191,7 +191,7 @@ impl<M: FilterMethod> MethodFilter<M> {
 }
 
 impl<I, M: FilterMethod<I>> MethodFilter<M, I> {
-    /// The filter with these inputs and parameters.
+    /// Creates a filter with these inputs and parameters.
     ///
     /// # Errors
     ///
@@ -230,7 +230,7 @@ impl<I: Send + Sync, M: FilterMethod<I>> Filter for MethodFilter<M, I> {
     }
 }
 
-/// The samples of each pixel so far.
+/// The number of samples of each pixel so far.
 pub(crate) fn counts_so_far(seen: &Feedback<'_>) -> Vec<u32> {
     (0..seen.pixels()).map(|i| saturating_u32(seen.film.count(i))).collect()
 }
@@ -240,13 +240,12 @@ pub(crate) fn total(counts: &[u32]) -> u64 {
     counts.iter().map(|&n| u64::from(n)).sum()
 }
 
-/// The samples that pixels lack of the counts `wanted`.
+/// The number of samples that each pixel lacks to reach its count in `wanted`.
 pub(crate) fn lacking(wanted: &[u32], now: &[u32]) -> Vec<u32> {
     wanted.iter().zip(now).map(|(n, now)| n - now).collect()
 }
 
-/// The number of samples of the next round, if the budget beyond `first` samples per pixel is divided into `rounds` equal
-/// steps.
+/// The number of samples of the next round, if the budget after `first` samples per pixel is divided into `rounds` equal steps.
 pub(crate) fn next_step(seen: &Feedback<'_>, first: u32, rounds: u32) -> u64 {
     let budget = seen.budget;
     let first = (u64::from(first) * seen.pixels() as u64).min(budget.total);
@@ -255,7 +254,7 @@ pub(crate) fn next_step(seen: &Feedback<'_>, first: u32, rounds: u32) -> u64 {
     target.min(budget.total).saturating_sub(budget.spent)
 }
 
-/// Cuts the planned counts at each pixel's ceiling, and spreads what is cut evenly over pixels below it.
+/// Limits the planned counts to each pixel's ceiling, and distributes the excess evenly over pixels below their ceiling.
 pub(crate) fn within_ceiling(seen: &Feedback<'_>, mut planned: Vec<u32>) -> Result<Vec<u32>, Error> {
     let most = seen.budget.max_spp;
     let mut beyond = 0;
@@ -267,7 +266,7 @@ pub(crate) fn within_ceiling(seen: &Feedback<'_>, mut planned: Vec<u32>) -> Resu
     with_extra(seen, planned, beyond)
 }
 
-/// Adds `extra` samples to the planned counts, such that all pixels' counts become as equal as their ceilings allow.
+/// Adds `extra` samples to the planned counts, such that the total counts of all pixels become as equal as possible.
 pub(crate) fn with_extra(seen: &Feedback<'_>, planned: Vec<u32>, extra: u64) -> Result<Vec<u32>, Error> {
     if extra == 0 {
         return Ok(planned);
@@ -278,32 +277,32 @@ pub(crate) fn with_extra(seen: &Feedback<'_>, planned: Vec<u32>, extra: u64) -> 
     Ok(lacking(&counts, &now))
 }
 
-/// The rule by which a round's samples go to the pixels with the largest scores.
+/// The rule that gives a round's samples to the pixels with the largest scores.
 ///
 /// [`Stopping::Threshold`] adds `step` samples to each pixel whose score exceeds 1. [`Stopping::Budget`] adds them to the
-/// quarter of the pixels with the largest scores above 0, at most 64 times until the budget is spent. If no pixel is
-/// left for them, the rest of the budget is spread evenly.
+/// quarter of the pixels with the largest scores above 0, at most 64 times until the budget is spent. If no pixel can take
+/// more, the rest of the budget is spread evenly.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct WorstFirst {
     pub(crate) mode: Stopping,
-    /// The samples of a round in each of its pixels.
+    /// The number of samples that a round adds to each selected pixel.
     pub(crate) step: u32,
     /// The largest number of samples of a pixel, as a multiple of the mean budget.
     pub(crate) cap: f64,
 }
 
-/// The share of the pixels that a round refines with [`Stopping::Budget`].
+/// One pixel in this many is refined in a round with [`Stopping::Budget`].
 const QUARTER: usize = 4;
 /// The largest number of rounds with [`Stopping::Budget`].
 const ROUNDS: u64 = 64;
 
 impl WorstFirst {
-    /// The bytes per pixel that planning takes besides plan and scores.
+    /// The bytes per pixel that planning needs besides plan and scores.
     pub(crate) const BYTES: usize = 24;
 
-    /// Fills the counts of `plan`. They stay 0 if no more samples are wanted.
+    /// Fills the counts of `plan`. They stay 0 if no more samples are needed.
     ///
-    /// Scores are errors relative to the threshold. NaN counts as 0. Ties go by a hash of the pixel's index.
+    /// Scores are errors relative to the threshold. NaN counts as 0. Ties are broken by a hash of the pixel's index.
     pub(crate) fn plan(&self, seen: &Feedback<'_>, scores: &[f64], plan: &mut Plan) -> Result<(), Error> {
         let (budget, pixels) = (seen.budget, seen.pixels());
         let mean = budget.total as f64 / pixels as f64;
@@ -336,7 +335,7 @@ impl WorstFirst {
     }
 }
 
-/// Orders pixels by falling score, then by a hash of their index.
+/// Orders pixels by descending score, then by a hash of their index.
 fn by_score(scores: &[f64], a: u32, b: u32) -> Ordering {
     let tie = |i: u32| mix(u64::from(i));
     scores[b as usize].total_cmp(&scores[a as usize]).then_with(|| tie(a).cmp(&tie(b)))

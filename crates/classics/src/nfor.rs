@@ -21,38 +21,38 @@ dapple_core::options! {
 
 /// First-order regression on features with weights of non-local means, and the better of two bandwidths [Bitterli 2016].
 ///
-/// Normal, albedo and depth of each half are first filtered by non-local means, with weights from the other half. In the
-/// window of each pixel, the colours of one half are then fitted by an affine function of the other half's features.
-/// Weights come from the other half's colours. All fitted values of a pixel are averaged with the weights of their windows.
-/// This is done with bandwidths 0.5 and 1. The halves' images `F_A` and `F_B` of each bandwidth show its squared error,
-/// the mean of `(B - F_A)^2 - v_B` and `(A - F_B)^2 - v_A`, less `(F_A - F_B)^2 / 4`. Errors are smoothed by non-local means,
-/// and the map of the better bandwidth is smoothed likewise. A second regression, with variances from the difference of
-/// the halves, removes what noise is left.
+/// Normal, albedo and depth of each half are first filtered by non-local means, with weights from the other half. In the window
+/// of each pixel, the colours of one half are then fitted by an affine function of the other half's features. Weights come from
+/// the other half's colours. All fitted values of a pixel are averaged with the weights of their windows. This is done with
+/// bandwidths 0.5 and 1. The squared error of each bandwidth is estimated from the halves' images `F_A` and `F_B`: the mean of
+/// `(B - F_A)^2 - v_B` and `(A - F_B)^2 - v_A`, minus `(F_A - F_B)^2 / 4`. Errors are smoothed by non-local means, and the map
+/// of the better bandwidth is smoothed likewise. A second regression removes the remaining noise, with variances from the
+/// difference of the halves.
 ///
 /// # Differences from the authors' pseudo-code
 ///
-/// * Normal equations in double precision with pivots stand in for a QR decomposition with pivots.
-/// * Variances are those of unequal counts. Both halves count alike.
-/// * Pixels without samples take part in fits as results only.
+/// * Normal equations in double precision with pivoting replace a pivoted QR decomposition.
+/// * Variances take unequal counts into account. Both halves have equal weight.
+/// * Pixels without samples receive fitted values but do not contribute to fits.
 ///
 /// # Weaknesses
 ///
-/// Five regressions over 361 pixels for each pixel cost as much as tens of samples on scenes that trace fast. Sample
-/// variances are too large for low-discrepancy points, and widen the weights. Negative fits become black.
+/// Five regressions over 361 pixels for each pixel cost as much as tens of samples in scenes that are fast to trace. Sample
+/// variances are too large for low-discrepancy points, which makes the weights too wide. Negative fits become black.
 ///
 /// # Result
 ///
-/// Pixels without samples are filled from the fits around them, or black if there are none. [`Filtered::error`] is the
+/// Pixels without samples are filled from the fits around them; they are black if there are none. [`Filtered::error`] is the
 /// smoothed error of the first pass, at least 0.
 pub type Nfor = MethodFilter<NforOptions>;
 
 /// The bandwidths of the first pass.
 const BANDWIDTHS: [f64; 2] = [0.5, 1.0];
 
-/// Non-local means of features in the first pass, and in the second.
+/// The non-local means kernels for features, in the first and in the second pass.
 const FEATURE_KERNELS: [Kernel; 2] = [Kernel { radius: 5, patch: 3, k: 0.5 }, Kernel { radius: 2, patch: 3, k: 0.5 }];
 
-/// Non-local means of error estimates and of selection maps.
+/// The non-local means kernel for error estimates and selection maps.
 const ERROR_KERNEL: Kernel = Kernel { radius: 9, patch: 1, k: 1.0 };
 
 impl NforOptions {
@@ -60,7 +60,7 @@ impl NforOptions {
         Kernel { radius: self.window, patch: self.patch, k }
     }
 
-    /// The regression of the mean of both images on features filtered once more.
+    /// The second regression: of the mean of both images, on features that are filtered once more.
     fn second_pass(&self, size: [usize; 2], images: &[Rgb; 2], features: &[Buffers; 2], known: &[bool]) -> Rgb {
         let filtered: Buffers = std::array::from_fn(|k| {
             let (mean, variance) = mean_and_variance(&features[0][k], &features[1][k]);
@@ -81,7 +81,7 @@ fn mean_and_variance(a: &[[f64; 3]], b: &[[f64; 3]]) -> (Rgb, Rgb) {
     (a.iter().zip(b).map(mean).collect(), a.iter().zip(b).map(variance).collect())
 }
 
-/// The features of both halves, each filtered with weights from the other.
+/// The features of both halves, each filtered with weights from the other half.
 fn filtered_features(size: [usize; 2], halves: &[HalfPlanes; 2]) -> [Buffers; 2] {
     [0, 1].map(|h: usize| {
         let (own, other) = (&halves[h], &halves[1 - h]);
@@ -105,7 +105,7 @@ fn squared_error(halves: &[HalfPlanes; 2], images: &[Rgb; 2], i: usize) -> f64 {
     (of_channel(0) + of_channel(1) + of_channel(2)) / 3.0
 }
 
-/// The error of each bandwidth's image, smoothed, and the smoothed share of the first bandwidth in the result.
+/// The smoothed error of each bandwidth's image, and the smoothed weight of the first bandwidth in the result.
 fn selected(size: [usize; 2], halves: &[HalfPlanes; 2], images: &[[Rgb; 2]; 2]) -> (Vec<[f64; 2]>, Vec<[f64; 1]>) {
     let [a, b] = halves.each_ref().map(|half| &half.means);
     let known: Vec<bool> = a.known.iter().zip(&b.known).map(|(a, b)| *a && *b).collect();
@@ -123,7 +123,7 @@ fn selected(size: [usize; 2], halves: &[HalfPlanes; 2], images: &[[Rgb; 2]; 2]) 
 
 impl FilterMethod for NforOptions {
     const NAME: &'static str = "nfor";
-    // Both halves, filtered features and regressors, four images, sums of a regression and of its bands.
+    // Both halves, filtered features and regressors, four images, the sums of a regression and of its bands.
     const BYTES: usize = 2 * HalfPlanes::BYTES + 2 * 3 * 24 + 2 * 8 * FEATURES + 4 * 24 + 32 + 96;
     const PLANES: ImagePlanes = ImagePlanes::RadianceAndError;
 
@@ -175,10 +175,10 @@ type Buffers = [Rgb; 3];
 /// The number of channels of each feature buffer.
 const CHANNELS: [usize; 3] = [3, 3, 1];
 
-/// The samples of one half.
+/// The pixel means and features of one half of the samples.
 struct HalfPlanes {
     means: Means,
-    /// The mean of each feature, and its variance. Depths are relative to the largest.
+    /// The mean of each feature, and the variance of that mean in `spread`. Depths are relative to the largest.
     features: Buffers,
     spread: Buffers,
 }
@@ -193,7 +193,7 @@ impl HalfPlanes {
             let (Some(own), Some(all)) = (film.half_features(half, i), film.features(i)) else {
                 return [[[0.0; 3]; 3]; 2];
             };
-            // A half without samples takes the features of both, and its variances are those of all samples.
+            // A half without samples uses the features of both halves. Variances come from all samples.
             let [mean, _] = feature_moments(if own.samples > 0 { &own } else { &all }, unit);
             let [_, of_sample] = feature_moments(&all, unit);
             let buffers = |[x, y, z, r, g, b, depth]: [f64; FEATURES]| [[x, y, z], [r, g, b], [depth, 0.0, 0.0]];

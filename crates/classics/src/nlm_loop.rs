@@ -10,9 +10,9 @@ use dapple_core::{Error, Film, Filtered, Needs, filter::ImagePlanes};
 /// The source of the variance of a half's pixel means.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HalfVariance {
-    /// The squared difference of the halves' means, smoothed: valid for low-discrepancy points.
+    /// The squared difference of the halves' means, smoothed. It is valid for low-discrepancy points.
     Halves,
-    /// The sample variance divided by the count: valid for independent samples.
+    /// The sample variance divided by the count. It is valid for independent samples.
     Samples,
 }
 
@@ -59,23 +59,23 @@ dapple_core::options! {
 
 /// The filter of adaptive rendering with non-local means, as in the authors' program [Rousselle, Knaus and Zwicker 2012].
 ///
-/// Each pixel becomes the mean of pixels with similar patches around them. Weights from one half of the samples filter the
-/// other half, and the image is the mean of both, weighted by their counts. Differences of patches are those of
-/// `NlMeans` in `dapple-denoise`, whose filter `nlm` is faster. The program differs from it in these points:
+/// Each pixel becomes the mean of pixels with similar surrounding patches. Weights from one half of the samples filter the
+/// other half, and the image is the mean of both, weighted by their counts. Patches are compared as in `NlMeans` of
+/// `dapple-denoise`, whose filter `nlm` is faster. The authors' program differs from `nlm` in these points:
 ///
 /// * Windows have 21x21 pixels.
-/// * Opposite pixels of a window are also compared with their mean, and then share one weight.
-/// * Weights are averaged over patches, and removed below 0.05.
-/// * The variance of a half's mean is `(A - B)^2 / 2` of the two halves, smoothed over 3x3 pixels by the same method with
-///   the sample variance as guide. It is at most the sample variance divided by the count.
+/// * Opposite pixels of a window are also compared by their mean, and then share one weight.
+/// * Weights are averaged over patches; weights below 0.05 are removed.
+/// * The variance of a half's mean is `(A - B)^2 / 2` of the two halves, smoothed over 3x3 pixels by the same method with the
+///   sample variance as guide. It is limited to the sample variance divided by the count.
 ///
-/// *Differences from the authors' program*: a pixel is the finest grid, and sample variances are averaged over 3x3 pixels in
-/// place of the program's pixel filter. Averages are exact at the image's border, and pixels without samples have no
-/// weight.
+/// *Differences from the authors' program*: the finest grid has one cell per pixel, and sample variances are averaged over 3x3
+/// pixels instead of by the program's pixel filter. Averages are exact at the image's border, and pixels without samples have
+/// no weight.
 ///
-/// *Error*: a quarter of the squared difference of the filtered halves, smoothed over 5x5 pixels. That is the variance;
-/// bias is not included. *Weaknesses*: without features, textures and edges of shadows need many samples. It costs as much
-/// time as tens of samples of a simple scene.
+/// *Error*: a quarter of the squared difference of the filtered halves, smoothed over 5x5 pixels. This is only the variance;
+/// bias is not included. *Weaknesses*: without features, textures and edges of shadows need many samples. Filtering takes as
+/// long as tens of samples of a simple scene.
 pub type NlmLoopFilter = MethodFilter<NlmLoopFilterOptions>;
 
 impl NlmLoopFilterOptions {
@@ -83,8 +83,8 @@ impl NlmLoopFilterOptions {
         Patches { window: self.window, patch: self.patch, k: self.k as f32, alpha: self.alpha as f32 }
     }
 
-    /// Filters both halves of a film's samples. A pixel has red, green, blue, the mean count under its weights, and the sum
-    /// of its weights, which is 0 if its window holds no sample.
+    /// Filters both halves of a film's samples. A pixel has red, green, blue, the mean sample count under its weights, and the
+    /// sum of its weights. The sum is 0 if its window holds no sample.
     fn halves(&self, film: &Film) -> [Vec<[f32; 5]>; 2] {
         let like = self.like();
         let halves = [0, 1].map(|half| Half::new(film, half));
@@ -112,17 +112,17 @@ impl NlmLoopFilterOptions {
     }
 }
 
-/// A plane for each channel.
+/// One plane per channel.
 fn planes(film: &Film, of: impl Fn(usize, usize) -> f32 + Sync + Send) -> [Vec<f32>; 3] {
     [0, 1, 2].map(|c| per_pixel(film, |i| of(i, c)))
 }
 
 /// The variance of a pixel without samples, in squared levels.
 const UNKNOWN: f32 = 1e18;
-/// The largest colour and standard deviation that are compared, in levels.
+/// The largest colour and standard deviation in comparisons, in levels.
 const LARGEST: f64 = 1e9;
 
-/// The planes of one half of the samples by which pixels are compared, in units of the image's level.
+/// The planes of one half of the samples that comparisons read, in units of the image's level.
 struct Half {
     colour: [Vec<f32>; 3],
     /// The variance of one sample.
@@ -136,7 +136,7 @@ impl Half {
     fn new(film: &Film, half: usize) -> Self {
         let unit = 1.0 / median(film);
         let of = |i: usize| film.half(half, i).unwrap_or_default();
-        // Sample variances are averaged over 3x3 pixels. The program's own pixel filter mixes those of neighbours too.
+        // Sample variances are averaged over 3x3 pixels, since the pixel filter of the authors' program mixes neighbours too.
         let own = per_pixel(film, |i| {
             let known = |variance: [f64; 3]| {
                 let [r, g, b] = variance.map(|v| (v * unit * unit).min(LARGEST * LARGEST));
@@ -168,8 +168,8 @@ fn median(film: &Film) -> f64 {
     lit.select_nth_unstable_by(middle, f64::total_cmp).1.clamp(1e-18, 1e18)
 }
 
-/// The variance of the mean of either half: half of the squared difference of the means. It is smoothed over 3x3 pixels
-/// with similar sample variances, and at most the larger of the halves' own estimates.
+/// The variance of the mean of either half: half of the squared difference of the means. It is smoothed over 3x3 pixels with
+/// similar sample variances, and limited to the larger of the halves' own estimates.
 fn smoothed_variance(film: &Film, [a, b]: &[Half; 2], like: Patches) -> [Vec<f32>; 3] {
     let size = film.frame().size().map(|n| n as usize);
     let like = Patches { window: 1, alpha: 4.0, ..like };
@@ -227,20 +227,19 @@ impl FilterMethod for NlmLoopFilterOptions {
 
 /// The sampler of adaptive rendering with non-local means, as in the authors' program [Rousselle, Knaus and Zwicker 2012].
 ///
-/// After a pilot, each round filters both halves of the samples ([`NlmLoopFilter`], by default with smaller windows and half
-/// of the subtracted noise). A pixel's error is `2 (A - B)^2 / (0.001 + A^2)`, averaged over the channels and divided by the
-/// mean count under its weights, plus the same for `B`. Counts follow this error, blurred by a Gaussian of 0.8 pixels. A
-/// pixel gets at most twice the mean budget per round.
+/// After a pilot, each round filters both halves of the samples by [`NlmLoopFilter`], by default with smaller windows and half
+/// of the subtracted noise. A pixel's error is `2 (A - B)^2 / (0.001 + A^2)`, averaged over the channels and divided by the
+/// mean sample count under its weights, plus the same for `B`. Counts are proportional to this error, blurred by a Gaussian of
+/// 0.8 pixels. A pixel gets at most twice the mean budget per round.
 ///
-/// *Guarantees*: spends the budget exactly, and takes the pilot in every pixel if the budget allows. *Bias*: all samples are
-/// kept and decide how many follow [Kirk and Arvo 1991].
-/// *Weaknesses*: the filter runs once per round and costs as much as many samples. The difference of two halves is a
-/// noisy estimate, which knows no bias. Counts are proportional to the error and not to its root, as published, and so are
-/// more uneven than the least error requires.
+/// *Guarantees*: spends the budget exactly, and takes the pilot in every pixel if the budget allows. *Bias*: sample counts
+/// depend on the samples, and all samples are kept [Kirk and Arvo 1991]. *Weaknesses*: filtering once per round costs as much
+/// as many samples. The difference of two halves is a noisy estimate, and does not include bias. Counts are proportional to the
+/// error and not to its square root, as published, and so are more uneven than the least error requires.
 pub type NlmLoop<P> = MethodSampler<P, NlmLoopOptions>;
 
 impl NlmLoopOptions {
-    /// The relative error of each filtered pixel, divided by the samples that it is made of.
+    /// The relative error of each filtered pixel, divided by the mean number of samples that contribute to it.
     fn errors(&self, film: &Film) -> Vec<f64> {
         let Self { window, patch, k, alpha, variance, .. } = *self;
         let [a, b] = NlmLoopFilterOptions { window, patch, k, alpha, variance }.halves(film);

@@ -1,9 +1,9 @@
-//! Means over windows of pixels with similar patches around them, after the program of Rousselle et al. 2012.
+//! Means over windows, weighted by the similarity of patches, after the program of Rousselle et al. 2012.
 
 use crate::wavelets::mirrored;
 use dapple_core::parallel;
 
-/// A plane with a margin, in which the image is mirrored at its border.
+/// A plane with a margin that mirrors the image at its border.
 pub(crate) struct Mirrored {
     values: Vec<f32>,
     stride: usize,
@@ -11,7 +11,7 @@ pub(crate) struct Mirrored {
 }
 
 impl Mirrored {
-    /// The plane of these `values`, row by row, with a margin of so many pixels.
+    /// Creates a plane of these `values`, row by row, with a margin of this many pixels.
     pub(crate) fn new([width, height]: [usize; 2], margin: usize, values: &[f32]) -> Self {
         let within = |at: usize, length: usize| mirrored(at as i64 - margin as i64, length);
         let stride = width + 2 * margin;
@@ -34,14 +34,14 @@ pub(crate) struct PatchGuide {
     pub(crate) variance: [Mirrored; 3],
 }
 
-/// The parameters of a comparison.
+/// The parameters by which patches are compared.
 #[derive(Clone, Copy)]
 pub(crate) struct Patches {
-    /// Pixels searched to each side; the margin of the planes is at least that.
+    /// Pixels searched to each side; the margin of the planes is at least as wide.
     pub(crate) window: usize,
     /// Pixels compared to each side.
     pub(crate) patch: usize,
-    /// Differences are measured in this many standard deviations.
+    /// The number of standard deviations in which differences are measured.
     pub(crate) k: f32,
     /// The factor on the noise that is subtracted from squared differences.
     pub(crate) alpha: f32,
@@ -49,16 +49,16 @@ pub(crate) struct Patches {
 
 /// The weight below which a pixel is left out.
 const CUT: f32 = 0.05;
-/// The term of the denominator that avoids a division by zero.
+/// The number added to the denominator to avoid a division by zero.
 const TINY: f32 = 1e-10;
 /// The number of rows per task.
 const BAND: usize = 32;
 
-/// The weighted means of `values`, N planes, over the window of each pixel. The last plane holds the factors on the
-/// weights, and its means are the sums of all weights.
+/// The weighted means of `values` (N planes) over the window of each pixel. The last plane holds factors on the weights; its
+/// result is the sum of all weights.
 ///
-/// Offsets are handled in pairs of opposite ones. If the mean of the two pixels is more similar than the pixels are, both
-/// take its weight. Weights are averaged over patches; those below 0.05 are 0. The centre has weight 1.
+/// Opposite offsets are handled in pairs. If the mean of the two pixels is more similar than either pixel, both get the weight
+/// of the mean. Weights are averaged over patches; weights below 0.05 become 0. The centre has weight 1.
 pub(crate) fn patch_means<const N: usize>(
     size: [usize; 2],
     guide: &PatchGuide,
@@ -89,14 +89,15 @@ pub(crate) fn patch_means<const N: usize>(
     sums
 }
 
-/// The buffers of a task: rows of a band, and of the patches around it.
+/// The buffers of a task, for the rows of a band and of the patches around it.
 struct Band {
     size: [usize; 2],
     rows: std::ops::Range<usize>,
     like: Patches,
     /// The rows for which differences are computed.
     wide: std::ops::Range<usize>,
-    /// Differences with the first pixel of a pair, the second, and their mean; then weights of the two pixels.
+    /// The differences from the first pixel of a pair, from the second, and from their mean; later the weights of the two
+    /// pixels.
     planes: [Vec<f32>; 3],
     scratch: Vec<f32>,
 }
@@ -108,7 +109,7 @@ impl Band {
         Self { size, rows, like, planes: std::array::from_fn(|_| plane()), scratch: plane(), wide }
     }
 
-    /// Writes the differences of each pixel with the pixels at `offset` and opposite, and with the mean of these.
+    /// Writes the differences of each pixel from the pixel at `offset`, from the opposite pixel, and from the mean of both.
     fn compare(&mut self, guide: &PatchGuide, offset: [isize; 2]) {
         let (width, opposite) = (self.size[0], offset.map(|d| -d));
         let Patches { k, alpha, .. } = self.like;
@@ -155,7 +156,7 @@ impl Band {
         }
     }
 
-    /// Averages a plane over patches, as far as they lie within the image and the computed rows.
+    /// Averages a plane over patches, limited to the image and the computed rows.
     fn average(&mut self, plane: usize) {
         let (width, patch) = (self.size[0], self.like.patch);
         let plane = &mut self.planes[plane];
@@ -165,7 +166,7 @@ impl Band {
                 sums[d..].iter_mut().zip(row).for_each(|(sum, value)| *sum += value);
                 sums.iter_mut().zip(&row[d..]).for_each(|(sum, value)| *sum += value);
             }
-            // In the middle, a patch has all its columns.
+            // Away from the borders, a patch has all its columns.
             let share = 1.0 / (2 * patch + 1) as f32;
             for (x, sum) in sums.iter_mut().enumerate() {
                 let is_inside = x >= patch && x + patch < width;
@@ -184,7 +185,7 @@ impl Band {
         }
     }
 
-    /// Adds the pixels at `offset` and opposite, multiplied by their weights.
+    /// Adds the pixels at `offset` and at the opposite offset, multiplied by their weights.
     fn gather<const N: usize>(&self, values: &[Mirrored; N], offset: [isize; 2], sums: &mut [[f32; N]]) {
         let (width, from) = (self.size[0], self.rows.start - self.wide.start);
         for (r, (y, sums)) in self.rows.clone().zip(sums.chunks_exact_mut(width)).enumerate() {
@@ -197,7 +198,7 @@ impl Band {
     }
 }
 
-/// Adds a row of N planes, multiplied by the weights and by the last plane.
+/// Adds a row of N planes to the sums, multiplied by the weights and by the last plane.
 #[inline]
 fn add_row<const N: usize>(rows: [&[f32]; N], sums: &mut [[f32; N]], weight: impl Fn(usize) -> f32) {
     for (x, sum) in sums.iter_mut().enumerate() {
@@ -209,13 +210,13 @@ fn add_row<const N: usize>(rows: [&[f32]; N], sums: &mut [[f32; N]], weight: imp
     }
 }
 
-/// `exp(-x)` for `x >= 0` with a relative error below 5e-6 up to 20, and the same bits on every machine. Beyond 80 it stays
-/// at about `exp(-80)`.
+/// `exp(-x)` for `x >= 0`, bit-identical on every machine, with a relative error below 5e-6 up to 20. Beyond 80 the result
+/// stays at about `exp(-80)`.
 ///
 /// The power of two is added to the exponent's bits, and the rest is a Taylor polynomial.
 #[inline]
 fn exp_minus(x: f32) -> f32 {
-    // 1.5 * 2^23: the sum with a small number holds the rounded number in its low bits.
+    // 1.5 * 2^23. Added to a small number, it leaves the rounded number in the low bits of the sum.
     const ROUND: f32 = 12_582_912.0;
     let t = x.min(80.0) * -std::f32::consts::LOG2_E;
     let rounded = t + ROUND;

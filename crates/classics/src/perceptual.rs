@@ -11,7 +11,7 @@ dapple_core::options! {
     pub struct PerceptualOptions {
         /// Visible difference, in just noticeable differences, below which a pixel has converged.
         ///
-        /// Only [`Stopping::Threshold`] reads it.
+        /// Only [`Stopping::Threshold`] uses it.
         pub threshold: f64 = 1.0 => "1", |t| t > 0.0 && t.is_finite(), "above 0";
         /// Pixels per degree of visual angle, as for FLIP.
         pub ppd: f64 = 67.0 => "67", |ppd| (1.0..=1000.0).contains(&ppd), "1 to 1000 pixels per degree";
@@ -31,30 +31,30 @@ dapple_core::options! {
     }
 }
 
-/// Counts by the visible difference that noise makes [after Bolin and Meyer 1998].
+/// Sample counts by how visible the noise is [after Bolin and Meyer 1998].
 ///
-/// Every pixel has bounds of its luminance: the mean plus and minus two standard errors. The eye's response to them is
-/// `ln(1 + x / adapt)`. The response is split into six octaves by means over 1, 2x2, 4x4 pixels and so on. The noise of a
-/// band, four standard errors wide, is divided by the mean response two levels below, and so becomes a contrast. It counts
-/// by the sensitivity to the band's frequency `f`, `s (f / 4) exp(1 - f / 4)` in cycles per degree. Contrast of the image
-/// in the same band, as far as it exceeds noise, masks it by the factor `1 / (1 + (c / 0.1)^0.7)`. The fourth root of the
-/// sum of fourth powers over all bands is the difference `D` in just noticeable differences.
+/// The luminance of each pixel has bounds: the mean plus and minus two standard errors. The eye's response to these is `ln(1 +
+/// x / adapt)`. The response is split into six octaves by means over blocks of 1, 2x2, 4x4 and more pixels. The noise of a
+/// band, four standard errors wide, is divided by the mean response two levels below, which gives a contrast. It is weighted by
+/// the sensitivity `s (f / 4) exp(1 - f / 4)` to the band's frequency `f` in cycles per degree. The image's contrast `c` in the
+/// same band, as far as it exceeds noise, masks the noise by the factor `1 / (1 + (c / 0.1)^0.7)`. The fourth root of the sum
+/// of fourth powers over all bands is the difference `D` in just noticeable differences.
 ///
-/// With [`Stopping::Budget`], counts minimise the sum of `D^2`. With [`Stopping::Threshold`], pixels with a `D` above the
-/// threshold get the samples that should bring them below, at most as many as they have.
+/// With [`Stopping::Budget`], counts minimise the sum of `D^2`. With [`Stopping::Threshold`], pixels whose `D` is above the
+/// threshold get the samples expected to bring it below, at most as many as they have.
 ///
-/// The method is written from recollection: bounds, octaves, contrast, sensitivity and masking are the authors' steps. All
-/// their formulas and constants here are ours. The authors bound the details of a Haar pyramid; bounds of whole images would
-/// hide even noise.
+/// The method is implemented from memory: bounds, octaves, contrast, sensitivity and masking are the authors' steps, but no
+/// formula or constant is from the paper. The authors bound the details of a Haar pyramid; bounds of whole images would hide
+/// uniform noise.
 ///
 /// *Guarantees*: spends the budget exactly, or treats it as an upper bound. Takes the pilot in every pixel if the budget
-/// allows. *Bias*: all samples are kept and decide how many follow [Kirk and Arvo 1991].
-/// *Weaknesses*: stops early in busy textures, as intended, and in the dark. The exposure of the displayed image is assumed
-/// to show the adapted luminance as grey. Relative squared error rates it low; FLIP is its metric.
+/// allows. *Bias*: sample counts depend on the samples, and all samples are kept [Kirk and Arvo 1991]. *Weaknesses*: stops
+/// early in busy textures, as intended, and in the dark. The displayed image is assumed to show the adapted luminance as grey.
+/// The method does well by FLIP and poorly by relative squared error.
 pub type Perceptual<P> = MethodSampler<P, PerceptualOptions>;
 
 impl PerceptualOptions {
-    /// Plans samples for all pixels, such that the sum of squared differences becomes least.
+    /// Plans samples for all pixels so as to minimise the sum of squared differences.
     fn plan_budget(&self, seen: &Feedback<'_>, differences: &[f64], step: u64, plan: &mut Plan) -> Result<(), Error> {
         let now = counts_so_far(seen);
         let score = |(d, n): (&f64, &u32)| d * d * f64::from((*n).max(1));
@@ -64,14 +64,14 @@ impl PerceptualOptions {
         Ok(())
     }
 
-    /// Plans samples for the pixels above the threshold. If they are too many, the largest differences come first.
+    /// Plans samples for the pixels above the threshold, the largest differences first if the budget is too small.
     fn plan_threshold(&self, seen: &Feedback<'_>, differences: &[f64], plan: &mut Plan) {
         let mut open: Vec<usize> = (0..seen.pixels()).filter(|&i| differences[i] > self.threshold).collect();
         open.sort_by(|&a, &b| differences[b].total_cmp(&differences[a]).then(a.cmp(&b)));
         let mut left = seen.budget.left();
         for i in open {
             let now = saturating_u32(seen.film.count(i)).max(1);
-            // The difference falls with the root of the count.
+            // The difference falls with the square root of the count.
             let ratio = differences[i] / self.threshold;
             let lacking = (f64::from(now) * (ratio * ratio - 1.0)).ceil().min(f64::from(now)) as u32;
             let room = seen.budget.max_spp.saturating_sub(saturating_u32(seen.film.count(i)));
@@ -81,13 +81,13 @@ impl PerceptualOptions {
     }
 }
 
-/// The terms of a film that the model of the eye reads: response and its variance, per pixel.
+/// The eye's response to a pixel and the variance of the response.
 type Response = [f64; 2];
 
 /// The response of each pixel and its variance, from the bounds of its luminance.
 ///
-/// Sample variances are pooled with those of 5x5 pixels, which count as 12 degrees of freedom. Before that they are scaled
-/// by the square of the response's slope, so that dark pixels beside a lamp do not take its noise.
+/// Sample variances are pooled with those of 5x5 pixels, which count as 12 degrees of freedom. Before that, they are scaled by
+/// the squared slope of the response, so that dark pixels beside a light are not affected by the light's noise.
 fn responses(film: &Film, adapt: f64) -> Vec<Response> {
     let size = film.frame().size().map(|n| n as usize);
     let (means, variances) = filled_means(film);
@@ -95,7 +95,7 @@ fn responses(film: &Film, adapt: f64) -> Vec<Response> {
     let adapted = if adapt > 0.0 { adapt } else { (grey.iter().sum::<f64>() / grey.len() as f64).max(1e-4) };
     let squared_slope = |i: usize| 1.0 / ((grey[i] + adapted) * (grey[i] + adapted));
     let known = |i: usize| {
-        // Noise of the three channels moves together.
+        // The noise of the three channels is assumed to be fully correlated.
         let deviation = film.moments(i).variance().map(|v| luminance(v.map(f64::sqrt)));
         deviation.map_or([0.0; 2], |deviation| [deviation * deviation * squared_slope(i), 1.0])
     };
@@ -119,12 +119,12 @@ fn responses(film: &Film, adapt: f64) -> Vec<Response> {
 const POOLED: f64 = 12.0;
 /// The number of octaves.
 const BANDS: usize = 6;
-/// The least mean response by which a band is divided.
+/// The least mean response by which a band's noise is divided.
 const DARK: f64 = 0.01;
-/// The exponent by which bands add up.
+/// The exponent of the sum over bands.
 const SUM: f64 = 4.0;
 
-/// The means of blocks of 1, 2x2, 4x4 and more pixels, and the variances of these.
+/// The means of blocks of 1, 2x2, 4x4 and more pixels, with their variances.
 struct Pyramid {
     sizes: Vec<[usize; 2]>,
     levels: Vec<Vec<Response>>,
@@ -157,26 +157,26 @@ impl Pyramid {
         self.levels[level][(y >> level) * self.sizes[level][0] + (x >> level)]
     }
 
-    /// The number of blocks of a level in the next coarser block around a pixel.
+    /// The number of blocks of `level` that make up the next coarser block around a pixel.
     fn children(&self, level: usize, at: [usize; 2]) -> f64 {
         let along = |axis: usize| if (at[axis] >> level | 1) < self.sizes[level][axis] { 2.0 } else { 1.0 };
         along(0) * along(1)
     }
 
-    /// The contrast of a pixel in a band, as far as it exceeds noise, and its standard error.
+    /// The contrast of a pixel in a band, without the contrast expected from noise, and its standard error.
     fn contrast(&self, band: usize, at: [usize; 2]) -> [f64; 2] {
         let ([fine, variance], [coarse, coarse_variance]) = (self.block(band, at), self.block(band + 1, at));
-        // The coarser mean contains the finer one with this weight, by which their noise is common.
+        // The finer mean has this weight in the coarser one, which makes their noise correlated.
         let covariance = variance / self.children(band, at);
         let error = (variance + coarse_variance - 2.0 * covariance).max(0.0).sqrt();
         let [below, _] = self.block((band + 2).min(BANDS), at);
-        // The square without the share of noise.
+        // The squared contrast without the contribution of noise.
         let square = (fine - coarse) * (fine - coarse) - error * error;
         [square.max(0.0).sqrt(), error].map(|value| value / below.max(DARK))
     }
 }
 
-/// The sensitivity to each band for so many pixels per degree: `(f / 4) exp(1 - f / 4)` at the middle of the octave.
+/// The sensitivity to each band at `ppd` pixels per degree: `(f / 4) exp(1 - f / 4)` at the middle of the octave, times `peak`.
 fn sensitivities(ppd: f64, peak: f64) -> [f64; BANDS] {
     std::array::from_fn(|band| {
         let frequency = ppd * std::f64::consts::FRAC_1_SQRT_2 / f64::from(2u32 << band);
@@ -203,7 +203,7 @@ fn visible_differences(film: &Film, options: &PerceptualOptions) -> Vec<f64> {
 
 impl SamplingMethod for PerceptualOptions {
     const NAME: &'static str = "perceptual";
-    // Means and variances, two sums over windows and their rows, brightness, response; then the pyramid and differences.
+    // Means and variances, two sums over windows and their rows, brightness, response; then the pyramid and the differences.
     const PLANNING: usize = 24 + 8 + 3 * 16 + 8 + 16;
 
     fn pilot_and_rounds(&self, _: u64) -> (u32, Option<u32>) {

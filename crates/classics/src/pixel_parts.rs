@@ -1,5 +1,5 @@
-//! Parts of pixels that samples refine: hierarchical integration, adaptive subdivision, and the filter that weighs parts by their
-//! volume.
+//! Samplers that refine parts of pixels by hierarchical integration or adaptive subdivision, and the filter that weights parts
+//! by their volume.
 
 use crate::method::{FilterMethod, MethodFilter};
 use crate::recorders::Singles;
@@ -17,7 +17,7 @@ dapple_core::options! {
         pub pilot: u32 = 4, |n| n >= 1, "at least one sample";
         /// Term of the denominator of relative variances.
         ///
-        /// Variances are divided by `mean^2 + epsilon` of the part; the published ones are absolute.
+        /// Variances are divided by `mean^2 + epsilon` of the part. In the paper, they are absolute.
         pub epsilon: f64 = 0.01 => "0.01", |e| e > 0.0 && e.is_finite(), "a finite number above 0";
         /// Use in the image of the samples that decide where others lie: keep (biased, as published), the only one.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
@@ -25,11 +25,12 @@ dapple_core::options! {
     }
 }
 
-/// The number of halvings after which a part is left whole.
+/// The number of halvings after which a part is not split further.
 const DEEPEST: u32 = 24;
 
 impl Division for HierarchicalOptions {
-    /// Halves a part along the axis whose halves' means differ most. Only cuts that leave samples on both sides. Ties go to the first axis.
+    /// Halves a part along the axis whose two halves differ most in mean. Both halves must contain samples. Ties go to the
+    /// first axis.
     fn cut(&self, cell: &Cell, items: &mut Items, bounds: &Bounds, depth: u32) -> Option<(usize, f32)> {
         if items.len() < self.split as usize || depth >= DEEPEST {
             return None;
@@ -62,8 +63,8 @@ impl Refinement for HierarchicalOptions {
         self.pilot
     }
 
-    /// The variance that one more sample takes from the part, `V^2 s^2 / (n (n + 1))`, relative to its mean. A part with one
-    /// sample has the square of its luminance as variance, since its own is unknown.
+    /// The decrease of the part's variance by one more sample, `V^2 s^2 / (n (n + 1))`, relative to its mean. For a part with
+    /// one sample, whose variance is unknown, the squared luminance is used.
     fn score(&self, cell: &Cell, leaf: &Leaf<'_>) -> f64 {
         let (n, volume) = (leaf.items.len() as f64, leaf.bounds.volume(cell.axes));
         let level = luminance(mean(cell, leaf.items));
@@ -80,7 +81,8 @@ impl Refinement for HierarchicalOptions {
         volume * volume * relative / (n.max(1.0) * (n + 1.0))
     }
 
-    /// The score falls with the square of the samples. At most as many as there are, since variances of few samples mislead.
+    /// The score falls with the square of the sample count. At most as many samples are added as there are, since variances of
+    /// few samples mislead.
     fn wanted(&self, score: f64, samples: u32, level: f64) -> u32 {
         let more = f64::from(samples.max(1)) * ((score / level).sqrt() - 1.0);
         more.ceil().clamp(0.0, f64::from(samples.max(1))) as u32
@@ -93,18 +95,18 @@ impl Refinement for HierarchicalOptions {
     }
 }
 
-/// Hierarchical integration of each pixel over place, lens, time and light [after Kajiya 1986].
+/// Hierarchical integration of each pixel over image position, lens, time and light [after Kajiya 1986].
 ///
 /// A pixel's domain is a tree of parts. The next sample goes to the part whose variance it reduces most. A part with four
-/// samples is halved, along the axis whose halves' means differ most. Kajiya leaves both rules open; the defaults are ours.
-/// The tree follows anew from all samples before each round.
+/// samples is halved, along the axis whose two halves differ most in mean. Kajiya leaves both rules open; the defaults are not
+/// in the paper. The tree is rebuilt from all samples before each round.
 ///
-/// The filter [`TreeMean`] with `tree=contrast` weighs parts by their volume. A pixel's plain mean
-/// overweights parts with many samples.
+/// The filter [`TreeMean`] with `tree=contrast` weights parts by their volume. Plain pixel means give parts with many samples
+/// too much weight.
 ///
-/// *Guarantees*: spends the budget exactly. *Bias*: samples decide where others lie, and stay [Kirk and Arvo 1991].
-/// *Weaknesses*: a well-distributed point set of a count known beforehand beats it. It reads the coordinates of all
-/// samples in each round.
+/// *Guarantees*: spends the budget exactly. *Bias*: samples determine where others are placed, and all are kept [Kirk and Arvo
+/// 1991]. *Weaknesses*: a well-distributed point set with a count known in advance is better. Each round reads the coordinates
+/// of all samples.
 pub type Hierarchical<P> = TreeSampler<P, HierarchicalOptions>;
 
 dapple_core::options! {
@@ -126,12 +128,12 @@ dapple_core::options! {
     }
 }
 
-/// The term of the denominator that avoids division by zero in black parts.
+/// The number added to the denominator to avoid a division by zero in black parts.
 const BLACK: f64 = 1e-3;
-/// The least contrast and relative variance, so that no part starves.
+/// The least contrast and relative variance, so that every part gets samples.
 const LEAST: f64 = 1e-5;
 
-/// The number of a sample's part among `parts` x `parts` equal ones of a box, row by row.
+/// The number of the part that contains a sample, if a box is divided into `parts` x `parts` equal parts, row by row.
 fn part(at: &At, bounds: &Bounds, parts: usize) -> usize {
     let along = |axis: usize| {
         let share = (f64::from(at[axis]) - f64::from(bounds.low[axis])) / bounds.extent(axis);
@@ -140,14 +142,14 @@ fn part(at: &At, bounds: &Bounds, parts: usize) -> usize {
     along(1) * parts + along(0)
 }
 
-/// A bit for each of `parts` x `parts` equal parts of a box that has samples.
+/// A bit mask of the `parts` x `parts` equal parts of a box that contain samples.
 fn occupied(cell: &Cell, items: &Items, bounds: &Bounds, parts: usize) -> u32 {
     items.iter().fold(0, |bits, &item| bits | 1 << part(&cell.at[item as usize], bounds, parts))
 }
 
 impl Division for SubdivisionOptions {
-    /// Splits a part into quadrants by two cuts, along x and then along y, where all four quadrants of each of its four quadrants
-    /// have samples. So the split parts are those that a sampler has filled; no contrast is needed to find them again.
+    /// Splits a part into quadrants by two cuts, along x and then along y, if all four quadrants of each of its quadrants
+    /// contain samples. These are exactly the parts that a sampler has split, so contrast need not be computed again.
     fn cut(&self, cell: &Cell, items: &mut Items, bounds: &Bounds, depth: u32) -> Option<(usize, f32)> {
         let axis = (depth % 2) as usize;
         let is_split = axis == 1 || items.len() >= 16 && occupied(cell, items, bounds, 4) == 0xffff;
@@ -155,7 +157,7 @@ impl Division for SubdivisionOptions {
     }
 }
 
-/// A part's contrast, relative to the thresholds: `(max - min) / (max + min)` of the channel that exceeds its own most.
+/// A part's contrast `(max - min) / (max + min)` relative to the channel's threshold, for the channel with the largest ratio.
 fn contrast(cell: &Cell, items: &Items, thresholds: [f64; 3]) -> f64 {
     let of = |c: usize| {
         let values = items.iter().map(|&item| f64::from(cell.values[item as usize][c]));
@@ -169,7 +171,7 @@ impl Refinement for SubdivisionOptions {
     const NAME: &'static str = "subdivision";
     const SIDE: u32 = 1;
 
-    /// The place in the pixel alone.
+    /// Only the position in the pixel.
     fn dimensions(&self, domain: &Domain) -> Result<Domain, Error> {
         Ok(domain.place())
     }
@@ -182,7 +184,7 @@ impl Refinement for SubdivisionOptions {
         4
     }
 
-    /// One jittered sample in each quadrant, in an order of the pixel's own.
+    /// One jittered sample in each quadrant, in an order that depends on the pixel.
     fn pilot_sample(&self, number: u32, seed: u64) -> Option<At> {
         let quadrant = (number < 4).then_some(number ^ (seed % 4) as u32)?;
         let mut at = At::default();
@@ -196,7 +198,7 @@ impl Refinement for SubdivisionOptions {
     fn score(&self, cell: &Cell, leaf: &Leaf<'_>) -> f64 {
         let area = leaf.bounds.volume(2);
         if occupied(cell, leaf.items, leaf.bounds, 2) != 0xf {
-            // A part that another sampler left with empty quadrants.
+            // Another sampler left quadrants of this part empty.
             return 2.0 + area;
         }
         if leaf.depth / 2 >= self.depth {
@@ -204,19 +206,19 @@ impl Refinement for SubdivisionOptions {
         }
         let contrast = contrast(cell, leaf.items, [self.red, self.green, self.blue]);
         match self.mode {
-            // At most 1: contrasts are at most 1, and thresholds scale them all by the same factor.
+            // At most 1: contrasts are at most 1, and multiplying by the least threshold keeps that bound.
             Stopping::Budget => area * (contrast * self.red.min(self.green).min(self.blue) + LEAST) * 0.5,
             Stopping::Threshold if contrast > 1.0 => area,
             Stopping::Threshold => 0.0,
         }
     }
 
-    /// A split takes twelve samples, or what an incomplete part lacks.
+    /// A split needs twelve samples; an incomplete part needs the samples that it lacks.
     fn wanted(&self, score: f64, samples: u32, level: f64) -> u32 {
         if score > level { 16 - samples.min(4) } else { 0 }
     }
 
-    /// One jittered sample in each empty quadrant of the part, or of its quadrants.
+    /// Places one jittered sample in each empty quadrant of the part, or of its quadrants.
     fn place(&self, cell: &Cell, leaf: &Leaf<'_>, count: u32, seed: u64, to: &mut Vec<At>) {
         let parts = if occupied(cell, leaf.items, leaf.bounds, 2) == 0xf { 4 } else { 2 };
         let there = occupied(cell, leaf.items, leaf.bounds, parts);
@@ -230,16 +232,16 @@ impl Refinement for SubdivisionOptions {
 
 /// Adaptive subdivision of pixels [after Whitted 1980].
 ///
-/// A pixel starts with four samples, one in each quadrant. A part whose samples contrast is split into its quadrants, and
-/// each of these gets what it lacks of four samples: twelve new ones in all. The part with the largest product of area and
-/// contrast is split first. Whitted's samples lie at corners and are shared between pixels; a sample here belongs to one
-/// pixel. His threshold could not be read.
+/// A pixel starts with four samples, one in each quadrant. A part whose samples have high contrast is split into its quadrants,
+/// and each of these is filled up to four samples: twelve new ones in all. The part with the largest product of area and
+/// contrast is split first. Whitted's samples lie at corners and are shared between pixels; a sample here belongs to one pixel.
+/// Whitted's threshold was not available.
 ///
-/// The filter [`TreeMean`] weighs parts by their area. A pixel's plain mean overweights split parts.
+/// The filter [`TreeMean`] weights parts by their area. Plain pixel means give split parts too much weight.
 ///
-/// *Guarantees*: spends the budget exactly, or treats it as an upper bound. *Bias*: samples decide where others lie, and stay
-/// [Kirk and Arvo 1991]. *Weaknesses*: misses what four samples miss. Made for functions without noise: with it, contrast
-/// never falls, and all parts are split.
+/// *Guarantees*: spends the budget exactly, or treats it as an upper bound. *Bias*: samples determine where others are placed,
+/// and all are kept [Kirk and Arvo 1991]. *Weaknesses*: misses whatever the first four samples miss. The method assumes
+/// functions without noise: with noise, contrast never falls, and all parts are split.
 pub type Subdivision<P> = TreeSampler<P, SubdivisionOptions>;
 
 dapple_core::options! {
@@ -252,13 +254,13 @@ dapple_core::options! {
     }
 }
 
-/// The parts of a pixel that [`TreeMean`] weighs.
+/// The parts of a pixel to which [`TreeMean`] gives weights.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PartRule {
     /// Quadrants of quadrants, as far as the sampler [`Subdivision`] has filled them.
     #[default]
     Quadrants,
-    /// Halves along the axes whose halves' means differ most, as of the sampler [`Hierarchical`].
+    /// Halves along the axes whose two halves differ most in mean, as in the sampler [`Hierarchical`].
     Contrast,
 }
 
@@ -267,11 +269,11 @@ dapple_core::choices!(PartRule { Quadrants = "quadrants", Contrast = "contrast" 
 /// A pixel as the sum over its parts of their volume times their mean: the estimate of hierarchical integration
 /// [after Kajiya 1986; after Whitted 1980].
 ///
-/// It is made for samplers that refine parts of a pixel, whose plain mean is biased towards these parts. It works on the
-/// samples of any sampler, whose coordinates come from [`FilmPoints`]. A part without samples is left out. Pixels without
-/// samples are black. There is no error estimate.
+/// The filter is made for samplers that refine parts of a pixel, where plain means are biased towards these parts. It works
+/// with any sampler; [`FilmPoints`] provides the coordinates. Parts without samples are left out. Pixels without samples are
+/// black. There is no error estimate.
 ///
-/// *Bias*: with `tree=contrast` the samples' values decide the parts. *Weaknesses*: with well-distributed points of equal
+/// *Bias*: with `tree=contrast` the parts depend on the samples' values. *Weaknesses*: for well-distributed points with equal
 /// counts, the plain mean is better.
 pub type TreeMean = MethodFilter<TreeMeanOptions, FilmPoints>;
 

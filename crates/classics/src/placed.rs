@@ -1,4 +1,4 @@
-//! The dimensions of a sample that have a meaning, such as the place in the pixel, and point sets in which a sampler decides where
+//! The meaning of a sample's dimensions (such as the position in the pixel), and point sets in which a sampler decides where
 //! samples lie.
 
 use dapple_core::{Error, Frame, Limits, Needs, PointSet, SampleId, point_set::streams};
@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Role {
-    /// A coordinate of the place in the pixel: to the right, or down, from its top left corner.
+    /// A coordinate of the position in the pixel: to the right, or down, from the pixel's top left corner.
     Place,
     /// A coordinate of the point on the lens.
     Lens,
@@ -19,7 +19,7 @@ pub enum Role {
     Light,
 }
 
-/// One dimension of a sample: a lane of a [`Block`](dapple_core::Block), and its meaning.
+/// One dimension of a sample: a lane of a [`Block`](dapple_core::Block), with its meaning.
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Axis {
@@ -27,22 +27,22 @@ pub struct Axis {
     pub role: Role,
     /// The number of the block.
     pub block: u32,
-    /// The coordinate's place in the block, 0 to 3.
+    /// The index of the coordinate in the block, 0 to 3.
     pub lane: u8,
 }
 
 impl Axis {
-    /// The coordinate in place `lane`, 0 to 3, of the block with number `block`.
+    /// The coordinate with index `lane`, 0 to 3, in block number `block`.
     pub const fn new(role: Role, block: u32, lane: u8) -> Self {
         Self { role, block, lane }
     }
 }
 
-/// The blur of a thin lens: how far a point appears from its place in the image, by its depth and the point on the lens.
+/// The blur of a thin lens: how far a point moves in the image, given its depth and the point on the lens.
 ///
-/// The two lens coordinates of a sample become a point `(u, v)` of the unit disk by the concentric map
-/// [Shirley and Chiu 1997]. A point at depth `w` then appears `radius(1 / w)` times `(u, v)` pixels from its place through the
-/// lens' centre. Depth is measured along the view direction, in any unit.
+/// The two lens coordinates of a sample are mapped to a point `(u, v)` of the unit disk by the concentric map [Shirley and Chiu
+/// 1997]. A point at depth `w` then appears `radius(1 / w)` times `(u, v)` pixels away from where the lens' centre would show
+/// it. Depth is measured along the view direction, in any unit.
 ///
 /// ```
 /// use dapple_classics::Defocus;
@@ -56,28 +56,28 @@ impl Axis {
 pub struct Defocus {
     /// The signed radius at infinite depth, in pixels along columns and rows.
     pub at_infinity: [f32; 2],
-    /// The change of the radius with the inverse depth.
+    /// The change of the radius per unit of inverse depth.
     pub by_inverse_depth: [f32; 2],
 }
 
 impl Defocus {
-    /// The blur with this radius at infinite depth, and this change with the inverse depth.
+    /// Creates the blur with this radius at infinite depth and this change per unit of inverse depth.
     pub const fn new(at_infinity: [f32; 2], by_inverse_depth: [f32; 2]) -> Self {
         Self { at_infinity, by_inverse_depth }
     }
 
-    /// The signed radius, in pixels, at an inverse depth.
+    /// The signed radius in pixels for an inverse depth.
     #[inline]
     pub fn radius(&self, inverse_depth: f32) -> [f32; 2] {
         [0, 1].map(|axis| self.at_infinity[axis] + self.by_inverse_depth[axis] * inverse_depth)
     }
 }
 
-/// The dimensions in which a renderer's samples have a meaning: two of the place in the pixel first, then lens, time and
-/// light as far as the image depends on them.
+/// The dimensions of a renderer's samples that have a meaning: the position in the pixel first (two axes), then lens, time and
+/// light if the image depends on them.
 ///
-/// Methods that place samples, or reconstruct over the lens and time, work in these dimensions. A sample with coordinates
-/// `(u, v)` of the place lies at `(column + u, row + v)` in the image, so the pixel filter must be a box of one pixel.
+/// Methods that place samples, or reconstruct over the lens and time, use these dimensions. A sample with position coordinates
+/// `(u, v)` lies at `(column + u, row + v)` in the image, so the pixel filter must be a box of one pixel.
 ///
 /// ```
 /// use dapple_classics::{Axis, Domain, Role};
@@ -100,17 +100,17 @@ impl Domain {
     /// The largest number of axes.
     pub const MOST: usize = 8;
 
-    /// A domain of these axes.
+    /// Creates a domain with these axes.
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`] unless there are 2 to 8 distinct axes, the two of the place first, with lanes up to 3.
+    /// [`Error::OutOfRange`] unless there are 2 to 8 distinct axes with lanes up to 3, starting with the two of the position.
     pub fn new(axes: impl IntoIterator<Item = Axis>) -> Result<Self, Error> {
         let axes: Vec<Axis> = axes.into_iter().take(Self::MOST + 1).collect();
         let is_place = |axis: &Axis| axis.role == Role::Place;
         let placed = axes.iter().take_while(|axis| is_place(axis)).count();
         let once = |axis: &Axis| axes.iter().filter(|a| (a.block, a.lane) == (axis.block, axis.lane)).count() == 1;
-        let allowed = "2 to 8 distinct axes with lanes up to 3, the two of the place first";
+        let allowed = "use 2 to 8 distinct axes with lanes up to 3, and two Role::Place first";
         let all = axes.iter().filter(|axis| is_place(axis)).count();
         if placed != 2 || all != 2 || axes.len() > Self::MOST || !axes.iter().all(|a| a.lane < 4 && once(a)) {
             return Err(Error::OutOfRange { name: "domain", value: format!("{axes:?}"), allowed });
@@ -118,31 +118,31 @@ impl Domain {
         Ok(Self { axes, outside: None })
     }
 
-    /// The place in the pixel alone. All other random numbers are outside.
+    /// The domain of the position in the pixel alone. All other random numbers are outside.
     #[must_use]
     pub fn place(&self) -> Self {
-        let outside = if self.axes.len() > 2 { Some("coordinates other than the place".to_owned()) } else { None };
+        let outside = if self.axes.len() > 2 { Some("axes other than the position".to_owned()) } else { None };
         Self { axes: self.axes[..2].to_vec(), outside: outside.or_else(|| self.outside.clone()) }
     }
 
-    /// Notes that samples depend on random numbers outside the domain, with the reason as a noun phrase.
+    /// Records that samples depend on random numbers outside the domain; `what` names them as a noun phrase.
     #[must_use]
     pub fn with_outside(self, what: impl Into<String>) -> Self {
         Self { outside: Some(what.into()), ..self }
     }
 
-    /// The axes in order, the two of the place first.
+    /// The axes in order, starting with the two of the position.
     pub fn axes(&self) -> &[Axis] {
         &self.axes
     }
 
-    /// The random numbers outside the domain on which samples depend, as a noun phrase; `None` if there are none, so that a
-    /// sample's coordinates determine its radiance.
+    /// The random numbers outside the domain on which samples depend, as a noun phrase. If `None`, a sample's coordinates
+    /// determine its radiance.
     pub fn outside(&self) -> Option<&str> {
         self.outside.as_deref()
     }
 
-    /// Writes the sample's coordinates, in the order of the axes and each in `[0, 1)`, to the front of `to`.
+    /// Writes the sample's coordinates to the front of `to`, in the order of the axes and each in `[0, 1)`.
     pub fn read(&self, points: &dyn PointSet, id: SampleId, to: &mut [f32]) {
         let mut last = None;
         for (axis, to) in self.axes.iter().zip(to) {
@@ -160,7 +160,7 @@ impl Domain {
         self.axes.iter().any(|axis| axis.block == block)
     }
 
-    /// The bytes of a [`Placed`] in which a render within these limits places all its samples.
+    /// The bytes of a [`Placed`] if a render within these limits places all its samples.
     pub fn placed_bytes(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> u64 {
         let rows = frame.bytes(size_of::<Vec<f32>>() * if needs.halves { 2 } else { 1 });
         // Rows grow by a quarter.
@@ -171,9 +171,9 @@ impl Domain {
 /// The largest coordinate below 1.
 const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
 
-/// A point set over another one, with samples whose coordinates in a [`Domain`] a sampler has placed.
+/// A point set over an inner one, in which a sampler has set the coordinates of some samples in a [`Domain`].
 ///
-/// All other coordinates, and those of samples that were not placed, are the inner set's. The sampler owns the set and adds
+/// All other coordinates, and all coordinates of other samples, come from the inner set. The sampler owns the set and adds
 /// samples in [`Sampler::next_round`](dapple_core::Sampler::next_round). Coordinates never change once they are set, so that
 /// traced samples can be replayed. A sampler saves them with [`Placed::save`].
 ///
@@ -202,16 +202,16 @@ pub struct Placed<P> {
 #[derive(Clone, Debug, Default)]
 struct Table {
     frame: Option<Frame>,
-    /// For each stream of the image's samples and each pixel: the coordinates of its first samples, sample by sample.
+    /// For each stream of the image's samples and each pixel, the coordinates of the first samples, one sample after another.
     rows: [Vec<Vec<f32>>; STREAMS],
 }
 
-/// The streams of the image's samples have the numbers below this one.
+/// The number of streams with samples of the image; their numbers are below this.
 const STREAMS: usize = 3;
 const _: () = assert!(streams::WHOLE < 3 && streams::HALVES[0] < 3 && streams::HALVES[1] < 3);
 
 impl Table {
-    /// The index, in the window, of the sample's pixel; `None` outside.
+    /// The index of the sample's pixel in the window; `None` outside the window.
     fn pixel(&self, id: SampleId) -> Option<usize> {
         let frame = self.frame.as_ref()?;
         let ([x0, y0], [width, height]) = (frame.origin(), frame.size());
@@ -219,7 +219,7 @@ impl Table {
         (x < width && y < height).then(|| y as usize * width as usize + x as usize)
     }
 
-    /// The sample's coordinates, `axes` many; `None` if it was not placed.
+    /// The `axes` coordinates of the sample; `None` if it was not placed.
     #[inline]
     fn row(&self, id: SampleId, axes: usize) -> Option<&[f32]> {
         let row = self.rows.get(id.stream as usize)?.get(self.pixel(id)?)?;
@@ -229,7 +229,7 @@ impl Table {
 }
 
 impl<P: PointSet> Placed<P> {
-    /// The points of `inner`, without placed samples.
+    /// Creates a set with the points of `inner` and no placed samples.
     pub fn new(inner: P, domain: Domain) -> Self {
         let handle = PlacedHandle { domain: domain.clone(), table: Arc::default() };
         Self { inner, domain, table: Arc::default(), handle }
@@ -245,28 +245,28 @@ impl<P: PointSet> Placed<P> {
         self.handle.clone()
     }
 
-    /// Forgets all placed samples.
+    /// Removes all placed samples.
     pub fn clear(&mut self) {
         self.handle.set(None);
         self.table = Arc::default();
     }
 
     /// Places a sample of a render of `frame`: sets its coordinates, in the order of the domain's axes. Coordinates are clamped
-    /// to `[0, 1)`; NaN becomes 0. Samples of the pixel that were left out before it keep the inner set's coordinates.
+    /// to `[0, 1)`; NaN becomes 0. Earlier samples of the pixel that were not placed keep the inner set's coordinates.
     ///
     /// Call [`Placed::publish`] after the last sample of a round.
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`] for a sample that is placed already or precedes one, outside the frame, or of another stream than
-    /// those of the image; also for a wrong number of coordinates.
+    /// [`Error::OutOfRange`] for a sample that is already placed or precedes a placed one, lies outside the frame, or belongs
+    /// to a stream other than the image's; also for a wrong number of coordinates.
     pub fn add(&mut self, frame: &Frame, id: SampleId, coordinates: &[f32]) -> Result<(), Error> {
         self.handle.set(None);
         let (axes, table) = (self.domain.axes().len(), Arc::make_mut(&mut self.table));
         if table.frame != Some(*frame) {
             *table = Table { frame: Some(*frame), rows: Default::default() };
         }
-        let allowed = "a new sample of the frame, in the order of indices, with a coordinate for each axis";
+        let allowed = "add new samples of the frame in the order of indices, with a coordinate for each axis";
         let refused = Error::OutOfRange { name: "placed sample", value: format!("{id:?}"), allowed };
         let (pixel, rows) = (table.pixel(id), table.rows.get_mut(id.stream as usize));
         let (Some(pixel), Some(rows), true) = (pixel, rows, coordinates.len() == axes) else { return Err(refused) };
@@ -289,7 +289,7 @@ impl<P: PointSet> Placed<P> {
         Ok(())
     }
 
-    /// Shows the samples placed so far to the holders of a [`Placed::handle`].
+    /// Makes the samples placed so far visible through [`Placed::handle`].
     pub fn publish(&mut self) {
         self.handle.set(Some(self.table.clone()));
     }
@@ -308,7 +308,7 @@ impl<P: PointSet> Placed<P> {
         words.into_iter().flat_map(u32::to_le_bytes).collect()
     }
 
-    /// Restores what [`Placed::save`] of such a set returned.
+    /// Restores the bytes that [`Placed::save`] of a set with the same domain returned.
     ///
     /// # Errors
     ///
@@ -316,14 +316,14 @@ impl<P: PointSet> Placed<P> {
     pub fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
         self.clear();
         if !saved.is_empty() {
-            let table = self.table_of(saved).ok_or(Error::BadSnapshot { what: "they are not placed samples" })?;
+            let table = self.table_of(saved).ok_or(Error::BadSnapshot { what: "they do not hold placed samples" })?;
             self.table = Arc::new(table);
             self.publish();
         }
         Ok(())
     }
 
-    /// The table that these bytes hold, to the last one.
+    /// Decodes a table; `None` unless all bytes are valid and used.
     fn table_of(&self, saved: &[u8]) -> Option<Table> {
         let (words, []) = saved.as_chunks() else { return None };
         let mut words = words.iter().map(|word| u32::from_le_bytes(*word));
@@ -370,7 +370,7 @@ impl<P: PointSet> PointSet for Placed<P> {
     }
 }
 
-/// The samples that a sampler has placed, for filters: those of its last published round.
+/// A filter's view of the samples that a sampler has placed, up to the last published round.
 #[derive(Clone, Debug)]
 pub struct PlacedHandle {
     domain: Domain,
@@ -387,8 +387,8 @@ impl PlacedHandle {
     }
 }
 
-/// The points of a film's samples, for filters that read coordinates: a point set, a domain, and the samples that a sampler
-/// has placed.
+/// The points of a film's samples, for filters that read coordinates: a point set, a domain, and the samples that a sampler has
+/// placed.
 #[derive(Clone)]
 pub struct FilmPoints {
     points: Arc<dyn PointSet>,
@@ -398,7 +398,7 @@ pub struct FilmPoints {
 }
 
 impl FilmPoints {
-    /// The points of a film that was rendered with `points`.
+    /// Creates the points of a film that was rendered with `points`.
     pub fn new(points: Arc<dyn PointSet>, domain: Domain) -> Self {
         Self { points, domain, placed: None, defocus: None }
     }
@@ -415,12 +415,12 @@ impl FilmPoints {
         Self { defocus, ..self }
     }
 
-    /// The blur of the camera's lens; `None` if there is none or it is unknown.
+    /// The blur of the camera's lens; `None` without a lens or if it is unknown.
     pub fn defocus(&self) -> Option<Defocus> {
         self.defocus
     }
 
-    /// The dimensions in which samples have a meaning.
+    /// The dimensions of samples that have a meaning.
     pub fn domain(&self) -> &Domain {
         &self.domain
     }

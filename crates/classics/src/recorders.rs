@@ -1,4 +1,4 @@
-//! Statistics that methods record for themselves: sums of functions of the samples, and samples one by one.
+//! Statistics that individual methods record: sums of functions of the samples, and the samples themselves.
 
 use dapple_core::film::{Recorded, RecordedSample, Recorder};
 use dapple_core::{Error, Film, Needs, integrator::Trajectory};
@@ -8,12 +8,12 @@ fn recorded<'f>(film: &'f Film, who: &str, name: &str, what: &'static str) -> Re
     film.recorded(name).ok_or_else(|| Error::NotRecorded { who: who.to_owned(), what })
 }
 
-/// The number of sets of words that a pixel has.
+/// The number of sample sets that a film records per pixel: one, or one per half.
 fn halves(film: &Film) -> usize {
     if film.needs().halves { 2 } else { 1 }
 }
 
-/// The recorder of a sum over a pixel's samples, per channel. Splats are not in it.
+/// The recorder of a sum over a pixel's samples, per channel. Splats are not included.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum SampleSums {
     /// The sum of `x ln x`; 0 for a sample that is 0.
@@ -29,21 +29,21 @@ impl SampleSums {
         vec![Arc::new(self)]
     }
 
-    /// The sums of a film for the reader `who`.
+    /// The recorded sums of a film; `who` is the reader in error messages.
     pub(crate) fn of<'f>(self, film: &'f Film, who: &str) -> Result<FilmSums<'f>, Error> {
         Ok(FilmSums { film, recorded: recorded(film, who, self.name(), "sums of functions of the samples")? })
     }
 
-    /// The number of triples of values: one per channel in each.
+    /// The number of recorded triples; each has one value per channel.
     fn triples(self) -> usize {
         if self == Self::RootMoments { 3 } else { 1 }
     }
 }
 
-/// The words of a triple of numbers.
+/// The number of words of a triple of numbers.
 const TRIPLE: usize = 6;
 
-/// Triple `k` of the numbers in some words; 0 if there are none.
+/// Triple `k` of the numbers in `words`; 0 if `words` is empty.
 fn triple(words: &[u32], k: usize) -> [f64; 3] {
     let number = |at: usize| f64::from_bits(u64::from(words[at]) | u64::from(words[at + 1]) << 32);
     if words.is_empty() { [0.0; 3] } else { [0, 2, 4].map(|at| number(TRIPLE * k + at)) }
@@ -54,7 +54,7 @@ fn put_triple(words: &mut [u32], k: usize, values: [f64; 3]) {
     words[TRIPLE * k..].iter_mut().zip(halves).for_each(|(word, half)| *word = half);
 }
 
-/// `x ln x`, continued to 0 at 0. The same bits on every machine.
+/// `x ln x`, and 0 at 0; bit-identical on every machine.
 fn x_ln_x(x: f64) -> f64 {
     if x > 0.0 { x * libm::log(x) } else { 0.0 }
 }
@@ -86,7 +86,7 @@ impl Recorder for SampleSums {
     }
 }
 
-/// Adds a sample to the moments of `n` samples, this one included.
+/// Adds sample `x` to the moments; `n` is the number of samples including it.
 fn add_moments(words: &mut [u32], x: [f64; 3], n: f64) {
     let [mut mean, mut m2, mut m3] = [0, 1, 2].map(|k| triple(words, k));
     for c in 0..3 {
@@ -100,7 +100,7 @@ fn add_moments(words: &mut [u32], x: [f64; 3], n: f64) {
     [mean, m2, m3].into_iter().enumerate().for_each(|(k, values)| put_triple(words, k, values));
 }
 
-/// Count, mean, and sums of squared and cubed deviations of three channels [Pébay 2008].
+/// Count, mean, and sums of squared and of cubed deviations, for three channels [Pébay 2008].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct ThirdMoments {
     pub(crate) count: u64,
@@ -110,7 +110,7 @@ pub(crate) struct ThirdMoments {
 }
 
 impl ThirdMoments {
-    /// Adds all values of `other`.
+    /// Adds all samples of `other`.
     fn merge(&mut self, other: &Self) {
         match (self.count, other.count) {
             (_, 0) => return,
@@ -132,7 +132,7 @@ impl ThirdMoments {
     }
 }
 
-/// The sums of a film, over the kept samples of both halves together.
+/// The recorded sums of a film, over the kept samples of both halves together.
 #[derive(Clone, Copy)]
 pub(crate) struct FilmSums<'f> {
     film: &'f Film,
@@ -140,13 +140,13 @@ pub(crate) struct FilmSums<'f> {
 }
 
 impl FilmSums<'_> {
-    /// The sum of pixel `i`.
+    /// The recorded sum of pixel `i`.
     pub(crate) fn sum(&self, i: usize) -> [f64; 3] {
         let of = |half| triple(self.recorded.kept(half, i), 0);
         (1..halves(self.film)).map(of).fold(of(0), |sum, more| std::array::from_fn(|c| sum[c] + more[c]))
     }
 
-    /// The moments of pixel `i`.
+    /// The recorded moments of pixel `i`.
     pub(crate) fn moments(&self, i: usize) -> ThirdMoments {
         let of = |half| {
             let words = self.recorded.kept(half, i);
@@ -161,12 +161,12 @@ impl FilmSums<'_> {
     }
 }
 
-/// The recorder of a pixel's samples one by one, in the order of tracing. A rejected sample is 0.
+/// The recorder of a pixel's individual samples, in the order of tracing. A rejected sample is recorded as 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Singles {
     /// All samples.
     All,
-    /// All samples with their trajectories. Those without a sound one have inverse depth 0 and no motion.
+    /// All samples with their trajectories. Samples without a valid trajectory have inverse depth 0 and no motion.
     Moving,
     /// The first 8 samples of each half.
     First,
@@ -185,19 +185,19 @@ impl Singles {
         vec![Arc::new(self)]
     }
 
-    /// The words of a sample.
+    /// The number of words per sample.
     fn each(self) -> usize {
         if self == Self::Moving { 7 } else { 3 }
     }
 
-    /// The most samples of a pixel in a half.
+    /// The largest number of samples recorded per pixel and half.
     fn most(self) -> usize {
         if self == Self::First { Self::FIRST } else { usize::MAX }
     }
 
-    /// The samples of a film for the reader `who`.
+    /// The recorded samples of a film; `who` is the reader in error messages.
     pub(crate) fn of<'f>(self, film: &'f Film, who: &str) -> Result<FilmSamples<'f>, Error> {
-        let recorded = recorded(film, who, self.name(), "samples one by one")?;
+        let recorded = recorded(film, who, self.name(), "individual samples")?;
         Ok(FilmSamples { film, recorded, each: self.each() })
     }
 }
@@ -236,7 +236,7 @@ impl Recorder for Singles {
     }
 }
 
-/// The kept samples of a film, one by one.
+/// The kept samples of a film.
 #[derive(Clone, Copy)]
 pub(crate) struct FilmSamples<'f> {
     pub(crate) film: &'f Film,
@@ -245,7 +245,7 @@ pub(crate) struct FilmSamples<'f> {
 }
 
 impl<'f> FilmSamples<'f> {
-    /// The samples of pixel `i`, each with its half and its number there.
+    /// The samples of pixel `i`, each with its half and its number in that half.
     pub(crate) fn of_pixel(
         &self,
         i: usize,
@@ -254,7 +254,7 @@ impl<'f> FilmSamples<'f> {
         a.chain(b)
     }
 
-    /// The samples of pixel `i` in a half, each with its trajectory if there are such. A film without halves has them in half 0.
+    /// The samples of pixel `i` in a half, each with its trajectory if recorded. In a film without halves, all are in half 0.
     pub(crate) fn of_half(&self, half: usize, i: usize) -> impl Iterator<Item = ([f32; 3], Trajectory)> + use<'f> {
         let words = if half < halves(self.film) { self.recorded.kept(half, i) } else { &[] };
         words.chunks_exact(self.each).map(|words| {

@@ -1,4 +1,4 @@
-//! Pixels as means of means over ever larger cells.
+//! Pixels as means of means, over cells and boxes of growing size.
 
 use crate::FilmPoints;
 use crate::method::{FilterMethod, MethodFilter};
@@ -15,29 +15,31 @@ dapple_core::options! {
     }
 }
 
-/// Box filters in stages, in which dense clumps of samples do not outweigh the rest of a pixel [after Mitchell 1987].
+/// Box filters in stages, so that dense clumps of samples do not outweigh the rest of a pixel [after Mitchell 1987].
 ///
-/// The samples in each cell of 1/8 pixel are averaged. A box of 1/4 pixel is the mean of its four cells, a box of 1/2 pixel
-/// that of its four boxes of 1/4. A pixel is the mean of the boxes of 1/2 pixel in the last box, by their overlap with it.
-/// Cells and boxes without samples are left out at each stage. With `width` above 1 the last box reaches into neighbours.
+/// The samples in each cell of 1/8 pixel are averaged. A box of 1/4 pixel is the mean of its four cells, and a box of 1/2 pixel
+/// is the mean of its four boxes of 1/4 pixel. A pixel is the mean of the boxes of 1/2 pixel in the last box, weighted by their
+/// overlap with it. Cells and boxes without samples are left out at each stage. With `width` above 1, the last box reaches into
+/// neighbouring pixels.
 ///
-/// It works on the samples of any sampler, whose coordinates come from [`FilmPoints`]. Pixels without samples in the last
-/// box are black. There is no error estimate. The sides of cells and boxes are recalled.
+/// The filter works with any sampler; [`FilmPoints`] provides the coordinates. Pixels without samples in the last box are
+/// black. There is no error estimate. The sides of cells and boxes are quoted from memory.
 ///
-/// *Bias*: none at `width=1` if samples are independent and uniform in the pixel. Wider boxes blur. *Weaknesses*: with
-/// well-distributed points of equal counts, the plain mean is better. A clump in part of a cell still pulls the cell's mean.
+/// *Bias*: none at `width=1` if samples are independent and uniform in the pixel. Wider boxes blur. *Weaknesses*: for
+/// well-distributed points with equal counts, the plain mean is better. A clump in one corner of a cell still dominates that
+/// cell's mean.
 pub type Staged = MethodFilter<StagedOptions, FilmPoints>;
 
 /// A mean radiance; `None` without samples.
 type Mean = Option<[f64; 3]>;
 
-/// The means of a pixel's four boxes of 1/2 pixel, row by row, in the precision in which they are stored.
+/// The means of a pixel's four boxes of 1/2 pixel, row by row, stored in single precision.
 type HalfPixels = [Option<[f32; 3]>; 4];
 
 /// The number of cells along each side of a pixel.
 const CELLS: usize = 8;
 
-/// The weighted mean of those means that exist.
+/// The weighted mean of the means that exist.
 fn mean_of(means: impl IntoIterator<Item = (f64, Mean)>) -> Mean {
     let (mut sum, mut weights) = ([0.0; 3], 0.0);
     for (weight, mean) in means {
@@ -61,7 +63,7 @@ fn cells(pixel: &Cell) -> [Mean; CELLS * CELLS] {
     sums.map(|[r, g, b, count]| (count > 0.0).then(|| [r, g, b].map(|x| x / count)))
 }
 
-/// The means of boxes of four cells each, `side` along a row.
+/// The means of boxes of four cells each; a row has `side` boxes.
 fn joined<const FROM: usize, const TO: usize>(side: usize, cells: &[Mean; FROM]) -> [Mean; TO] {
     array::from_fn(|number| {
         let above = (number / side * 2) * (2 * side) + number % side * 2;
@@ -76,8 +78,8 @@ fn half_pixels(pixel: &Cell) -> [Mean; 4] {
     joined(2, &quarters)
 }
 
-/// The boxes of 1/2 pixel that overlap a box of `width` pixels around pixel number `pixel` of `pixels` in a row or column,
-/// each with the overlap.
+/// The boxes of 1/2 pixel that overlap a box of `width` pixels around pixel number `pixel`, each with its overlap. The row or
+/// column has `pixels` pixels.
 fn overlaps(width: f64, pixel: usize, pixels: usize) -> impl Iterator<Item = (usize, f64)> + Clone {
     let centre = (2 * pixel + 1) as f64;
     let (low, high) = ((centre - width).max(0.0), (centre + width).min((2 * pixels) as f64));
@@ -85,7 +87,7 @@ fn overlaps(width: f64, pixel: usize, pixels: usize) -> impl Iterator<Item = (us
     (low as usize..high.ceil() as usize).map(move |number| (number, overlap(number)))
 }
 
-/// The last stage: pixel `i` of an image of width and height `size`.
+/// The last stage: computes pixel `i` of an image of width and height `size`.
 fn last_box(width: f64, all: &[HalfPixels], size: [usize; 2], i: usize) -> [f32; 3] {
     let stored = |column: usize, row: usize| {
         let of_pixel = &all[row / 2 * size[0] + column / 2];

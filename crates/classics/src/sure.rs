@@ -1,4 +1,4 @@
-//! A bank of filters, chosen per pixel by Stein's unbiased risk estimate; and the sampler that follows its error.
+//! A bank of filters, selected per pixel by Stein's unbiased risk estimate, and the sampler that follows the estimated error.
 
 mod bank;
 
@@ -21,35 +21,35 @@ dapple_core::options! {
     }
 }
 
-/// A bank of cross non-local means filters; each pixel takes the one with the least estimated error [Li 2012].
+/// A bank of cross non-local means filters; each pixel uses the filter with the least estimated error [Li 2012].
 ///
-/// The weight of a pixel `q` in the result of pixel `p` is `exp(-D / (2 sigma^2))` times a weight by features. `D` is the
-/// mean squared difference between the 5x5 patches around both. The bank has `sigma` 0 (unfiltered) and 0.005, 0.01, … to
-/// 0.64. Features are normal, albedo and depth over its maximum, with standard deviations 0.8, 0.25 and 0.6; their squared
-/// differences are divided by the sum of both pixels' sample variances, at least 0.01.
+/// The weight of a pixel `q` in the result of pixel `p` is `exp(-D / (2 sigma^2))` times a weight by features. `D` is the mean
+/// squared difference between the 5x5 patches around both pixels. The bank has `sigma` 0 (unfiltered), and 0.005, 0.01, … to
+/// 0.64. Features are normal, albedo and depth divided by its maximum, with standard deviations 0.8, 0.25 and 0.6. Their
+/// squared differences are divided by the sum of both pixels' sample variances, at least 0.01.
 ///
 /// The squared error of a filter is estimated by `(F - y)^2 + 2 v dF/dy - v` for a mean `y` of variance `v` [Stein 1981].
-/// It needs no truth and no halves. That of `sigma` 0 is taken as `2 v`. Estimates are smoothed by a cross-bilateral
-/// filter over the same features before the best filter is chosen.
+/// Neither a reference nor halves are needed. For `sigma` 0 the estimate is `2 v`. Estimates are smoothed by a cross-bilateral
+/// filter over the same features before the best filter is selected.
 ///
 /// # Differences from the authors' code
 ///
 /// * Errors are estimated on the image itself, not on one blurred by a reconstruction filter.
-/// * The derivative counts that patches compare three channels.
-/// * Pixels without samples are filled, and pixels of one sample take the variance of 5x5 pixels.
+/// * The derivative takes into account that patches compare three channels.
+/// * Pixels without samples are filled, and pixels with one sample use the variance of 5x5 pixels.
 ///
 /// # Weaknesses
 ///
-/// The estimate assumes Gaussian noise, independent between pixels: under heavy tails, fireflies look exact and stay. Raw
-/// estimates are noisy, hence the smoothing. Windows of 41x41 pixels cost as much as tens of samples.
+/// The estimate assumes Gaussian noise, independent between pixels. With heavy-tailed noise, fireflies look exact and remain.
+/// Raw estimates are noisy, hence the smoothing. Windows of 41x41 pixels cost as much as tens of samples.
 ///
 /// # Result
 ///
-/// Pixels without samples are filled from their window, or black if the window is empty. [`Filtered::error`] is the
-/// smoothed estimate of the chosen filter, at least 0.
+/// Pixels without samples are filled from their window; they are black if the window has no samples. [`Filtered::error`] is the
+/// smoothed estimate for the selected filter, at least 0.
 pub type SureFilter = MethodFilter<SureFilterOptions>;
 
-/// The radius of the search with `fast`.
+/// The search radius with `fast`.
 const FAST: usize = 5;
 
 impl FilterMethod for SureFilterOptions {
@@ -70,7 +70,7 @@ impl FilterMethod for SureFilterOptions {
     }
 }
 
-/// A pixel of the best filter.
+/// A pixel of the selected filter.
 #[derive(Clone, Copy, Default)]
 struct Chosen {
     radiance: [f32; 3],
@@ -80,10 +80,10 @@ struct Chosen {
     priority: f64,
 }
 
-/// The largest memory of [`choose`] in bytes per pixel.
+/// The peak memory of [`choose`] in bytes per pixel.
 const BYTES: usize = Planes::BYTES + size_of::<OfPixel>() + size_of::<Chosen>();
 
-/// Applies the bank with windows of this radius, and takes each pixel from the filter with the least error. Errors are
+/// Applies the bank with windows of this radius, and selects for each pixel the filter with the least error. Errors are
 /// smoothed with a standard deviation of `sigma` pixels.
 fn choose(film: &Film, radius: usize, sigma: f64) -> Vec<Chosen> {
     let planes = Planes::new(film);
@@ -114,7 +114,7 @@ fn chosen(planes: &Planes, all: &[OfPixel], i: usize, spatial: &[f64]) -> Chosen
             }
         }
     }
-    // A pixel without samples takes the widest filter, and its own error is unknown.
+    // A pixel without samples uses the widest filter, and its own error is unknown.
     let widest = 1;
     if !planes.means.known[i] || weight <= 0.0 {
         let unknown = if weight > 0.0 { error[widest] / weight } else { f64::INFINITY };
@@ -127,7 +127,7 @@ fn chosen(planes: &Planes, all: &[OfPixel], i: usize, spatial: &[f64]) -> Chosen
 }
 
 dapple_core::options! {
-    /// The parameters of [`Sure`]. Defaults are those of the authors' code, but for the number of rounds.
+    /// The parameters of [`Sure`]. Except for the number of rounds, the defaults are those of the authors' code.
     pub struct SureOptions {
         /// Samples per pixel before counts adapt; at most half of the mean budget.
         pub pilot: u32 = 8, |pilot| pilot != 0, "at least one sample";
@@ -145,15 +145,14 @@ dapple_core::options! {
     }
 }
 
-/// Samples where the best filter of a bank still errs, for the filter [`SureFilter`] [Li 2012].
+/// Samples where the selected filter of a bank still has errors, for the filter [`SureFilter`] [Li 2012].
 ///
-/// Every pixel gets `pilot` samples. The bank's estimated error then gives a pixel the score
-/// `max(0, E + v) / (F^2 + 0.01) / (1 + n)`. `E` is the smoothed estimate of the filter that the pixel takes, and `v` the
-/// variance of its mean. `F` is the luminance of the filtered pixel, and `n` its count. Additional samples are in
-/// proportion to scores, at least one each where the budget allows.
+/// Every pixel gets `pilot` samples. A pixel then has the score `max(0, E + v) / (F^2 + 0.01) / (1 + n)`. `E` is the smoothed
+/// error estimate of the pixel's selected filter, and `v` the variance of its mean. `F` is the luminance of the filtered pixel,
+/// and `n` its sample count. Additional samples are proportional to scores, at least one per pixel where the budget allows.
 ///
-/// *Guarantees*: the budget is met exactly; the published counts, rounded up, exceed it. No pixel gets fewer samples
-/// than the pilot. *Bias*: all samples are kept and decide how many follow [Kirk and Arvo 1991]. *Weaknesses*: those of
+/// *Guarantees*: spends the budget exactly; the published counts, rounded up, exceed it. No pixel gets fewer samples than the
+/// pilot. *Bias*: sample counts depend on the samples, and all samples are kept [Kirk and Arvo 1991]. *Weaknesses*: those of
 /// the filter. Planning costs as much as filtering.
 pub type Sure<P> = MethodSampler<P, SureOptions>;
 
@@ -182,7 +181,7 @@ impl SamplingMethod for SureOptions {
         let cap = self.cap.max(budget.min_spp).min(budget.max_spp);
         let wanted = more.iter().zip(&now).map(|(more, &n)| n.saturating_add(*more).min(cap).max(n));
         let counts = lacking(&wanted.collect::<Vec<_>>(), &now);
-        // What exceeds the cap goes to the pixels with the fewest samples.
+        // The excess over the cap goes to the pixels with the fewest samples.
         let planned = total(&counts);
         plan.counts = with_extra(seen, counts, step - planned)?;
         Ok(())

@@ -1,4 +1,4 @@
-//! Temporal light field reconstruction: a filter that moves samples over lens and time.
+//! Temporal light field reconstruction: a filter that reuses samples at other points of lens and time.
 
 mod samples;
 
@@ -16,32 +16,32 @@ dapple_core::options! {
     }
 }
 
-/// The radius in pixels of the largest circle without samples, at 1, 2, 4, … 256 samples per pixel [Lehtinen et al. 2011].
+/// The radius in pixels of the largest circle without samples, for 1, 2, 4, … 256 samples per pixel [Lehtinen et al. 2011].
 const DISPERSION: [f64; 9] = [2.0, 1.34, 1.1, 0.8, 0.5, 0.37, 0.27, 0.18, 0.14];
 
-/// The number of times that the radius is doubled where there is no sample.
+/// The number of times that the search radius is doubled if no sample is found.
 const DOUBLINGS: u32 = 3;
 
-/// The samples per pixel assumed in forecasts.
+/// The number of samples per pixel that memory forecasts assume.
 const ASSUMED_SPP: usize = 64;
 
 /// Temporal light field reconstruction [Lehtinen et al. 2011]: samples are reused at other points of lens and time.
 ///
-/// Each pixel is the mean over points of its area, the lens and the exposure. To find a point's colour, all samples are moved
-/// to its lens coordinates and time, by their depth and motion. Those nearby are sorted by depth and divided into surfaces. Samples
-/// are on one surface if they do not pass each other for nearby lens points and times. The first surface that covers
-/// the point gives the colour: the mean of its samples, weighted by a tent. The tent's radius is that of the largest gap between
-/// samples at the mean number of samples per pixel.
+/// Each pixel is the mean over points of its area, the lens and the exposure. For each point, all samples are moved to its lens
+/// coordinates and time, using their depth and motion. The samples near the point are sorted by depth and divided into
+/// surfaces. Samples belong to one surface if they do not pass each other for nearby lens points and times. The first surface
+/// that covers the point determines its colour: the mean of the surface's samples, weighted by a tent. The tent's radius is the
+/// largest gap between samples, given the mean number of samples per pixel.
 ///
-/// Two samples pass each other here if their offset in the image reverses. The published test is by bounds of tree leaves. The
-/// published options of Gaussians over lens and time are left out.
+/// Here, two samples pass each other if their offset in the image reverses. The published test uses bounds of tree leaves. The
+/// published option of Gaussians over lens and time is left out.
 ///
-/// *Without lens and motion*, there is one surface everywhere. The image is then the input, filtered by the tent. Samples without a trajectory
-/// count as a background at rest.
+/// *Without lens and motion*, there is one surface everywhere, and the image is the input filtered by the tent. Samples without
+/// a trajectory count as a background at rest.
 ///
-/// *Bias*: biased. *Weaknesses*: highlights and reflections do not move with their surface, and what is behind glass moves with
-/// the glass. Noise that is not from lens and time is averaged over the tent alone. Rotation is taken as linear motion.
-/// Surfaces of less than four samples are mixed with the one behind.
+/// *Bias*: biased. *Weaknesses*: highlights and reflections do not move with their surface, and whatever is behind glass moves
+/// with the glass. Noise that does not come from lens or time is averaged only over the tent. Rotation is treated as linear
+/// motion. Surfaces with fewer than four samples are merged with the surface behind.
 pub type Tlfr = MethodFilter<TlfrOptions, FilmPoints>;
 
 impl FilterMethod<FilmPoints> for TlfrOptions {
@@ -49,11 +49,11 @@ impl FilterMethod<FilmPoints> for TlfrOptions {
     const BYTES: usize = 12 + ASSUMED_SPP * Tree::BYTES;
     const SAMPLES: Option<Singles> = Some(Singles::Moving);
 
-    /// Refuses samples that depend on a lens of unknown blur.
+    /// Returns an error if samples depend on a lens of unknown blur.
     fn check(&self, points: &FilmPoints) -> Result<(), Error> {
         if Axes::of(points.domain()).has_lens() && points.defocus().is_none() {
-            let allowed = "a perspective camera with a thin lens, or one without a lens";
-            return Err(Error::OutOfRange { name: "lens", value: "of unknown blur".to_owned(), allowed });
+            let allowed = "use a perspective camera with a thin lens or without a lens";
+            return Err(Error::OutOfRange { name: "lens", value: "unknown blur".to_owned(), allowed });
         }
         Ok(())
     }
@@ -80,7 +80,7 @@ impl FilterMethod<FilmPoints> for TlfrOptions {
     }
 }
 
-/// The radius in which samples are gathered, in pixels, for a mean number of samples per pixel.
+/// The radius in pixels in which samples are gathered, for a mean number of samples per pixel.
 fn dispersion(spp: f64) -> f64 {
     let last = DISPERSION.len() - 1;
     let place = libm::log2(spp.max(1e-3));
@@ -94,23 +94,23 @@ fn dispersion(spp: f64) -> f64 {
     DISPERSION[k] + (place - k as f64) * (DISPERSION[k + 1] - DISPERSION[k])
 }
 
-/// Memory of one thread.
+/// The buffers of one thread.
 #[derive(Default)]
 struct Scratch {
     near: Vec<Near>,
     ends: Vec<usize>,
 }
 
-/// The samples of an image, from which colours at any point of image, lens and time are reconstructed.
+/// The samples of an image, from which the colour at any point of image, lens and time is reconstructed.
 struct LightField {
     tree: Tree,
     radius: f64,
-    /// Half the widths, on the lens and in time, of the box in which samples of one surface do not pass each other.
+    /// The half widths, on the lens and in time, of the box in which the samples of one surface do not pass each other.
     widths: [f64; 2],
 }
 
 impl LightField {
-    /// The light field of a film, of which `output` points are reconstructed in each pixel.
+    /// Creates the light field of a film, for `output` reconstructed points per pixel.
     fn new(film: &Film, points: &FilmPoints, output: u32) -> Result<Self, Error> {
         let axes = Axes::of(points.domain());
         let defocus = points.defocus().filter(|_| axes.has_lens()).unwrap_or(Defocus::new([0.0; 2], [0.0; 2]));
@@ -150,7 +150,7 @@ impl LightField {
         divide(near, self.widths, ends);
     }
 
-    /// The mean radiance of a surface's samples, weighted by a tent; that of the nearest if none is within the radius.
+    /// The mean radiance of a surface's samples, weighted by a tent. If no sample is within the radius, the nearest is used.
     fn mean(&self, surface: &[Near], radius: f64) -> [f64; 3] {
         let (mut sum, mut weights, mut nearest) = ([0.0; 3], 0.0, (f64::INFINITY, [0.0; 3]));
         for &(index, seen) in surface {

@@ -1,7 +1,7 @@
-//! Boxes over the samples of a few pixels, in the dimensions that a scene names.
+//! Division of the samples of a few pixels into boxes, in the dimensions of a [`Domain`].
 //!
-//! A cell is a square of pixels; its box spans these pixels and the whole range of all other axes. A [`Division`] cuts the
-//! box until it returns no more cuts. Nothing is kept from round to round: the boxes follow from the samples alone.
+//! A cell is a square of pixels; its box spans these pixels and the whole range of all other axes. A [`Division`] cuts the box
+//! until it returns no more cuts. Nothing is kept from round to round: the boxes depend only on the samples.
 
 mod planner;
 
@@ -12,10 +12,10 @@ use crate::{Domain, FilmPoints};
 use dapple_core::point_set::{mix, streams};
 use dapple_core::{Error, Film, Filtered, Frame, PointSet, SampleId, parallel};
 
-/// The coordinates of a sample: the place in pixels from the cell's corner, then the other axes in `[0, 1)`.
+/// The coordinates of a sample: the position in pixels from the cell's corner, then the other axes in `[0, 1)`.
 pub(crate) type At = [f32; Domain::MOST];
 
-/// The numbers of some samples of a cell.
+/// The indices of some samples of a cell.
 pub(crate) type Items = [u32];
 
 /// The samples of a cell.
@@ -23,15 +23,15 @@ pub(crate) type Items = [u32];
 pub struct Cell {
     pub(crate) at: Vec<At>,
     pub(crate) values: Vec<[f32; 3]>,
-    /// Columns and rows of pixels.
+    /// The numbers of columns and rows of pixels.
     pub(crate) size: [u32; 2],
-    /// Column and row of the cell's first pixel in the window.
+    /// The column and row of the cell's first pixel in the window.
     pub(crate) corner: [u32; 2],
     /// The number of axes.
     pub(crate) axes: usize,
 }
 
-/// The cells of a window, of `side` pixels each; those at the right and at the bottom may be smaller.
+/// The cells of a window, of `side` x `side` pixels each; those at the right and bottom borders may be smaller.
 #[derive(Clone, Copy)]
 pub(crate) struct Cells {
     side: u32,
@@ -47,7 +47,7 @@ impl Cells {
         self.window.map(|n| n.div_ceil(self.side) as usize).iter().product()
     }
 
-    /// The first pixel of cell `number`, and its columns and rows.
+    /// The first pixel of cell `number`, and the cell's numbers of columns and rows.
     fn area(&self, number: usize) -> ([u32; 2], [u32; 2]) {
         let columns = self.window[0].div_ceil(self.side) as usize;
         let corner = [(number % columns) as u32 * self.side, (number / columns) as u32 * self.side];
@@ -61,7 +61,7 @@ impl Cells {
         (0..rows).flat_map(move |y| (0..columns).map(move |x| (y0 + y) as usize * width + (x0 + x) as usize))
     }
 
-    /// The samples of cell `number`, pixel by pixel, in `cell`.
+    /// Reads the samples of cell `number`, pixel by pixel, into `cell`.
     pub(crate) fn read(
         &self,
         number: usize,
@@ -87,17 +87,17 @@ impl Cells {
     }
 }
 
-/// A value of each cell that follows from the cell's samples. It holds until their number changes.
+/// A value per cell that is computed from the cell's samples and kept until their number changes.
 #[derive(Default)]
 pub(crate) struct Known<T>(pub(crate) Vec<(Option<u64>, T)>);
 
 impl<T: Clone + Default + Send> Known<T> {
-    /// The bytes of what is known of a frame's cells of `side` pixels.
+    /// The bytes of the values for a frame's cells of `side` pixels.
     pub(crate) fn bytes(frame: &Frame, side: u32) -> u64 {
         (Cells::new(frame, side).count() * size_of::<(Option<u64>, T)>()) as u64
     }
 
-    /// Computes it anew, from a cell's number and samples, where samples came.
+    /// Recomputes the value of each cell with new samples, from the cell's number and samples.
     pub(crate) fn refresh(
         &mut self,
         cells: Cells,
@@ -118,8 +118,8 @@ impl<T: Clone + Default + Send> Known<T> {
     }
 }
 
-/// The image of a film, whose filter is `who`: a pixel is the sum over the boxes of its cell, of `side` pixels, of their mean
-/// times their volume in the pixel. Boxes without samples are left out, and pixels without boxes are black.
+/// The image of a film, computed by the filter `who` from the boxes of each cell of `side` pixels. A pixel is the sum over
+/// boxes of their mean times their volume in the pixel. Boxes without samples are left out, and pixels without boxes are black.
 pub(crate) fn image_of_boxes(
     (film, who): (&Film, &str),
     side: u32,
@@ -146,8 +146,8 @@ pub(crate) fn image_of_boxes(
     })
 }
 
-/// The image of a film, whose filter is `who`: `of_cell` makes the pixels of each cell of `side` pixels, row by row, from
-/// samples with coordinates in `domain`.
+/// The image of a film, computed by the filter `who` from samples with coordinates in `domain`. `of_cell` computes the pixels
+/// of each cell of `side` pixels, row by row.
 pub(crate) fn image_of_cells(
     (film, who): (&Film, &str),
     side: u32,
@@ -175,7 +175,7 @@ pub(crate) fn image_of_cells(
     Ok(Filtered::new(cells.window, radiance))
 }
 
-/// The coordinate `u` in `[0, 1)` behind the pixel's edge, still within the pixel.
+/// The coordinate `u` in `[0, 1)` beyond the pixel's edge, kept within the pixel.
 fn beside(pixel: u32, u: f32) -> f32 {
     (pixel as f32 + u).min(((pixel + 1) as f32).next_down())
 }
@@ -188,7 +188,7 @@ pub struct Bounds {
 }
 
 impl Bounds {
-    /// The extent along an axis: pixels for the place, a share of the range for others.
+    /// The extent along an axis: in pixels for the position, as a fraction of the range for other axes.
     pub(crate) fn extent(&self, axis: usize) -> f64 {
         f64::from(self.high[axis]) - f64::from(self.low[axis])
     }
@@ -197,7 +197,7 @@ impl Bounds {
         (0..axes).map(|axis| self.extent(axis)).product()
     }
 
-    /// The area in the pixel whose corner is `pixel`, times the extents along all other axes.
+    /// The box's area in the pixel whose corner is `pixel`, times the box's extents along all other axes.
     pub(crate) fn volume_in_pixel(&self, pixel: [u32; 2], axes: usize) -> f64 {
         let within = |axis: usize| {
             let (low, high) = (f64::from(pixel[axis]), f64::from(pixel[axis] + 1));
@@ -206,7 +206,7 @@ impl Bounds {
         within(0) * within(1) * (2..axes).map(|axis| self.extent(axis)).product::<f64>()
     }
 
-    /// The box's point at these shares of its extents, each in `[0, 1)`.
+    /// The box's point at these fractions of its extents, each in `[0, 1)`.
     pub(crate) fn point(&self, axes: usize, share: impl Fn(usize) -> f32) -> At {
         let mut at = At::default();
         for (axis, x) in at[..axes].iter_mut().enumerate() {
@@ -217,7 +217,7 @@ impl Bounds {
     }
 }
 
-/// A box that is not cut, with its samples.
+/// A box that is not cut further, with its samples.
 #[derive(Clone, Copy)]
 pub struct Leaf<'a> {
     pub(crate) bounds: &'a Bounds,
@@ -227,12 +227,12 @@ pub struct Leaf<'a> {
 
 /// A rule by which boxes are cut.
 pub trait Division: Sync {
-    /// The axis and the coordinate at which a box is cut, after `depth` cuts; `None` to leave it whole. The order of `items`
-    /// may change.
+    /// The axis and the coordinate at which a box is cut, after `depth` cuts; `None` to leave the box whole. The order of
+    /// `items` may change.
     fn cut(&self, cell: &Cell, items: &mut Items, bounds: &Bounds, depth: u32) -> Option<(usize, f32)>;
 }
 
-/// The largest number of cuts on the way to a box.
+/// The largest number of cuts that lead to a box.
 const DEEPEST: u32 = 48;
 
 /// Visits the boxes of a cell in the order of cuts, the lower side first.
@@ -280,7 +280,7 @@ pub(crate) fn mean(cell: &Cell, items: &Items) -> [f64; 3] {
     sum.map(|x| x * share)
 }
 
-/// A hash that belongs to the seed of a point set.
+/// A hash that depends on the seed of a point set.
 pub(crate) fn seed_of(points: &dyn PointSet) -> u64 {
     let coordinates = points.block(SampleId::new([0; 2], streams::PROBE, 0), 0);
     coordinates.iter().fold(1, |seed, x| mix(seed ^ u64::from(x.to_bits())))

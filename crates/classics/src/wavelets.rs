@@ -1,4 +1,4 @@
-//! Wavelet transforms of images by lifting, the variances of their coefficients, and the filter that shrinks these.
+//! Wavelet transforms of images by lifting, the variances of the coefficients, and the filter that shrinks the coefficients.
 
 use crate::method::{FilterMethod, MethodFilter};
 use crate::windows::filled_means;
@@ -23,7 +23,7 @@ const CDF97: [f64; 4] = [-1.586_134_342_059_924, -0.052_980_118_572_961, 0.882_9
 const CDF53: [f64; 2] = [-0.5, 0.25];
 
 impl Basis {
-    /// The lifting steps: the odd samples change by the even ones next to them, then the even ones by the odd, and so on.
+    /// The lifting steps: odd samples change by their even neighbours, then even samples by their odd neighbours, and so on.
     fn steps(self) -> &'static [f64] {
         match self {
             Self::Cdf97 => &CDF97,
@@ -32,7 +32,7 @@ impl Basis {
         }
     }
 
-    /// The factors by which lifting raises the mean in the low band, and the highest frequency in the high band.
+    /// The factors by which lifting scales the mean in the low band, and the highest frequency in the high band.
     fn gains(self) -> [f64; 2] {
         let (mut constant, mut alternating) = ([1.0, 1.0], [1.0, -1.0]);
         for (k, step) in self.steps().iter().enumerate() {
@@ -43,8 +43,8 @@ impl Basis {
         [constant[0], alternating[1]]
     }
 
-    /// Transforms a line in place: the low band, then the high band. Constants have their value in the low band. Or undoes it, if
-    /// `back`.
+    /// Transforms a line in place into the low band followed by the high band, or inverts the transform if `back`. The low band
+    /// of a constant is that constant.
     fn transform<const N: usize>(self, back: bool, line: &mut [[f64; N]], scratch: &mut Vec<[f64; N]>) {
         if line.len() < 2 {
             return;
@@ -81,7 +81,7 @@ impl Basis {
         }
     }
 
-    /// The filters of one level, as weights at whole offsets from the even sample: low band and high band.
+    /// The low-band and high-band filters of one level, as weights at integer offsets from the even sample.
     fn filters(self) -> [Taps; 2] {
         const LENGTH: usize = 32;
         let mut scratch = Vec::new();
@@ -110,8 +110,8 @@ impl Basis {
     }
 }
 
-/// Adds to the odd (even) samples, for an even (odd) number `k` of the step, the sum of both neighbours times `step`. At its
-/// ends the line is mirrored.
+/// Adds `step` times the sum of both neighbours to each odd sample if `k` is even, or to each even sample if `k` is odd. The
+/// line is mirrored at its ends.
 fn lift<const N: usize>(low: &mut [[f64; N]], high: &mut [[f64; N]], k: usize, step: f64) {
     let (evens, odds) = (low.len(), high.len());
     if k.is_multiple_of(2) {
@@ -139,7 +139,7 @@ pub(crate) struct Taps {
 }
 
 impl Taps {
-    /// The filter without zeros at its ends.
+    /// The filter without the zeros at its ends.
     fn trimmed(mut self) -> Self {
         let is_zero = |w: &f64| w.abs() < 1e-15;
         let zeros = self.weights.iter().take_while(|w| is_zero(w)).count();
@@ -151,7 +151,7 @@ impl Taps {
         self
     }
 
-    /// The filter that is `self`, taken every `spacing` samples, followed by `next`.
+    /// The composition of `self`, applied at every `spacing`-th sample, and `next`.
     fn then(&self, next: &Self, spacing: usize) -> Self {
         let mut weights = vec![0.0; (next.weights.len() - 1) * spacing + self.weights.len()];
         for (k, outer) in next.weights.iter().enumerate() {
@@ -161,7 +161,7 @@ impl Taps {
         Self { first: self.first + next.first * spacing as i64, weights }
     }
 
-    /// The sums of `values`, a row, through the squared filter at every `spacing`-th place.
+    /// Applies the squared filter to the row `values` at every `spacing`-th position.
     fn squared_sums(&self, values: &[f64], spacing: usize, sums: &mut [f64]) {
         for (j, sum) in sums.iter_mut().enumerate() {
             let from = (j * spacing) as i64 + self.first;
@@ -176,20 +176,20 @@ impl Taps {
     }
 }
 
-/// The index of a line that is mirrored at its ends, which are not repeated.
+/// The index in a line that is mirrored at its ends; the end samples are not repeated.
 pub(crate) fn mirrored(at: i64, length: usize) -> usize {
     let period = 2 * (length as i64 - 1).max(1);
     let at = at.rem_euclid(period);
     (if at < length as i64 { at } else { period - at }).min(length as i64 - 1) as usize
 }
 
-/// The size of the low band after each level, beginning with the image itself: halves, rounded up.
+/// The size of the low band after each level, starting with the image itself. Each level halves the size, rounded up.
 pub(crate) fn sizes(size: [usize; 2], levels: usize) -> Vec<[usize; 2]> {
     (0..=levels).map(|level| size.map(|n| n.div_ceil(1 << level))).collect()
 }
 
-/// Transforms an image in place: the levels `levels`, counted from 0; or undoes it, if `back`. The low band of each level lies in
-/// the upper left corner of the finer one's.
+/// Transforms an image in place through the levels `levels`, counted from 0, or inverts these if `back`. The low band of each
+/// level is the upper left corner of the next finer low band.
 pub(crate) fn transform<const N: usize>(
     basis: Basis,
     size: [usize; 2],
@@ -203,7 +203,7 @@ pub(crate) fn transform<const N: usize>(
     }
 }
 
-/// Changes the lines of the upper left corner of size `region` along both axes.
+/// Applies `change` along both axes to the lines of the upper left corner of size `region`.
 fn along_both<const N: usize>(
     [width, height]: [usize; 2],
     region: [usize; 2],
@@ -224,8 +224,8 @@ fn transposed<T: Copy + Send + Sync>([width, height]: [usize; 2], values: &[T]) 
     all
 }
 
-/// The variances of the coefficients of a level, row by row over its low band: low, and the three high bands (high in x,
-/// high in y, high in both). Pixels of the given `variances` are independent.
+/// The variances of the coefficients of a level, row by row over its low band: the low band and the three high bands (high in
+/// x, high in y, high in both). Pixels have these `variances` and are independent.
 pub(crate) fn coefficient_variances(
     [low, high]: &[Taps; 2],
     level: usize,
@@ -244,8 +244,8 @@ pub(crate) fn coefficient_variances(
     [down(low, &across_low), down(low, &across_high), down(high, &across_low), down(high, &across_high)]
 }
 
-/// Visits the coefficients of a level's three high bands: high in x, high in y, high in both. Bands may be a row or a column
-/// shorter than the low band.
+/// The columns and rows of one of a level's three high bands: high in x, high in y, high in both. Bands may be a row or a
+/// column shorter than the low band.
 pub(crate) fn high_band(size: [usize; 2], level: usize, band: usize) -> [std::ops::Range<usize>; 2] {
     let sizes = sizes(size, level);
     let (fine, coarse) = (sizes[level - 1], sizes[level]);
@@ -268,20 +268,18 @@ dapple_core::options! {
 /// Wavelet shrinkage, the reconstruction of adaptive wavelet rendering [after Overbeck, Donner and Ramamoorthi 2009].
 ///
 /// The image of pixel means is transformed. Each wavelet coefficient `w` becomes `sign(w) max(0, |w| - gamma SE)`, and the
-/// image is transformed back. `SE` is the coefficient's standard error: the root of the pixels' variances through the
-/// squared filter. Pixels without samples are filled from their neighbours first.
+/// image is transformed back. `SE` is the coefficient's standard error: the square root of the pixels' variances filtered by
+/// the squared filter. Pixels without samples are filled from their neighbours first.
 ///
-/// The shrinkage by one standard error is stated by the authors. The basis, the levels and the variance of pixels, that of
-/// their samples, are ours.
+/// The paper shrinks by one standard error. The basis, the levels and the use of sample variances are not in the paper.
 ///
-/// *Error*: not estimated. *Bias*: coefficients are shrunk even where they are detail, and shrinkage depends on the samples.
-/// Radiance below 0 becomes 0.
-/// *Weaknesses*: ringing and blotches at few samples, texture of low contrast vanishes, fireflies leave smeared traces.
-/// It knows no features.
+/// *Error*: not estimated. *Bias*: coefficients are shrunk even if they are detail, and shrinkage depends on the samples.
+/// Radiance below 0 becomes 0. *Weaknesses*: ringing and blotches at few samples; low-contrast texture vanishes; fireflies
+/// leave smeared traces. The filter uses no features.
 pub type Wavelet = MethodFilter<WaveletOptions>;
 
 impl WaveletOptions {
-    /// Shrinks the coefficients of an image whose pixels have these variances.
+    /// Shrinks the coefficients of an image whose pixels have the given variances.
     fn shrink(&self, size: [usize; 2], image: &mut Vec<[f64; 3]>, variances: &[f64]) {
         let Self { basis, levels, gamma } = *self;
         transform(basis, size, 0..levels, false, image);

@@ -1,5 +1,5 @@
-//! Means over the pixels that a statistical test cannot tell apart, and critical values of Student's t distribution, with the same bits
-//! on every machine.
+//! Means over the pixels that a statistical test cannot distinguish, and critical values of Student's t distribution,
+//! bit-identical on every machine.
 
 use crate::method::{FilterMethod, MethodFilter};
 use crate::recorders::{SampleSums, ThirdMoments};
@@ -9,10 +9,10 @@ use dapple_core::{Error, Film, Filtered, Needs, filter::ImagePlanes, parallel};
 use std::f64::consts::{FRAC_PI_2, SQRT_2};
 use std::sync::Arc;
 
-/// The degrees of freedom of [`Welch`]'s test.
+/// The degrees of freedom in the test of [`Welch`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum TestDegrees {
-    /// Those of Welch and Satterthwaite, for unequal variances and counts.
+    /// The degrees of freedom of Welch and Satterthwaite, for unequal variances and counts.
     #[default]
     Welch,
     /// The sum of both counts minus 2, as published for equal counts.
@@ -41,35 +41,36 @@ dapple_core::options! {
     }
 }
 
-/// The mean over all pixels around that a test cannot tell apart from the pixel [after Sakai 2024].
+/// The mean over all pixels in a circle that a test cannot distinguish from the central pixel [after Sakai 2024].
 ///
-/// Samples are transformed to `y = 2 (sqrt x - 1)`, which brings their distribution nearer to a normal one [Box and Cox
-/// 1964]. Their mean is corrected for skewness, `m = mean + M3 / (6 s^2 n^2)` [Johnson 1978], and its variance is `v = s^2
-/// / n`. Two pixels are joined unless `(m_i - m_j)^2 > t^2 (v_i + v_j)` in some channel. Here `t` is the two-sided
-/// critical value of Student's distribution [Welch 1947].
+/// Samples are transformed to `y = 2 (sqrt x - 1)`, which makes their distribution more normal [Box and Cox 1964]. Their mean
+/// is corrected for skewness, `m = mean + M3 / (6 s^2 n^2)` [Johnson 1978], and its variance is `v = s^2 / n`. Two pixels are
+/// joined unless `(m_i - m_j)^2 > t^2 (v_i + v_j)` in some channel. Here `t` is the two-sided critical value of Student's
+/// distribution [Welch 1947].
 ///
-/// The weight of a joined pixel is its number of samples times Gaussian weights of distance, albedo and normal. The mean is
-/// taken over `x`, not `y`. No halves are needed, so that one low-discrepancy net serves each pixel.
+/// The weight of a joined pixel is its sample count times Gaussian weights of distance, albedo and normal. The mean is taken
+/// over `x`, not `y`. No halves are needed, so each pixel can use a single low-discrepancy net.
 ///
 /// # Differences from the authors' code
 ///
-/// * Pixels weigh by their counts, and degrees of freedom are those of unequal variances. There, counts are equal.
-/// * The circle is symmetric. There, it lacks its last row and column.
+/// * Pixels are weighted by their counts, and degrees of freedom are those for unequal variances. In the authors' code, counts
+///   are equal.
+/// * The circle is symmetric. In the authors' code, it lacks its last row and column.
 ///
 /// # Weaknesses
 ///
-/// A pixel of few samples joins neighbours of different brightness, since the test cannot separate them: a bias that falls
-/// with the count. Sample variances are too large for low-discrepancy points, so the test joins more; `shrink` corrects
-/// for it. Pixels of one sample have no variance and join nobody.
+/// A pixel with few samples is joined with neighbours of different brightness, since the test cannot distinguish them: a bias
+/// that falls with the count. Sample variances are too large for low-discrepancy points, so the test joins more pixels;
+/// `shrink` corrects for this. Pixels with one sample have no variance and are not joined with others.
 ///
 /// # Result
 ///
-/// Pixels without samples are filled with the weighted mean of the circle, or black. [`Filtered::error`] is the variance of
-/// the weighted mean, without the bias; it is infinite for pixels of fewer than two samples.
+/// Pixels without samples become the weighted mean of the circle, or black if it has no samples. [`Filtered::error`] is the
+/// variance of the weighted mean, without the bias. It is infinite for pixels with fewer than two samples.
 pub type Welch = MethodFilter<WelchOptions>;
 
 impl WelchOptions {
-    /// The offsets of the circle, row by row, and the logarithm of each one's weight.
+    /// The offsets of the circle, row by row, each with the logarithm of its weight.
     fn circle(&self) -> Vec<([isize; 2], f32)> {
         let (r, sigma) = (self.radius as isize, self.sigma);
         let all = (-r..=r).flat_map(|dy| (-r..=r).map(move |dx| [dx, dy]));
@@ -77,7 +78,7 @@ impl WelchOptions {
         inside.map(|[dx, dy]| ([dx, dy], (-0.5 * (dx * dx + dy * dy) as f64 / (sigma * sigma)) as f32)).collect()
     }
 
-    /// The filtered pixel `i` and its error.
+    /// The filtered pixel `i` followed by its error.
     fn pixel(&self, planes: &[WelchPixel], size: [usize; 2], i: usize, around: &Around) -> [f64; 4] {
         let own = &planes[i];
         let scale = [self.albedo, self.normal].map(|sigma| (-0.5 / (sigma * sigma)) as f32);
@@ -85,7 +86,7 @@ impl WelchOptions {
         for (offset, near) in &around.circle {
             let Some(j) = beside(size, i, *offset) else { continue };
             let other = &planes[j];
-            // Pixels without samples take whatever is there.
+            // Pixels without samples are joined with all pixels in the circle.
             if other.count == 0.0 || (i != j && own.count > 0.0 && !around.criticals.join(own, other, self.df)) {
                 continue;
             }
@@ -107,13 +108,13 @@ impl WelchOptions {
     }
 }
 
-/// The values that all pixels share: the circle, and critical values.
+/// Values shared by all pixels: the circle and the critical values.
 struct Around {
     circle: Vec<([isize; 2], f32)>,
     criticals: Criticals,
 }
 
-/// The logarithm of a weight that counts as none.
+/// The logarithm of the weight below which a pixel is left out.
 const UNLIKE: f32 = -20.0;
 
 fn squared(a: [f32; 3], b: [f32; 3]) -> f32 {
@@ -126,7 +127,7 @@ fn squared(a: [f32; 3], b: [f32; 3]) -> f32 {
 struct WelchPixel {
     count: f32,
     colour: [f32; 3],
-    /// The corrected mean of the transformed samples, and the variance of that mean.
+    /// The corrected mean of the transformed samples; `variance` is the variance of that mean.
     mean: [f32; 3],
     variance: [f32; 3],
     albedo: [f32; 3],
@@ -164,14 +165,14 @@ fn corrected(n: f64, mean: f64, m2: f64, m3: f64) -> [f64; 2] {
     [mean + skew, variance / n]
 }
 
-/// The sample variance up to which means are not corrected.
+/// The largest sample variance for which means are not corrected.
 const LEAST_VARIANCE: f64 = 1e-12;
 
-/// Squared critical values of Student's distribution by whole degrees of freedom.
+/// The squared critical values of Student's distribution, by integer degrees of freedom.
 #[derive(Clone, Debug)]
 struct Criticals(Vec<f32>);
 
-/// The most degrees of freedom in the table. With more, the critical value is 0.3 % smaller at most.
+/// The largest degrees of freedom in the table. With more, the critical value is at most 0.3 % smaller.
 const MOST_DEGREES: usize = 1024;
 
 impl Criticals {
@@ -179,17 +180,17 @@ impl Criticals {
         Self((1..=MOST_DEGREES).map(|n| two_sided_critical(level, n as f64).powi(2) as f32).collect())
     }
 
-    /// The squared critical value for at least these degrees of freedom, rounded down.
+    /// The squared critical value for these degrees of freedom, rounded down.
     fn squared(&self, freedom: f32) -> f32 {
         self.0[(freedom as usize).clamp(1, MOST_DEGREES) - 1]
     }
 
-    /// Returns `true` if no channel tells the two pixels apart. Pixels of fewer than two samples join nobody.
+    /// Returns `true` if no channel distinguishes the two pixels. Pixels with fewer than two samples are not joined.
     fn join(&self, a: &WelchPixel, b: &WelchPixel, degrees: TestDegrees) -> bool {
         if a.count < 2.0 || b.count < 2.0 {
             return false;
         }
-        // Degrees of freedom lie between these, so that most channels need no division.
+        // The degrees of freedom lie between these bounds, so most channels need no division.
         let most = self.squared(a.count + b.count - 2.0);
         let least = self.squared(a.count.min(b.count) - 1.0);
         (0..3).all(|c| {

@@ -1,11 +1,11 @@
-//! Sums over the pixels around each pixel: convolution with separable kernels, square windows, and patches; and the means, variances and
-//! features of pixels.
+//! Sums over the pixels around each pixel (convolution with separable kernels, square windows, and patches), and the means,
+//! variances and features of pixels.
 
 use dapple_core::{Film, film::Features, parallel};
 
-/// Samples of a Gaussian with standard deviation `sigma` at whole pixels, out to `3 sigma`.
+/// The values of a Gaussian with standard deviation `sigma` at integer pixels, out to `3 sigma`.
 ///
-/// There is an odd number of weights, and they sum to 1.
+/// The number of weights is odd, and they sum to 1.
 pub(crate) fn gaussian_taps(sigma: f64) -> Vec<f64> {
     let reach = libm::ceil(3.0 * sigma) as i32;
     let mut taps: Vec<f64> = (-reach..=reach).map(|k| libm::exp(-f64::from(k * k) / (2.0 * sigma * sigma))).collect();
@@ -21,10 +21,9 @@ pub(crate) fn convolve<const N: usize>(size: [usize; 2], taps: &[f64], values: &
     convolve_read(size, taps, &|i| values[i])
 }
 
-/// The sums of `read(i)` over the pixels at most `radius` columns and rows from each pixel. Windows are cut off at the
-/// borders.
+/// The sums of `read(i)` over the pixels at most `radius` columns and rows from each pixel. Windows are cut off at the borders.
 ///
-/// A running sum would keep the rounding error of a firefly.
+/// No running sum is used, since it would retain the rounding error of a firefly.
 pub(crate) fn window_sums<const N: usize>(
     size: [usize; 2],
     radius: usize,
@@ -77,7 +76,7 @@ pub(crate) struct PixelTile {
 }
 
 impl PixelTile {
-    /// The tiles of a band of rows, from left to right; `largest` is the size of those away from the borders.
+    /// The tiles of a band of rows, from left to right; `largest` is the size of tiles away from the borders.
     pub(crate) fn of_band([width, height]: [usize; 2], largest: [usize; 2], band: usize) -> impl Iterator<Item = Self> {
         let top = band * largest[1];
         let rows = largest[1].min(height - top);
@@ -96,7 +95,7 @@ pub(crate) struct PatchSums {
     patch: usize,
     /// One sum per pixel of the tile.
     sums: Vec<f64>,
-    /// Sums over the rows of a patch, for the rows of the tile and of its margins.
+    /// The sums over the columns of a patch, for the rows of the tile and its margins.
     across: Vec<f64>,
     row: Vec<f64>,
 }
@@ -108,7 +107,7 @@ impl PatchSums {
         Self { patch, sums: vec![0.0; width * height], across: vec![0.0; width * tall], row: vec![0.0; wide] }
     }
 
-    /// Sums `value(x, y)` over the columns and rows of patches, which may lie outside the image.
+    /// Sums `value(x, y)` over the columns and rows of each pixel's patch, which may extend beyond the image.
     pub(crate) fn compute(&mut self, tile: PixelTile, value: impl Fn(isize, isize) -> f64) -> &[f64] {
         let ([width, height], side) = (tile.size, 2 * self.patch + 1);
         let from = |first: usize, k: usize| (first + k) as isize - self.patch as isize;
@@ -129,9 +128,9 @@ impl PatchSums {
 
 /// The variance of each pixel's mean, averaged over the channels.
 ///
-/// A pixel whose sample variance is 0 or unknown takes the mean sample variance of the 3x3 pixels around it. If none of
-/// these has two samples, it takes that of the image. If no pixel has two samples, the variance is that of the means of 3x3
-/// pixels, and infinite where only one of these has samples. It is 0 in pixels without samples.
+/// A pixel whose sample variance is 0 or unknown uses the mean sample variance of the 3x3 pixels around it. If none of these
+/// has two samples, it uses that of the image. If no pixel has two samples, the variance is that between the means of 3x3
+/// pixels, and infinite if only one of them has samples. The variance is 0 in pixels without samples.
 pub(crate) fn variances_of_means(film: &Film) -> Vec<f64> {
     let size = film.frame().size().map(|n| n as usize);
     let own = per_pixel(film, |i| film.moments(i).variance().map(|[r, g, b]| (r + g + b) / 3.0));
@@ -176,12 +175,12 @@ fn sum_and_number(values: impl Iterator<Item = f64>) -> (f64, f64) {
     values.fold((0.0, 0.0), |(sum, number), value| (sum + value, number + 1.0))
 }
 
-/// The radius of the window from which pixels without samples or variance take them.
+/// The radius of the window that provides means and variances for pixels without them.
 const NEAR: usize = 2;
 
-/// The means of a film's pixels, of all samples or of those of one half.
+/// The means of a film's pixels, over all samples or over one half.
 pub(crate) struct Means {
-    /// The mean radiance; for pixels without samples, that of both halves or of 5x5 pixels.
+    /// The mean radiance; for pixels without samples, the mean of both halves or of 5x5 pixels.
     pub(crate) colour: Vec<[f64; 3]>,
     /// The variance of the mean.
     pub(crate) variance: Vec<[f64; 3]>,
@@ -190,7 +189,7 @@ pub(crate) struct Means {
 }
 
 impl Means {
-    /// The bytes per pixel, and those of the sums from which they are made.
+    /// The bytes per pixel of the means, and of the sums from which they are computed.
     pub(crate) const BYTES: [usize; 2] = [24 + 24 + 1, 2 * 64];
 
     pub(crate) fn new(film: &Film, half: Option<usize>) -> Self {
@@ -199,7 +198,7 @@ impl Means {
             None => (film.count(i), film.mean(i)),
             Some(half) => film.half(half, i).map_or((0, [0.0; 3]), |moments| (moments.count, moments.mean)),
         };
-        // Per pixel: a 1 if there are samples, the mean, degrees of freedom of both halves, and squared deviations.
+        // Per pixel: 1 if there are samples, the mean, the degrees of freedom of both halves, and squared deviations.
         let sums = window_sums(size, NEAR, |i| {
             let ((count, [r, g, b]), all) = (own(i), film.moments(i));
             let [vr, vg, vb] = all.m2;
@@ -223,8 +222,8 @@ impl Means {
 /// The number of features: normal (3), albedo (3) and depth.
 pub(crate) const FEATURES: usize = 7;
 
-/// Means and sample variances of features. Depths are multiplied by `unit`. Samples without a hit have features 0. Each channel of
-/// normals and albedo has a third of their variance within surfaces.
+/// The means and sample variances of features. Depths are multiplied by `unit`. Samples without a hit have features 0. Within
+/// surfaces, each channel of normals and albedo has a third of the summed variance.
 pub(crate) fn feature_moments(f: &Features, unit: f32) -> [[f32; FEATURES]; 2] {
     let ([nx, ny, nz], [r, g, b]) = (f.normal, f.albedo);
     let [normal, albedo, _, depth] = f.variance.unwrap_or_default();
@@ -244,8 +243,8 @@ pub(crate) fn unit_of_depth(film: &Film) -> f32 {
     if depth > 0.0 { 1.0 / depth } else { 0.0 }
 }
 
-/// The mean and the variance of the mean of every pixel. Pixels without samples take those of Gaussians around them; they
-/// are black if no sample is within 27 pixels. Unknown variances are 0.
+/// The mean of every pixel and the variance of that mean. Pixels without samples use Gaussian-weighted neighbours; they are
+/// black if no sample is within 27 pixels. Unknown variances are 0.
 pub(crate) fn filled_means(film: &Film) -> (Vec<[f64; 3]>, Vec<f64>) {
     let size = film.frame().size().map(|n| n as usize);
     let variances = variances_of_means(film);
@@ -269,7 +268,7 @@ pub(crate) fn filled_means(film: &Film) -> (Vec<[f64; 3]>, Vec<f64>) {
     known.into_iter().map(|[r, g, b, variance, _]| ([r, g, b], variance)).unzip()
 }
 
-/// A squared error as images hold it: the largest number instead of an overflow. An unknown one stays infinite.
+/// A squared error as stored in images: the largest finite number instead of an overflow. An unknown error stays infinite.
 pub(crate) fn stored(error: f64) -> f32 {
     if error == f64::INFINITY { f32::INFINITY } else { error.clamp(0.0, f64::from(f32::MAX)) as f32 }
 }

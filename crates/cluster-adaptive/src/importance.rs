@@ -7,8 +7,8 @@ use dapple_clustering::Cluster;
 use dapple_core::{PointSet, parallel, point_set::mix};
 use std::sync::Arc;
 
-/// The increasing map `f` from the ratio `x = SP / SC` of pixel area to cluster size to a sampling rate [Lan 2016, eq.
-/// 3-3]. The thesis requires such a map and gives none.
+/// An increasing map `f` from the ratio `x = SP / SC` of pixel area to cluster size to a sampling rate [Lan 2016, eq. 3-3]. The
+/// thesis requires such a map but does not specify one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum RateMap {
     /// `f(x) = x` for the ratio `x` of pixel area to cluster size: every cluster gets the same number of samples, as in
@@ -31,38 +31,38 @@ impl RateMap {
         match self {
             Self::Identity => x,
             Self::Root => x.sqrt(),
-            // A median of 0 needs a footprint of 0 in half of all probes.
+            // The median is 0 only if half of all probes have a footprint of 0.
             Self::Log if median > 0.0 => (x / median).ln_1p(),
             Self::Log => x.sqrt(),
         }
     }
 }
 
-/// The sampling importance of all pixels: weights in proportion to which samples are distributed.
+/// The sampling importance of all pixels: weights to which sample counts are proportional.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Importance {
-    /// The importance of each pixel of the window, row by row: finite, not negative, without unit. If no term is left
-    /// out, the mean over the image is `1 + angle + distance`.
+    /// The importance of each pixel of the window, row by row: finite, not negative, without unit. If no term is zero
+    /// everywhere, the mean over the image is `1 + angle + distance`.
     pub per_pixel: Vec<f32>,
     /// The number of probes whose cluster has no size ([`Rates::replaced`](crate::Rates::replaced)).
     pub replaced: usize,
 }
 
-/// The sampling importance of every pixel.
+/// Computes the sampling importance of every pixel.
 ///
-/// [Lan 2016, 2.5] calls it "cluster share, plus weight for a large angle between cluster normal and view ray, plus
-/// weight for distance", and gives no formula. This is the simplest one:
+/// [Lan 2016, 2.5] describes it as "cluster share, plus weight for a large angle between cluster normal and view ray, plus
+/// weight for distance", without a formula. This is the simplest one:
 ///
 /// `I_p = share_p / <share> + angle * a_p / <a> + distance * z_p / <z>`
 ///
-/// Here `share` is the mean over the pixel's probes of `f(SP / SC)`, for pixel area `SP` and cluster size `SC`. `a` is
-/// the mean of `1 - |n . d|`, with `d` the ray and `n` the cluster's mean normal (the surface's where normals cancel).
-/// `z` is the mean distance to the hit, and `< >` the mean over the image. A term whose mean is 0 is left out. Probes
+/// Here `share` is the mean over the pixel's probes of `f(SP / SC)`, for pixel area `SP` and cluster size `SC`. `a` is the mean
+/// of `1 - |n . d|`, with `d` the ray and `n` the cluster's mean normal (the surface's normal if the cluster's normals cancel).
+/// `z` is the mean distance to the hit, and `< >` denotes the mean over the image. A term whose mean is 0 is left out. Probes
 /// without a hit add 0 to each term, except to the share with [`ClusterSize::Hits`].
 ///
-/// Importance has no unit: a scaled scene has the same importance, except for the rounding of its coordinates. (The
-/// published [`PixelArea::One`](crate::PixelArea::One) is an area in world units. It is the same for all pixels and
-/// cancels in the mean.) Values are rounded to `f32`, which hides the last digits of `f64`.
+/// Importance has no unit: scaling a scene changes it only by rounding of coordinates. (The published
+/// [`PixelArea::One`](crate::PixelArea::One) is an area in world units. It is the same for all pixels and cancels.) Values are
+/// rounded to `f32`, which hides the last digits of `f64`.
 ///
 /// # Errors
 ///
@@ -87,7 +87,7 @@ pub fn importance(
         probes.iter().zip(rates).map(of).fold([0.0; 3], plus)
     };
     let terms: Vec<[f64; 3]> = parallel::map(probes.all().len() / k, terms);
-    // Summed in order: the sum does not depend on threads.
+    // Summed in order, so that the sum does not depend on threads.
     let sums = terms.iter().copied().fold([0.0; 3], plus);
     let scale = |sum: f64, weight: f64| if sum > 0.0 { weight * terms.len() as f64 / sum } else { 0.0 };
     let [share, angle, distance] =
@@ -100,7 +100,7 @@ fn plus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 
-/// `1 - |cos|` of the angle between the probe's ray and its cluster's mean normal, or the surface's normal where the
+/// `1 - |cos|` of the angle between the probe's ray and the mean normal of its cluster, or the surface's normal if the
 /// cluster's normals cancel. 0 without a hit.
 fn obliquity(probe: &Probe, clusters: &[Cluster]) -> f64 {
     if probe.cluster == BACKGROUND {
@@ -121,10 +121,10 @@ fn median(probes: &Probes, rates: &[f64]) -> f64 {
     }
 }
 
-/// The caller's function that traces a shadow ray from the first hit of a probe ray to a random point of the lights.
+/// The caller's function that traces a shadow ray from the first hit of a probe ray to a random point on the lights.
 ///
-/// Three numbers in `[0, 1)` select a light and a point on it. It returns `true` if nothing is between, and `false` without a
-/// hit or without light. It must be pure.
+/// Three numbers in `[0, 1)` select a light and a point on it. The function returns `true` if the point is visible, and `false`
+/// if it is occluded or if there is no hit or light. It must be pure.
 pub type TraceVisibility = Arc<dyn Fn(ProbeRay, [f32; 3]) -> bool + Send + Sync>;
 
 /// The seed of all shadow rays.
@@ -133,11 +133,11 @@ const SEED: u64 = 0x51ab_71e5;
 /// The steps of an additive recurrence in three dimensions: powers of the inverse of the root of `x^4 = x + 1`.
 const STEPS: [f64; 3] = [0.819_172_513_396_164_4, 0.671_043_606_703_789_3, 0.549_700_477_901_970_3];
 
-/// The variance `v (1 - v)` of the lights' visibility over each of `clusters` clusters, 0 to 1/4. `v` is the fraction of
+/// The variance `v (1 - v)`, 0 to 1/4, of the lights' visibility over each of `clusters` clusters. `v` is the fraction of
 /// shadow rays that reach a light.
 ///
 /// Each cluster that a probe hit gets `rays` shadow rays, from the hits of evenly spread probes. Random numbers have a fixed
-/// seed. Clusters without a hit have variance 0. `points` are those of the probes.
+/// seed. Clusters without a hit have variance 0. `points` is the point set of the probes.
 ///
 /// # Errors
 ///
@@ -149,7 +149,7 @@ pub fn visibility_variances(
     rays: u32,
     is_visible: &(dyn Fn(ProbeRay, [f32; 3]) -> bool + Sync),
 ) -> Result<Vec<f32>, Error> {
-    // The probes of each cluster, cluster by cluster.
+    // The indices of the probes, sorted by cluster.
     let counts = probes.class_counts(clusters)?;
     let mut ends: Vec<usize> =
         counts[..clusters].iter().scan(0, |end, &n| Some(std::mem::replace(end, *end + n as usize))).collect();
@@ -169,7 +169,7 @@ pub fn visibility_variances(
             let spread = (f64::from(*k) + unit(mix(name ^ u64::from(*k)))) / f64::from(rays);
             let hit = hits[((spread * hits.len() as f64) as usize).min(hits.len() - 1)];
             let shifted = |axis: usize| (unit(mix(name ^ 1 << 31 ^ axis as u64)) + f64::from(*k) * STEPS[axis]).fract();
-            // Rounded down, since 1 is no coordinate.
+            // Rounded down, since coordinates are below 1.
             let light = [0, 1, 2].map(|axis| (shifted(axis) as f32).min(1.0f32.next_down()));
             is_visible(ray_of(probes, hit as usize, points), light)
         };

@@ -6,8 +6,8 @@ use dapple_core::options::Options as _;
 dapple_core::options! {
     /// The parameters of [`ClusterThesis`](crate::ClusterThesis), the sampler of [Lan 2016].
     ///
-    /// The defaults are Lan's, as far as the thesis gives any. It gives no formula for `map`, and no values for the two
-    /// weights; their default 0.25 is a guess.
+    /// The defaults are those of the thesis where it states them. It states no formula for `map` and no values for the two
+    /// weights; the default 0.25 of the weights is a guess.
     pub struct ClusterThesisOptions {
         /// Pixel area, if clusters are measured by box or triangles: one (published) or footprint.
         pub pixel: PixelArea = PixelArea::One => "one";
@@ -23,15 +23,15 @@ dapple_core::options! {
         pub distance: f64 = 0.25, |weight| weight >= 0.0 && weight.is_finite(), "a weight of 0 or more";
         /// Least samples per pixel (with --time and --error use --min-spp instead); 0 takes Lan's table 4-3.
         ///
-        /// [`published_bounds`] is this table. The minimum also holds if the budget is raised later, so a time limit
-        /// may refuse it: set the limit's own floor there.
+        /// [`published_bounds`] is this table. The minimum also applies if the budget is raised later, so under a time limit it
+        /// may be refused. Set the floor of the limit instead.
         pub min: u32 = 0;
         /// Largest number of samples of a pixel; 0 takes Lan's table 4-3.
         pub max: u32 = 0;
         /// Shadow rays per cluster towards random points of the lights; 0 knows no light (published).
         ///
         /// The importance of a cluster is multiplied by `1 + v (1 - v)`, where `v` is the fraction of its shadow rays that
-        /// reach a light. Penumbras get up to a quarter more. [Lan 2016] asks for it as future work and gives no formula.
+        /// reach a light. Penumbras get up to a quarter more. [Lan 2016] suggests this as future work, without a formula.
         pub lights: u32 = 0, |rays| rays != 1 && rays <= 1024, "0, or 2 to 1024 shadow rays";
     }
 }
@@ -41,16 +41,16 @@ impl ClusterThesisOptions {
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`] for a weight below 0 or not finite, or a maximum below the minimum.
+    /// [`Error::OutOfRange`] for a weight that is negative or not finite, or a maximum below the minimum.
     pub fn check(&self) -> Result<(), Error> {
         self.check_ranges()?;
         if self.max != 0 && self.max < self.min {
-            return Err(Error::range("max", self.max, "no less than min; 0 chooses"));
+            return Err(Error::range("max", self.max, "use at least min; 0 chooses"));
         }
         Ok(())
     }
 
-    /// The least and the largest count per pixel, for a budget of `mean` samples per pixel.
+    /// The least and the largest sample count per pixel, for a budget of `mean` samples per pixel.
     pub(crate) fn bounds(&self, mean: f64) -> [u32; 2] {
         let [low, high] = published_bounds(mean);
         match (self.min, self.max) {
@@ -62,10 +62,10 @@ impl ClusterThesisOptions {
     }
 }
 
-/// The least and the largest count per pixel for a budget of `mean` samples per pixel [Lan 2016, table 4-3].
+/// The least and the largest sample count per pixel for a budget of `mean` samples per pixel [Lan 2016, table 4-3].
 ///
-/// The table has minima 6, 12, 24, 56 and maxima 16, 32, 48, 80 for means 8, 16, 32, 64. Bounds are linear between its
-/// columns, and in proportion below and above. The minimum is rounded down, the maximum up.
+/// The table has minima 6, 12, 24, 56 and maxima 16, 32, 48, 80 for means 8, 16, 32, 64. Bounds are interpolated linearly
+/// between these means, and proportional to the mean outside. The minimum is rounded down, the maximum up.
 pub fn published_bounds(mean: f64) -> [u32; 2] {
     const TABLE: [[f64; 3]; 4] = [[8.0, 6.0, 16.0], [16.0, 12.0, 32.0], [32.0, 24.0, 48.0], [64.0, 56.0, 80.0]];
     let mean = mean.clamp(0.0, f64::from(u32::MAX));
@@ -86,9 +86,9 @@ pub fn published_bounds(mean: f64) -> [u32; 2] {
 #[non_exhaustive]
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
-    /// A probe's hit on a primitive that has no label.
+    /// A probe that hit a primitive without a label.
     #[error(
-        "pixel ({}, {}): a probe hit primitive {primitive}, but there are labels for {labels} only: give one label per \
+        "pixel ({}, {}): a probe hit primitive {primitive}, but there are only {labels} labels: give one label per \
          primitive, in the numbering of the hits",
         pixel[0],
         pixel[1]
@@ -101,13 +101,13 @@ pub enum Error {
         /// The number of labels.
         labels: usize,
     },
-    /// A label that names a cluster not in the list.
+    /// A label that is not the number of a cluster.
     #[error(
-        "label {label} names no cluster: there are {clusters}, numbered from 0; pass labels and clusters of the same \
+        "label {label} is no cluster: there are {clusters} clusters, numbered from 0; pass labels and clusters of the same \
          clustering"
     )]
     NoCluster {
-        /// The label that names no cluster.
+        /// The invalid label.
         label: u32,
         /// The number of clusters.
         clusters: usize,
@@ -120,8 +120,8 @@ pub enum Error {
         /// The number of triangles.
         triangles: usize,
     },
-    /// A triangle with the index of a vertex that does not exist.
-    #[error("triangle {triangle} names vertex {vertex}, but there are {vertices}")]
+    /// A triangle with the index of a missing vertex.
+    #[error("triangle {triangle} refers to vertex {vertex} of {vertices}: use indices from 0 to below {vertices}")]
     NoVertex {
         /// The index of the triangle.
         triangle: usize,
@@ -134,7 +134,7 @@ pub enum Error {
     #[error(transparent)]
     OutOfRange(#[from] dapple_core::options::OutOfRange),
     /// Probes that were traced for another frame than the rendered one.
-    #[error("the probes are those of {of}, but {wanted} is rendered: probe that frame, or let the sampler probe")]
+    #[error("the probes were traced for {of}, but {wanted} is rendered: probe that frame, or let the sampler probe")]
     OtherFrame {
         /// The frame of the probes, as text.
         of: String,
@@ -149,8 +149,7 @@ impl Error {
     }
 }
 
-/// Converts errors of parameters to [`dapple_core::Error::OutOfRange`], and other errors to
-/// [`dapple_core::Error::Other`].
+/// Converts parameter errors to [`dapple_core::Error::OutOfRange`], and other errors to [`dapple_core::Error::Other`].
 impl From<Error> for dapple_core::Error {
     fn from(error: Error) -> Self {
         match error {

@@ -4,15 +4,15 @@ use crate::Error;
 pub use dapple_core::integrator::BACKGROUND;
 use dapple_core::{Clock, Frame, PointSet, SampleId, parallel, point_set::streams};
 
-/// The placement of a pixel's first-hit probes on pixel and lens.
+/// The position of a pixel's first-hit probes on pixel and lens.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Placement {
-    /// One probe, through the centres of pixel and lens [Lan 2016, 2.6]. The sampling rate that it predicts is wrong
-    /// for pixels that see more than one cluster.
+    /// One probe, through the centres of pixel and lens [Lan 2016, 2.6]. The predicted sampling rate is wrong for pixels that
+    /// see more than one cluster.
     #[default]
     Centre,
-    /// A number of probes, 1 to 256, spread over pixel and lens by a point set. The expectation of each probe's
-    /// predicted sampling rate is right for any pixel.
+    /// This many probes, 1 to 256, spread over pixel and lens by a point set. The expectation of each probe's predicted
+    /// sampling rate is correct for any pixel.
     Jittered(u32),
 }
 
@@ -42,11 +42,11 @@ pub struct ProbeRay {
     pub pixel: [u32; 2],
     /// The ray's point on the film, inside `pixel`, in pixels of the full image from its upper left corner.
     pub film: [f32; 2],
-    /// The ray's point on the lens, in `[0, 1)^2` as the integrator would sample it; `[0.5, 0.5]` with
-    /// [`Placement::Centre`]. A pinhole ignores it.
+    /// The ray's point on the lens as a sample in `[0, 1)^2`; `[0.5, 0.5]` with [`Placement::Centre`]. A pinhole camera ignores
+    /// it.
     pub lens: [f32; 2],
-    /// The sample's identity in the point set. A renderer that needs more coordinates (time, for example) takes blocks
-    /// of this sample from 1 on; block 0 is `film` and `lens`.
+    /// The sample's identity in the point set. A renderer that needs more coordinates (time, for example) uses the blocks of
+    /// this sample from 1 on; block 0 is `film` and `lens`.
     pub sample: SampleId,
 }
 
@@ -55,11 +55,11 @@ pub struct ProbeRay {
 pub struct ProbeHit {
     /// The index of the primitive in the list of labels.
     pub primitive: u32,
-    /// The ray's direction, from the eye to the hit; of any length above 0.
+    /// The ray's direction, from the eye to the hit; its length may be any number above 0.
     pub direction: [f32; 3],
     /// Distance along the ray from the eye, in world units, not negative.
     pub distance: f32,
-    /// The surface's unit normal; either side.
+    /// The surface's unit normal, on either side.
     pub normal: [f32; 3],
     /// Width of a pixel at the hit, in world units, measured across the ray; not negative. Used with
     /// [`PixelArea::Footprint`](crate::PixelArea::Footprint) only.
@@ -84,11 +84,10 @@ pub struct Probe {
 impl Probe {
     const MISS: Self = Self { cluster: BACKGROUND, direction: [0.0; 3], cosine: 0.0, distance: 0.0, footprint: 0.0 };
 
-    /// Makes the record of a hit on `cluster`; `None` for a hit with a NaN, an infinity, a negative length, or no
-    /// direction.
+    /// Creates the record of a hit on `cluster`; `None` if the hit has NaN, infinite or negative lengths, or no direction.
     fn new(cluster: u32, hit: &ProbeHit) -> Option<Self> {
         let ProbeHit { direction, distance, normal, footprint, .. } = *hit;
-        // f64, since squares of small components leave the range of f32.
+        // In f64, since squares of small components leave the range of f32.
         let length = dot(direction, direction).sqrt();
         let fine = length > 0.0 && length.is_finite() && distance >= 0.0 && footprint >= 0.0;
         let finite = distance.is_finite() && footprint.is_finite() && normal.iter().all(|n| n.is_finite());
@@ -106,12 +105,12 @@ pub(crate) fn dot(a: [f32; 3], b: [f32; 3]) -> f64 {
     f64::from(a[0]) * f64::from(b[0]) + f64::from(a[1]) * f64::from(b[1]) + f64::from(a[2]) * f64::from(b[2])
 }
 
-/// The cost of tracing probes: part of the cost of every image that is planned from them.
+/// The cost of tracing probes, which is part of the cost of every image planned from them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ProbeCost {
     /// The number of rays traced.
     pub rays: u64,
-    /// The wall seconds that tracing took.
+    /// The wall-clock seconds of tracing.
     pub seconds: f64,
 }
 
@@ -127,16 +126,16 @@ pub struct Probes {
 
 /// Traces the probes of `frame`, in parallel by rows, and labels their hits: `labels` holds one cluster per primitive.
 ///
-/// Coordinates come from `points`, as samples of [`streams::PROBE`]; [`Placement::Centre`] needs none. The result
-/// depends neither on threads nor on their order, as long as `shoot` is a pure function.
+/// Coordinates come from `points`, as samples of [`streams::PROBE`]; [`Placement::Centre`] needs none. The result does not
+/// depend on threads or their order, as long as `shoot` is a pure function.
 ///
-/// Each probe ends in exactly one class: a cluster, or the background. A hit with a NaN, an infinity, a negative length
-/// or no direction counts as no hit; [`Probes::rejected`] has the number of such hits.
+/// Each probe ends in exactly one class: a cluster, or the background. A hit with NaN, infinite or negative lengths, or without
+/// direction, counts as a miss; [`Probes::rejected`] counts such hits.
 ///
 /// # Errors
 ///
-/// [`Error::NoLabel`] for a hit whose primitive has no label (the first, row by row), [`Error::NoCluster`] if that
-/// label is [`BACKGROUND`]; [`Error::OutOfRange`] for 0 or more than 256 probes per pixel.
+/// [`Error::NoLabel`] for a hit whose primitive has no label (the first, row by row); [`Error::NoCluster`] if a label is
+/// [`BACKGROUND`]; [`Error::OutOfRange`] for 0 or more than 256 probes per pixel.
 pub fn probe(
     frame: &Frame,
     placement: Placement,
@@ -147,7 +146,7 @@ pub fn probe(
     let clock = Clock::of_machine();
     let k = placement.per_pixel();
     if !(1..=256).contains(&k) || u64::from(k) > points.capacity() {
-        let allowed = "at least 1 and at most 256, and no more than the point set has";
+        let allowed = "use 1 to 256, and no more than the point set has";
         return Err(Error::range("probes per pixel", k, allowed));
     }
     let width = frame.size()[0] as usize * k as usize;
@@ -173,7 +172,7 @@ pub fn probe(
         }
         Ok(rejected)
     };
-    // Collected row by row, so that the first error is the same for any number of threads.
+    // Collected row by row, so that the first error does not depend on the number of threads.
     let rows: Vec<Result<u64, Error>> = parallel::map_parts(probes.chunks_mut(width).enumerate(), trace);
     let rejected = rows.into_iter().sum::<Result<u64, Error>>()?;
     let cost = ProbeCost { rays: probes.len() as u64, seconds: clock.seconds() };
@@ -186,7 +185,7 @@ pub(crate) fn ray(pixel: [u32; 2], index: u64, placement: Placement, points: &dy
         Placement::Centre => [0.5; 4],
         Placement::Jittered(_) => points.block(sample, 0),
     };
-    // Far from the origin a sum may round up to the next pixel.
+    // Far from the origin, a sum may round up to the next pixel.
     let place = |k: usize| (pixel[k] as f32 + u[k]).min((pixel[k] as f32 + 1.0).next_down());
     ProbeRay { pixel, film: [place(0), place(1)], lens: [u[2], u[3]], sample }
 }
@@ -217,18 +216,18 @@ impl Probes {
     ///
     /// # Panics
     ///
-    /// If there is no such pixel.
+    /// Panics if there is no such pixel.
     pub fn of_pixel(&self, i: usize) -> &[Probe] {
         let k = self.placement.per_pixel() as usize;
         &self.probes[i * k..(i + 1) * k]
     }
 
-    /// The number of rejected hits: those with a NaN, an infinity, a negative length, or no direction.
+    /// The number of rejected hits: those with NaN, infinite or negative lengths, or no direction.
     pub fn rejected(&self) -> u64 {
         self.rejected
     }
 
-    /// The rays and the seconds that probing took.
+    /// The number of rays and the seconds that probing used.
     pub fn cost(&self) -> ProbeCost {
         self.cost
     }

@@ -14,43 +14,42 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// The caller's function that traces a probe ray and returns its first hit, if any. It must be pure.
 pub type TraceProbe = Arc<dyn Fn(ProbeRay) -> Option<ProbeHit> + Send + Sync>;
 
-/// The inputs with which a sampler traces its probes before the first plan: labels, clusters and a ray tracer.
+/// The inputs for a sampler that traces its probes before the first plan: labels, clusters and a ray tracer.
 #[derive(Clone)]
 pub struct ProbeSource {
-    /// The index of each primitive's cluster.
+    /// The cluster number of each primitive.
     pub labels: Arc<[u32]>,
-    /// The clusters that the labels index.
+    /// The clusters to which the labels refer.
     pub clusters: Arc<[Cluster]>,
     /// The function that traces a probe ray and returns its first hit.
     pub shoot: TraceProbe,
     /// The placement of each pixel's probes.
     pub placement: Placement,
-    /// The clustering parameters to append to [`ClusterThesis`]'s description, for example `k=9,clamp=32`; may be
-    /// empty.
+    /// The clustering parameters for [`ClusterThesis`]'s description, for example `k=9,clamp=32`; may be empty.
     pub described: String,
 }
 
-/// A handle that shares a sampler's first-hit probes, also after the sampler is boxed: for their cost and for maps. The
-/// default is the handle of a sampler that traces none.
+/// A handle to the first-hit probes of a sampler, for their cost and for maps. It remains usable after the sampler is boxed.
+/// The default handle belongs to a sampler without probes.
 #[derive(Clone, Debug, Default)]
 pub struct ProbesHandle(Vec<Arc<Mutex<Option<Arc<Probes>>>>>);
 
 impl ProbesHandle {
-    /// The handle of a sampler that consists of others: this handle's sampler, then those of `others`.
+    /// Joins handles for a sampler that consists of several: the probes of this handle's sampler, then those of `others`.
     #[must_use]
     pub fn joined(mut self, others: Self) -> Self {
         self.0.extend(others.0);
         self
     }
 
-    /// The first-hit probes that the sampler traced last; `None` before the first plan. If several samplers are
-    /// [joined](ProbesHandle::joined), those of the first one that has traced any.
+    /// The first-hit probes that the sampler traced last; `None` before the first plan. For [joined](ProbesHandle::joined)
+    /// samplers, the first one that has traced any counts.
     pub fn probes(&self) -> Option<Arc<Probes>> {
         self.each().next()
     }
 
-    /// The cost of the first-hit probes that the sampler traced last, summed over joined samplers; `None` before the
-    /// first plan.
+    /// The cost of the first-hit probes that the sampler traced last, summed over joined samplers; `None` before the first
+    /// plan.
     pub fn cost(&self) -> Option<ProbeCost> {
         let add = |a: ProbeCost, b: ProbeCost| ProbeCost { rays: a.rays + b.rays, seconds: a.seconds + b.seconds };
         self.each().map(|probes| probes.cost()).reduce(add)
@@ -86,19 +85,19 @@ impl Prior {
 
 /// The sampler of [Lan 2016]: few samples for large clusters, many for small ones.
 ///
-/// First-hit probes find the cluster that each pixel sees. Its importance (see [`importance()`]) follows the ratio of the
-/// pixel's area to the cluster's projected area. Every pixel gets a minimum. The rest of the budget is distributed in
-/// proportion to importance, up to a maximum; the excess goes to the others ([`share`]).
+/// First-hit probes find the cluster that each pixel sees. The pixel's importance (see [`importance()`]) depends on the ratio
+/// of the pixel's area to the cluster's projected area. Every pixel gets a minimum. The rest of the budget is distributed in
+/// proportion to importance, up to a maximum; the excess is redistributed to the other pixels ([`share`]).
 ///
-/// *Guarantees*: the budget is met exactly. Counts are a function of geometry alone: radiance does not enter them, and
-/// probes never enter the image. The image is thus unbiased for every budget that is known beforehand, and for every
-/// sequence of them. (A limit on the *error* stops by the samples seen, and has its own bias.) A raised budget keeps
-/// the proportions as far as the samples already spent allow. Equal importance gives counts that differ by at most 1.
+/// *Guarantees*: the budget is spent exactly. Counts depend on geometry alone, not on radiance, and probes never contribute to
+/// the image. The image is thus unbiased for every budget, or sequence of budgets, that is known beforehand. (A limit on the
+/// *error* stops depending on the samples, and has its own bias.) A raised budget keeps the proportions as far as the samples
+/// already spent allow. Equal importance gives counts that differ by at most 1.
 ///
-/// *Weaknesses*: equal samples per cluster do not minimise the error; the sampler knows no light, texture or gloss.
-/// With the published parameters it loses to uniform counts if most error lies in large clusters, such as a textured
-/// floor. The loss is up to a factor of `mean / minimum` in MSE. Counts are not rounded to those at which the point set
-/// is well stratified, nor are the counts of the thesis.
+/// *Weaknesses*: equal samples per cluster do not minimise the error; light, texture and gloss are ignored. With the published
+/// parameters, the MSE exceeds that of uniform counts if most of the error lies in large clusters, such as a textured floor, by
+/// up to a factor of `mean / minimum`. As in the thesis, counts are not rounded to those at which the point set is well
+/// stratified.
 pub struct ClusterThesis<P> {
     points: P,
     size: ClusterSize,
@@ -111,8 +110,8 @@ pub struct ClusterThesis<P> {
 }
 
 impl<P: PointSet> ClusterThesis<P> {
-    /// Makes the sampler with the size measure and parameters of [Lan 2016], planned from these probes. It is valid for
-    /// their frame only.
+    /// Creates the sampler with the size measure and parameters of [Lan 2016], planned from these probes. It works only for the
+    /// frame of the probes.
     ///
     /// # Errors
     ///
@@ -121,8 +120,8 @@ impl<P: PointSet> ClusterThesis<P> {
         Self::with_options(points, probes, clusters, ClusterSize::ProjectedBox, ClusterThesisOptions::default())
     }
 
-    /// Makes the sampler with any size measure and parameters, planned from these probes. It is valid for their frame
-    /// only.
+    /// Creates the sampler with any size measure and parameters, planned from these probes. It works only for the frame of the
+    /// probes.
     ///
     /// # Errors
     ///
@@ -136,7 +135,7 @@ impl<P: PointSet> ClusterThesis<P> {
         options: ClusterThesisOptions,
     ) -> Result<Self, Error> {
         if options.lights > 0 {
-            return Err(Error::range("lights", options.lights, "0 for probes traced beforehand"));
+            return Err(Error::range("lights", options.lights, "use 0 with probes traced beforehand"));
         }
         let importance = importance(probes, clusters, &size, &options)?;
         let prior = Some(Prior::new(*probes.frame(), importance));
@@ -144,13 +143,13 @@ impl<P: PointSet> ClusterThesis<P> {
         Ok(Self { points, size, options, placement, probed: None, visible: None, handle, prior })
     }
 
-    /// Makes the sampler with any size measure and parameters. It traces its probes at the first plan for a frame,
-    /// which need not be known before. [`ClusterThesis::handle`] has their cost.
+    /// Creates the sampler with any size measure and parameters. It traces its probes at the first plan for a frame, which need
+    /// not be known in advance. [`ClusterThesis::handle`] reports their cost.
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`] for a weight below 0, a maximum below the minimum, or 0 or more than 256 probes per pixel.
-    /// The first plan refuses wrong labels and clusters.
+    /// [`Error::OutOfRange`] for a weight below 0, a maximum below the minimum, or 0 or more than 256 probes per pixel. Wrong
+    /// labels and clusters are errors of the first plan.
     pub fn probing(
         points: P,
         probed: ProbeSource,
@@ -160,7 +159,7 @@ impl<P: PointSet> ClusterThesis<P> {
         options.check()?;
         let placement = probed.placement;
         if !(1..=256).contains(&placement.per_pixel()) {
-            return Err(Error::range("probes", placement, "centre, or at least 1 and at most 256 per pixel"));
+            return Err(Error::range("probes", placement, "use centre, or 1 to 256 per pixel"));
         }
         let handle = ProbesHandle(vec![Arc::default()]);
         Ok(Self { points, size, options, placement, probed: Some(probed), visible: None, handle, prior: None })
@@ -172,12 +171,12 @@ impl<P: PointSet> ClusterThesis<P> {
         Self { visible: Some(visible), ..self }
     }
 
-    /// A handle to the probes that the sampler traces, now or later. It stays empty if the probes were given.
+    /// A handle to the probes that the sampler traces. It stays empty if the probes were passed in.
     pub fn handle(&self) -> ProbesHandle {
         self.handle.clone()
     }
 
-    /// The sampling weights of the frame's pixels. Traces the probes of the frame first if there are none.
+    /// The sampling weights of the frame's pixels. Traces the frame's probes first if necessary.
     fn weights(&mut self, frame: &Frame) -> Result<&[f64], Error> {
         if self.prior.as_ref().is_none_or(|p| p.frame != *frame) {
             let Some(probed) = &self.probed else {
@@ -195,11 +194,11 @@ impl<P: PointSet> ClusterThesis<P> {
         let mut importance = importance(&probes, &probed.clusters, &self.size, &self.options)?;
         let (rays, clock) = (self.options.lights, Clock::of_machine());
         if rays > 0 {
-            let lacks = || Error::range("lights", rays, "0 without a function that traces shadow rays");
+            let lacks = || Error::range("lights", rays, "use 0, or set a function that traces shadow rays");
             let visible = self.visible.as_ref().ok_or_else(lacks)?;
             let clusters = probed.clusters.len();
             importance.raise(&probes, &visibility_variances(&probes, clusters, &self.points, rays, &**visible)?);
-            // A probe's ray and a shadow ray each.
+            // Each shadow ray needs a probe's ray too.
             let seen = probes.class_counts(clusters)?[..clusters].iter().filter(|&&n| n > 0).count() as u64;
             probes.add_cost(2 * u64::from(rays) * seen, clock.seconds());
         }
@@ -226,9 +225,8 @@ impl<P: PointSet> Sampler for ClusterThesis<P> {
 
     fn memory(&self, frame: &Frame, _: &Needs, _: &Limits) -> SamplerMemory {
         let k = self.placement.per_pixel() as usize;
-        // The first plan, with rates and terms of importance, is made before anything is written to the film, whose
-        // counts and means take 32 bytes. Later plans hold counts, floors, and the allocation's weights, shares and
-        // counts.
+        // The first plan, with rates and terms of importance, is computed before anything is written to the film, whose counts
+        // and means use 32 bytes. Later plans hold counts, floors, and the weights, fractions and counts of the allocation.
         let sorted = if self.options.lights > 0 { 4 * k } else { 0 };
         let first = (8 * k + 24 + 8).max(4 + sorted).saturating_sub(32);
         let later = 4 + 4 + 8 + 8 + 4;
@@ -250,10 +248,10 @@ impl<P: PointSet> Sampler for ClusterThesis<P> {
         let [min, max] = self.options.bounds(total as f64 / pixels as f64);
         let base = min.max(budget.min_spp);
         let ceiling = if self.options.max > 0 { max } else { max.max(base) }.min(budget.max_spp);
-        // The bounds of the table yield to the budget. The user's bounds hold, or an error is returned.
+        // The bounds of the table adapt to the budget. The user's bounds are kept, or an error is returned.
         let asked = self.options.min.max(budget.min_spp);
         if asked > ceiling {
-            let allowed = "no less than the floor of samples per pixel";
+            let allowed = "use at least the floor of samples per pixel";
             return Err(dapple_core::Error::OutOfRange { name: "max", value: ceiling.to_string(), allowed });
         }
         let needed = pixels as u64 * u64::from(asked);
@@ -270,7 +268,7 @@ impl<P: PointSet> Sampler for ClusterThesis<P> {
         for ((count, wanted), now) in plan.counts.iter_mut().zip(wanted).zip(now) {
             *count = wanted - now;
         }
-        // Nothing to add if every pixel has reached the ceiling.
+        // No samples are added if every pixel is at its ceiling.
         Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })
     }
 }

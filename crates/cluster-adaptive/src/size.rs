@@ -1,25 +1,25 @@
-//! The size of a cluster, by its box or triangle by triangle, and the sampling rate that its probes predict.
+//! The size of a cluster, by its box or by its triangles, and the sampling rate that its probes predict.
 
 use crate::Error;
 use crate::probe::{BACKGROUND, Probe, Probes};
 use dapple_clustering::{Cluster, Triangles};
 use dapple_core::parallel;
 
-/// The measure of a cluster's size `SC`, for the ratio `SP / SC` of pixel area to cluster size.
+/// The measure of a cluster's size `SC`, in the ratio `SP / SC` of pixel area to cluster size.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum ClusterSize {
     /// The size of the cluster's axis-aligned box, projected along the probe's unit ray `d`: `lx ly |dz| + lx lz |dy| +
     /// ly lz |dx|`, in world units [Lan 2016, 2.3]. `lx`, `ly` and `lz` are the box's edges.
     #[default]
     ProjectedBox,
-    /// The sum of the areas of the cluster's triangles, projected along the probe's ray, in world units [Lan 2016,
-    /// 3.2.2 a]. Boxes may be much larger than their triangles.
+    /// The sum of the areas of the cluster's triangles, projected along the probe's ray, in world units [Lan 2016, 3.2.2 a]. A
+    /// box may be much larger than its triangles.
     ProjectedTriangles(AreaVectors),
-    /// The film area of the cluster's box in perspective, in pixels: [`projected_box_area`] with this world-to-clip
-    /// matrix. The projected box of [Lan 2016, 2.3] lacks perspective.
+    /// The film area of the cluster's box in perspective, in pixels: [`projected_box_area`] with this world-to-clip matrix. The
+    /// projected box of [Lan 2016, 2.3] ignores perspective.
     ScreenBox([[f32; 4]; 4]),
-    /// The number of probes that hit the cluster, divided by the probes per pixel: the pixels that it covers, with
-    /// occlusion and perspective. The background is a cluster as well.
+    /// The number of probes that hit the cluster, divided by the probes per pixel. This is the number of pixels that the
+    /// cluster covers, with occlusion and perspective. The background counts as a cluster.
     Hits,
 }
 
@@ -35,22 +35,22 @@ impl ClusterSize {
     }
 }
 
-/// The measure of a pixel's area `SP`, for clusters whose size is measured in world units.
+/// The measure of a pixel's area `SP`, if cluster sizes are measured in world units.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PixelArea {
-    /// Area 1 for every pixel, as in [Lan 2016]. The perspective factor `f^2 / d^2` of focal length and distance is
-    /// missing: a far cluster counts as large as a near one.
+    /// Area 1 for every pixel, as in [Lan 2016]. The perspective factor `f^2 / d^2` of focal length and distance is missing, so
+    /// a far cluster counts as large as a near one.
     #[default]
     One,
-    /// The squared width of the pixel's footprint at the hit. A cluster's size divided by it is a number of pixels.
+    /// The squared width of the pixel's footprint at the hit. A cluster's size divided by this area is a number of pixels.
     Footprint,
 }
 
 dapple_core::choices!(PixelArea { One = "one", Footprint = "footprint" });
 
-/// The least projected size of a cluster, as a fraction of its largest face (or of its triangles' area). It is the size
-/// of a plane 0.06 degrees from edge-on. Nearer to edge-on, sizes stay constant, so that no rate is infinite and none
-/// jumps at 0 degrees.
+/// The least projected size of a cluster, as a fraction of its largest face (or of its triangles' area). A plane has this size
+/// at 0.06 degrees from edge-on. Closer to edge-on, sizes stay constant, so that rates stay finite and do not jump at 0
+/// degrees.
 const EDGE_ON: f64 = 1e-3;
 
 /// The sampling rates that probes predict, one per probe.
@@ -60,7 +60,7 @@ pub struct Rates {
     /// not negative; 0 for a probe without a hit. Only proportions matter, except with [`PixelArea::Footprint`],
     /// [`ClusterSize::ScreenBox`] and [`ClusterSize::Hits`], where a cluster of `n` pixels gives `1 / n`.
     pub values: Vec<f64>,
-    /// The number of probes whose cluster has no size (a point, a line, corners that are not finite). They get the
+    /// The number of probes whose cluster has no size (a point, a line, or corners that are not finite). Their rate is the
     /// largest rate of the other probes.
     pub replaced: usize,
 }
@@ -68,11 +68,11 @@ pub struct Rates {
 /// The sampling rate that each probe predicts: the ratio `SP / SC` of pixel area to cluster size [Lan 2016, eq. 3-3,
 /// before `f`].
 ///
-/// The thesis estimates the pixel's true rate `R sum_i Scc_i / Sc_i` with one ray, as `R SP / SC`. The sum is over the
-/// clusters that the pixel sees, and `Scc_i` is the part of cluster `i` in it. A probe through the pixel's centre is
-/// right if one cluster fills the pixel. A probe placed evenly over the pixel hits `i` with probability `Scc_i / SP`,
-/// so its expectation is the true rate for any pixel. Averaging [`Placement::Jittered`](crate::Placement::Jittered)
-/// probes is thus the remedy.
+/// The thesis estimates the pixel's true rate `R sum_i Scc_i / Sc_i` with one ray, as `R SP / SC`. The sum is over the clusters
+/// that the pixel sees, and `Scc_i` is the part of cluster `i` in it. A probe through the pixel's centre is correct if one
+/// cluster fills the pixel. A probe placed uniformly in the pixel hits cluster `i` with probability `Scc_i / SP`, so its
+/// expectation is the true rate for any pixel. The mean over [`Placement::Jittered`](crate::Placement::Jittered) probes is thus
+/// unbiased.
 ///
 /// # Errors
 ///
@@ -135,8 +135,8 @@ impl BoxFaces {
         Self { areas, least: EDGE_ON * areas[0].max(areas[1]).max(areas[2]) }
     }
 
-    /// The box's size projected along the unit direction `d`, in the orthographic projection of [Lan 2016, 2.3, Fig.
-    /// 3-20]. It is at least a thousandth of the largest face.
+    /// The box's size projected along the unit direction `d`, in the orthographic projection of [Lan 2016, 2.3, Fig. 3-20]. It
+    /// is at least a thousandth of the largest face.
     fn projected(&self, d: [f32; 3]) -> f64 {
         let [x, y, z] = self.areas;
         let [dx, dy, dz] = d.map(|d| f64::from(d.abs()));
@@ -144,8 +144,7 @@ impl BoxFaces {
     }
 }
 
-/// Replaces rates of clusters without size, and NaN, by the largest of the others. Returns the number of replaced
-/// rates.
+/// Replaces NaN and rates of clusters without size by the largest other rate. Returns the number of replaced rates.
 fn replace_infinite(rates: &mut [f64]) -> usize {
     let none = |r: f64| !r.is_finite() || r < 0.0;
     let largest = rates.iter().copied().filter(|&r| !none(r)).fold(0.0, f64::max);
@@ -155,15 +154,14 @@ fn replace_infinite(rates: &mut [f64]) -> usize {
     replaced
 }
 
-/// The area, in pixels, that the box between the corners `bounds` covers on a film of `resolution` pixels. The
-/// projection `world_to_clip` has the rows of a matrix that takes `[x, y, z, 1]` to clip space. A point with `w > 0`
-/// lies in front of the eye, and is on the film if `x / w` and `y / w` are in `[-1, 1]`. The row of `z` is ignored: the
-/// only near plane is the eye's own.
+/// The area, in pixels, that the box between the corners `bounds` covers on a film of `resolution` pixels. `world_to_clip`
+/// holds the rows of a matrix that maps `[x, y, z, 1]` to clip space. A point with `w > 0` lies in front of the eye, and is on
+/// the film if `x / w` and `y / w` are in `[-1, 1]`. The row of `z` is ignored: the near plane is that through the eye.
 ///
-/// The part of the box in front of the eye is convex. Its image is thus the convex hull of its corners' images, clipped
-/// to the film. The area is never negative and never more than the film. It is 0 for a box wholly behind the eye or
-/// beside the film, and the whole film for one around the eye. A flat box seen edge-on has no area. For corners that
-/// are not finite, or in the wrong order, the area is 0.
+/// The part of the box in front of the eye is convex. Its image is thus the convex hull of its corners' images, clipped to the
+/// film. The area is never negative and never exceeds the film. It is 0 for a box entirely behind the eye or beside the film,
+/// and the whole film for a box around the eye. A flat box seen edge-on has no area. For corners that are not finite or in the
+/// wrong order, the area is 0.
 pub fn projected_box_area(bounds: &[[f32; 3]; 2], world_to_clip: &[[f32; 4]; 4], resolution: [u32; 2]) -> f64 {
     let film = f64::from(resolution[0]) * f64::from(resolution[1]);
     let [low, high] = bounds;
@@ -186,7 +184,7 @@ pub fn projected_box_area(bounds: &[[f32; 3]; 2], world_to_clip: &[[f32; 4]; 4],
 /// The projections of the corners in front of the eye, and of the points where edges of the box enter that half space.
 fn in_front(corners: &[[f64; 3]; 8]) -> Vec<[f64; 2]> {
     let far = corners.iter().fold(0.0, |m: f64, c| m.max(c[0].abs()).max(c[1].abs()).max(c[2].abs()));
-    // Just in front of the eye: images there lie a billion films away, but at finite places.
+    // Just in front of the eye: images there are a billion films away, but at finite positions.
     let near = far * 1e-9;
     let project = |c: [f64; 3]| [c[0] / c[2], c[1] / c[2]];
     let mut points: Vec<[f64; 2]> = corners.iter().filter(|c| c[2] > near).map(|&c| project(c)).collect();
@@ -201,7 +199,7 @@ fn in_front(corners: &[[f64; 3]; 8]) -> Vec<[f64; 2]> {
     points
 }
 
-/// The corners of the points' convex hull, counter-clockwise [Andrew 1979].
+/// The corners of the convex hull of the points, counter-clockwise [Andrew 1979].
 fn hull(mut points: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
     points.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
     points.dedup();
@@ -218,7 +216,7 @@ fn hull(mut points: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
             }
             hull.push(p);
         }
-        // Each chain ends where the other begins.
+        // Each chain ends where the other one begins.
         hull.pop();
         if pass == 0 {
             points.reverse();
@@ -258,38 +256,38 @@ fn area(polygon: &[[f64; 2]]) -> f64 {
 
 /// The area vectors (unit normal times area) of every cluster's triangles.
 ///
-/// The vectors give `S(d) = sum |n_t . d| A_t`, the sum of projected triangle areas, for any direction `d`. Lan
-/// proposes this sum as the remedy for boxes that are larger than their contents [Lan 2016, 3.2.2 a].
+/// The vectors give `S(d) = sum |n_t . d| A_t`, the sum of projected triangle areas, for any direction `d`. The thesis suggests
+/// this sum for boxes that are much larger than their triangles [Lan 2016, 3.2.2 a].
 ///
-/// If a cluster's normals all lie on one side of the plane perpendicular to `d`, as they do except at grazing angles,
-/// one scalar product is exact: `|d . sum of area vectors|`. Otherwise up to 256 triangles are summed exactly. More
-/// triangles are summed as at most 256 bundles of similar normals. Only bundles that are seen edge-on themselves are
-/// inexact (less than 1 % of the cluster's area in the tests' hemisphere).
+/// If a cluster's normals all lie on one side of the plane perpendicular to `d`, as they do except at grazing angles, one dot
+/// product is exact: `|d . sum of area vectors|`. Otherwise up to 256 triangles are summed exactly. More triangles are combined
+/// into at most 256 bundles of similar normals. Only bundles seen edge-on are inexact (less than 1 % of the cluster's area in
+/// the tests' hemisphere).
 #[derive(Clone, Debug, PartialEq)]
 pub struct AreaVectors {
     clusters: Vec<Bundle>,
     vectors: Vec<[f64; 3]>,
 }
 
-/// One cluster's area vectors, each negated where needed, so that its component along `axis` is not negative.
+/// The area vectors of one cluster, each negated if necessary so that its component along `axis` is not negative.
 #[derive(Clone, Debug, PartialEq)]
 struct Bundle {
     range: std::ops::Range<usize>,
     sum: [f64; 3],
     axis: [f64; 3],
-    /// Sine of the largest angle between a normal and the axis; above 1 if that is a right angle or more.
+    /// The sine of the largest angle between a normal and the axis; above 1 if that angle is 90 degrees or more.
     sine: f64,
     area: f64,
 }
 
-/// The largest number of a cluster's triangles that are summed one by one.
+/// The largest number of triangles per cluster that are summed one by one.
 const EXACT: usize = 256;
 /// The number of cells along each side of the octahedral map's square. Its 256 cells are the bundles of similar
 /// normals.
 const CELLS: usize = 16;
 
 impl AreaVectors {
-    /// Computes the area vectors of all clusters. `labels` has the index, below `clusters`, of each triangle's cluster.
+    /// Computes the area vectors of all clusters. `labels` holds the cluster number, below `clusters`, of each triangle.
     /// Triangles with a vertex that is not finite have no area.
     ///
     /// # Errors
@@ -342,8 +340,8 @@ impl AreaVectors {
         self.clusters.push(Bundle { range: start..self.vectors.len(), sum: total, axis, sine, area });
     }
 
-    /// The sum of the projected areas of a cluster's triangles along the unit direction `d`, in world units. Hidden
-    /// triangles count too. 0 for an unknown cluster.
+    /// The sum of the projected areas of a cluster's triangles along the unit direction `d`, in world units, hidden triangles
+    /// included. 0 for an unknown cluster.
     pub fn projected(&self, cluster: u32, d: [f32; 3]) -> f64 {
         let Some(bundle) = self.clusters.get(cluster as usize) else { return 0.0 };
         let d = d.map(f64::from);
@@ -383,14 +381,14 @@ fn sum(vectors: &[[f64; 3]]) -> [f64; 3] {
     vectors.iter().fold([0.0; 3], |s, v| [s[0] + v[0], s[1] + v[1], s[2] + v[2]])
 }
 
-/// Turns area vectors to the side of `axis`. Their sign is arbitrary, since winding may flip within a surface.
+/// Negates area vectors on the far side of `axis`. Their sign is arbitrary, since winding may flip within a surface.
 fn turn_to(axis: [f64; 3], vectors: &mut [[f64; 3]]) {
     for v in vectors.iter_mut().filter(|v| dot(axis, **v) < 0.0) {
         *v = v.map(|x| -x);
     }
 }
 
-/// The index of a direction's cell on the octahedron, unfolded into a square [Engelhardt and Dachsbacher 2008].
+/// The index of a direction's cell on an octahedron unfolded into a square [Engelhardt and Dachsbacher 2008].
 fn cell(v: [f64; 3]) -> usize {
     let norm = v[0].abs() + v[1].abs() + v[2].abs();
     if norm == 0.0 {

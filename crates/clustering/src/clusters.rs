@@ -1,4 +1,4 @@
-//! The figures of a cluster, and the report on the grid.
+//! The properties of a cluster, and the statistics of the voxel grid.
 
 /// The properties of one cluster of triangles.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -11,22 +11,21 @@ pub struct Cluster {
     pub area: f64,
     /// The area-weighted mean normal, of unit length. It is zero if the normals cancel or no triangle has one.
     ///
-    /// With [`Sides::Signed`](crate::Sides::Signed), normals follow the winding (counter-clockwise seen from the
-    /// front). With [`Sides::Either`](crate::Sides::Either), the sign of the normal has no meaning. Each triangle's
-    /// normal is first turned to z > 0 (to y > 0 if z is 0, to x > 0 if both are 0), then to the side of the cluster's
-    /// first normal.
+    /// With [`Sides::Signed`](crate::Sides::Signed), normals follow the winding (counter-clockwise seen from the front). With
+    /// [`Sides::Either`](crate::Sides::Either), the sign of the normal has no meaning. Each triangle's normal is first flipped
+    /// to z > 0 (to y > 0 if z is 0, to x > 0 if both are 0), then to the side of the cluster's first normal.
     pub normal: [f32; 3],
-    /// The cosine of the largest angle between `normal` and the normal of a triangle in the cluster; -1 if `normal` is
-    /// zero. With [`Sides::Either`](crate::Sides::Either), the absolute value of each cosine counts.
+    /// The cosine of the largest angle between `normal` and the normal of a triangle in the cluster; -1 if `normal` is zero.
+    /// With [`Sides::Either`](crate::Sides::Either), absolute values of the cosines are used.
     pub cone: f32,
     /// The material number of the cluster's triangles.
     pub material: u32,
-    /// The number of the cluster's group: the triangles of one material in one voxel. Groups are numbered from 0 in the
-    /// order of their clusters; groups without clusters have no number.
+    /// The number of the cluster's group. A group is the triangles of one material in one voxel. Groups are numbered from 0 in
+    /// the order of their clusters; groups without clusters have no number.
     pub group: u32,
 }
 
-/// Statistics of the voxel grid: its resolution, and how triangles fill it.
+/// Statistics of the voxel grid: its resolution, and how triangles are distributed over it.
 ///
 /// ```
 /// # use dapple_clustering::{ClusterParams, Triangles, cluster};
@@ -53,19 +52,19 @@ pub struct ClusterReport {
     pub fullest: u32,
     /// The number of triangles in the whole mesh.
     pub triangles: u32,
-    /// The number of pairs of a triangle and a voxel that it was put into: equal to `triangles` for insertion by
-    /// centroid, equal or more for insertion by bounding box.
+    /// The number of triangle-voxel pairs: equal to `triangles` for insertion by centroid, and equal or more for insertion by
+    /// bounding box.
     pub insertions: u64,
-    /// The number of clusters that were dropped because each of their triangles kept a cluster from another voxel; 0
-    /// for insertion by centroid.
+    /// The number of clusters that were dropped because all their triangles kept a cluster from another voxel; 0 for insertion
+    /// by centroid.
     pub phantoms: u64,
 }
 
 impl Cluster {
-    /// Makes a cluster without triangles and without a normal, for a shape such as a sphere.
+    /// Creates a cluster without triangles and without a normal, for a shape such as a sphere.
     ///
-    /// `bounds` are the smallest and largest corner of the shape's bounding box. `group` continues the numbers of the
-    /// groups of triangles.
+    /// `bounds` are the smallest and largest corner of the shape's bounding box. `group` continues the numbering of the groups
+    /// of triangles.
     pub const fn without_triangles(bounds: [[f32; 3]; 2], area: f64, material: u32, group: u32) -> Self {
         Self { triangles: 0, bounds, area, normal: [0.0; 3], cone: -1.0, material, group }
     }
@@ -77,10 +76,11 @@ impl ClusterReport {
         self.resolution.iter().map(|&n| u64::from(n)).product()
     }
 
-    /// Returns true if the grid hardly separates the triangles: one voxel holds more than half of them. Grids of up to
-    /// eight voxels and meshes of up to eight triangles never count as degenerate.
+    /// Returns `true` if the grid hardly separates the triangles: one voxel holds more than half of them. Grids of up to eight
+    /// voxels and meshes of up to eight triangles never count as degenerate.
     ///
-    /// A distant object then stretches the grid ("the teapot in a stadium"). Leave it out, or cluster it separately.
+    /// The usual cause is a distant object that stretches the grid ("the teapot in a stadium"). Leave it out, or cluster it
+    /// separately.
     pub fn is_degenerate(&self) -> bool {
         self.requested() > 8 && self.triangles > 8 && self.fullest > self.triangles / 2
     }

@@ -1,6 +1,6 @@
-//! Clusters of a scene's triangles by place, material and normal: plain slices in, clusters out.
+//! Clusters of a scene's triangles by position, material and normal: plain slices in, clusters out.
 //!
-//! An image is hard to sample where many small clusters crowd a pixel. A sampler can learn this from the geometry
+//! An image is hard to sample where many small clusters fall into one pixel. Clustering finds such pixels from the geometry
 //! before rendering. The crate implements the method of \[Lan 2016\] as published, and an improved form of it.
 //!
 //! ```
@@ -28,46 +28,45 @@
 //! 1. A uniform grid over all triangles has K N^(1/3) voxels along its longest axis, at most 32 \[Lan 2016, eq. 3-1,
 //!    3-2, fig. 3-11\]. The formula follows pbrt-v2, which has K = 3 and at most 64 voxels.
 //! 2. Each triangle goes into every voxel that its box overlaps ([`Insertion::BoundingBox`]).
-//! 3. In each voxel, triangles are visited in input order ([`Order::Input`]). A triangle joins the first cluster whose
-//!    first triangle has the same material and a normal within A = 10 degrees. If there is none, it opens one
+//! 3. In each voxel, triangles are visited in input order ([`Order::Input`]). A triangle joins the first cluster whose first
+//!    triangle has the same material and a normal within A = 10 degrees. If there is none, the triangle starts a new cluster
 //!    ([`Grouping::Greedy`]) \[Lan 2016, fig. 3-15\].
-//! 4. A triangle stores one cluster: the one from its last voxel.
+//! 4. Each triangle stores one cluster: that of its last voxel.
 //!
 //! Tests confirm the consequences:
 //!
-//! * The clamp makes K almost meaningless ([`ClusterParams::k`]).
+//! * The clamp makes K almost irrelevant ([`ClusterParams::k`]).
 //! * Step 4 leaves clusters without triangles ([`ClusterReport::phantoms`]).
-//! * Another order of triangles makes other clusters, though the same groups of voxel and material
+//! * A different order of triangles gives different clusters, though the same groups of voxel and material
 //!   ([`Cluster::group`]).
-//! * A flipped winding cuts a surface in two.
+//! * A flipped winding splits a surface in two.
 //!
-//! Published clusters take O(n c) time for n triangles of a voxel in c clusters.
+//! The published method takes O(n c) time for a voxel with n triangles in c clusters.
 //!
 //! The thesis leaves two rules open. Here, a triangle without a normal joins the first cluster of its voxel and
 //! material (see [`cluster`]). The bounds, area and normal of a cluster are computed from the triangles that keep it.
 //!
 //! # Improvements
 //!
-//! [`ClusterParams::default`] puts a triangle only into the voxel of its centroid, visits triangles in the order of
-//! their normals ([`Order::Canonical`]) and ignores which side is the front.
-//! Labels are then a function of the set of triangles: shuffled triangles keep their labels.
+//! [`ClusterParams::default`] puts a triangle only into the voxel of its centroid, visits triangles in the order of their
+//! normals ([`Order::Canonical`]) and treats both sides alike. Labels then depend only on the set of triangles: shuffled
+//! triangles keep their labels.
 //!
-//! [`Grouping::Connected`] cuts clusters into connected pieces, so that two sheets in one voxel are two clusters.
-//! The thesis names this remedy in its section 3.2.2. Union-find replaces rescans, which takes near-linear time.
-//! All members of a piece are within A of one triangle's normal, so a curved strip cannot drift. Pieces end at voxel
-//! faces.
+//! [`Grouping::Connected`] splits clusters into connected pieces, so that two sheets in one voxel are two clusters. The thesis
+//! mentions this improvement in section 3.2.2. Union-find takes near-linear time. All triangles of a piece are within A of one
+//! triangle's normal, so the normals of a curved strip cannot drift. Pieces end at voxel faces.
 //!
-//! [`ClusterParams::for_count`] searches for the grid with about a given number of clusters.
+//! [`ClusterParams::for_count`] searches for the grid that gives about a given number of clusters.
 //!
 //! # Guarantees
 //!
-//! * The result has the same bits on any number of threads. It does not depend on hashing order, time or addresses.
+//! * The result is bit-identical for any number of threads. It does not depend on hashing order, time or addresses.
 //! * Memory is O(triangles + vertices) for any grid: voxels are sorted, not stored.
-//! * Positions are finite `f32` of any size. Scaling a scene by a power of two changes no label, as long as no
-//!   coordinate is rounded.
-//! * Other factors round coordinates. Centroids up to four roundings below a voxel's face count as on it, so regular
-//!   meshes, whose centroids lie on faces, keep their voxels. Triangles exactly at the angle may move.
-//! * Permuting axes permutes voxels. Clusters of curved surfaces may differ, since the order of normals begins with z.
+//! * Positions are finite `f32` of any size. Scaling a scene by a power of two changes no label, unless a coordinate is
+//!   rounded.
+//! * Other factors round coordinates. Centroids up to four rounding errors below a voxel's face count as on it, so regular
+//!   meshes, whose centroids lie on faces, keep their voxels. Triangles exactly at the angle limit may change clusters.
+//! * Permuting axes permutes voxels. Clusters of curved surfaces may change, since normals are ordered by z first.
 
 mod clusters;
 mod params;
@@ -92,7 +91,7 @@ pub struct Triangles<'a> {
 }
 
 impl<'a> Triangles<'a> {
-    /// Makes a set of triangles of one material from vertex positions and three vertex indices per triangle.
+    /// Creates a set of triangles of one material from vertex positions and three vertex indices per triangle.
     pub const fn new(positions: &'a [[f32; 3]], indices: &'a [[u32; 3]]) -> Self {
         Self { positions, indices, materials: &[] }
     }

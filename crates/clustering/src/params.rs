@@ -5,9 +5,9 @@ const MAX_K: f64 = 1_048_576.0;
 /// The largest allowed number of voxels along an axis. An `f32` coordinate has 24 bits, so 2^20 voxels leave 4 bits for
 /// the position in a voxel.
 pub(crate) const MAX_CLAMP: u32 = 1 << 20;
-/// The widest allowed angle in degrees. Beyond a right angle, normals of one cluster could be opposed.
+/// The widest allowed angle in degrees. Beyond a right angle, a cluster could contain opposite normals.
 const MAX_ANGLE: f64 = 90.0;
-/// The voxels that a triangle is put into.
+/// The voxels into which a triangle is put.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Insertion {
@@ -16,8 +16,7 @@ pub enum Insertion {
     Centroid,
     /// All voxels that the triangle's axis-aligned box overlaps, as in \[Lan 2016\].
     ///
-    /// The triangle is clustered in each of them and keeps the cluster of the last one in the order of z, then y, then
-    /// x.
+    /// The triangle is clustered in each of them and keeps the cluster of the last voxel in the order of z, then y, then x.
     /// Clusters that keep no triangle are phantoms: they are dropped and counted in [`crate::ClusterReport::phantoms`].
     BoundingBox,
 }
@@ -26,49 +25,48 @@ pub enum Insertion {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Grouping {
-    /// A triangle joins the first cluster whose representative has a normal within the angle; otherwise it opens a
-    /// cluster and represents it. This is the method of \[Lan 2016\].
+    /// A triangle joins the first cluster whose representative has a normal within the angle. Otherwise it starts a new cluster
+    /// as its representative. This is the method of \[Lan 2016\].
     #[default]
     Greedy,
-    /// [`Grouping::Greedy`], then each cluster is cut into its connected pieces. Triangles are connected if they share
-    /// a vertex, directly or through other triangles of the cluster. \[Lan 2016\] names this remedy but does not build
-    /// it.
+    /// [`Grouping::Greedy`], after which each cluster is split into connected pieces. Triangles are connected if they share a
+    /// vertex, directly or through other triangles of the cluster. \[Lan 2016\] suggests this but does not implement it.
     Connected,
 }
 
-/// The order in which a voxel's triangles are visited. It decides which of them represent clusters.
+/// The order in which a voxel's triangles are visited. It determines which of them represent clusters.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Order {
-    /// By normal: the largest z first, then y, then x. The partition depends only on the set of normals in a voxel. The
-    /// order of triangles and the subdivision of flat parts have no effect.
+    /// By normal: the largest z first, then y, then x. The partition depends only on the set of normals in a voxel, not on the
+    /// order of triangles or the subdivision of flat surfaces.
     #[default]
     Canonical,
-    /// The input order, as in \[Lan 2016\]. Another order of the same triangles gives other clusters.
+    /// The input order, as in \[Lan 2016\]. A different order of the same triangles gives different clusters.
     Input,
 }
 
-/// The treatment of opposite normals when normals are compared.
+/// How opposite normals are compared.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Sides {
-    /// Opposite normals are alike: normals are compared by `|n.n'|`. A flipped winding, common in meshes from several
-    /// sources, then cuts no surface in two. A sampler sees only one side anyway.
+    /// Opposite normals are equal: normals are compared by `|n.n'|`. A flipped winding, common in meshes from several sources,
+    /// then does not split a surface. A sampler sees only one side anyway.
     #[default]
     Either,
     /// Opposite normals differ: normals are compared by `n.n'`, as in \[Lan 2016\].
     Signed,
 }
 
-/// The rule by which two triangles are connected: by vertices at the same place, or by vertices of the same index.
+/// The rule by which two triangles are connected: vertices at the same position, or vertices with the same index.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Connection {
-    /// Vertices at exactly the same place (0.0 and -0.0 are equal). Meshes cut at texture seams and triangle soups are
-    /// connected only by place.
+    /// Vertices at exactly the same position (0.0 and -0.0 are equal). Meshes split at texture seams and triangle soups are
+    /// connected only by position.
     #[default]
     Place,
-    /// Vertices of the same index. Other vertices at the same place do not connect triangles.
+    /// Vertices with the same index. Different vertices at the same position do not connect triangles.
     Vertex,
 }
 
@@ -87,31 +85,31 @@ pub struct ClusterParams {
     /// The grid has `K N^(1/3)` voxels along its longest axis for N triangles, and proportionally many along the
     /// others, each rounded \[Lan 2016, eq. 3-1, 3-2\].
     ///
-    /// With the thesis' clamp of 32, K hardly matters. The longest axis has its 32 voxels from 1158 triangles on with K
-    /// = 3, from 43 with K = 9 and from 2 with K = 30.
-    /// Beyond that only the shorter axes react to K, and voxels stop being cubes. Raise `clamp` if K should matter.
+    /// With the thesis' clamp of 32, K hardly matters. The longest axis reaches 32 voxels at 1158 triangles for K = 3, at 43
+    /// for K = 9 and at 2 for K = 30. With more triangles, K changes only the shorter axes, and voxels are no longer cubes.
+    /// Raise `clamp` if K should matter.
     pub k: f64,
     /// The largest number of voxels along an axis, 1 to 2^20: 32 in the thesis, 64 in pbrt-v2 and by default.
     ///
-    /// In pbrt-v2 and the thesis, the clamp bounds the memory of an array of voxels. Here only occupied voxels are
-    /// stored, so any clamp is affordable. At 64, a voxel is 16 pixels wide in an image of the whole scene that is 1024
-    /// pixels wide. Smaller clusters tell a sampler little more than single pixels do.
+    /// In pbrt-v2 and the thesis, the clamp limits the memory of an array of voxels. Here only occupied voxels are stored, so
+    /// any clamp is affordable. At 64, a voxel is 16 pixels wide in a 1024 pixels wide image of the whole scene. Smaller
+    /// clusters give a sampler little more information than single pixels.
     pub clamp: u32,
-    /// The angle A in degrees within which normals are alike, 0 to 90; 10 by default, as in the thesis. The cosine has
-    /// a tolerance of `2^-21`: 0.0002 degrees at 10, 0.06 at 0.
+    /// The angle A in degrees within which normals are similar, 0 to 90; 10 by default, as in the thesis. The cosine has a
+    /// tolerance of `2^-21`, which is 0.0002 degrees at 10 and 0.06 degrees at 0.
     pub angle: f64,
-    /// The voxels that a triangle is put into.
+    /// The voxels into which a triangle is put.
     pub insertion: Insertion,
     /// The method that divides a voxel's triangles of one material into clusters.
     pub grouping: Grouping,
     /// The order in which a voxel's triangles are visited.
     pub order: Order,
-    /// The treatment of opposite normals when normals are compared.
+    /// How opposite normals are compared.
     pub sides: Sides,
     /// The rule by which two triangles are connected, for [`Grouping::Connected`].
     pub connection: Connection,
-    /// The desired number of clusters. If set, the grid is searched for, and `k` and `clamp` are unused. See
-    /// [`ClusterParams::for_count`]. `None` sizes the grid by `k` and `clamp`.
+    /// The desired number of clusters. If set, the grid is found by a search, and `k` and `clamp` are ignored (see
+    /// [`ClusterParams::for_count`]). `None` sizes the grid by `k` and `clamp`.
     pub count: Option<u32>,
 }
 
@@ -146,15 +144,15 @@ impl ClusterParams {
         }
     }
 
-    /// The default parameters, with a grid whose number of clusters comes close to `count` (at least 1).
+    /// The default parameters, with a grid whose number of clusters is close to `count` (at least 1).
     ///
-    /// The count is a target. Materials and normals separate triangles even in a single voxel, triangles in one place
+    /// The count is only a target. Materials and normals separate triangles even in a single voxel, triangles at one position
     /// stay together in any grid, and the number of clusters jumps from grid to grid.
     ///
-    /// The search tries some dozen grids, from 1 to 2^20 voxels along the longest axis. It returns the one whose number
-    /// of clusters is nearest to `count` by ratio (the coarsest of equals). It ends when the number of clusters is
-    /// within 1 % of `count`, or when the next grids differ by at most 1 %. With [`Insertion::BoundingBox`], it skips
-    /// grids that put the average triangle into more than 32 voxels.
+    /// The search tries a few dozen grids, from 1 to 2^20 voxels along the longest axis. It returns the grid whose number of
+    /// clusters is nearest to `count` by ratio (among equals, the coarsest). It ends when the number of clusters is within 1 %
+    /// of `count`, or when the next grids differ by at most 1 %. With [`Insertion::BoundingBox`], it skips grids that put
+    /// triangles into more than 32 voxels on average.
     pub fn for_count(count: u32) -> Self {
         Self { count: Some(count), ..Self::default() }
     }
@@ -180,16 +178,18 @@ impl ClusterParams {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
     /// There are no triangles.
-    #[error("there are no triangles to cluster: leave the mesh out, or give it at least one triangle")]
+    #[error("there are no triangles to cluster: remove the mesh, or add at least one triangle")]
     Empty,
-    /// There are more triangles than a `u32` can number.
-    #[error("{triangles} triangles are more than can be numbered: cluster at most {} at a time", u32::MAX)]
+    /// There are more triangles than `u32` can index.
+    #[error("{triangles} triangles are too many: cluster at most {} at a time", u32::MAX)]
     TooManyTriangles {
         /// The number of triangles passed.
         triangles: usize,
     },
     /// The number of materials is neither 0 nor the number of triangles.
-    #[error("{materials} materials do not fit {triangles} triangles: give one each, or none where all are alike")]
+    #[error(
+        "{materials} materials for {triangles} triangles: give one material per triangle, or none if all triangles share one"
+    )]
     BadMaterials {
         /// The number of materials passed.
         materials: usize,
@@ -197,9 +197,7 @@ pub enum Error {
         triangles: usize,
     },
     /// A triangle refers to a vertex that does not exist.
-    #[error(
-        "triangle {triangle} refers to vertex {index} of {vertices}: indices count from 0 and stay below {vertices}"
-    )]
+    #[error("triangle {triangle} refers to vertex {index} of {vertices}: use indices from 0 to below {vertices}")]
     BadIndex {
         /// The index of the triangle with the missing vertex.
         triangle: u32,
@@ -218,34 +216,34 @@ pub enum Error {
         /// The index of the vertex at that corner.
         vertex: u32,
     },
-    /// The factor K ([`ClusterParams::k`](ClusterParams::k)) is not above 0, or is above 2^20.
-    #[error("K = {k} is out of range: give a number above 0 and at most {} (pbrt-v2 has 3)", MAX_K)]
+    /// The factor K ([`ClusterParams::k`](ClusterParams::k)) is not positive, or is above 2^20.
+    #[error("K = {k} is out of range: use a number above 0 and at most {} (pbrt-v2 uses 3)", MAX_K)]
     BadK {
         /// The requested factor K.
         k: f64,
     },
     /// The bound on voxels per axis is 0 or above 2^20.
-    #[error("a clamp of {clamp} voxels per axis cannot be used: give 1 to {}", MAX_CLAMP)]
+    #[error("a clamp of {clamp} voxels per axis is out of range: use 1 to {}", MAX_CLAMP)]
     BadClamp {
         /// The requested bound on voxels per axis.
         clamp: u32,
     },
-    /// The angle within which normals are alike is not within 0 to 90 degrees.
-    #[error("an angle of {angle} degrees is out of range: give 0 to {} (the thesis has 10)", MAX_ANGLE)]
+    /// The angle within which normals are similar is not within 0 to 90 degrees.
+    #[error("an angle of {angle} degrees is out of range: use 0 to {} (the thesis uses 10)", MAX_ANGLE)]
     BadAngle {
         /// The requested angle in degrees.
         angle: f64,
     },
     /// The requested number of clusters is 0.
-    #[error("0 clusters cannot hold triangles: ask for at least 1")]
+    #[error("0 clusters cannot hold triangles: request at least 1")]
     BadCount,
-    /// The bounding boxes of the triangles overlap too many voxels in all.
+    /// The bounding boxes of the triangles overlap too many voxels in total.
     #[error(
-        "the triangles' boxes overlap voxels {entries} times, more than the limit of {limit}: lower K or the clamp, or \
+        "the triangles' boxes overlap {entries} voxels in total, more than the limit of {limit}: lower K or the clamp, or \
          insert by centroid"
     )]
     TooManyEntries {
-        /// The number of pairs of a triangle and a voxel that its box overlaps.
+        /// The number of triangle-voxel pairs, where the triangle's box overlaps the voxel.
         entries: u64,
         /// The largest allowed number of such pairs.
         limit: u64,

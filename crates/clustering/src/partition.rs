@@ -1,4 +1,5 @@
-//! Clusters triangles over a grid: sorts them by voxel, clusters ranges of voxels in parallel, and joins the results.
+//! Clustering over a grid: triangles are sorted by voxel, ranges of voxels are clustered in parallel, and the results are
+//! joined.
 
 mod greedy;
 mod grid;
@@ -21,26 +22,26 @@ use std::sync::Arc;
 use triangle_normals::{Members, Surfaces};
 use voxels::{Entry, Ranges, Sorted, for_ranges};
 
-/// The largest number of pairs of a triangle and a voxel. With a sorted copy, pairs of 64 bits then take up to 4 GiB.
+/// The largest number of triangle-voxel pairs. With a sorted copy, pairs of 64 bits then use up to 4 GiB.
 const MAX_ENTRIES: u64 = 1 << 28;
-/// The limit on pairs of a triangle and a voxel during the search for a grid: the number per triangle, and the least
-/// limit for the whole mesh.
+/// The limits on triangle-voxel pairs during the search for a grid: pairs per triangle, and the smallest limit for a whole
+/// mesh.
 const SEARCHED_ENTRIES: [u64; 2] = [32, 1 << 16];
-/// The ratio at which the search for a grid ends: between found and desired number of clusters, or between the
+/// The ratio at which the search for a grid ends: between the found and the desired number of clusters, or between the
 /// resolutions of the two grids that bracket the result.
 const NEAR: f64 = 1.01;
-/// The largest number of voxels for which a pair of a voxel and a triangle fits 64 bits.
+/// The largest number of voxels for which a triangle-voxel pair fits into 64 bits.
 const WIDE: u64 = 1 << 32;
 
-/// Clusters triangles by place, material and normal. The crate's page describes the method, [`ClusterParams`] the
+/// Clusters triangles by position, material and normal. The crate's front page describes the method, and [`ClusterParams`] the
 /// parameters.
 ///
-/// The result has the same bits on any number of threads. With [`crate::Order::Canonical`], triangles that are shuffled
-/// with their vertices and materials keep their labels; only sums may differ in their last digits.
+/// The result is bit-identical for any number of threads. With [`crate::Order::Canonical`], triangles that are shuffled
+/// together with their vertices and materials keep their labels; only sums may differ in their last digits.
 ///
-/// A triangle without a normal (zero area or three corners on a line) is similar to every triangle. It joins the first
-/// cluster of its voxel and material, or with [`crate::Grouping::Connected`] the first that it touches. If there is
-/// none, such triangles form a cluster of their own, one per connected piece.
+/// A triangle without a normal (zero area, or three corners on a line) is similar to every triangle. It joins the first cluster
+/// of its voxel and material, or with [`crate::Grouping::Connected`] the first cluster that it touches. If there is none, such
+/// triangles form a cluster of their own, or one per connected piece.
 ///
 /// # Errors
 ///
@@ -48,7 +49,7 @@ const WIDE: u64 = 1 << 32;
 /// * A triangle refers to a vertex that does not exist or is not finite. Unused vertices may have any value.
 /// * The number of materials is neither 0 nor the number of triangles.
 /// * A parameter is out of range.
-/// * With [`Insertion::BoundingBox`], the boxes of the triangles overlap more than 2^28 voxels in all.
+/// * With [`Insertion::BoundingBox`], the boxes of the triangles overlap more than 2^28 voxels in total.
 pub fn cluster(triangles: &Triangles<'_>, params: &ClusterParams) -> Result<Clusters, Error> {
     params.check()?;
     let mesh = Mesh::new(triangles)?;
@@ -61,8 +62,8 @@ pub fn cluster(triangles: &Triangles<'_>, params: &ClusterParams) -> Result<Clus
     }
 }
 
-/// Searches for the grid whose number of clusters is nearest to `count`, and returns its clusters. It bisects the
-/// number of voxels along the longest axis by ratio.
+/// Searches for the grid whose number of clusters is nearest to `count`, and returns its clusters. The search bisects the ratio
+/// of the numbers of voxels along the longest axis.
 fn search(mesh: &Mesh<'_>, params: &ClusterParams, count: u32) -> Result<Clusters, Error> {
     let [each, least] = SEARCHED_ENTRIES;
     let limit = (each * mesh.indices.len() as u64).clamp(least, MAX_ENTRIES);
@@ -71,13 +72,13 @@ fn search(mesh: &Mesh<'_>, params: &ClusterParams, count: u32) -> Result<Cluster
         let (made, asked) = (clusters.len() as f64, f64::from(count));
         (made / asked).max(asked / made)
     };
-    // Too few clusters in `low` voxels, too many in `high`.
+    // `low` voxels give too few clusters, `high` voxels too many.
     let (mut low, mut high) = (1, MAX_CLAMP + 1);
     let mut best = at(1)?;
     if best.len() >= count as usize {
         return Ok(best);
     }
-    // Surfaces meet about as many voxels as a plane does: the square.
+    // A surface crosses about as many voxels as a plane does: the square of the resolution.
     let mut next = (f64::from(count).sqrt() as u32).clamp(2, MAX_CLAMP);
     while high - low > 1 && f64::from(high) > NEAR * f64::from(low) && miss(&best) > NEAR {
         let found = match at(next) {
@@ -89,7 +90,7 @@ fn search(mesh: &Mesh<'_>, params: &ClusterParams, count: u32) -> Result<Cluster
             found => found?,
         };
         let enough = found.len() >= count as usize;
-        // If each triangle is alone, nothing is left to cut.
+        // If each triangle is a cluster of its own, no finer grid helps.
         if enough || found.len() == mesh.indices.len() {
             high = next;
         } else {
@@ -159,7 +160,7 @@ fn numbers(mesh: &Mesh<'_>, chunk: usize) -> std::ops::Range<u32> {
     (chunk * CHUNK) as u32..end as u32
 }
 
-/// The insertion of triangles into the voxels of their centroids, which pulp compiles for each width of vector registers.
+/// The insertion of triangles into the voxels of their centroids. pulp compiles it for each width of vector registers.
 struct InsertCentroids<'a, 'm, E> {
     mesh: &'a Mesh<'m>,
     grid: Grid,
@@ -194,7 +195,7 @@ fn insert_boxes<E: Entry>(mesh: &Mesh<'_>, grid: Grid, chunk: usize, entries: &m
     }
 }
 
-/// The sum over all triangles of the number of voxels that the triangle's box overlaps; an error above `limit`.
+/// The sum over all triangles of the number of voxels that the triangle's box overlaps. An error if it exceeds `limit`.
 fn count_overlapped(mesh: &Mesh<'_>, grid: Grid, limit: u64) -> Result<u64, Error> {
     let count = |triangle: u32| {
         let [first, last] = grid.overlapped(Bounds::of(mesh.corners(triangle)));
@@ -205,7 +206,7 @@ fn count_overlapped(mesh: &Mesh<'_>, grid: Grid, limit: u64) -> Result<u64, Erro
     if entries > limit { Err(Error::TooManyEntries { entries, limit }) } else { Ok(entries) }
 }
 
-/// The least number of triangles whose normals and areas are computed together. It leaves few vector lanes idle, and
+/// The least number of triangles whose normals and areas are computed together. At this number, few vector lanes are idle, and
 /// the triangles stay in the nearest cache until they are clustered.
 const RUN: usize = 256;
 
@@ -214,10 +215,9 @@ const RUN: usize = 256;
 struct Worker {
     scratch: Scratch,
     surfaces: Surfaces,
-    /// The indices of the triangles that wait for clustering, sorted by voxel, then by material.
+    /// The indices of the triangles to be clustered next, sorted by voxel, then by material.
     triangles: Vec<u32>,
-    /// The groups (one voxel, one material) of `triangles`: the index of the voxel, and the end of the group's
-    /// triangles.
+    /// The groups (one voxel, one material) of `triangles`: the index of the voxel, and the end of the group in `triangles`.
     groups: Vec<(u64, usize)>,
 }
 
@@ -240,7 +240,7 @@ impl Worker {
         batch
     }
 
-    /// Splits the triangles of one voxel, those in `self.triangles` from `first` on, into groups by material.
+    /// Splits the triangles of one voxel, which are in `self.triangles` from `first` on, into groups by material.
     fn split(&mut self, materials: &[u32], first: usize, voxel: u64) {
         if materials.is_empty() {
             self.groups.push((voxel, self.triangles.len()));
@@ -248,7 +248,7 @@ impl Worker {
         }
         let own = &mut self.triangles[first..];
         let material = |triangle: &u32| materials[*triangle as usize];
-        // The triangles ascend; so do their materials if the triangles of each mesh are contiguous.
+        // The triangles ascend, and so do their materials if the triangles of each mesh are contiguous.
         if !own.is_sorted_by_key(material) {
             own.sort_unstable_by_key(|triangle| u64::from(material(triangle)) << 32 | u64::from(*triangle));
         }
@@ -259,8 +259,8 @@ impl Worker {
         }
     }
 
-    /// Clusters the waiting groups into `batch` and removes them, with the widest vector registers of the machine. Rust
-    /// never fuses a product and a sum, so every width gives the same bits.
+    /// Clusters all waiting groups into `batch` and removes them, using the machine's widest vector registers. Rust never fuses
+    /// a product and a sum, so every width gives identical bits.
     fn flush(&mut self, mesh: &Mesh<'_>, params: &ClusterParams, grid: Grid, batch: &mut Batch) {
         Arch::new().dispatch(Flush { worker: self, mesh, params, grid, batch });
     }
@@ -276,7 +276,7 @@ impl Worker {
                 surfaces: &self.surfaces.surfaces[start..end],
                 normals: self.surfaces.normals(start),
             };
-            // A triangle has the cluster of the last voxel of its box.
+            // A triangle keeps the cluster of the last voxel of its box.
             let keeps = |i: usize| grid.number(grid.overlapped(group.surfaces[i].bounds)[1]) == voxel;
             self.scratch.cluster(mesh, &plan, group, keeps, batch);
             start = end;
@@ -304,7 +304,7 @@ impl NullaryFnOnce for Flush<'_, '_> {
     }
 }
 
-/// Concatenates the batches to the final result. Each array is written once, in its final place: the first touch of a
+/// Concatenates the batches into the final result. Each array is written once, in its final place, since the first access to a
 /// page costs more than writing to it.
 fn join(batches: Vec<Batch>, report: ClusterReport) -> Clusters {
     let count = batches.iter().map(|batch| batch.clusters.len()).sum();
@@ -314,7 +314,7 @@ fn join(batches: Vec<Batch>, report: ClusterReport) -> Clusters {
     let (label_of, all) = (Arc::make_mut(&mut labels), Arc::make_mut(&mut clusters));
     let mut members = Vec::with_capacity(triangles);
     let mut starts = Vec::with_capacity(count + 1);
-    // Groups are numbered on from batch to batch.
+    // Group numbers continue from batch to batch.
     let (mut end, mut groups) = (0, 0);
     starts.push(end);
     for batch in &batches {

@@ -1,8 +1,8 @@
-//! Weighted means over windows of pixels, for both halves of the samples at once. The weights of each half come from a
-//! guide: the colours and variances of the other half.
+//! Weighted means over windows of pixels, for both halves of the samples at once. The weights for one half come from a guide:
+//! the colours and variances of the other half.
 //!
-//! The [`prefilter`] of features is such a mean. It removes most of the noise from lens blur, motion blur, subpixel geometry, and
-//! surfaces that both reflect and refract.
+//! The [`prefilter`] of features is such a mean. It removes most of the noise that lens blur, motion blur, subpixel geometry
+//! and partly refracting surfaces cause in features.
 
 use crate::features::Features;
 use crate::graph::{Graph, Reach, Rows, all};
@@ -19,21 +19,21 @@ use pulp::{Simd, WithSimd};
 pub(crate) struct Window {
     /// The radius in pixels, at most [`REACH`].
     pub(crate) radius: usize,
-    /// The largest squared distance in a window that is a disc; `None` for a square.
+    /// The largest squared distance from the centre in a disc-shaped window; `None` for a square window.
     pub(crate) disc: Option<usize>,
-    /// The least weight of a pixel that counts; smaller weights are replaced by 0.
+    /// The smallest weight that counts; smaller weights are replaced by 0.
     pub(crate) cut: f32,
     /// The falloff of the spatial weight `exp(-falloff r^2)`, with `r` in pixels.
     pub(crate) falloff: f32,
 }
 
-/// The weight below which a pixel is left out. It would vanish in a sum, but its products are slow subnormal numbers.
-/// Leaving such pixels out saves a third of the time of `cluster-regression` (docs/results/filters.md).
+/// The weight below which a pixel is left out. Smaller weights change no sum, but their products are subnormal numbers, which
+/// are slow. Leaving such pixels out saves a third of the time of `cluster-regression` (docs/results/filters.md).
 pub(crate) const VANISHING: f32 = 1e-20;
 
-/// The weighted means of `values` over a window around each pixel, for both halves. With two guides, each half takes its weights from
-/// the other half's guide. A single guide serves both halves. Tiles in which none of the `variances` is above [`QUIET`] keep their
-/// values; without any variances, no tile does.
+/// Returns the weighted means of `values` over a window around each pixel, for both halves. With two guides, each half uses
+/// weights from the other half's guide; a single guide serves both halves. A tile whose `variances` are all at most [`QUIET`]
+/// keeps its values. If `variances` is empty, all tiles are averaged.
 pub(crate) fn average<const G: usize>(
     graph: &Graph<'_>,
     inputs: &Inputs,
@@ -88,14 +88,14 @@ struct TileTask<'a, const G: usize> {
     scratch: &'a mut Scratch<G>,
 }
 
-/// The memory of a task, which the next one uses again.
+/// Buffers of a task, reused by the next task.
 #[derive(Default)]
 struct Scratch<const G: usize> {
     tile: Tile<G>,
     values: [Stack<4>; 2],
 }
 
-/// The offset in the weighted sums of a tile of red, green, blue and weight of the even (or odd) columns in a row of one half.
+/// The offset of the even (or odd) columns of row `y` of a half in the weighted sums of a tile: red, green, blue and weight.
 #[inline(always)]
 const fn row_of(half: usize, y: usize, parity: usize) -> usize {
     ((half * HEIGHT + y) * 2 + parity) * 4 * LANES
@@ -130,7 +130,7 @@ impl<const G: usize> WithSimd for TileTask<'_, G> {
 }
 
 impl<const G: usize> Scratch<G> {
-    /// Adds to the sums of each pixel in the tile the pixel at `offset` from it, multiplied by its weight.
+    /// Adds the pixel at `offset` from each pixel of the tile, multiplied by its weight, to that pixel's sums.
     #[inline(always)]
     fn gather<S: Simd>(&mut self, simd: S, like: &Likeness, window: &Window, offset: [isize; 2], sums: &mut [f32]) {
         let Self { tile, values } = self;
@@ -146,7 +146,7 @@ impl<const G: usize> Scratch<G> {
                 for half in 0..2 {
                     let here = vectors::<S>(values[half].moved(y, parity, [0, 0]));
                     let there = vectors::<S>(values[half].moved(y, parity, offset));
-                    // The weights of the other half, if there are two guides.
+                    // With two guides, the weights come from the other half's guide.
                     let weights = vectors::<S>(&weights[(G - 1).saturating_sub(half)]);
                     let sums = S::as_mut_simd_f32s(&mut sums[row_of(half, y, parity)..][..4 * LANES]).0;
                     for i in 0..LANES / S::F32_LANES {
@@ -167,7 +167,7 @@ impl<const G: usize> Scratch<G> {
     }
 }
 
-/// Divides the sums of colours by the sums of weights. A pixel becomes black if its window holds no sample.
+/// Divides the sums of colours by the sums of weights. A pixel whose window holds no sample becomes black.
 #[inline(always)]
 fn divide(sums: &mut [f32]) {
     for row in sums.chunks_exact_mut(4 * LANES) {
@@ -181,10 +181,10 @@ fn divide(sums: &mut [f32]) {
     }
 }
 
-/// The patches (3x3 pixels) and the bandwidth, chosen by measurements at 8 spp on nine scenes (`docs/results/race.md`).
-/// Patches of 1 pixel do not help, 5x5 is no better than 3x3. Bandwidths 0.5 and 1 leave 2 and 4 % more error.
+/// Patches of 3x3 pixels and a bandwidth of 0.7, the best at 8 spp on nine scenes (`docs/results/race.md`). Comparing single
+/// pixels does not help, and 5x5 is no better than 3x3. Bandwidths 0.5 and 1 leave 2 and 4 % more error.
 const LIKE: Likeness = Likeness { patch: 1, colour: 0.7, features: None, outside: 1.0 };
-/// The window of 9x9 pixels, chosen by the same measurements: 7x7 leaves 1 % more error, 11x11 and 15x15 leave no less.
+/// The window of 9x9 pixels, the best on the same scenes: 7x7 leaves 1 % more error, 11x11 and 15x15 no less.
 const WINDOW: Window = Window { radius: 4, disc: None, cut: VANISHING, falloff: 0.0 };
 /// The variance of a mean normal, albedo or log depth up to which the feature counts as free of noise.
 const QUIET: f32 = 1e-5;
@@ -194,18 +194,18 @@ const QUIET: f32 = 1e-5;
 /// The weights come from the features themselves [after Rousselle 2013], but with the variance of each pixel's samples
 /// instead of the variance between the halves. Tiles without noise keep their values.
 ///
-/// The stored variances stay unchanged. Reduced variances would make features separate more pixels: at a quarter of the
-/// variance, 3 % more error is left.
+/// The stored variances stay unchanged. With a quarter of the variance, small differences of features would separate more
+/// pixels and leave 3 % more error.
 pub(crate) fn prefilter(graph: &Graph<'_>, inputs: &mut Inputs) {
     let Features { mean, variance: [vn, va, vd], scatter, position, scale, .. } = inputs.features;
     let [nx, ny, nz, r, g, b, depth] = mean;
     let quiet = |_: f32| QUIET;
     let surface = [([r, g, b], va), ([nx, ny, nz], vn)].map(|of| feature_guide(graph, of, scale, quiet));
-    // Each value takes its weights from the other guide. Normals are the first value, so their guide is the second.
+    // `average` weighs value 0 by guide 1 and value 1 by guide 0, so the guides are in reverse order.
     let values = [[nx, ny, nz], [r, g, b]];
     let Pair([nx, ny, nz, r, g, b]) = average(graph, inputs, values, surface, (LIKE, WINDOW), vec![vn, va]);
 
-    // Points closer than the width of a pixel count as one place.
+    // Points closer than the width of a pixel count as the same point.
     let width = |scale: f32| (1.0 / (24.0 * scale)).clamp(1e-15, 1e15).powi(2);
     let places = [feature_guide(graph, (position, scatter), scale, width)];
     let values = [position, [depth; 3]];
@@ -214,8 +214,9 @@ pub(crate) fn prefilter(graph: &Graph<'_>, inputs: &mut Inputs) {
     inputs.features.position = [x, y, z];
 }
 
-/// Makes a guide of features with a variance. The guide's is `floor` of the [`Features::scale`] plus the mean of the pixel's own
-/// variance and the variance over 3x3 pixels, since a few samples may be equal by chance.
+/// Returns a guide made of features and their variance. The guide's variance is `floor` of the [`Features::scale`] plus the
+/// mean of two variances: the pixel's own, and the average over 3x3 pixels. A few samples may be equal by chance, so the
+/// pixel's own variance alone is unreliable.
 fn feature_guide(
     graph: &Graph<'_>,
     (colour, variance): (Colours, Plane),

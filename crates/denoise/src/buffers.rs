@@ -8,7 +8,8 @@ use dapple_core::{Error, Film, Filter, Filtered, filter::filled};
 use std::sync::Arc;
 pub use warnings::{Warning, warnings_of};
 
-/// The variance of each pixel, per channel or of one number: of a sample, or of the mean over all samples.
+/// The variance of each pixel, either of one sample or of the mean over all samples. `T` is `[f32; 3]` for one variance per
+/// channel, `f32` for one per entry.
 ///
 /// A sample's variance stays the same as samples are added. The variance of the mean is the sample's variance divided by
 /// the number of samples. Renderers write either one; mixing them up misleads filters by that factor.
@@ -47,10 +48,9 @@ impl<'a> From<&'a Vec<u32>> for Counts<'a> {
     }
 }
 
-/// A set of samples of every pixel as buffers, row by row from the top: mean radiance, count, and variance if known.
+/// Buffers with a set of samples of every pixel, row by row from the top: mean radiance, sample count, and variance if known.
 ///
-/// Radiance is linear RGB. `buffer.as_chunks::<3>().0` turns a slice of floats into the slice of colours that is taken
-/// here.
+/// Radiance is linear RGB. `buffer.as_chunks::<3>().0` turns a slice of floats into a slice of colours.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SampleBuffers<'a> {
     mean: &'a [[f32; 3]],
@@ -59,9 +59,9 @@ pub struct SampleBuffers<'a> {
 }
 
 impl<'a> SampleBuffers<'a> {
-    /// The mean radiance of each pixel, and the number of samples: a slice, or one number for all pixels.
+    /// Creates buffers from the mean radiance of each pixel and the number of samples: a slice, or one number for all pixels.
     ///
-    /// If the number is unknown, any will do, such as 16: only the ratios between pixels matter much.
+    /// If the number is unknown, use any, such as 16: only the ratios between pixels matter much.
     pub fn new(mean: &'a [[f32; 3]], count: impl Into<Counts<'a>>) -> Self {
         Self { mean, count: count.into(), variance: None }
     }
@@ -73,7 +73,7 @@ impl<'a> SampleBuffers<'a> {
 
     /// Sets the variance per channel.
     ///
-    /// Two halves may do without. One set of samples needs it.
+    /// The variance is optional for two halves, and required for a single set of samples.
     #[must_use]
     pub fn variance(self, variance: Variance<'a>) -> Self {
         Self { variance: Some(variance), ..self }
@@ -91,7 +91,7 @@ impl Counts<'_> {
 }
 
 impl<'a> Variance<'a> {
-    /// The variances of the channels of one pixel after the other.
+    /// The same variances as a flat slice: the channels of one pixel after another.
     fn flat(self) -> Variance<'a, f32> {
         match self {
             Self::OfSamples(values) => Variance::OfSamples(values.as_flattened()),
@@ -112,7 +112,7 @@ impl<'a> Variance<'a, f32> {
         }
     }
 
-    /// The variance of one sample from entry `i`, of a pixel with `count` samples.
+    /// The variance of one sample computed from entry `i`, which belongs to a pixel with `count` samples.
     fn of_sample(self, i: usize, count: u64) -> f64 {
         match self {
             Self::OfSamples(values) => f64::from(values[i]),
@@ -121,7 +121,7 @@ impl<'a> Variance<'a, f32> {
     }
 }
 
-/// A buffer of features, one pixel's channels after the other, and its variance if known.
+/// A buffer of features (the channels of one pixel after another) and its variance, if known.
 #[derive(Clone, Copy, Debug)]
 struct Feature<'a> {
     mean: &'a [f32],
@@ -129,13 +129,13 @@ struct Feature<'a> {
 }
 
 impl<'a> Feature<'a> {
-    /// The values of a feature of three channels.
+    /// The values of a feature with three channels.
     fn colours(&self) -> &'a [[f32; 3]] {
         self.mean.as_chunks::<3>().0
     }
 }
 
-/// The places of the features in [`Denoise::features`].
+/// The indices of the features in [`Denoise::features`].
 const NORMAL: usize = 0;
 const ALBEDO: usize = 1;
 const POSITION: usize = 2;
@@ -164,11 +164,11 @@ pub fn denoise<'a>(size: [u32; 2], half_a: &SampleBuffers<'a>, half_b: &SampleBu
     Denoise::new(size, *half_a, Some(*half_b))
 }
 
-/// Denoises an image given as buffers, for renderers that keep no halves: all samples together, with their variance.
+/// Denoises an image given as buffers, for renderers that keep no halves: the mean of all samples and its variance.
 ///
-/// The image `x` is split into two halves `x + s` and `x - s`, where `s` is the standard error of the pixel under a random
-/// sign [after Rasines and Young 2022; Leiner et al. 2023]. Their mean is `x`, so no light is lost. True halves leave less
-/// error; `docs/book/src/denoise-buffers.md` shows how much.
+/// The image `x` is split into two halves `x + s` and `x - s`, where `s` is the pixel's standard error with a random sign
+/// [after Rasines and Young 2022; Leiner et al. 2023]. Their mean is `x`, so no light is lost. True halves leave less error;
+/// `docs/book/src/denoise-buffers.md` shows how much.
 ///
 /// ```
 /// use dapple_denoise::{SampleBuffers, Variance, denoise_whole};
@@ -185,15 +185,16 @@ pub fn denoise_whole<'a>(size: [u32; 2], all: &SampleBuffers<'a>) -> Denoise<'a>
     Denoise::new(size, *all, None)
 }
 
-/// An image to be denoised, given as buffers. [`denoise`] and [`denoise_whole`] make one.
+/// An image to be denoised, given as buffers. [`denoise`] and [`denoise_whole`] create it.
 ///
-/// Features are means over each pixel's samples, as for any denoiser. Each is optional, and more of them leave less error.
+/// Features are means over each pixel's samples, as for any denoiser. All features are optional; more features leave less
+/// error.
 /// A pixel is a miss if its normal and position are 0, and its depth is 0, at least 10^10 or infinite.
 #[derive(Clone)]
 #[must_use = "`run` denoises the image"]
 pub struct Denoise<'a> {
     size: [u32; 2],
-    /// The samples of the first half; all samples if there is no other.
+    /// The samples of the first half, or all samples if there is no `second`.
     first: SampleBuffers<'a>,
     second: Option<SampleBuffers<'a>>,
     features: [Option<Feature<'a>>; 4],
@@ -218,12 +219,12 @@ impl<'a> Denoise<'a> {
         self
     }
 
-    /// Adds shading normals, of unit length or shorter where they vary within a pixel.
+    /// Adds shading normals: of unit length, or shorter where they vary within a pixel.
     pub fn normal(self, mean: &'a [[f32; 3]]) -> Self {
         self.feature(NORMAL, mean.as_flattened(), None)
     }
 
-    /// Adds shading normals that are noisy, with their variance.
+    /// Adds noisy shading normals with their variance.
     pub fn noisy_normal(self, mean: &'a [[f32; 3]], variance: Variance<'a>) -> Self {
         self.feature(NORMAL, mean.as_flattened(), Some(variance.flat()))
     }
@@ -233,7 +234,7 @@ impl<'a> Denoise<'a> {
         self.feature(ALBEDO, mean.as_flattened(), None)
     }
 
-    /// Adds an albedo that is noisy, with its variance.
+    /// Adds a noisy albedo with its variance.
     pub fn noisy_albedo(self, mean: &'a [[f32; 3]], variance: Variance<'a>) -> Self {
         self.feature(ALBEDO, mean.as_flattened(), Some(variance.flat()))
     }
@@ -243,37 +244,39 @@ impl<'a> Denoise<'a> {
         self.feature(POSITION, mean.as_flattened(), None)
     }
 
-    /// Adds positions that are noisy, with their variance.
+    /// Adds noisy positions with their variance.
     pub fn noisy_position(self, mean: &'a [[f32; 3]], variance: Variance<'a>) -> Self {
         self.feature(POSITION, mean.as_flattened(), Some(variance.flat()))
     }
 
     /// Adds the depth: the distance from the camera, along the ray or along the view axis.
     ///
-    /// Without positions, positions are made of pixel coordinates times depth, for a camera of any field of view. Without
-    /// depths, they are made of positions.
+    /// If no positions are given, pixel coordinates times depth take their place, for any field of view. If no depths are
+    /// given, they are estimated from the positions.
     pub fn depth(self, mean: &'a [f32]) -> Self {
         self.feature(DEPTH, mean, None)
     }
 
-    /// Adds a depth that is noisy, with its variance.
+    /// Adds a noisy depth with its variance.
     pub fn noisy_depth(self, mean: &'a [f32], variance: Variance<'a, f32>) -> Self {
         self.feature(DEPTH, mean, Some(variance))
     }
 
-    /// Adds the share of the samples that hit a surface, 0 to 1. Features are then means over these samples alone.
+    /// Adds the fraction of each pixel's samples that hit a surface, 0 to 1. Features are then means over these samples alone.
     ///
-    /// Give the share of the image's own samples. Other rays hit the edge of a lamp elsewhere, and its light leaks.
+    /// The fraction must come from the same samples as the image. Other rays hit the edge of a light elsewhere, and the light
+    /// would leak.
     pub fn coverage(self, share: &'a [f32]) -> Self {
         Self { coverage: Some(share), ..self }
     }
 
-    /// Adds the mean emission of light sources that the image's own samples saw directly. Bright lamps then stay in their pixels.
+    /// Adds the mean emission of light sources seen directly by the image's own samples. Bright lights then stay in their
+    /// pixels.
     pub fn emission(self, mean: &'a [[f32; 3]]) -> Self {
         Self { emission: Some(mean), ..self }
     }
 
-    /// Adds an id of the object, material or group that each pixel shows. Pixels of another id weigh less.
+    /// Adds the id of the object, material or group that each pixel shows. Pixels with another id get less weight.
     pub fn ids(self, ids: &'a [u32]) -> Self {
         Self { ids: Some(ids), ..self }
     }
@@ -283,12 +286,12 @@ impl<'a> Denoise<'a> {
         Self { filter: Some(filter), ..self }
     }
 
-    /// Sets the place of the light of fireflies, for the default filter.
+    /// Sets where the default filter puts the energy of fireflies.
     pub fn fireflies(self, light: FireflyLight) -> Self {
         Self { fireflies: light, ..self }
     }
 
-    /// The filter of an image without another one: [`ClusterRegression`] with the ids as clusters.
+    /// Returns the filter that is used if none is set: [`ClusterRegression`] with the ids as clusters.
     ///
     /// # Errors
     ///
@@ -299,13 +302,13 @@ impl<'a> Denoise<'a> {
         Ok(if self.ids.is_some() { plain.with_clusters(Arc::new(|id, _| Some(id)), "ids") } else { plain })
     }
 
-    /// Refuses images with [`Denoise::warnings`].
+    /// Makes [`Denoise::run`] fail if [`Denoise::warnings`] finds anything.
     pub fn strict(self) -> Self {
         Self { is_strict: true, ..self }
     }
 
-    /// Lists what looks exchanged or wrong: the noise between pixels is not what the variance says, halves are too much alike, width and
-    /// height or normals and albedo are exchanged, numbers are out of their range, NaN or huge.
+    /// Lists signs of swapped or wrong buffers. Examples: the noise between pixels contradicts the variance, the halves are too
+    /// similar, width and height or normals and albedo are swapped, or numbers are out of range, NaN or huge.
     ///
     /// # Errors
     ///
@@ -315,7 +318,7 @@ impl<'a> Denoise<'a> {
         Ok(warnings::warnings(self))
     }
 
-    /// Makes a film (per-pixel statistics) of the buffers, for filters and maps that read films.
+    /// Creates a film (per-pixel statistics) from the buffers, for filters and error maps that read films.
     ///
     /// Ids become the shapes of first hits.
     ///
@@ -330,12 +333,11 @@ impl<'a> Denoise<'a> {
     ///
     /// # Errors
     ///
-    /// * [`Error::EmptyFrame`] and [`Error::FrameTooLarge`] for the size.
-    /// * [`Error::BadBuffer`] for a buffer of another length, NaN and infinite numbers (but means and depths), negative
-    ///   variances, and pixels none of which has a sample; for halves that are the same buffer; for one set of samples without
-    ///   variance.
-    /// * [`Error::Other`] with the first of the warnings, if the image is to be strict.
-    /// * Those of the filter.
+    /// * [`Error::EmptyFrame`] and [`Error::FrameTooLarge`] for an invalid size.
+    /// * [`Error::BadBuffer`] for a buffer of the wrong length, NaN or infinite numbers (allowed in means and depths), negative
+    ///   variances, no pixel with a sample, two halves that are the same buffer, or a single set of samples without variance.
+    /// * [`Error::Other`] with the first warning, if the image is [`strict`](Self::strict).
+    /// * The errors of the filter.
     pub fn run(&self) -> Result<Filtered, Error> {
         if self.is_strict
             && let Some(warning) = self.warnings()?.into_iter().next()
@@ -349,10 +351,10 @@ impl<'a> Denoise<'a> {
         filled(&self.default_filter()?, &film)
     }
 
-    /// Denoises the image into a slice of the caller, such as a frame of a video, row by row from the top.
+    /// Denoises the image into the caller's slice, such as a frame of a video, row by row from the top.
     ///
-    /// One [filter](Self::filter) serves any number of frames. The film and the filter's memory are made and freed with each
-    /// of them. After an error, `out` is as it was.
+    /// One [filter](Self::filter) serves any number of frames. Each call allocates and frees the film and the filter's memory.
+    /// After an error, `out` is unchanged.
     ///
     /// ```
     /// use dapple_denoise::{ClusterRegression, ClusterRegressionOptions, SampleBuffers, denoise};
@@ -371,7 +373,7 @@ impl<'a> Denoise<'a> {
     ///
     /// # Errors
     ///
-    /// Those of [`Denoise::run`], and [`Error::BadBuffer`] if `out` has another number of pixels.
+    /// Those of [`Denoise::run`], and [`Error::BadBuffer`] if `out` has a different number of pixels.
     pub fn run_into(&self, out: &mut [[f32; 3]]) -> Result<(), Error> {
         check_length(self.size, out.len(), "out")?;
         out.copy_from_slice(&self.run()?.radiance);
@@ -379,14 +381,14 @@ impl<'a> Denoise<'a> {
     }
 }
 
-/// The names of the buffers of a set of samples: mean, count and variance.
+/// The names of the buffers of a single set of samples: mean, count and variance.
 const WHOLE: [&str; 3] = ["mean", "count", "variance"];
 const HALVES: [[&str; 3]; 2] = [
     ["mean of half a", "count of half a", "variance of half a"],
     ["mean of half b", "count of half b", "variance of half b"],
 ];
 
-/// The names of the features and of their variances, the number of channels, and what their numbers must be.
+/// The names of each feature's buffer and of its variance, the number of channels, and the rules for the values.
 const FEATURES: [([&str; 2], usize, &[Rule]); 4] = [
     (["normal", "variance of the normal"], 3, FINITE),
     (["albedo", "variance of the albedo"], 3, FINITE),
@@ -394,28 +396,27 @@ const FEATURES: [([&str; 2], usize, &[Rule]); 4] = [
     (["depth", "variance of the depth"], 1, DEPTHS),
 ];
 
-/// The condition that a number must meet, and the fault of another one.
+/// A condition on a value, and the end of the error message if it is violated.
 type Rule = (fn(f32) -> bool, &'static str);
 
-const IS_FINITE: Rule =
-    (f32::is_finite, "is NaN or infinite; give a finite number, or count 0 samples there to fill it");
+const IS_FINITE: Rule = (f32::is_finite, "is NaN or infinite; use a finite number");
 const FINITE: &[Rule] = &[IS_FINITE];
-const SQUARES: &[Rule] = &[IS_FINITE, (|v| v >= 0.0, "is negative; give squares of standard deviations")];
-const DEPTHS: &[Rule] = &[(|d| d >= 0.0, "is NaN or negative; give 0 or infinity for a miss")];
+const SQUARES: &[Rule] = &[IS_FINITE, (|v| v >= 0.0, "is negative; use squared standard deviations")];
+const DEPTHS: &[Rule] = &[(|d| d >= 0.0, "is NaN or negative; use 0 or infinity for a miss")];
 const SHARES: &[Rule] =
-    &[(|share| (0.0..=1.0).contains(&share), "is not in 0 to 1; give the share of the samples that hit a surface")];
+    &[(|share| (0.0..=1.0).contains(&share), "is not in 0 to 1; use the fraction of the samples that hit a surface")];
 
-const EQUAL: &str = "it equals that of half a, so the halves show no noise; give two renders with different seeds, or one with its variance to denoise_whole()";
-const ALONE: &str = "it is missing, and one image alone does not show its noise; give its variance, or two halves (renders with different seeds) to denoise()";
+const EQUAL: &str = "it equals the mean of half a, so the noise cannot be estimated; pass two renders with different seeds, or one render and its variance to denoise_whole()";
+const ALONE: &str = "it is missing, and the noise of a single image cannot be estimated; pass its variance, or two halves (renders with different seeds) to denoise()";
 
-/// A buffer: its name, its numbers, how many of them a pixel has, and the rules that they meet in pixels with samples.
+/// A buffer: its name, its values, the number of values per pixel, and the rules for pixels with samples.
 type Named<'a> = (&'static str, Option<&'a [f32]>, usize, &'static [Rule]);
 
 fn bad(buffer: &'static str, what: impl Into<String>) -> Error {
     Error::BadBuffer { buffer, what: what.into() }
 }
 
-/// Checks all buffers of an image. Each error names the buffer, and what to do.
+/// Checks all buffers of an image. Each error names the buffer and the remedy.
 fn check(image: &Denoise<'_>) -> Result<(), Error> {
     let size = image.size;
     if let Some(second) = &image.second {
@@ -444,12 +445,13 @@ fn check_samples(size: [u32; 2], set: &SampleBuffers<'_>, names: [&'static str; 
     }
     check_length(size, set.mean.len(), mean)?;
     if (0..set.mean.len()).all(|i| set.samples(i) == 0) {
-        return Err(bad(count, "no pixel has a sample; give the number of samples of each pixel, or one for all"));
+        return Err(bad(count, "no pixel has a sample; pass the number of samples of each pixel, or one for all"));
     }
     check_numbers(size, (variance, set.variance.map(|v| v.flat().values()), 3, SQUARES), |i| set.samples(i) > 0)
 }
 
-/// Refuses halves that are one buffer. A black image and one of a single colour may come twice without noise.
+/// Returns an error if both halves are the same buffer or equal. Only images of a single colour may be equal, as they have no
+/// noise.
 fn check_independent(a: &SampleBuffers<'_>, b: &SampleBuffers<'_>) -> Result<(), Error> {
     let first = a.mean.first();
     let plain = a.mean.len() == 1 || a.mean.iter().all(|colour| Some(colour) == first);
@@ -457,7 +459,7 @@ fn check_independent(a: &SampleBuffers<'_>, b: &SampleBuffers<'_>) -> Result<(),
     if same { Err(bad(HALVES[1][0], EQUAL)) } else { Ok(()) }
 }
 
-/// Checks the numbers of a buffer in the pixels that count.
+/// Checks the values of a buffer in the pixels for which `counts` returns `true`.
 fn check_numbers(
     size: [u32; 2],
     (name, values, channels, rules): Named<'_>,
@@ -480,6 +482,6 @@ fn check_length([width, height]: [u32; 2], found: usize, name: &'static str) -> 
     if found as u64 == expected {
         return Ok(());
     }
-    let what = format!("it has {found} values, and {width}x{height} pixels need {expected}; give one for each pixel");
+    let what = format!("it has {found} values, but {width}x{height} pixels need {expected}; pass one value per pixel");
     Err(bad(name, what))
 }

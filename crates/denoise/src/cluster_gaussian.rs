@@ -13,22 +13,21 @@ dapple_core::options! {
     pub struct ClusterGaussianOptions {
         /// Weight of a pixel of another cluster relative to one of the same.
         ///
-        /// The table shows relMSE over that of the best `outside` of each image and budget, as geometric means
-        /// (`tests/denoise/filters.rs`: five synthetic images at 8 to 64 spp).
-        /// In some images the clusters miss edges, in others they cut smooth gradients.
+        /// The table shows the relMSE relative to the best `outside` for each image and budget. Values are geometric means over
+        /// five synthetic images at 8 to 64 spp (`tests/denoise/filters.rs`). In some images the clusters miss edges, in others
+        /// they cut smooth gradients.
         ///
         /// | `outside` | 0 | 0.01 | 0.03 | 0.05 | 0.07 | 0.1 | 0.2 | 1 |
         /// |---|---|---|---|---|---|---|---|---|
         /// | 1 first hit | 1.124 | 1.117 | 1.108 | 1.103 | 1.100 | 1.101 | 1.130 | 1.608 |
         /// | 4 first hits | 1.101 | 1.098 | 1.095 | 1.094 | 1.097 | 1.105 | 1.156 | 1.704 |
         ///
-        /// The optimum is flat. Over 4 to 256 spp it moves to 0.01 or 0.02, since leaks cost more when there is less
-        /// noise.
+        /// The optimum is flat. Over 4 to 256 spp it lies at 0.01 or 0.02, since leaks matter more when there is less noise.
         pub outside: f64 = 0.05,
             |w| (0.0..=1.0).contains(&w), "0 (nothing crosses a border) to 1 (clusters do not matter)";
         /// First hits that tell a pixel's clusters, 1 (published) to 8.
         ///
-        /// Without effect on a filter with a map of clusters.
+        /// Has no effect on a filter with a map of clusters.
         pub hits: u8 = 1, |hits| hits > 0 && usize::from(hits) <= MOST_VOTES, "1 to 8 first hits per pixel";
     }
 }
@@ -46,13 +45,12 @@ enum Clusters {
 ///
 /// `outside + (1 - outside) overlap`
 ///
-/// where `overlap` is the share that the two pixels have in common. It is 1 in the same cluster and 0 in different
-/// ones.
-/// Between pixels of several clusters it is the sum over the clusters of the smaller share.
-/// With `outside` 1 the filter is the plain Gaussian; with 0 nothing crosses a cluster's border.
+/// where `overlap` is 1 for pixels in the same cluster and 0 for pixels in different ones. If samples of a pixel lie in several
+/// clusters, `overlap` is the sum over all clusters of the smaller of the two pixels' fractions. With `outside` 1 the filter is
+/// the plain Gaussian; with 0 nothing crosses a cluster's border.
 ///
-/// The cluster-adaptive thesis "modified [its Gaussian] to favour same-cluster pixels" without a formula; this one is
-/// our choice.
+/// The cluster-adaptive thesis "modified [its Gaussian] to favour same-cluster pixels" but gives no formula. This formula is
+/// not in the thesis.
 ///
 /// # Clusters
 ///
@@ -61,11 +59,11 @@ enum Clusters {
 /// One first hit corresponds to the probe of the thesis. Four first hits reveal that a pixel lies on an edge.
 /// They leave 0.6 times the error on a slanted edge at 64 spp (`tests/denoise/filters.rs`).
 ///
-/// With first hits, labels and values come from the same samples. In mixed pixels weights and values are therefore not
-/// quite independent.
+/// With first hits, clusters and values come from the same samples. In pixels with several clusters, weights and values are
+/// therefore not quite independent.
 ///
-/// Unequal sample counts, borders, pixels without samples and [`Filtered::error`] are as with [`Gaussian`].
-/// If `outside` is 0 and a pixel without samples is cut off from every sample in reach, the plain Gaussian fills it.
+/// Unequal sample counts, borders, pixels without samples and [`Filtered::error`] are handled as in [`Gaussian`]. If `outside`
+/// is 0 and clusters exclude every sample in reach of a pixel, the plain Gaussian fills it.
 ///
 /// ```
 /// use dapple_core::{Film, Filter, Frame, Needs};
@@ -89,8 +87,8 @@ pub struct ClusterGaussian {
 }
 
 impl ClusterGaussian {
-    /// Takes the cluster of each pixel from `clusters`, row by row from the top of a film window of `size` (width,
-    /// height). Any number may stand for the background, such as `u32::MAX`.
+    /// Creates a filter with the cluster of each pixel from `clusters`, row by row from the top of a film window of `size`
+    /// (width, height). Any number may represent the background, such as `u32::MAX`.
     ///
     /// # Errors
     ///
@@ -98,18 +96,18 @@ impl ClusterGaussian {
     pub fn from_map(size: [u32; 2], clusters: Vec<u32>) -> Result<Self, Error> {
         let [width, height] = size;
         if u64::from(width) * u64::from(height) != clusters.len() as u64 {
-            let value = format!("{} of them for {width}x{height} pixels", clusters.len());
+            let value = format!("{} clusters for {width}x{height} pixels", clusters.len());
             let allowed = "give one cluster for each pixel of the film's window, row by row";
             return Err(Error::OutOfRange { name: "clusters", value, allowed });
         }
         Ok(Self::new(Clusters::Map { size, clusters }))
     }
 
-    /// Takes the clusters of each pixel from the first hits of its first samples, which the film must record. Their
-    /// number is [`ClusterGaussianOptions::hits`].
+    /// Creates a filter with clusters from the first hits of each pixel's first samples, which the film must record. The number
+    /// of hits is [`ClusterGaussianOptions::hits`].
     ///
-    /// Each sample is a vote for the cluster that `label` returns. A miss or `None` is a vote for the background. With
-    /// one vote, one sample decides for the pixel, as published.
+    /// Each sample votes for the cluster that `label` returns. A miss or `None` is a vote for the background. With one vote, as
+    /// published, a single sample decides for the pixel.
     pub fn from_hits(label: ClusterLookup) -> Self {
         Self::new(Clusters::Hits(label))
     }
@@ -139,7 +137,8 @@ impl ClusterGaussian {
         Self { described: described.into(), ..self }
     }
 
-    /// The image of a film whose pixels belong to clusters as `members` tells. `overlap` is the share that two pixels have in common.
+    /// Filters a film. `members` holds the clusters of each pixel; `overlap` returns the fraction that two pixels have in
+    /// common.
     fn blend<M: Sync>(&self, film: &Film, members: &[M], overlap: impl Fn(&M, &M) -> f64 + Sync) -> Filtered {
         let (size, pixels) = (film.frame().size(), film.frame().pixels());
         let emission = emission(film);
@@ -160,7 +159,7 @@ impl ClusterGaussian {
             for (x, (radiance, error)) in radiance.iter_mut().zip(&mut **error).enumerate() {
                 let (mut sum, mut noise) = plane.gather(weights, [x, y], |a, b| 1.0 - cut * (1.0 - overlap(a, b)));
                 if sum[3] <= 0.0 {
-                    // Clusters leave no sample in reach.
+                    // Clusters exclude every sample in reach.
                     (sum, noise) = plane.gather(weights, [x, y], |_, _| 1.0);
                 }
                 *radiance = normalised(sum, emission, y * width + x);
@@ -180,8 +179,8 @@ struct Plane<'a, M> {
 }
 
 impl<M> Plane<'_, M> {
-    /// The sums over the kernel around pixel (x, y): of weight times mean and presence, and of squared weight times
-    /// variance. `factor` is that of a pixel beside another on the weight.
+    /// The sums over the kernel around pixel (x, y) of two products: weight times mean and presence, and squared weight times
+    /// variance. `factor` returns the factor on the weight for two pixels.
     #[inline]
     fn gather(&self, weights: &[f64], [x, y]: [usize; 2], factor: impl Fn(&M, &M) -> f64) -> ([f64; 4], f64) {
         let [width, height] = self.size;
@@ -247,8 +246,8 @@ impl Filter for ClusterGaussian {
         let [width, height] = film.frame().size();
         match &self.clusters {
             Clusters::Map { size: [w, h], .. } if [*w, *h] != [width, height] => {
-                let what = format!("its cluster map has {w}x{h} pixels, the film {width}x{height}");
-                let what = what + "; make the map for the rendered window";
+                let what = format!("the cluster map has {w}x{h} pixels but the film has {width}x{height}");
+                let what = what + "; create the map for the rendered window";
                 Err(Error::Mismatch { who: self.name().to_owned(), what })
             }
             Clusters::Map { clusters, .. } => Ok(self.blend(film, clusters, |one, other| f64::from(one == other))),
@@ -267,13 +266,13 @@ impl Filter for ClusterGaussian {
     }
 }
 
-/// The largest number of samples per pixel whose clusters count.
+/// The largest number of samples per pixel that vote for a cluster.
 const MOST_VOTES: usize = 8;
 
 /// The clusters of a pixel's first samples (up to eight).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Votes {
-    /// The cluster of each sample in ascending order, of which the first `samples` are used.
+    /// The clusters of the samples in ascending order; only the first `samples` entries are used.
     clusters: [u32; MOST_VOTES],
     samples: u8,
     /// True if all samples lie in one cluster.
@@ -281,7 +280,7 @@ pub(crate) struct Votes {
 }
 
 impl Votes {
-    /// The votes of a pixel whose samples lie in these clusters. The first eight count.
+    /// Counts the votes of a pixel whose samples lie in the clusters `labels`. Only the first eight count.
     pub(crate) fn of(labels: impl Iterator<Item = u32>) -> Self {
         let mut votes = Self::default();
         for (vote, label) in votes.clusters.iter_mut().zip(labels) {
@@ -294,8 +293,8 @@ impl Votes {
         votes
     }
 
-    /// The sum over all clusters of the smaller share: the share of one pixel's samples in the cluster or of the
-    /// other's. 1 if either pixel has no samples.
+    /// The sum over all clusters of the smaller of two fractions: that of this pixel's samples in the cluster, and that of the
+    /// other pixel's. 1 if either pixel has no samples.
     #[inline]
     pub(crate) fn overlap(&self, other: &Self) -> f64 {
         if self.agree && other.agree {
@@ -304,7 +303,7 @@ impl Votes {
         self.common(other)
     }
 
-    /// The overlap of two pixels of which one has several clusters or none.
+    /// The overlap of two pixels if either has several clusters or none.
     #[inline(never)]
     fn common(&self, other: &Self) -> f64 {
         let [own, others] = [self, other].map(|votes| &votes.clusters[..usize::from(votes.samples)]);

@@ -1,4 +1,5 @@
-//! The default filter: first-order regression on features and clusters, in passes with a choice by estimated error and blends.
+//! The default filter: first-order regression on features and clusters, in several passes. Their results are selected by
+//! estimated error and blended.
 
 use crate::averaging::prefilter;
 use crate::error_map::{ERROR, EVIDENCE, Estimate, LAST, Radii, filtered, relative_weight, select, shrink};
@@ -16,8 +17,8 @@ use dapple_core::filter::{FilterMemory, ImagePlanes, filled};
 use dapple_core::options::Options as _;
 use dapple_core::{Error, Film, Filter, Filtered, Frame, Needs};
 
-/// The weight of the image that is averaged with the predictions of the first and of the second regression; a window's
-/// centre has the weight 1.
+/// The weight of the fallback image that is averaged with the predictions of the first and of the second regression. A window's
+/// centre has weight 1.
 const BESIDE: [f32; 2] = [0.5, 0.4];
 
 dapple_core::options! {
@@ -35,7 +36,7 @@ dapple_core::options! {
     }
 }
 
-/// Regression on features of the first rough surface, in windows that follow clusters, features and colours.
+/// Regression on features of the first non-specular surface, with weights from clusters, features and colours.
 ///
 /// ```
 /// use dapple_core::{Estimate, Film, Filter, Frame};
@@ -58,44 +59,44 @@ dapple_core::options! {
 ///
 /// # Algorithm
 ///
-/// 1. Features are averaged over 9x9 pixels where they are equal up to their noise [after Rousselle 2013].
-///    Noise of lens, shutter and subpixel geometry is also in the radiance; regression on it would keep it.
-/// 2. [`Bilateral`] over 9x9 pixels without their corners makes a first image.
-/// 3. A plane is fitted to the radiance of a disc 13 pixels wide around every second pixel of every second row. This first pass
-///    runs only for direct light by itself.
+/// 1. Features are averaged over 9x9 pixels where they are equal up to their noise [after Rousselle 2013]. Noise from the lens,
+///    the shutter and subpixel geometry is also in the radiance, so regression on noisy features would keep it.
+/// 2. A [`Bilateral`] filter over 9x9 pixels without the corners computes a first image.
+/// 3. A linear function is fitted to the radiance in a disc 13 pixels wide around every second pixel of every second row. This
+///    first pass runs only for direct lighting on its own.
 ///    The regressors are normal, albedo and position [after Bitterli 2016; Moon 2014].
-///    * A pixel's weight grows with its samples and is `exp(-max(0, d_colour)) exp(-max(0, d_features))`. In another
+///    * A pixel's weight grows with its sample count and is `exp(-max(0, d_colour)) exp(-max(0, d_features))`. In another
 ///      cluster it is multiplied by `outside`.
-///    * Colours of 3x3 pixels are compared in the half that is not being filtered [after Rousselle 2012].
-///    * The predictions of all windows for a pixel are averaged with the same weights. The first image has a small
-///      weight too, and stands in where no window fits.
-/// 4. These images and the unfiltered image are compared in each pixel by their estimated error over 5x5 pixels.
-///    The blend of the best ones guides a second pass, without albedo. The halves give its remaining noise.
-///    Both halves share this guide, and so their weights and normal equations.
-/// 5. All filtered images and the second pass are compared by estimated error over 5x5 pixels; the unfiltered image is no
-///    candidate here.
-/// 6. The choice among them guides a regression over 41x41 pixels around every sixth pixel of every sixth row, without albedo.
-///    The choice is moved towards its image, and the unfiltered image towards the result, each as far as their difference is
-///    noise by the halves [after James and Stein 1961].
-/// 7. With two `layers`, these steps filter direct light, then indirect light, and both images are added. Indirect light has
-///    few edges: colours and features may differ 1.4 times as much from step 4 on.
-/// 8. A small trained network averages the film and this image anew and blends both [after Isik 2021]
-///    (docs/results/learned.md). From 24 samples per pixel on, its part falls with the square of their number.
+///    * Colours are compared over 3x3 pixels, in the half that is not being filtered [after Rousselle 2012].
+///    * The predictions of all windows for a pixel are averaged with the same weights. The first image is added with a small
+///      weight; it fills pixels that no window fits.
+/// 4. The estimated errors of these images and of the unfiltered image over 5x5 pixels are compared in each pixel. A blend of
+///    the best images, divided by albedo, guides a second pass. Its remaining noise is estimated from the halves. Both halves
+///    share this guide, and so their weights and normal equations.
+/// 5. All filtered images and the second pass are compared in the same way; the unfiltered image is not a candidate here.
+/// 6. The selected image, divided by albedo, guides a regression over 41x41 pixels around every sixth pixel of every sixth row.
+///    The selected image is moved towards the result, and then the unfiltered image towards that blend. Each moves as far as
+///    the halves show the difference to be noise [after James and Stein 1961].
+/// 7. With two `layers`, these steps filter direct and then indirect lighting, and the two images are added. Indirect lighting
+///    has few edges, so colours and features may differ 1.4 times as much from step 4 on.
+/// 8. A small trained network averages the film and this image again and blends both [after Isik 2021]
+///    (docs/results/learned.md). From 24 samples per pixel on, its weight falls with the square of the sample count.
 ///
 /// # Guarantees
 ///
-/// Bias vanishes as samples are added: pixels that differ by more than noise do not mix.
-/// Without clusters, `outside` is 1. Where features are missing, only colours count.
+/// Bias vanishes as samples are added: pixels that differ by more than noise are not averaged. Without clusters, `outside` is
+/// 1. Where features are missing, only colours are compared.
 ///
 /// [`Filtered::error`] estimates the whole squared error from the halves, bias included.
 /// Its mean over an image is 0.13 to 2.6 times the true error on six scenes at 1 to 16 samples per pixel (docs/results/predicted-error.md).
-/// It is that of the regressions: too high where the network takes much noise away, and too low where guides and blends follow the noise.
-/// [`relative_errors`](crate::relative_errors) turns it into scores for a sampler.
+/// The estimate is for the image before the network. It is too high where the network removes much noise, and too low where
+/// guides and blends follow the noise.
+/// [`relative_errors`](crate::relative_errors) turns the estimate into scores for an adaptive sampler.
 ///
 /// # Reach
 ///
-/// Every pixel of the image may depend on every pixel of the film. The network gets the image in units of its mean
-/// brightness, the scale of errors is that of the whole image, and windows, choices and blends reach some hundred pixels far.
+/// Every pixel of the image may depend on every pixel of the film. The network's inputs are scaled by the image's mean
+/// brightness, and the error's scale is that of the whole image. Windows, selections and blends reach some hundred pixels.
 #[derive(Clone, Debug, Default)]
 pub struct ClusterRegression {
     options: ClusterRegressionOptions,
@@ -104,12 +105,12 @@ pub struct ClusterRegression {
 }
 
 impl ClusterRegression {
-    /// A regression without clusters.
+    /// Creates a regression without clusters.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// A regression with these parameters, without clusters.
+    /// Creates a regression with these parameters, without clusters.
     ///
     /// # Errors
     ///
@@ -119,15 +120,15 @@ impl ClusterRegression {
         Ok(Self { options, ..Self::default() })
     }
 
-    /// Runs the first pass alone, without the network: a quick estimate of where errors are, for samplers.
+    /// Runs only the first pass, without the network: a fast estimate of the error for samplers.
     #[must_use]
     pub fn one_pass(self) -> Self {
         Self { is_one_pass: true, ..self }
     }
 
-    /// Multiplies the weight of a pixel in the first pass by `outside` if its first sample lies in another cluster.
-    /// Clusters stay those of the first hit, whatever mirrors and glass show behind it.
-    /// `described` is appended to the filter's description: the parameters of the clusters, such as `k=9,clamp=32`.
+    /// Multiplies the weight of a pixel in the first pass by `outside` if its first sample lies in another cluster. Clusters
+    /// are always those of the first hit, even if that is a mirror or glass. `described` is appended to the filter's
+    /// description. It lists the parameters of the clusters, such as `k=9,clamp=32`.
     #[must_use]
     pub fn with_clusters(self, label: ClusterLookup, described: impl Into<String>) -> Self {
         Self { reads: Reads { label: Some(label), described: described.into(), ..self.reads }, ..self }
@@ -135,19 +136,18 @@ impl ClusterRegression {
 
     /// Filters by colours alone, for films without features. Every pixel counts as a miss.
     ///
-    /// A film that has room for features but never got any is otherwise refused
-    /// ([`Error::NoneReported`]).
+    /// Otherwise, a film with room for features that were never reported is refused ([`Error::NoneReported`]).
     #[must_use]
     pub fn without_features(self) -> Self {
         Self { reads: Reads { without_features: true, ..self.reads }, ..self }
     }
 
-    /// The weight of a pixel in another cluster: 1 without clusters.
+    /// The factor on the weight of a pixel in another cluster; 1 without clusters.
     fn outside(&self) -> f64 {
         if self.reads.label.is_some() { self.options.outside } else { 1.0 }
     }
 
-    /// Runs the first pass on both halves of the samples. `beside` is the bilateral image.
+    /// Runs the first pass on both halves of the samples. `beside` is the bilateral image, which serves as fallback.
     fn first(&self, graph: &Graph<'_>, inputs: &Inputs, beside: Pair) -> Pair {
         let guides = [0, 1].map(|half| guide(graph, inputs, half, true, false));
         let features = FeatureScales { bandwidth: 2.4, floors: [1e-2, 2e-3], slope: 1.2 };
@@ -166,26 +166,26 @@ impl ClusterRegression {
         regress(graph, inputs, [residual_guide(graph, inputs, guide)], like, (guide, BESIDE[1]))
     }
 
-    /// The images that the guide of the second pass is chosen from: that of the first pass, if it runs, and the bilateral one.
+    /// The candidates for the guide of the second pass: the image of the first pass, if that runs, and the bilateral image.
     ///
-    /// In the first pass, no half's noise shapes its own windows. Only direct light by itself gains enough by it. Without it, all
-    /// light at once has 1.5 % more error at 8 spp for a fifth less time.
+    /// In the first pass, the noise of a half does not affect the weights for that half. This pays off only for direct lighting
+    /// on its own. For all light at once, leaving the pass out costs 1.5 % more error at 8 spp and saves a fifth of the time.
     fn before_second(&self, graph: &Graph<'_>, inputs: &Inputs) -> Vec<Pair> {
         let averaged = Bilateral::candidate().pair(graph, inputs);
         if self.has_first(inputs.part) { vec![self.first(graph, inputs, averaged), averaged] } else { vec![averaged] }
     }
 
-    /// Returns `true` if the network follows.
+    /// Returns `true` if the network runs after the regressions.
     fn has_network(&self) -> bool {
         self.options.network && !self.is_one_pass
     }
 
-    /// Returns `true` if this light gets the first pass.
+    /// Returns `true` if the first pass runs for this part of the light.
     pub(crate) fn has_first(&self, part: Part) -> bool {
         part == Part::Direct || self.is_one_pass
     }
 
-    /// The images of all parts of the light, and the albedo without its noise.
+    /// The filtered images of all parts of the light, and the denoised albedo.
     fn passes<'a>(&self, graph: &Graph<'a>, parts: &[Light<'a>]) -> (Vec<Estimate>, Colours) {
         let mut inputs = Inputs::new(graph, parts[0], &self.reads);
         prefilter(graph, &mut inputs);
@@ -199,7 +199,7 @@ impl ClusterRegression {
         (estimates, inputs.features.albedo())
     }
 
-    /// The image of the light that `inputs` were read from.
+    /// Filters the light from which `inputs` were read.
     fn image(&self, graph: &Graph<'_>, inputs: &Inputs) -> Pair {
         let mut images = self.before_second(graph, inputs);
         if self.is_one_pass {
@@ -218,16 +218,17 @@ impl ClusterRegression {
     }
 }
 
-/// The bytes per pixel of the albedo that the network gets.
+/// The bytes per pixel of the albedo that is passed to the network.
 const ALBEDO: usize = 12;
 
-/// The radius over which errors are compared, for the guide of the second pass and for that of the third.
+/// The radius over which estimated errors are compared for the guides of the second and third pass.
 const CHOICE: usize = 2;
 
-/// The radii of the blend of the choice with the wide pass.
+/// The radii for blending the selected image with the wide pass.
 pub(crate) const BLEND: Radii = Radii { bias: 8, noise: 20, alike: 2 };
 
-/// The standard errors by which a bias of the wide pass must exceed 0 to count. With 1.25 and more, refractions lose detail.
+/// The number of standard errors that a bias of the wide pass must exceed to count. With 1.25 and more, refractions lose
+/// detail.
 const WIDE_EVIDENCE: f32 = 0.5;
 
 impl Filter for ClusterRegression {

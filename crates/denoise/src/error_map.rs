@@ -1,4 +1,5 @@
-//! Error estimates of filtered images from two halves: for choices and blends, the error of the result, and planned counts.
+//! Error estimates of filtered images from two halves. They select and blend images, measure the error of the result, and plan
+//! sample counts.
 
 use crate::graph::{Graph, Reach, all};
 use crate::inputs::Inputs;
@@ -6,15 +7,15 @@ use crate::light::{Light, finite};
 use crate::planes::{Colours, Pair, Plane, box_mean, box_mean_of, combined, map, map_to_one};
 use dapple_core::{Error, Filtered};
 
-/// The constant that relMSE adds to the squared mean.
+/// The constant that is added to the squared mean in relMSE.
 const EPSILON: f32 = 0.01;
 
-/// The factor on the estimated error of the unfiltered image when it is compared with filtered images. Its estimate is
-/// never negative, while those of filtered images scatter. Without the factor, that scatter would select the noisy
-/// image where all errors are small.
+/// The factor on the estimated error of the unfiltered image when it is compared with filtered images. Its estimate is never
+/// negative, but estimates for filtered images scatter around their mean. Without the factor, that scatter would select the
+/// noisy image where all errors are small.
 const HANDICAP: f32 = 2.0;
 
-/// The weight of each pixel's squared error, as in relMSE: one over the squared mean of 3x3 pixels plus epsilon.
+/// The weight of each pixel's squared error, as in relMSE: `1 / (mean^2 + epsilon)`, with the mean over 3x3 pixels.
 pub(crate) fn relative_weight(graph: &Graph<'_>, inputs: &Inputs, image: Pair) -> Plane {
     let (Pair([ra, ga, ba, rb, gb, bb]), [na, nb]) = (image, inputs.counts());
     let grey = map_to_one(graph, [ra, ga, ba, rb, gb, bb, na, nb], |[ra, ga, ba, rb, gb, bb, na, nb]| {
@@ -26,14 +27,14 @@ pub(crate) fn relative_weight(graph: &Graph<'_>, inputs: &Inputs, image: Pair) -
     map_to_one(graph, [mean], move |[mean]| 1.0 / (mean * mean + epsilon).max(1e-30))
 }
 
-/// The estimated squared error of each pixel times its weight, unsmoothed, and the part of it that is variance. Both
-/// are 0 where a half has no samples. One plane (`N`) leaves the variance out.
+/// The estimated squared error of each pixel times its weight, unsmoothed, and the part that is variance. Both are 0 where a
+/// half has no samples. With `N` = 1, the variance is left out.
 ///
 /// Let `F_A`, `F_B` be the filtered and `A`, `B` the unfiltered halves. `A` and `B` share no sample.
-/// So `E (F_A - B)^2` is the error of `F_A` plus the variance of `B`, and `E (A - B)^2` is the sum of both variances.
-/// Averaging `F_A` and `F_B` removes the square of half their difference.
+/// So `E (F_A - B)^2` is the squared error of `F_A` plus the variance of `B`, and `E (A - B)^2` is the sum of both variances.
+/// Averaging `F_A` and `F_B` reduces the error by the square of half their difference.
 ///
-/// This holds if `F_A` does not depend on `B`. Weights and blends do depend on it, so the estimate is too low by the
+/// This holds if `F_A` does not depend on `B`. In fact weights and blends depend on it, so the estimate is too low by the
 /// covariances of `F_A` with `B` and of `F_B` with `A`.
 ///
 /// The sample variance in place of `(A - B)^2` would overrate the noise of low-discrepancy samples.
@@ -54,9 +55,9 @@ pub(crate) fn raw_error<const N: usize>(graph: &Graph<'_>, inputs: &Inputs, imag
     })
 }
 
-/// Selects per pixel the candidate with the least estimated error over `(2 radius + 1)^2` pixels, the first of equals.
-/// The selection is blurred over 5x5 pixels. With `unfiltered`, the unfiltered image is the last candidate; its
-/// error counts [`HANDICAP`] times.
+/// Selects in each pixel the candidate with the least estimated error over `(2 radius + 1)^2` pixels; among equals, the first.
+/// The selection is blurred over 5x5 pixels. With `unfiltered`, the unfiltered image is the last candidate, and its error is
+/// multiplied by [`HANDICAP`].
 pub(crate) fn select(
     graph: &Graph<'_>,
     inputs: &Inputs,
@@ -85,7 +86,8 @@ pub(crate) fn select(
     }))
 }
 
-/// The share of each candidate: 1 where its error is the least, the first of equals, blurred over 5x5 pixels.
+/// The blend weight of each candidate: 1 where its error is the least (among equals, for the first), else 0; blurred over 5x5
+/// pixels.
 fn shares(graph: &Graph<'_>, errors: &[Plane]) -> Vec<Plane> {
     let [mut least, mut best] = map(graph, [errors[0]], |[error]| [error, 0.0]);
     for (number, error) in (1u8..).zip(&errors[1..]) {
@@ -106,37 +108,41 @@ fn shares(graph: &Graph<'_>, errors: &[Plane]) -> Vec<Plane> {
     (0..errors.len()).map(share).collect()
 }
 
-/// The number of standard errors by which a bias must exceed 0 to count in the last blend. Without it, patches of specks remain
-/// up to 16 spp; with 2, 1.5 % more error at 32 spp.
+/// The number of standard errors that a bias must exceed to count in the last blend. With 0, patches of specks remain up to 16
+/// spp; with 2, the error at 32 spp is 1.5 % higher.
 pub(crate) const EVIDENCE: f32 = 1.0;
 
-/// The radii over which a blend pools its two sums, in pixels.
+/// The radii in pixels over which a blend averages its estimates of bias and noise.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Radii {
-    /// The radius for the squared difference that both halves agree on: the bias of the smooth image.
+    /// The radius for the squared difference on which both halves agree: the squared bias of the smooth image.
     pub(crate) bias: usize,
     /// The radius for the noise of the difference.
     pub(crate) noise: usize,
-    /// The radius over which the noise of a filtered image is alike; 0 if the noise of every pixel is its own.
+    /// The radius within which pixels of a filtered image share their noise; 0 if each pixel has independent noise.
     pub(crate) alike: usize,
 }
 
-/// The radii of the last blend of a filter, with the unfiltered image.
+/// The radii for the last blend of a filter, which mixes in the unfiltered image.
 pub(crate) const LAST: Radii = Radii { bias: 5, noise: 10, alike: 0 };
 
-/// The radius over which the share of the smooth image is averaged.
+/// The radius over which the weight of the smooth image is averaged.
 const SHARE: usize = 3;
 
 /// Moves the image `narrow` towards `smooth` as far as their difference is noise.
 ///
-/// With `D_A` and `D_B` the differences of the halves, `V` the mean of `(D_A - D_B)^2 / 4` over a window and `B` that of
-/// `D_A D_B`, the result is `narrow + a (smooth - narrow)` with `a = V / (V + max(0, B))`. The halves share no sample,
-/// so `D_A D_B` estimates the squared bias without noise. It counts as far as it exceeds `evidence` standard errors:
-/// otherwise chance would keep patches of noise. If every pixel has its own noise, the products themselves give their standard
-/// error. In a filtered image, patches of pixels have the same noise, and products of strong detail are large: there, without
-/// bias, a product's mean square is `4 V^2`, with `V` over a patch, and a patch counts once. Squares are relative to the
-/// squared radiance of `smooth`, as in relMSE. A choice between the images by a threshold would keep dark pixels, which look free of noise, and replace
-/// bright ones, and so darken the image. Without any pixel that both halves have sampled, the result is `smooth`.
+/// `D_A` and `D_B` are the differences `smooth - narrow` in the halves, `V` is the mean of `(D_A - D_B)^2 / 4` over a window,
+/// and `B` that of `D_A D_B`. The result is `narrow + a (smooth - narrow)` with `a = V / (V + max(0, B))`. The halves share no
+/// sample, so `D_A D_B` estimates the squared bias without noise.
+///
+/// Only the part of `B` above `evidence` standard errors counts; otherwise patches of noise would remain by chance. If each
+/// pixel has independent noise, the products themselves give their standard error. In a filtered image, patches of pixels share
+/// their noise, and products of strong detail are large. There the mean square of a product without bias is `4 V^2`, with `V`
+/// over a patch, and each patch counts as one sample.
+///
+/// Squares are relative to the squared radiance of `smooth`, as in relMSE. Selecting one of the images by a threshold would
+/// keep dark pixels, which look free of noise, and replace bright ones: the image would darken. If no pixel was sampled by both
+/// halves, the result is `smooth`.
 pub(crate) fn shrink(
     graph: &Graph<'_>,
     inputs: &Inputs,
@@ -154,7 +160,7 @@ pub(crate) fn shrink(
     };
     let noise = box_mean(graph, noise, radii.noise);
     let [bias, squares] = [bias, squares].map(|plane| box_mean(graph, plane, radii.bias));
-    // The number of standard errors of a mean over the window, per root of the mean square.
+    // The standard errors of a mean over the window, in units of the root mean square, times `evidence`.
     let errors = evidence * (2 * radii.alike + 1) as f32 / (2 * radii.bias + 1) as f32;
     let share = map_to_one(graph, [noise, bias, squares], move |[noise, bias, square]| {
         let certain = (bias - errors * square.sqrt()).max(0.0);
@@ -169,7 +175,7 @@ pub(crate) fn shrink(
     Pair(std::array::from_fn(blend))
 }
 
-/// The planes of the noise and of the product of the halves' differences, per pixel; 0 where a half has no samples.
+/// The noise and the product of the halves' differences, as planes; 0 where a half has no samples.
 fn differences(graph: &Graph<'_>, inputs: &Inputs, narrow: Pair, smooth: Pair, weight: Plane) -> [Plane; 2] {
     let (Pair([nra, nga, nba, nrb, ngb, nbb]), Pair([sra, sga, sba, srb, sgb, sbb])) = (narrow, smooth);
     let [na, nb] = inputs.counts();
@@ -185,31 +191,31 @@ fn differences(graph: &Graph<'_>, inputs: &Inputs, narrow: Pair, smooth: Pair, w
     })
 }
 
-/// The usual radius of [`filtered`] in pixels.
+/// The usual radius in pixels over which an [`Estimate`] averages errors.
 pub(crate) const ERROR: usize = 3;
 
-/// The image of a part of the light in radiance, and what its error is made of.
+/// The filtered image of one part of the light, in radiance, and the data of its error map.
 ///
-/// The error is the larger of two smoothed estimates: the whole error over `radius` pixels to each side, and the variance over 5x5. It is
-/// at least 5 % of the image's mean error, both relative to the squared brightness of 3x3 pixels. It is infinite where
-/// no pixel in reach has samples in both halves.
+/// The error is the larger of two smoothed estimates: the whole error over `radius` pixels to each side, and the variance over
+/// 5x5 pixels. It is at least 5 % of the image's mean error, both relative to the squared brightness of 3x3 pixels. It is
+/// infinite where no pixel in reach has samples in both halves.
 ///
-/// Taking the larger estimate keeps the positive part of noise, so that the map's mean is too high. That of the whole error, unsmoothed,
-/// is too low (see [`raw_error`]). The map is scaled to the geometric mean of both means; the lower one is at least the variance.
+/// Taking the larger estimate keeps positive noise, so that the map's mean is too high. The mean of the unsmoothed error is too
+/// low (see [`raw_error`]). The map is scaled to the geometric mean of both means; the lower one is at least the variance.
 pub(crate) struct Estimate {
-    /// The radiance with the light that is withheld, and the variance of that.
+    /// The radiance, including the withheld light; `more` is the variance of the withheld light.
     colour: Colours,
     more: Plane,
-    /// The error before it is scaled, and the weight that it is relative to.
+    /// The error times `weight`, before scaling.
     error: Plane,
     weight: Plane,
-    /// The whole error, its variance, and 1 where both are known.
+    /// The whole error, the part that is variance, and 1 where both are known (else 0).
     raw: [Plane; 3],
     level: f32,
 }
 
 impl Estimate {
-    /// The estimate of the light that `inputs` were read from.
+    /// Creates the estimate for the filtered `image` of the light from which `inputs` were read.
     pub(crate) fn new<'a>(graph: &Graph<'a>, inputs: &Inputs, light: Light<'a>, image: Pair, radius: usize) -> Self {
         let weight = relative_weight(graph, inputs, image);
         let [whole, variance] = raw_error(graph, inputs, image, weight);
@@ -237,25 +243,26 @@ impl Estimate {
         Self { colour: [r, g, b], more, error, weight, raw: [whole, variance, known], level }
     }
 
-    /// The bytes per pixel of the image of so many parts of the light, while it is made: radiance, and two planes for the error of each.
+    /// The bytes per pixel while this many parts of the light are added: the radiance, and two planes for the error of each
+    /// part.
     pub(crate) const fn bytes_per_pixel(parts: usize) -> usize {
         12 + 8 * parts
     }
 
-    /// The planes that the image is made of.
+    /// The planes from which the image and its error are computed.
     pub(crate) fn planes(&self) -> impl Iterator<Item = Plane> {
         [self.more, self.error, self.weight].into_iter().chain(self.colour).chain(self.raw)
     }
 }
 
-/// The error of a part of the light, as it is read from its rows.
+/// The error of one part of the light, filled row by row.
 #[derive(Default)]
 struct ErrorMap {
     error: Vec<f32>,
     weight: Vec<f32>,
-    /// The variance of light that was withheld, where there is some.
+    /// The pixels with withheld light, and its variance.
     more: Vec<(usize, f32)>,
-    /// The sums of finite errors and their number, and of [`Estimate::raw`].
+    /// The sum of the finite errors, their number, and the sums of [`Estimate::raw`].
     sums: [f64; 5],
 }
 
@@ -277,7 +284,7 @@ impl ErrorMap {
     }
 }
 
-/// The sum of the images of all parts of the light, and these `planes`. Errors of the parts count as independent.
+/// Adds the images of all parts of the light, and collects `planes`. The errors of the parts count as independent.
 pub(crate) fn filtered<const N: usize>(
     graph: Graph<'_>,
     parts: &[Estimate],
@@ -315,7 +322,7 @@ pub(crate) fn filtered<const N: usize>(
     });
     let errors = maps.into_iter().zip(parts).map(|(map, part)| map.scaled(part.level));
     let error = errors.reduce(|mut all, other| {
-        // The sum of known errors is known.
+        // A sum of finite errors stays finite.
         let most = |error: f32| if error < f32::INFINITY { f32::MAX } else { error };
         all.iter_mut().zip(other).for_each(|(sum, value)| *sum = (*sum + value).min(most(sum.max(value))));
         all
@@ -326,8 +333,8 @@ pub(crate) fn filtered<const N: usize>(
 /// The estimated squared error of each filtered pixel relative to `mean^2 + epsilon`, row by row.
 ///
 /// The error is [`Filtered::error`]. The mean is taken over 3x3 pixels and the channels.
-/// An infinite error counts as the largest finite one, or as 1 if none is finite. Values are finite and not negative.
-/// They serve as scores for a sampler that follows the error of a filter.
+/// An infinite error is replaced by the largest finite one, or by 1 if none is finite. Values are finite and not negative. They
+/// serve as scores for an adaptive sampler.
 ///
 /// ```
 /// use dapple_core::Filtered;

@@ -11,7 +11,8 @@ pub(crate) const FEATURES: usize = 7;
 /// The variance assumed for an unknown value, in units of the squared level (the image's mean brightness).
 pub(crate) const UNKNOWN: f32 = 1e6;
 
-/// The features of each pixel: those of the first rough surface. A miss has a zero normal, an albedo of 1 and a large depth.
+/// The features of each pixel: those of the first non-specular surface. A miss has a zero normal, an albedo of 1 and a large
+/// depth.
 #[derive(Clone, Copy)]
 pub(crate) struct Features {
     /// The mean normal (3 planes), albedo (3) and logarithm of depth (1).
@@ -21,15 +22,15 @@ pub(crate) struct Features {
     pub(crate) variance: [Plane; 3],
     /// The variance of the mean position, summed over its coordinates.
     pub(crate) scatter: Plane,
-    /// The change of the log depth per pixel, the smallest among 3x3 pixels.
+    /// The smallest change of log depth per pixel among 3x3 pixels.
     pub(crate) slope: Plane,
     /// The mean position, relative to the mean over the image.
     pub(crate) position: Colours,
-    /// The reciprocal of the width that 24 pixels have at the pixel's depth.
+    /// One over the width of 24 pixels at the pixel's depth.
     pub(crate) scale: Plane,
 }
 
-/// The depth of a miss, twice the largest of all, and the mean of all positions.
+/// The depth of a miss (twice the largest depth) and the mean of all positions.
 fn extent(film: &Film) -> (f32, [f64; 3]) {
     let size = film.frame().size().map(|n| n as usize);
     let hit = |i: usize| film.features(i).filter(|f| f.hits > 0);
@@ -44,7 +45,7 @@ fn extent(film: &Film) -> (f32, [f64; 3]) {
 }
 
 impl Features {
-    /// Reads the features of a film, or makes every pixel a miss if they are not to be `read`.
+    /// Reads the features of a film. If `read` is `false`, every pixel is a miss.
     pub(crate) fn new<'a>(graph: &Graph<'a>, film: &'a Film, read: bool) -> Self {
         let far = extent(film);
         let [nx, ny, nz, r, g, b, depth, x, y, z, vn, va, vd, scatter, distance] = planes(graph, film, far, read);
@@ -62,11 +63,11 @@ impl Features {
     }
 }
 
-/// The features of one pixel, or a plane of each: the means of normal (3), albedo (3), log depth and position (3), the variances
-/// of normal, albedo and log depth, that of the position, and the depth.
+/// The features of one pixel, or one plane for each: the means of normal (3), albedo (3), log depth and position (3), the
+/// variances of normal, albedo, log depth and position, and the depth.
 type Each<T> = [T; 15];
 
-/// The planes of the features of a film with this extent.
+/// The planes of a film's features. `far` and `middle` are the results of [`extent`].
 fn planes<'a>(graph: &Graph<'a>, film: &'a Film, (far, middle): (f32, [f64; 3]), read: bool) -> Each<Plane> {
     let size = graph.size;
     let miss = (!read || !film.needs().features).then(|| {
@@ -85,11 +86,11 @@ fn planes<'a>(graph: &Graph<'a>, film: &'a Film, (far, middle): (f32, [f64; 3]),
     })
 }
 
-/// The number of times the level of an image from which on a pixel counts as a lamp.
+/// The smallest brightness of a light source, in units of the image's level.
 const LAMP: f32 = 8.0;
 
-/// The pixels within two of a lamp, of the background and of a surface that fills its pixel; 0 for all others; `None` without
-/// background.
+/// A plane that is above 0 in pixels within two pixels of a light source, of the background and of a surface that fills its
+/// pixel; 0 in all others. `None` without background.
 fn beside_lamps<'a>(graph: &Graph<'a>, film: &'a Film) -> Option<Plane> {
     let hits = |i: usize| film.features(i).map_or([0, 0], |f| [f.hits, f.samples]);
     if (0..film.frame().pixels()).all(|i| hits(i)[0] > 0) {
@@ -105,15 +106,15 @@ fn beside_lamps<'a>(graph: &Graph<'a>, film: &'a Film) -> Option<Plane> {
     Some(map_to_one(graph, near, |[background, surface, lamp]| lamp * background * surface))
 }
 
-/// The means of a pixel that sees no surface.
+/// The feature means of a pixel that shows no surface, at the depth `far`.
 fn miss(far: f32) -> [f32; 10] {
     [0.0, 0.0, 0.0, 1.0, 1.0, 1.0, ln(far), 0.0, 0.0, 0.0]
 }
 
-/// The features of pixel `i` with its misses blended in and positions relative to the middle; `None` without samples.
+/// The features of pixel `i`, with its misses blended in and positions relative to `middle`; `None` without samples.
 ///
-/// From a surface to the background the depth then rises over some pixels as on a slope, which joins both: a lamp would light the
-/// background. So beside a sharp edge of a lamp, depth and position stay those of the surface.
+/// Blending makes the depth rise over several pixels from a surface to the background, like a slope that joins both. Beside a
+/// sharp edge of a light, the light would then leak into the background, so depth and position stay those of the surface there.
 fn feature(film: &Film, i: usize, (far, middle): (f32, [f64; 3]), is_beside_lamp: bool) -> Option<Each<f32>> {
     let f = film.features(i).filter(|f| f.samples > 0)?;
     let share = f.hits as f32 / f.samples as f32;
@@ -147,7 +148,7 @@ fn feature(film: &Film, i: usize, (far, middle): (f32, [f64; 3]), is_beside_lamp
 /// `x = 2^e m` with `m` in about 0.7 .. 1.4, and `ln m = 2 artanh((m - 1) / (m + 1))`. The series ends after the ninth
 /// power; the remainder is below 1e-9.
 pub(crate) fn ln(x: f32) -> f32 {
-    /// The bits of the square root of 1/2, the least mantissa.
+    /// The bits of the square root of 1/2, the smallest mantissa.
     const LEAST: u32 = 0x3f35_04f3;
     let exponent = (x.to_bits().wrapping_sub(LEAST) as i32) >> 23;
     let m = f32::from_bits(x.to_bits().wrapping_sub((exponent << 23) as u32));
@@ -157,7 +158,7 @@ pub(crate) fn ln(x: f32) -> f32 {
     exponent as f32 * std::f32::consts::LN_2 + series
 }
 
-/// The radius in pixels from which unknown features are filled.
+/// The radius in pixels within which neighbours provide unknown features.
 const FILLED: usize = 2;
 
 /// The mean of the known features among 5x5 pixels around pixel `i`; `None` if none are known.
@@ -171,7 +172,7 @@ fn from_neighbours(known: impl Fn(usize) -> Option<Each<f32>>, size: [usize; 2],
             count += 1.0;
         }
     }
-    // Sums of variances, since neighbours differ.
+    // Variances are summed, not averaged, since neighbours differ.
     let mean = |k: usize| if (10..14).contains(&k) { sum[k] } else { sum[k] / count };
     (count > 0.0).then(|| std::array::from_fn(mean))
 }
@@ -205,8 +206,8 @@ pub(crate) fn slopes(graph: &Graph<'_>, depth: Plane) -> Plane {
     })
 }
 
-/// A plane made by `of` from the rows above, of and below each pixel, and the columns to its left, its own and to its right. Beyond
-/// the frame, the border repeats.
+/// A plane computed by `of` from 3x3 pixels. `of` gets the rows above, at and below a pixel, and the columns left of, at and
+/// right of it. Beyond the frame, the border repeats.
 fn around<'a>(graph: &Graph<'a>, plane: Plane, of: impl Fn([&[f32]; 3], [usize; 3]) -> f32 + Sync + 'a) -> Plane {
     let [width, height] = graph.size;
     let near = |k: usize, end: usize| [k.saturating_sub(1), k, (k + 1).min(end - 1)];

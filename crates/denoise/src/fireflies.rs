@@ -1,7 +1,7 @@
-//! Fireflies: light that one half of a pixel's samples alone has seen, as much as many pixels around it have.
+//! Fireflies: pixels as bright as many pixels around them together, in only one of the two halves.
 //!
-//! Filters keep the light of an image. They give the surroundings the light that they take out of a pixel. That is right where many
-//! pixels together show a rare light. A single sample of 10^5 times the light around it would make a disc of a hundred pixels.
+//! Filters preserve energy: light taken out of a pixel goes to its surroundings. That is right where many pixels together show
+//! a rare light path. A single sample 10^5 times as bright as its surroundings would become a disc of a hundred pixels.
 
 use crate::cells::{CELL, PIXELS, blurred};
 use crate::light::Light;
@@ -9,40 +9,41 @@ use crate::planes::{found, per_pixel, quantile};
 use dapple_core::film::luminance;
 use dapple_core::{Film, Filtered, filter::Fireflies};
 
-/// The place of the light of fireflies: of pixels with the light of 880 pixels around them, which one half alone has seen.
+/// Where the energy of fireflies goes. A firefly is a pixel as bright as the 880 pixels around it together, in only one of the
+/// two halves.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum FireflyLight {
-    /// Their own pixels.
+    /// The fireflies' own pixels.
     #[default]
     Keep,
-    /// Nowhere: it is left out.
+    /// Nowhere: the energy is lost.
     Drop,
-    /// The surroundings, as for all light that filtering takes out.
+    /// The surrounding pixels, as for all light that filtering moves.
     Spread,
 }
 
 dapple_core::choices!(FireflyLight { Keep = "keep", Drop = "drop", Spread = "spread" });
 
-/// The number of pixels around it whose light a firefly has: 2 % of those that filtering spreads its light over. Brighter by less is
-/// hardly seen.
+/// The brightness of a firefly relative to its surroundings: 2 % of the number of pixels over which filtering spreads its
+/// light. Weaker ones are hardly visible.
 const LIGHT: f64 = 0.02 * PIXELS;
-/// The number of samples of a half below which so much more light is needed. A single sample of 2,000 times the mean is common on many
-/// scenes, and a pixel that shows it is worse than its light all around (docs/LOG.md).
+/// The number of samples of a half below which a firefly must be proportionally brighter. Single samples of 2,000 times the
+/// mean are common in many scenes. A pixel that shows such a sample looks worse than its light spread around it (docs/LOG.md).
 const SAMPLES: f64 = 8.0;
-/// One pixel in so many counts as no brighter than the next ones, so that fireflies do not hide each other.
+/// The brightest pixels, one in this many, count as no brighter than the next one, so that fireflies do not hide each other.
 const BRIGHT: usize = 50;
-/// The share of a firefly's light that the other half must not have seen.
+/// The fraction of a firefly's light that the other half must not reach.
 const ALONE: f64 = 0.1;
-/// The pixels to each side in which the other half has not seen it. Pixel filters of renderers are as wide.
+/// The radius in pixels within which the other half must not have seen the light. Pixel filters of renderers are as wide.
 const NEAR: usize = 2;
 
-/// A pixel with the light of many around it.
+/// A pixel as bright as many pixels around it.
 pub(crate) struct Firefly {
     pixel: usize,
-    /// The halves whose samples the filter does without.
+    /// The halves whose samples are removed before filtering.
     halves: [bool; 2],
-    /// The mean of these samples times their share in the pixel's, and that share.
+    /// The mean of the removed samples times `share`, their fraction of the pixel's samples.
     sum: [f64; 3],
     share: f64,
 }
@@ -54,14 +55,14 @@ impl Firefly {
     }
 }
 
-/// The light of half `half` of the samples of pixel `i`, without lamps seen directly; 0 without samples.
+/// The luminance of half `half` of the samples of pixel `i`, without light sources seen directly; 0 without samples.
 fn light(film: &Film, half: usize, i: usize) -> f64 {
     let Some(moments) = film.half(half, i).filter(|moments| moments.count > 0) else { return 0.0 };
     let emission = Light::all(film).emission(half, i).unwrap_or_default();
     luminance(std::array::from_fn(|c| (moments.mean[c] - f64::from(emission[c])).abs()))
 }
 
-/// The share of half `half` in the samples of pixel `i`.
+/// The fraction of the samples of pixel `i` that lie in half `half`.
 fn share(film: &Film, half: usize, i: usize) -> f64 {
     let [a, b] = [half, 1 - half].map(|half| film.half(half, i).map_or(0, |moments| moments.count) as f64);
     a / (a + b).max(1.0)
@@ -72,7 +73,7 @@ pub(crate) fn find(film: &Film) -> Vec<Firefly> {
     let [width, height] = film.frame().size().map(|n| n as usize);
     let all = |i: usize| (0..2).map(|half| share(film, half, i) * light(film, half, i)).sum::<f64>();
     let all = per_pixel(width * height, |i| all(i).min(f64::from(f32::MAX)) as f32);
-    // Negative, since the brightest come first.
+    // Negated, since the brightest come first.
     let Some(brightest) = quantile(all.iter().filter(|light| **light > 0.0).map(|light| -light).collect(), BRIGHT)
     else {
         return Vec::new();
@@ -104,8 +105,8 @@ pub(crate) fn find(film: &Film) -> Vec<Firefly> {
     found(width * height, firefly)
 }
 
-/// Returns `true` if the other half has not seen the light of a half of pixel `i` around it. Without samples in that half, the pixels
-/// beside it must not have seen it.
+/// Returns `true` if the other half has seen much less light around pixel `i` than `half` in pixel `i`. If the other half has
+/// no samples there, the neighbours in `half` are compared instead.
 fn is_alone(film: &Film, half: usize, i: usize) -> bool {
     let [width, height] = film.frame().size().map(|n| n as usize);
     let (x, y) = (i % width, i / width);
@@ -118,13 +119,14 @@ fn is_alone(film: &Film, half: usize, i: usize) -> bool {
     by_other.unwrap_or_else(beside) < ALONE * light(film, half, i)
 }
 
-/// The film without the samples of fireflies; `None` without fireflies.
+/// Returns the film without the samples of fireflies; `None` without fireflies.
 pub(crate) fn without(film: &Film, fireflies: &[Firefly]) -> Option<Film> {
     let of = |i: usize| fireflies.binary_search_by_key(&i, |firefly| firefly.pixel).ok();
     film.without_samples(|half, i| of(i).is_some_and(|place| fireflies[place].halves[half]))
 }
 
-/// Puts the light of fireflies back into an image that was made without them, or leaves it out where one half alone has seen it.
+/// Adds the light of fireflies to an image that was filtered without them. [`FireflyLight::Drop`] leaves out light that only
+/// one half has seen.
 pub(crate) fn restore(image: &mut Filtered, fireflies: &[Firefly], place: FireflyLight) {
     let mut told = Fireflies { dropped: place == FireflyLight::Drop, ..Fireflies::default() };
     for firefly in fireflies {
@@ -137,7 +139,7 @@ pub(crate) fn restore(image: &mut Filtered, fireflies: &[Firefly], place: Firefl
         if !firefly.is_seen_twice() {
             told.pixels += 1;
             told.light += luminance(apart);
-            // With another sample, the pixel may be without this light, or have it.
+            // Another sample of the pixel may or may not have this light.
             let square = (apart.iter().map(|d| d * d).sum::<f64>() / 3.0).min(f64::from(f32::MAX)) as f32;
             image.error.iter_mut().for_each(|error| error[pixel] = error[pixel].max(square));
         }

@@ -37,12 +37,11 @@ dapple_core::options! {
 ///
 /// # Kernel
 ///
-/// Along each axis the kernel is `max(0, exp(-alpha x^2) - exp(-alpha radius^2))` with `x` in pixels.
-/// This is the form of pbrt's Gaussian filter [after Pharr and Humphreys 2010, chapter 7]. In two dimensions it is the
-/// product.
+/// Along each axis the kernel is `max(0, exp(-alpha x^2) - exp(-alpha radius^2))` with `x` in pixels. This is the form of
+/// pbrt's Gaussian filter [after Pharr and Humphreys 2010, chapter 7]. In two dimensions it is the product over both axes.
 ///
-/// The weight of pixel `j` in the result of pixel `i` is the integral of the kernel over the square of `j`.
-/// The kernel is centred on the centre of `i`. Weights are normalised over the pixels that exist and have samples.
+/// The weight of pixel `j` for pixel `i` is the integral over the square of `j` of the kernel centred on `i`. Weights are
+/// normalised over the pixels that exist and have samples.
 ///
 /// The result equals splatting infinitely many samples, spread evenly over every pixel.
 /// Sample counts affect only its noise: an edge stays in place even if its two sides have different counts.
@@ -50,23 +49,24 @@ dapple_core::options! {
 ///
 /// # Default
 ///
-/// `alpha` is 0.5 and `radius` is 4 pixels. This reads "kernel 0.5, width 8 px" of the cluster-adaptive thesis as a
-/// full support of 8 pixels.
-/// The `xwidth` of pbrt-v2 is a half-width, which would make the radius 8. The two filters are nearly the same:
+/// `alpha` is 0.5 and `radius` is 4 pixels. The cluster-adaptive thesis states "kernel 0.5, width 8 px", taken here as a full
+/// support of 8 pixels. The `xwidth` of pbrt-v2 is a half-width, which would make the radius 8. The two filters are nearly the
+/// same:
 ///
-/// * No weight differs by more than 0.0003, of a largest weight of 0.147.
+/// * No weight differs by more than 0.0003; the largest weight is 0.147.
 /// * The wider kernel's weights beyond 4.5 pixels add up to 7e-6 per axis.
 /// * The remaining noise variance differs by 0.3 %.
 /// * The narrower kernel has 9 weights per axis, the wider one 17.
 ///
-/// # Lamps
+/// # Light sources
 ///
-/// Bright light sources seen directly stay in their pixels, if the film recorded their emission. The published blur
-/// spreads them too. A film without [`Needs::emission`] gives that.
+/// Bright light sources seen directly stay in their pixels, if the film recorded their emission. The published blur spreads
+/// them too; a film without [`Needs::emission`] reproduces that.
 ///
 /// # Pixels without samples
 ///
-/// They are filled from their neighbours. If no pixel in reach has samples, they are black with an infinite error.
+/// Pixels without samples are filled from their neighbours. If no pixel in reach has samples, they are black with an infinite
+/// error.
 ///
 /// # Error
 ///
@@ -74,7 +74,7 @@ dapple_core::options! {
 /// The variances come from the film's halves, or else from its sample variance. The error is `None` if the film has
 /// neither.
 ///
-/// It is the variance only: **the blur of edges is bias and not included**. It treats the noise of different pixels as
+/// It is the variance only: **the bias of blurred edges is not included**. The noise of different pixels is assumed to be
 /// independent.
 /// It is infinite where a pixel in reach has samples but an unknown variance.
 #[derive(Clone, Debug, PartialEq)]
@@ -94,7 +94,7 @@ impl Gaussian {
     ///
     /// # Errors
     ///
-    /// As [`Gaussian::with_options`].
+    /// Those of [`Gaussian::with_options`].
     pub fn new(alpha: f64, radius: f64) -> Result<Self, Error> {
         Self::with_options(GaussianOptions { alpha, radius })
     }
@@ -118,8 +118,8 @@ impl Gaussian {
         self.options
     }
 
-    /// The weights of the pixels along one axis: `2 n + 1` of them, the pixel itself in the middle. They are positive,
-    /// symmetric and sum to 1. A pixel's weight is the product of its column's and its row's.
+    /// The `2 n + 1` weights of the pixels along one axis, the pixel itself in the middle. They are positive, symmetric and sum
+    /// to 1. A pixel's weight is the product of its column's and its row's weight.
     pub fn weights(&self) -> &[f64] {
         &self.weights
     }
@@ -158,14 +158,14 @@ impl Filter for Gaussian {
     }
 }
 
-/// The memory of a blur that takes `bytes` per pixel besides emission.
+/// The memory of a blur that uses `bytes` per pixel besides emission.
 pub(crate) fn memory(frame: &Frame, needs: &Needs, bytes: usize) -> FilterMemory {
     let known = needs.variance || needs.halves;
     let image = if known { ImagePlanes::RadianceAndError } else { ImagePlanes::Radiance };
     FilterMemory::new(frame, bytes + if needs.emission { 24 } else { 0 }, image)
 }
 
-/// The emission that blurs leave in each pixel; `None` if the film recorded none.
+/// The emission of each pixel that is not blurred; `None` if the film recorded no emission.
 pub(crate) fn emission(film: &Film) -> Option<Vec<[f64; 3]>> {
     film.needs().emission.then(|| {
         let light = Light::all(film);
@@ -174,8 +174,8 @@ pub(crate) fn emission(film: &Film) -> Option<Vec<[f64; 3]>> {
     })
 }
 
-/// The mean of pixel `i` without the `emission` that stays there, followed by 1, or zeros if the pixel has no samples. Weighted
-/// sums of these are the numerator and denominator of a mean over the pixels with samples.
+/// The mean of pixel `i` without its unblurred `emission`, followed by 1; zeros if the pixel has no samples. Weighted sums of
+/// these values are the numerator and denominator of a mean over the pixels with samples.
 #[inline]
 pub(crate) fn mean_and_presence(film: &Film, emission: Option<&[[f64; 3]]>, i: usize) -> [f64; 4] {
     if film.count(i) == 0 {
@@ -188,9 +188,8 @@ pub(crate) fn mean_and_presence(film: &Film, emission: Option<&[[f64; 3]]>, i: u
 
 /// The estimated variance of each pixel's mean, averaged over the channels; `None` if the film recorded none.
 ///
-/// The estimate comes from the halves if the film has them, since only these are valid for low-discrepancy samples.
-/// Otherwise it comes from the sample variance. It is infinite where unknown, and 0 in pixels without samples, which no
-/// sum includes.
+/// The estimate comes from the halves if the film has them, since only halves are valid for low-discrepancy samples. Otherwise
+/// it comes from the sample variance. It is infinite where unknown, and 0 in pixels without samples, which no sum includes.
 pub(crate) fn variances(film: &Film) -> Option<Vec<f64>> {
     let needs = film.needs();
     if !needs.halves && !needs.variance {
@@ -211,7 +210,7 @@ pub(crate) fn variances(film: &Film) -> Option<Vec<f64>> {
     Some(per_pixel(film.frame().pixels(), variance))
 }
 
-/// The weighted mean from a weighted sum of [`mean_and_presence`] plus the `emission` of pixel `i`; black if no sample is in
+/// The weighted mean from a weighted sum of [`mean_and_presence`], plus the `emission` of pixel `i`; black if no sample is in
 /// reach.
 #[inline]
 pub(crate) fn normalised(sum: [f64; 4], emission: Option<&[[f64; 3]]>, i: usize) -> [f32; 3] {
@@ -275,14 +274,14 @@ fn add<const N: usize>(sum: &mut [f64; N], weight: f64, value: &[f64; N]) {
     }
 }
 
-/// The share of the total weight below which a weight is dropped. It would change no `f64` sum, and its square could
-/// underflow to zero and meet an infinite variance.
+/// The fraction of the total weight below which a weight is dropped. Such a weight would change no `f64` sum. Its square could
+/// underflow to zero, and zero times an infinite variance is NaN.
 pub(crate) const NEGLIGIBLE: f64 = 1e-18;
 
 /// The weights of the pixels `k = -n ..= n` along one axis: the integrals of `max(0, exp(-alpha x^2) - exp(-alpha
 /// radius^2))` over `k - 1/2 .. k + 1/2`, divided by their sum.
 ///
-/// The result is symmetric bit for bit. It has at least one entry, none of them zero.
+/// The result is exactly symmetric. It has at least one entry, none of them zero.
 /// `alpha` and `radius` must be finite and positive.
 pub(crate) fn gaussian_weights(alpha: f64, radius: f64) -> Vec<f64> {
     let reach = (radius + 0.5).ceil() as usize - 1;

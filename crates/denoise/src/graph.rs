@@ -1,7 +1,7 @@
-//! Passes over an image in rows. A pass declares the rows that it reads of planes. The [`Graph`] makes rows as they are asked for, and
-//! drops them after their last reader. So a plane takes the memory of some rows.
+//! Passes over an image in rows. Each pass declares which rows of which planes it reads. The [`Graph`] computes rows on demand
+//! and drops them after their last reader, so that only some rows of a plane are in memory.
 //!
-//! Every row is computed by itself, so no bit depends on the number of rows that are made together.
+//! Every row is computed independently, so results do not depend on the number of rows that are computed together.
 
 use dapple_core::{Film, Frame, Needs, parallel};
 use std::cell::RefCell;
@@ -9,25 +9,25 @@ use std::collections::VecDeque;
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
-/// The rows of the result that are made together: those of a row of tiles, or enough for all threads.
+/// The number of rows of the result that are computed together: a row of tiles, or enough for all threads.
 fn step() -> usize {
     (4 * parallel::threads()).next_multiple_of(16)
 }
 
-/// The rows before the first one of an image from which on planes are asked for. So passes that others are far behind begin with few
-/// rows, too.
+/// The number of rows before the first row of an image at which requests for rows begin. Passes that must run far ahead of the
+/// result then also begin with few rows.
 const BEFORE: isize = 1024;
 
-/// One value per pixel, made by a pass of a [`Graph`]. Some passes make larger parts of other lengths in place of rows.
+/// One value per pixel, computed by a pass of a [`Graph`]. Some passes compute blocks of other lengths in place of rows.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Plane(usize);
 
-/// The rows of a plane that rows of a pass read.
+/// The rows of a plane that a pass reads for each of its rows.
 #[derive(Clone, Copy)]
 pub(crate) struct Reach {
-    /// The number of rows of the plane per row of the pass, or the other way round; one of them is 1.
+    /// The number of rows of the plane per row of the pass, and of rows of the pass per row of the plane; one of them is 1.
     factors: [usize; 2],
-    /// The rows above and below, counted in the smaller rows.
+    /// The additional rows above and below, counted in the finer of the two kinds of rows.
     more: usize,
 }
 
@@ -47,12 +47,12 @@ impl Reach {
         Self { factors: [1, factor], more }
     }
 
-    /// The first row of the plane that the row `y` of the pass reads.
+    /// The first row of the plane that is read for row `y` of the pass.
     const fn first(self, y: usize) -> usize {
         (y * self.factors[0]).saturating_sub(self.more) / self.factors[1]
     }
 
-    /// The end of the rows of the plane that rows of the pass before `end` read; it may lie beyond the last row.
+    /// The end of the rows of the plane that are read for the rows of the pass before `end`; it may lie beyond the last row.
     const fn end(self, end: isize) -> isize {
         let [fine, coarse] = [self.factors[0] as isize, self.factors[1] as isize];
         (end * fine + self.more as isize + coarse - 1).div_euclid(coarse)
@@ -62,7 +62,7 @@ impl Reach {
 /// The rows of all planes that are in memory.
 pub(crate) struct Rows {
     windows: Vec<Window>,
-    /// Rows of the image's width whose memory is used again.
+    /// Buffers of the image's width for new rows.
     spare: Mutex<Vec<Vec<f32>>>,
 }
 
@@ -80,7 +80,7 @@ impl Rows {
         &window.rows[y - window.first]
     }
 
-    /// New rows of this width, with any values.
+    /// Row buffers of this width with arbitrary contents.
     fn rows<const N: usize>(&self, width: usize) -> [Vec<f32>; N] {
         let mut spare = self.spare.lock().unwrap_or_else(PoisonError::into_inner);
         std::array::from_fn(|_| spare.pop().unwrap_or_else(|| vec![0.0; width]))
@@ -95,25 +95,25 @@ impl Rows {
     }
 }
 
-/// The rows of all planes of a pass, one row after the other.
+/// For each computed row, the values of that row in all planes of a pass.
 type Made = Vec<Vec<Vec<f32>>>;
 type Make<'a> = dyn Fn(&Rows, Range<usize>) -> Made + Sync + 'a;
 
 struct Pass<'a> {
     height: usize,
-    /// The first of its planes, and the number of values in a row of each.
+    /// The first plane of the pass; `length` is the number of values in a row of each plane.
     first_plane: usize,
     length: usize,
     reads: Vec<(Plane, Reach)>,
     make: Box<Make<'a>>,
 }
 
-/// The passes over an image, in an order in which each reads planes of earlier ones.
+/// The passes over an image, in an order in which each reads only planes of earlier ones.
 pub(crate) struct Graph<'a> {
     /// Width and height of the image.
     pub(crate) size: [usize; 2],
     passes: RefCell<Vec<Pass<'a>>>,
-    /// The pass of each plane.
+    /// The pass that computes each plane.
     owners: RefCell<Vec<usize>>,
 }
 
@@ -122,7 +122,7 @@ impl<'a> Graph<'a> {
         Self { size, passes: RefCell::default(), owners: RefCell::default() }
     }
 
-    /// Adds a pass that makes rows of so many planes and values.
+    /// Adds a pass that computes this many planes of this height, with `length` values per row.
     fn add(
         &self,
         [height, planes, length]: [usize; 3],
@@ -136,7 +136,7 @@ impl<'a> Graph<'a> {
         first_plane..first_plane + planes
     }
 
-    /// Planes of the image that `of` makes, given the number of a row and that row of each.
+    /// Adds planes of the image. `of` gets the number of a row and computes that row of each plane.
     pub(crate) fn rows<const N: usize>(
         &self,
         reads: Vec<(Plane, Reach)>,
@@ -157,8 +157,8 @@ impl<'a> Graph<'a> {
         std::array::from_fn(|k| Plane(planes.start + k))
     }
 
-    /// A plane for each column of tiles. A row of it is what `of` makes for a column and a row of tiles: at most `length` values. Memory
-    /// of `init` is used again.
+    /// Adds a plane for each column of tiles. A row of a plane is the result of `of` for a column and a row of tiles: at most
+    /// `length` values. Buffers from `init` are reused.
     pub(crate) fn tiles<M: Send>(
         &self,
         ([columns, height], length): ([usize; 2], usize),
@@ -174,12 +174,12 @@ impl<'a> Graph<'a> {
         self.add([height, columns, length], reads, Box::new(make)).map(Plane).collect()
     }
 
-    /// Makes all rows of these planes, and calls `take` with some of them after the other.
+    /// Computes all rows of these planes, and calls `take` with some rows after another.
     pub(crate) fn run(self, planes: &[Plane], take: impl FnMut(&Rows, Range<usize>) + Send) {
         let ([width, _], plan) = (self.size, self.plan(planes));
         let windows = plan.readers.iter().map(|_| Window::default()).collect();
         let rows = Rows { windows, spare: Mutex::default() };
-        // On a thread of the pool, where loops begin without waiting for one to wake up.
+        // Runs on a thread of the pool, where loops begin without waiting for one to wake up.
         parallel::parts(std::iter::once((rows, take)), |_, (rows, take)| {
             plan.walk(|pass, range, kept| {
                 if pass.length == 0 {
@@ -199,12 +199,12 @@ impl<'a> Graph<'a> {
         });
     }
 
-    /// The largest number of bytes that [`Self::run`] takes: those of rows, of the gaps that rows of several lengths leave between them,
-    /// and of what threads copy.
+    /// The largest number of bytes that [`Self::run`] uses: for rows, for the gaps that rows of different lengths leave between
+    /// them, and for the copies of the threads.
     pub(crate) fn bytes(self, planes: &[Plane]) -> u64 {
-        /// Measured: gaps are a tenth to a fourth of the rows.
+        /// Gaps are a tenth to a fourth of the rows, by measurement.
         const GAPS: u64 = 5;
-        /// The copies of planes that the wide pass makes of a tile, and its sums.
+        /// The copies of planes that the wide pass makes for a tile, and the sums.
         const THREAD: u64 = 5 << 19;
         let plan = self.plan(planes);
         let mut windows: Vec<Range<usize>> = vec![0..0; plan.readers.len()];
@@ -227,7 +227,7 @@ impl<'a> Graph<'a> {
         4 * (most + most / GAPS) + THREAD * parallel::threads() as u64
     }
 
-    /// The passes, a last one that reads these planes, and what reads each plane.
+    /// The passes, followed by one that reads these planes, and the readers of each plane.
     fn plan(self, planes: &[Plane]) -> Plan<'a> {
         let (mut passes, owners) = (self.passes.into_inner(), self.owners.into_inner());
         let reads = planes.iter().map(|plane| (*plane, Reach::rows(0))).collect();
@@ -235,7 +235,7 @@ impl<'a> Graph<'a> {
         passes.push(Pass { height: self.size[1], first_plane: owners.len(), length: 0, reads, make });
         let mut readers: Vec<Vec<(usize, Reach)>> = vec![Vec::new(); owners.len()];
         for (k, pass) in passes.iter().enumerate().rev() {
-            // Passes that nothing reads make nothing.
+            // Passes whose planes are not read compute nothing.
             let own = (pass.first_plane..owners.len()).take_while(|p| owners[*p] == k);
             if k + 1 == passes.len() || own.into_iter().any(|p| !readers[p].is_empty()) {
                 pass.reads.iter().for_each(|(plane, reach)| readers[plane.0].push((k, *reach)));
@@ -244,7 +244,7 @@ impl<'a> Graph<'a> {
         Plan { passes, owners, readers }
     }
 
-    /// All rows of planes.
+    /// Computes all rows of these planes.
     pub(crate) fn collect<const N: usize>(self, planes: [Plane; N]) -> [Vec<f32>; N] {
         let mut all = std::array::from_fn(|_| Vec::with_capacity(self.size[0] * self.size[1]));
         self.run(&planes, |rows, range| {
@@ -256,7 +256,7 @@ impl<'a> Graph<'a> {
     }
 }
 
-/// Passes in their order, of which the last reads what is asked for.
+/// The passes in order; the last one reads the requested planes.
 struct Plan<'a> {
     passes: Vec<Pass<'a>>,
     /// The pass of each plane.
@@ -266,11 +266,13 @@ struct Plan<'a> {
 }
 
 impl Plan<'_> {
-    /// Calls `visit` with a pass, the rows that it makes, and the planes that it reads with the first row of each that is read later.
+    /// Calls `visit` with a pass, the rows to compute, and the planes that it reads with the first row of each that is still
+    /// needed.
     fn walk(&self, mut visit: impl FnMut(&Pass<'_>, Range<usize>, &mut dyn Iterator<Item = (Plane, usize)>)) {
         let (last, mut ends) = (self.passes.len() - 1, vec![0; self.passes.len()]);
         let step = step() as isize;
-        // The rows of a pass that are wanted; a pass that none are wanted of yet may want some of others.
+        // The end of the rows that each pass must compute. A negative end computes none yet, but may request rows of other
+        // passes.
         let mut wanted = vec![isize::MIN; self.passes.len()];
         wanted[last] = -BEFORE;
         while ends[last] < self.passes[last].height {
@@ -304,7 +306,7 @@ impl Plan<'_> {
 }
 
 impl Window {
-    /// Takes the rows above row `y` out.
+    /// Removes and returns the rows above row `y`.
     fn above(&mut self, y: usize) -> impl Iterator<Item = Vec<f32>> {
         let count = y.saturating_sub(self.first).min(self.rows.len());
         self.first += count;
@@ -312,7 +314,7 @@ impl Window {
     }
 }
 
-/// The bytes that rows take while the planes that `passes` returns are made for a frame. `passes` gets an empty film.
+/// The bytes of rows in memory while the planes that `passes` returns are computed for a frame. `passes` gets an empty film.
 pub(crate) fn bytes_of_rows(
     frame: &Frame,
     needs: &Needs,
@@ -326,14 +328,14 @@ pub(crate) fn bytes_of_rows(
     })
 }
 
-/// The size of an image with as many rows in memory as that of a frame: higher ones have no more.
+/// The size of an image that keeps as many rows in memory as the frame's. Images above 1024 rows keep no more.
 pub(crate) fn as_high(frame: &Frame) -> [usize; 2] {
     const HIGH: usize = 1024;
     let [width, height] = frame.size().map(|n| n as usize);
     [width, height.min(HIGH)]
 }
 
-/// Reads of planes with the same reach.
+/// Pairs each plane with the same reach.
 pub(crate) fn all(planes: impl IntoIterator<Item = Plane>, reach: Reach) -> Vec<(Plane, Reach)> {
     planes.into_iter().map(|plane| (plane, reach)).collect()
 }

@@ -1,4 +1,4 @@
-//! A film's halves, features and clusters as planes, in the form that the filters read, and the guides made of them.
+//! A film's halves, features and clusters as planes, the form in which filters read them, and guides computed from them.
 
 use crate::features::{Features, UNKNOWN};
 use crate::graph::{Graph, Reach, all};
@@ -25,9 +25,9 @@ pub(crate) fn describe(name: &str, options: &impl Options, clusters: &str) -> St
 /// The statistics that a filter reads besides halves and variance.
 #[derive(Clone, Default)]
 pub(crate) struct Reads {
-    /// Without features, every pixel counts as a miss.
+    /// If `true`, every pixel counts as a miss.
     pub(crate) without_features: bool,
-    /// The cluster of each surface, by this function.
+    /// The function that returns the cluster of a surface.
     pub(crate) label: Option<ClusterLookup>,
     /// The description of the clusters.
     pub(crate) described: String,
@@ -40,7 +40,7 @@ impl fmt::Debug for Reads {
 }
 
 impl Reads {
-    /// The statistics that the film records, but for surfaces. Films without emission are filtered too.
+    /// The statistics that the film must record, except surfaces. Films without emission are filtered too.
     pub(crate) fn recorded(&self) -> Needs {
         let recorded = Needs::none().with_variance().with_halves().with_emission();
         if self.without_features { recorded } else { recorded.with_features() }
@@ -52,12 +52,12 @@ impl Reads {
     }
 }
 
-/// The variance added to the variance of a sample, in units of the squared level. At one sample, differences of 2 % of
-/// the level then count as noise. With more samples, that limit falls, so filters stay consistent.
+/// The variance added to the variance of a sample, in squared levels. At one sample per pixel, differences of 2 % of the level
+/// then count as noise. The limit falls as samples are added, so filters stay consistent.
 const FLOOR: f32 = 4e-4;
 
-/// The weight, in degrees of freedom, of the variance over 5x5 pixels. A pixel's own variance of `n` samples has the
-/// weight `n - 1`.
+/// The weight, in degrees of freedom, of the mean variance over 5x5 pixels. A pixel's own variance, computed from `n` samples,
+/// has the weight `n - 1`.
 const POOLED: f32 = 6.0;
 
 /// One half of a film's samples.
@@ -65,8 +65,8 @@ const POOLED: f32 = 6.0;
 pub(crate) struct Half {
     /// The mean colours, divided by the level of the image ([`Inputs::level`]).
     pub(crate) colour: Colours,
-    /// The variances of the mean colours, in squared levels. The variance of a sample is shrunk towards that of 5x5
-    /// pixels.
+    /// The variances of the mean colours, in squared levels. They follow from the variance of one sample, which is shrunk
+    /// towards that of 5x5 pixels.
     pub(crate) variance: Colours,
     /// The number of samples in each pixel.
     pub(crate) count: Plane,
@@ -75,7 +75,7 @@ pub(crate) struct Half {
 /// A film's halves, features and clusters as planes, which the filters read.
 #[derive(Clone, Copy)]
 pub(crate) struct Inputs {
-    /// The radiance that is 1 in these planes, and the largest light in them; the rest is withheld.
+    /// The radiance that is scaled to 1 in these planes, and the bounds above which light is withheld.
     levels: Levels,
     pub(crate) part: Part,
     pub(crate) halves: [Half; 2],
@@ -85,7 +85,7 @@ pub(crate) struct Inputs {
 }
 
 impl Inputs {
-    /// Reads the halves and the sample variance of a film's light, and what else `reads` lists.
+    /// Reads the halves and the sample variance of a film's light, and the statistics that `reads` lists.
     pub(crate) fn new<'a>(graph: &Graph<'a>, light: Light<'a>, reads: &Reads) -> Self {
         let film = light.film;
         let features = Features::new(graph, film, !reads.without_features);
@@ -99,14 +99,14 @@ impl Inputs {
         Self { levels, part: light.part, halves, features, labels }
     }
 
-    /// The planes with the colours of another part of the film's light.
+    /// The same planes with the colours of another part of the film's light.
     pub(crate) fn of_part<'a>(self, graph: &Graph<'a>, light: Light<'a>) -> Self {
         let levels = Levels::of(light);
         let halves = colours(graph, light, self.features, levels);
         Self { levels, part: light.part, halves, ..self }
     }
 
-    /// The largest light in the planes.
+    /// The bounds above which light is withheld from the planes.
     pub(crate) fn bounds(&self) -> Bounds {
         self.levels.bounds
     }
@@ -116,7 +116,7 @@ impl Inputs {
         self.levels.level
     }
 
-    /// The number of samples in each pixel of both halves.
+    /// The number of samples of each half in each pixel.
     pub(crate) fn counts(&self) -> [Plane; 2] {
         self.halves.map(|half| half.count)
     }
@@ -128,10 +128,10 @@ impl Inputs {
     }
 }
 
-/// The brightness of a film's light.
+/// The brightness level of a film's light, and the bounds that depend on it.
 #[derive(Clone, Copy)]
 pub(crate) struct Levels {
-    /// The image's level: the mean brightness of its pixels, each within 0 and eight times the median of pixels that are not
+    /// The image's level: the mean brightness of its pixels, each clamped to 0 .. 8 times the median of the pixels that are not
     /// black. It is 1 for a black image.
     pub(crate) level: f32,
     /// The largest light that filters get from a pixel.
@@ -153,19 +153,19 @@ pub(crate) fn level(grey: &[f32], size: [usize; 2]) -> f32 {
     let lit: Vec<f32> = grey.iter().copied().filter(|g| *g > 0.0).collect();
     quantile(lit, 2).map_or(1.0, |median| {
         let [sum] = sum_pixels(size, |i| [f64::from(grey[i].clamp(0.0, 8.0 * median))]);
-        // Not so small that a division by it overflows.
+        // Large enough that a division by it does not overflow.
         ((sum / grey.len() as f64) as f32).clamp(1e-18, 1e18)
     })
 }
 
-/// The halves of a film's light.
+/// The halves of a film's light, with missing halves interpolated.
 fn colours<'a>(graph: &Graph<'a>, light: Light<'a>, features: Features, Levels { level, bounds }: Levels) -> [Half; 2] {
     let halves = halves(graph, light, level, bounds);
     let (halves, samples) = halves.complete(graph, Surroundings { features, light, bounds, level });
     with_variances(graph, light, halves, samples)
 }
 
-/// The halves of the samples, without the light that is withheld.
+/// The halves of the samples, without the withheld light.
 fn halves<'a>(graph: &Graph<'a>, light: Light<'a>, level: f32, bounds: Bounds) -> Halves {
     let unit = 1.0 / f64::from(level);
     let value = move |x: f64| ((x * unit) as f32).min(BRIGHTEST);
@@ -174,7 +174,7 @@ fn halves<'a>(graph: &Graph<'a>, light: Light<'a>, level: f32, bounds: Bounds) -
         let halves = [0, 1].map(|half| light.half(half, i));
         let withheld = bounds.withheld_of_halves(light, i, &halves);
         let [[ra, ga, ba], [rb, gb, bb]] = [0, 1].map(|h: usize| {
-            // A missing half takes the film's mean. Its variance is UNKNOWN.
+            // A half without samples uses the film's mean. Its variance is UNKNOWN.
             let mean = if halves[h].count > 0 { halves[h].mean } else { light.mean(i) };
             std::array::from_fn(|c| value(mean[c] - withheld[h][c]))
         });
@@ -189,10 +189,10 @@ fn halves<'a>(graph: &Graph<'a>, light: Light<'a>, level: f32, bounds: Bounds) -
     Halves { colours: [[ra, ga, ba], [rb, gb, bb]], counts: [na, nb], variance: [vr, vg, vb], known }
 }
 
-/// The halves with the variances of their colours: those of means of so many `samples`.
+/// Adds the variances of the colours to the halves. Each is the variance of a mean of `samples` samples.
 ///
-/// They are lower in pixels whose emission samples of features alone refine. Variances over 5x5 pixels are made before: beside such
-/// pixels lie some of the same edge that have none.
+/// Variances are lower in pixels whose emission is refined by feature-only samples. The average over 5x5 pixels is taken before
+/// that, because neighbours on the same edge may not be refined.
 fn with_variances<'a>(graph: &Graph<'a>, light: Light<'a>, halves: Halves, samples: [Plane; 2]) -> [Half; 2] {
     let Halves { colours: [first, second], counts: [na, nb], variance, known } = halves;
     let sample = pooled_variance(graph, light.film, variance, known);
@@ -212,8 +212,8 @@ fn with_variances<'a>(graph: &Graph<'a>, light: Light<'a>, halves: Halves, sampl
     [half(first, [ra, ga, ba], na), half(second, [rb, gb, bb], nb)]
 }
 
-/// The variance of one sample in each pixel, shrunk towards the variance over 5x5 pixels, in squared levels. `own` is the
-/// variance where it is `known`.
+/// The variance of one sample in each pixel, shrunk towards the mean variance over 5x5 pixels, in squared levels. `own` is the
+/// pixel's variance where `known` is 1.
 fn pooled_variance<'a>(graph: &Graph<'a>, film: &'a Film, own: Colours, known: Plane) -> Colours {
     let near = box_mean(graph, known, 2);
     let [freedom] = planes_of(graph, |i| [(film.count(i).max(1) - 1) as f32]);
@@ -227,9 +227,9 @@ fn pooled_variance<'a>(graph: &Graph<'a>, film: &'a Film, own: Colours, known: P
     })
 }
 
-/// The variance of one sample of a pixel without the light that is withheld, from the sample `variance`.
+/// The variance of one sample of a pixel without the withheld light; `variance` includes that light.
 ///
-/// Withheld light varies at the edges of lamps. There the difference of the halves bounds the variance of the rest.
+/// Withheld light varies at the edges of light sources. There the difference of the halves bounds the variance of the rest.
 fn without_withheld([a, b]: &[RgbMoments; 2], withheld: &[[f64; 3]; 2], variance: [f64; 3]) -> [f64; 3] {
     if *withheld == [[0.0; 3]; 2] {
         return variance;
@@ -241,7 +241,7 @@ fn without_withheld([a, b]: &[RgbMoments; 2], withheld: &[[f64; 3]; 2], variance
     })
 }
 
-/// An image by which a filter compares pixels: a colour per pixel and its variance.
+/// An image by which a filter compares pixels: the colour of each pixel and its variance.
 #[derive(Clone)]
 pub(crate) struct Guide {
     /// The colour of each pixel.
@@ -251,7 +251,7 @@ pub(crate) struct Guide {
     pub(crate) variance: Vec<Plane>,
 }
 
-/// Makes a guide from the mean colours of one half of the samples. `pooled` adds the variances of the three channels;
+/// Creates a guide from the mean colours of one half of the samples. `pooled` adds the variances of the three channels;
 /// `demodulated` divides colours by albedo.
 pub(crate) fn guide(graph: &Graph<'_>, inputs: &Inputs, half: usize, pooled: bool, demodulated: bool) -> Guide {
     let (Half { mut colour, mut variance, .. }, albedo) = (inputs.halves[half], inputs.features.albedo());
@@ -267,11 +267,11 @@ pub(crate) fn guide(graph: &Graph<'_>, inputs: &Inputs, half: usize, pooled: boo
 /// The radius over which the noise of a residual guide is averaged.
 const RESIDUAL: usize = 3;
 
-/// The guide of wider passes: a filtered image without its albedo, and its remaining noise from the difference of
-/// the halves over 7x7 pixels.
+/// The guide of wider passes: a filtered image divided by its albedo, with its remaining noise from the difference of the
+/// halves over 7x7 pixels.
 ///
-/// The variance is that of one half, `(a - b)^2 / 2`. The variance of the whole image, `(a - b)^2 / 4`, left more
-/// error. One guide serves both halves. It keeps little of their noise and costs half as much as two guides.
+/// The variance is that of one half, `(a - b)^2 / 2`. The variance of the whole image, `(a - b)^2 / 4`, leaves more error. One
+/// guide serves both halves. It contains little of their noise and costs half as much as two guides.
 pub(crate) fn residual_guide(graph: &Graph<'_>, inputs: &Inputs, image: Pair) -> Guide {
     let (Pair([ra, ga, ba, rb, gb, bb]), [na, nb]) = (image, inputs.counts());
     let [ar, ag, ab] = inputs.features.albedo();
@@ -281,7 +281,8 @@ pub(crate) fn residual_guide(graph: &Graph<'_>, inputs: &Inputs, image: Pair) ->
         0.5 * (r * r + g * g + b * b)
     });
     let noise = box_mean(graph, difference, RESIDUAL);
-    // The floor under the variance, as in the first pass: it is not 0 and keeps the filter consistent.
+    // A floor for the variance, as in the first pass. It is never 0 and falls as samples are added, so the filter stays
+    // consistent.
     let variance = map_to_one(graph, [noise, na, nb], |[noise, na, nb]| noise + 3.0 * 4e-4 / (na + nb).max(1.0));
     let colour = [[ra, rb, ar], [ga, gb, ag], [ba, bb, ab]].map(|[a, b, albedo]| {
         map_to_one(graph, [a, b, albedo, na, nb], |[a, b, albedo, na, nb]| combined([a, b], [na, nb]) / raised(albedo))

@@ -4,18 +4,18 @@
 //! * [`ClusterGaussian`]: a blur of the pixel means, kept within clusters of similar surfaces.
 //! * [`NlMeans`]: non-local means. The weights that filter one half of the samples come from the other half.
 //! * [`Bilateral`]: a cross-bilateral filter over features, colours and clusters.
-//! * [`ClusterRegression`]: passes of regression on features, a choice by estimated error, and a small trained network.
+//! * [`ClusterRegression`]: passes of regression on features, selected by estimated error, and a small trained network.
 //!
-//! Features are normal, albedo, depth and position of the first rough surface, seen through mirrors, glass and smooth
+//! Features are normal, albedo, depth and position of the first non-specular surface, seen through mirrors, glass and smooth
 //! coats. Clusters are those of the first hit.
 //!
-//! [`denoise`] and [`denoise_whole`] make an image from buffers of any renderer, without a film. [`warnings_of`] lists what looks
-//! wrong in a film.
+//! [`denoise`] and [`denoise_whole`] denoise buffers of any renderer, without a film. [`warnings_of`] lists likely mistakes in
+//! a film.
 //!
 //! [`relative_errors`] turns a filter's error estimate into scores for an adaptive sampler.
 //!
 //! Each type is a [`Filter`](dapple_core::Filter). It reads a [`Film`](dapple_core::Film) and returns an image.
-//! If the film recorded variance, it also returns the error that is left.
+//! If the film recorded variance, it also returns the remaining error.
 //!
 //! ```
 //! use dapple_core::{Film, Filter, Frame, Needs};
@@ -47,13 +47,13 @@
 //! # Guarantees
 //!
 //! * Unequal sample counts do not move edges.
-//! * A constant image stays that constant, also at borders and beside pixels without samples.
-//! * The result has the same bits on any number of threads and on any machine. Each sum is taken by one task in a fixed
+//! * A constant image stays unchanged, also at borders and beside pixels without samples.
+//! * The result is bit-identical for any number of threads and on any machine. Each sum is computed by one task in a fixed
 //!   order, without fused operations.
-//! * Bright light sources seen directly stay in their pixels, if the film recorded their emission. Filters spread at most
-//!   a part of it: 30 times the image's mean brightness, or more for lamps of little contrast.
-//! * `NlMeans`, `Bilateral` and `ClusterRegression` keep what lies above 10^9 times the mean brightness in its pixel too, so
-//!   that no radiance is lost.
+//! * Bright light sources seen directly stay in their pixels, if the film recorded their emission. Filters spread emission only
+//!   up to a bound: 30 times the image's mean brightness, or more for lights of low contrast.
+//! * `NlMeans`, `Bilateral` and `ClusterRegression` also keep radiance above 10^9 times the mean brightness in its pixel, so
+//!   that none is lost.
 //! * Pixels without samples are filled from their neighbours. If no sample is in reach, they are black with an infinite
 //!   error.
 //! * `NlMeans`, `Bilateral` and `ClusterRegression` are consistent: their bias vanishes as samples are added
@@ -64,9 +64,9 @@
 //! The blur of the two Gaussians is bias, and no number of samples removes it. Their
 //! [`Filtered::error`](dapple_core::Filtered::error) is the variance only.
 //!
-//! The other three filters need two halves of the samples. A pixel whose samples all lie in one half, as with one sample per
-//! pixel, gets the other from its four neighbours; so lamps leak one pixel far there.
-//! The difference between the halves shows the whole error, bias included. That estimate is smoothed over 7x7 pixels.
+//! The other three filters need two halves of the samples. If all samples of a pixel lie in one half, as with one sample per
+//! pixel, the other half is interpolated from the four neighbours. Lights may leak by one pixel there.
+//! The difference between the halves shows the whole error, bias included. The estimate is smoothed over 7x7 pixels.
 
 mod averaging;
 mod buffers;

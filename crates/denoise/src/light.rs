@@ -1,34 +1,35 @@
-//! The light of a film that a filter reads: all of it, or the direct or the indirect part, and what bright lamps keep of it.
+//! The light of a film that a filter reads: all of it, or only direct or indirect lighting. Most emission of bright lights is
+//! withheld from filters.
 //!
-//! A lamp may have 10^5 times the radiance of the wall beside it. Hardly any weight is small enough to keep it there.
-//! Within a pixel its emission is almost free of noise. So filters get images without most of it, and without all light beyond
-//! the range of their planes ([`Bounds`]).
+//! A light source may have 10^5 times the radiance of the wall beside it. Hardly any filter weight is small enough to keep its
+//! light off the wall. Its emission within a pixel is almost free of noise. So filters get images without most of the emission,
+//! and without all light beyond the range of their planes ([`Bounds`]).
 
 use dapple_core::{Film, film::RgbMoments};
 
-/// The parts of the light that [`ClusterRegression`](crate::ClusterRegression) filters one by one.
+/// The parts of the light that [`ClusterRegression`](crate::ClusterRegression) filters separately.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Layers {
-    /// Two from 2 samples per pixel on, else one.
+    /// Two parts at 2 or more samples per pixel, else one.
     #[default]
     Auto,
     /// All light at once.
     One,
-    /// Direct and indirect light ([`Estimate::indirect`](dapple_core::Estimate::indirect)), where the film records both.
+    /// Direct and indirect lighting ([`Estimate::indirect`](dapple_core::Estimate::indirect)), if the film records both.
     Two,
 }
 
 dapple_core::choices!(Layers { Auto = "auto", One = "1", Two = "2" });
 
 impl Layers {
-    /// Returns `true` if direct and indirect light are filtered one by one at this number of samples per pixel.
+    /// Returns `true` if direct and indirect lighting are filtered separately at this number of samples per pixel.
     pub(crate) fn are_two(self, spp: f64) -> bool {
         self == Self::Two || self == Self::Auto && spp >= 2.0
     }
 }
 
-/// The parts of a film's light that are filtered one by one.
+/// The parts of a film's light that are filtered separately.
 pub(crate) fn parts(film: &Film, layers: Layers) -> Vec<Light<'_>> {
     let all = vec![Light::all(film)];
     if layers == Layers::One || !film.needs().indirect {
@@ -52,14 +53,14 @@ pub(crate) struct Light<'a> {
 #[derive(Clone, Copy, PartialEq)]
 pub(crate) enum Part {
     All,
-    /// All light but the indirect one.
+    /// All light except indirect lighting.
     Direct,
     Indirect,
 }
 
 impl Part {
-    /// The factor on the bandwidths within which pixels count as alike. Indirect light has few edges, and much of its noise is
-    /// taken for edges by the bandwidths of all light.
+    /// The factor on the bandwidths for differences between pixels. Indirect lighting has few edges; with the bandwidths for
+    /// all light, much of its noise would count as edges.
     pub(crate) fn smoothness(self) -> f32 {
         if self == Self::Indirect { 1.4 } else { 1.0 }
     }
@@ -70,7 +71,7 @@ impl<'a> Light<'a> {
         Self { film, part: Part::All }
     }
 
-    /// The direct and the indirect light of a film that records halves and indirect light.
+    /// Direct and indirect lighting of a film that records halves and indirect light.
     pub(crate) fn parts(film: &'a Film) -> [Self; 2] {
         [Part::Direct, Part::Indirect].map(|part| Self { film, part })
     }
@@ -84,7 +85,7 @@ impl<'a> Light<'a> {
         }
     }
 
-    /// Count, mean and squared deviations of half 0 or 1 of pixel `i`'s samples; of the direct light without deviations.
+    /// Count, mean and squared deviations of half 0 or 1 of pixel `i`'s samples. For direct lighting, the deviations are NaN.
     pub(crate) fn half(&self, half: usize, i: usize) -> RgbMoments {
         let refined = || self.film.refined_half(half, i).unwrap_or_default();
         let indirect = || self.film.half_indirect(half, i).unwrap_or_default();
@@ -101,8 +102,8 @@ impl<'a> Light<'a> {
 
     /// The variance of one sample of pixel `i`; `None` below two samples.
     ///
-    /// That of direct light is the difference of the variances of all and of indirect light. The covariance of both parts,
-    /// which is positive where an edge crosses the pixel, counts as direct light's.
+    /// The variance of direct lighting is that of all light minus that of indirect lighting. It thus includes the covariance of
+    /// both, which is positive where an edge crosses the pixel.
     pub(crate) fn variance(&self, i: usize) -> Option<[f64; 3]> {
         match self.part {
             Part::All => self.film.moments(i).variance(),
@@ -111,8 +112,9 @@ impl<'a> Light<'a> {
         }
     }
 
-    /// The ratio of the variance of the mean to that of the plain mean, if samples of features alone refine the emission of pixel
-    /// `i`. The emission's part of the variance counts as its part of the mean: at the edge of a lamp, both are near 1.
+    /// The variance of the refined mean divided by that of the plain mean, if feature-only samples refine the emission of pixel
+    /// `i`. Emission is assumed to cause the same fraction of the variance as of the mean: at the edge of a light, both are
+    /// near 1.
     pub(crate) fn variance_left(&self, i: usize) -> Option<[f32; 3]> {
         if self.part == Part::Indirect {
             return None;
@@ -133,7 +135,7 @@ impl<'a> Light<'a> {
         if self.part == Part::Indirect { None } else { self.film.refined_emission(half, i) }
     }
 
-    /// The mean emission that all samples of pixel `i` saw directly; 0 if it is not recorded.
+    /// The mean emission that all samples of pixel `i` saw directly; 0 if the film did not record it.
     pub(crate) fn mean_emission(&self, i: usize) -> [f32; 3] {
         let [a, b] = [0, 1].map(|half| self.emission(half, i).unwrap_or_default());
         let [na, nb] = [0, 1].map(|half| self.half(half, i).count);
@@ -141,8 +143,8 @@ impl<'a> Light<'a> {
         [0, 1, 2].map(|c| b[c] + share * (a[c] - b[c]))
     }
 
-    /// The mean emission of the half that pixel `i` lacks, if its samples all lie in the other; `None` if it is not known. At the
-    /// edge of a lamp, samples of features alone know it. Elsewhere it is 0 if the samples of light saw none.
+    /// The mean emission of the empty half, if all samples of pixel `i` lie in one half; `None` if it is unknown. At the edge
+    /// of a light, feature-only samples provide it. Elsewhere it is 0 if the pixel's samples saw no emission.
     pub(crate) fn emission_of_lacking(&self, i: usize) -> Option<[f32; 3]> {
         self.emission(0, i)?;
         let lacking = usize::from(self.film.half(0, i).is_some_and(|half| half.count > 0));
@@ -155,12 +157,12 @@ impl<'a> Light<'a> {
     }
 }
 
-/// A bound of the rounding of indirect light, relative to all light. Its running means are `f32`: those of 1000 uniform numbers are
-/// exact to 1.3e-6, those of 10,000 to 4.3e-6.
+/// An upper bound of the rounding error of indirect lighting, relative to all light. Its running means are `f32`: means of 1000
+/// uniform numbers are exact to 1.3e-6, of 10,000 to 4.3e-6.
 const ROUNDING: f64 = 1e-5;
 
-/// The difference of two colours, or 0 if it may be rounding alone. Else pixels without direct light would seem to have a trace
-/// of it, and set the image's level: most of the real direct light would be out of range.
+/// The difference of two colours, with 0 where it may be only a rounding error. Otherwise pixels without direct lighting would
+/// seem to have a trace of it and lower the image's level, so that most real direct lighting would be out of range.
 fn difference(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [0, 1, 2].map(|c| if a[c] - b[c] > ROUNDING * a[c] { a[c] - b[c] } else { 0.0 })
 }
@@ -171,15 +173,15 @@ pub(crate) const BRIGHTEST: f32 = 1e9;
 /// The bound of emission in units of the image's level, for one sample per pixel and a brightest emission of one level.
 const EMISSION: f64 = 3e6;
 
-/// The least bound of emission, in units of the image's level. Most displays show that as white.
+/// The smallest bound of emission, in units of the image's level. Most displays show such radiance as white.
 const LEAST: f64 = 30.0;
 
-/// The largest light that filters get from a pixel, in radiance.
+/// The largest light, in radiance, that filters get from a pixel. The rest is withheld.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Bounds {
     /// The bound of the emission seen directly.
     pub(crate) emission: f64,
-    /// That bound for filters that read no halves; 0 below two samples per pixel.
+    /// The bound of the emission for filters that read no halves; 0 below two samples per pixel.
     blurred: f64,
     /// The bound of all other light.
     other: f64,
@@ -188,10 +190,10 @@ pub(crate) struct Bounds {
 impl Bounds {
     /// The bounds for a film whose image has this `level` (its mean brightness).
     ///
-    /// The emission of a pixel that a lamp covers partly is noisy, and filters remove that noise. With all emission
-    /// withheld, blurred lamps of a thin lens have three times the error at 8 samples per pixel. Leaks of brighter lamps
-    /// are worse, and more samples leave less noise. So the bound falls with the largest emission and with the number
-    /// of samples. On nine scenes, at 8 to 32 samples, it never costs more than noise, and takes up to 16 % off.
+    /// The emission of a pixel that a light covers partly is noisy, and filters remove that noise. With all emission withheld,
+    /// out-of-focus lights have three times the error at 8 samples per pixel. On the other hand, leaks of brighter lights are
+    /// worse, and more samples leave less noise. So the bound falls with the largest emission and with the number of samples.
+    /// On nine scenes at 8 to 32 samples, the bound lowers the error by up to 16 % and never raises it beyond noise.
     pub(crate) fn new(light: Light<'_>, level: f32) -> Self {
         let (level, pixels) = (f64::from(level), light.film.frame().pixels());
         let samples = (0..pixels).map(|i| light.film.count(i)).sum::<u64>() as f64 / pixels as f64;
@@ -202,15 +204,15 @@ impl Bounds {
         Self { emission: bound, blurred, other: f64::from(BRIGHTEST) * level }
     }
 
-    /// The light that is withheld from the mean of pixel `i`, for filters that read no halves: emission alone. Below two samples
-    /// per pixel that is all emission: these filters would spread it as far as any other light.
+    /// The light withheld from the mean of pixel `i` for filters that read no halves: only emission. Below two samples per
+    /// pixel all emission is withheld, because these filters would spread it as far as any other light.
     pub(crate) fn withheld_emission(self, light: Light<'_>, i: usize) -> [f64; 3] {
         let mean = light.mean(i);
         let emission = light.mean_emission(i);
         std::array::from_fn(|c| (f64::from(emission[c]) - self.blurred).clamp(0.0, mean[c].max(0.0)))
     }
 
-    /// The light that is withheld from a mean colour of which `emission` is seen directly.
+    /// The light withheld from a colour `mean`, of which `emission` was seen directly.
     fn withheld(self, mean: [f64; 3], emission: [f32; 3]) -> [f64; 3] {
         if emission.iter().all(|e| f64::from(*e) <= self.emission) && mean.iter().all(|m| *m <= self.other) {
             return [0.0; 3];
@@ -222,8 +224,8 @@ impl Bounds {
         })
     }
 
-    /// The light that is withheld from each half of the samples of pixel `i`, from the halves' moments. A half without
-    /// samples has the film's mean.
+    /// The light withheld from each half of the samples of pixel `i`, given the halves' moments. A half without samples uses
+    /// the film's mean.
     pub(crate) fn withheld_of_halves(self, light: Light<'_>, i: usize, halves: &[RgbMoments; 2]) -> [[f64; 3]; 2] {
         let emission = [0, 1].map(|half| light.emission(half, i).unwrap_or_default());
         [0, 1].map(|h| match halves[h].count {
@@ -232,7 +234,7 @@ impl Bounds {
         })
     }
 
-    /// The filtered colour of pixel `i` with the withheld light of both halves, and the variance of that light.
+    /// The filtered colour of pixel `i` plus the withheld light of both halves, and the variance of the withheld light.
     pub(crate) fn restored(self, light: Light<'_>, i: usize, colour: [f32; 3]) -> ([f32; 3], f32) {
         let halves = [0, 1].map(|half| light.half(half, i));
         let [a, b] = self.withheld_of_halves(light, i, &halves);
@@ -247,7 +249,7 @@ impl Bounds {
     }
 }
 
-/// The nearest `f32` that is not infinite.
+/// The nearest finite `f32`.
 pub(crate) fn finite(value: f64) -> f32 {
     value.min(f64::from(f32::MAX)) as f32
 }

@@ -1,9 +1,11 @@
-//! A small network on top of the filtered image: it learned from random scenes which pixels belong together (docs/results/learned.md).
+//! A small neural network on top of the filtered image, trained on random scenes to find pixels that belong together
+//! (docs/results/learned.md).
 //!
-//! A U-Net of isotropic convolutions ([`convolution`]) gives each pixel 8 features for each of 6 distances. Pixels at that distance are
-//! averaged with the weight `exp(-|f_p - f_q|^2)` [after Isik 2021], in the film and in the filtered image ([`passes`]).
-//! The result is a blend of all of these averages and of the filtered image itself. Any exposure gets the same treatment. At even sizes
-//! a mirrored or transposed film and image give the mirrored or transposed result, up to rounding; at odd ones, borders differ.
+//! A U-Net of isotropic convolutions ([`convolution`]) computes 8 features per pixel for each of 6 distances. For each
+//! distance, pixels that far apart are averaged with the weight `exp(-|f_p - f_q|^2)` [after Isik 2021], in the film and in the
+//! filtered image ([`passes`]). The result is a blend of all these averages and of the filtered image. It does not depend on
+//! the exposure. At even sizes, mirrored or transposed inputs give the mirrored or transposed result, up to rounding; at odd
+//! sizes, borders differ.
 
 mod convolution;
 mod exposed_film;
@@ -17,17 +19,18 @@ use dapple_core::{Film, Filtered, Frame, Needs, parallel};
 use exposed_film::{ExposedFilm, INPUTS};
 use passes::{Heads, blend};
 
-/// The weights, 16 bits each: the upper half of an `f32`. `tools/train/export.py` writes them, a layer after the other.
+/// The weights, 16 bits each (the upper half of an `f32`), one layer after another. `tools/train/export.py` writes them.
 const WEIGHTS: &[u8] = include_bytes!("network/weights.bin");
 /// The number of channels at full, half, quarter and eighth size.
 const CHANNELS: [usize; 4] = [16, 32, 48, 64];
-/// The image is padded to multiples of this size.
+/// Width and height of the image are padded to multiples of this number.
 const GRID: usize = 8;
-/// The mean number of samples per pixel from which on the filtered image replaces the network's. The network has learned from 1 to 16.
+/// The mean number of samples per pixel above which the filtered image gradually replaces the network's. The network is trained
+/// on 1 to 16.
 const MOST: f64 = 24.0;
 
-/// Replaces the filtered image of a film by the network's. Its error stays: the network's own predictions were further off.
-/// `albedo` is the film's without its noise, and 1 where no surface is seen.
+/// Replaces the filtered `image` of a film by the network's result. The error estimate stays, as the network's own predictions
+/// are less accurate. `albedo` is the film's denoised albedo, and 1 where no surface is seen.
 pub(crate) fn improve(film: &Film, image: Filtered, albedo: [Vec<f32>; 3], has_features: bool) -> Filtered {
     let pixels = film.frame().pixels();
     let spp = (0..pixels).map(|i| film.count(i)).sum::<u64>() as f64 / pixels as f64;
@@ -46,9 +49,9 @@ pub(crate) fn improve(film: &Film, image: Filtered, albedo: [Vec<f32>; 3], has_f
     Filtered::new(image.size, colours).with_error(image.error)
 }
 
-/// The memory of [`improve`] in bytes, the image included.
+/// The bytes that [`improve`] uses, including the image.
 pub(crate) fn bytes(frame: &Frame) -> u64 {
-    /// The image and its error, albedo, a mark of lamps, and the result.
+    /// The bytes per pixel of the image with its error, the albedo, the mask of lights, and the result.
     const WHOLE: usize = 16 + 12 + 1 + 12;
     let rows = Frame::new(1, 1).map_or(0, |one| {
         let (film, image) = (Film::new(one, Needs::none()), Filtered::new([1, 1], vec![[0.0; 3]]));
@@ -60,7 +63,7 @@ pub(crate) fn bytes(frame: &Frame) -> u64 {
     frame.bytes(WHOLE).saturating_add(rows)
 }
 
-/// Rows of colours with so much of the network's image.
+/// Rows of colours that blend both images; `strength` is the weight of the network's image.
 fn colours<'a>(graph: &Graph<'a>, exposed: &'a ExposedFilm<'a>, strength: f32) -> Plane {
     let mut layers = Layers { rest: WEIGHTS };
     let trunk = trunk(graph, exposed, &mut layers);
@@ -68,13 +71,13 @@ fn colours<'a>(graph: &Graph<'a>, exposed: &'a ExposedFilm<'a>, strength: f32) -
     blend(graph, exposed, trunk, heads, strength)
 }
 
-/// Layers in the order of the file.
+/// The layers that remain to be read, in the order of the file.
 struct Layers {
     rest: &'static [u8],
 }
 
 impl Layers {
-    /// The weights of the next layer's outputs, each followed by its bias.
+    /// The weights of the next layer: one row per output, which ends with its bias.
     fn rows(&mut self, outputs: usize, inputs: usize) -> Vec<Vec<f32>> {
         let (bytes, rest) = self.rest.split_at(2 * outputs * (inputs + 1));
         self.rest = rest;
@@ -82,12 +85,12 @@ impl Layers {
         bytes.chunks_exact(2 * (inputs + 1)).map(|row| row.chunks_exact(2).map(value).collect()).collect()
     }
 
-    /// The next layer, with so many outputs and inputs.
+    /// The next layer, with this many outputs and inputs.
     fn next(&mut self, outputs: usize, inputs: usize) -> Layer {
         Layer::new(&self.rows(outputs, inputs))
     }
 
-    /// The next layer of a convolution.
+    /// The next layer, which is a convolution.
     fn convolution(&mut self, outputs: usize, inputs: usize) -> Layer {
         self.next(outputs, 3 * inputs)
     }

@@ -1,15 +1,15 @@
 //! Normal equations of weighted regressions, one window in each lane of a vector.
 //!
-//! Each sum has its own order, and no operation is fused, so that every machine computes the same bits.
+//! Each sum has a fixed order and no operation is fused, so every machine computes the same bits.
 
 #![expect(clippy::needless_range_loop, reason = "several arrays run along, as in the formulas")]
 
 use pulp::Simd;
 
-/// The share of the total weight that is added to the diagonal of the normal equations.
+/// The ridge added to the diagonal of the normal equations, as a fraction of the total weight.
 const RIDGE: f32 = 2e-4;
-/// The least pivot of the normal equations, relative to its diagonal entry. Smaller pivots are lost to rounding and are
-/// raised to it.
+/// The smallest pivot of the normal equations, relative to its diagonal entry. Smaller pivots are rounding errors and are
+/// raised to this.
 const PIVOT: f32 = 1e-5;
 
 /// The linear function fitted in a window, for each colour channel: the value at the window's centre, and the slope of
@@ -23,8 +23,8 @@ pub(crate) struct Fit<S: Simd, const R: usize> {
 /// and value `b`. Values are the regressors, then the colours. `V` and `N` are the numbers of values and of rows.
 pub(crate) type Sums<S, const V: usize, const N: usize> = [[<S as Simd>::f32s; V]; N];
 
-/// Adds the products of the first rows of `weighted` and three values to `sums`, up to row `last`, for the pixels `of` this
-/// range. The values' sums begin with number `b`.
+/// Adds products of weighted rows and three values to `sums`, for the pixels in the range `of`. Rows run from 0 to `last`, and
+/// the three values start at number `b`.
 ///
 /// Six sums at a time hide the latency of additions, and fit into the registers of every machine.
 #[inline(always)]
@@ -45,7 +45,7 @@ pub(crate) fn add_products<S: Simd, const V: usize, const N: usize, const M: usi
     }
 }
 
-/// Adds the products of `A` rows from row `a`, for the pixels from `first` to `end`.
+/// Adds the products of `A` rows, starting at row `a`, for the pixels from `first` to `end`.
 #[inline(always)]
 fn add_rows<S: Simd, const V: usize, const N: usize, const M: usize, const A: usize>(
     simd: S,
@@ -84,8 +84,8 @@ fn covariance<S: Simd, const V: usize, const N: usize>(
     simd.sub_f32s(simd.mul_f32s(sums[a + 1][b], share), simd.mul_f32s(mean[a], mean[b]))
 }
 
-/// Solves the normal equations, centred at the weighted means, by the decomposition `L D L^T`. The right-hand sides are
-/// the three colour channels from value `colours` on.
+/// Solves the normal equations, centred at the weighted means, by the decomposition `L D L^T`. The right-hand sides are the
+/// three colour channels, which start at value number `colours`.
 #[inline(always)]
 pub(crate) fn solve<S: Simd, const R: usize, const V: usize, const N: usize>(
     simd: S,

@@ -1,9 +1,9 @@
-//! Pixels whose samples all lie in one half: the other half is interpolated.
+//! Interpolation of the missing half in pixels whose samples all lie in one half.
 //!
-//! With one sample per pixel, the second half would be empty, and nothing could tell noise from detail. So such a pixel
-//! belongs to a half by its place, as the squares of a chessboard do. The half that it lacks is the mean of its four
-//! neighbours there. Both halves are then whole images, and a sample counts in one of them only. Lamps end at their
-//! edges: where samples of features alone have met one, only the other light comes from neighbours.
+//! With one sample per pixel, the second half would be empty, and noise could not be told from detail. So such a pixel is
+//! assigned to one half by its position, like the squares of a chessboard. Its missing half is the mean of its four neighbours
+//! in that half. Both halves are then complete images, and each sample counts in only one of them. Lights keep their edges:
+//! where feature-only samples saw a light, only the other light is interpolated.
 
 #![expect(clippy::needless_range_loop, reason = "several arrays run along, as in the formulas")]
 
@@ -12,13 +12,13 @@ use crate::graph::{Graph, Reach, Rows, all};
 use crate::light::{Bounds, Light};
 use crate::planes::{Colours, Plane, beside, raised};
 
-/// The factor on the squared difference of normals between neighbours.
+/// The factor on the squared difference of normals, in the weight of a neighbour.
 const TURNED: f32 = 20.0;
-/// The standard deviation of the log depth between neighbours: this many times its slope, plus the least value.
+/// The standard deviation of log depth between neighbours: the first number times the slope, plus the second.
 const SLOPE: [f32; 2] = [4.0, 1e-2];
 
-/// The emission of a lamp, in units of the image's level. Less is light like any other: at an edge of a dim sky, what is before it
-/// and the sky replace each other.
+/// The smallest emission that counts as a light's, in units of the image's level. Less is interpolated like other light: at the
+/// edge of a dim sky, each sample sees either the sky or what is in front of it.
 pub(crate) const LAMP: f32 = 4.0;
 
 /// The halves of a film's light, before their variances are known.
@@ -26,18 +26,18 @@ pub(crate) const LAMP: f32 = 4.0;
 pub(crate) struct Halves {
     pub(crate) colours: [Colours; 2],
     pub(crate) counts: [Plane; 2],
-    /// The variance of one sample, where it is `known` (1, else 0).
+    /// The variance of one sample, where `known` is 1 (else `known` is 0).
     pub(crate) variance: Colours,
     pub(crate) known: Plane,
 }
 
-/// The features and lamps of a film, as far as filters get them.
+/// The features and lights of a film that interpolation uses.
 #[derive(Clone, Copy)]
 pub(crate) struct Surroundings<'a> {
     pub(crate) features: Features,
     pub(crate) light: Light<'a>,
     pub(crate) bounds: Bounds,
-    /// The radiance that planes count as 1.
+    /// The radiance that is scaled to 1 in planes.
     pub(crate) level: f32,
 }
 
@@ -47,8 +47,8 @@ impl Surroundings<'_> {
         emission.map(|e| if is_lamp { e.min(self.bounds.emission as f32) / self.level } else { 0.0 })
     }
 
-    /// The emission of pixel `j` that its neighbour `i`, whose emission is known, does not share. Samples of features alone may have
-    /// missed the edge of a lamp between both, unless they met it in one of them.
+    /// The emission of pixel `j` that its neighbour `i`, whose emission is known, must not copy. It is 0 unless feature-only
+    /// samples saw a light in one of the two pixels; otherwise they may have missed an edge between both.
     fn not_shared(&self, i: usize, j: usize) -> [f32; 3] {
         let is_met = [i, j].iter().any(|i| self.light.film.emission_alone(0, *i).is_some());
         if is_met { self.in_levels(self.light.mean_emission(j)) } else { [0.0; 3] }
@@ -56,10 +56,11 @@ impl Surroundings<'_> {
 }
 
 impl Halves {
-    /// Interpolates the half that pixels lack. Returns the number of samples whose mean has the variance of each half's colour, too.
+    /// Interpolates missing halves. Also returns, for each half, the number of samples whose mean has the variance of the
+    /// half's colour.
     ///
-    /// Such a pixel then counts half of its samples in each half. The squared difference between the halves estimates the
-    /// variance of one sample where that is not known.
+    /// A completed pixel counts half of its samples in each half. Where the variance of one sample is unknown, the squared
+    /// difference between the halves estimates it.
     pub(crate) fn complete<'a>(self, graph: &Graph<'a>, around: Surroundings<'a>) -> (Self, [Plane; 2]) {
         let size = graph.size;
         let ([[ra, ga, ba], [rb, gb, bb]], [na, nb], [vr, vg, vb]) = (self.colours, self.counts, self.variance);
@@ -117,12 +118,12 @@ impl Near<'_> {
         self.halves.counts.map(|plane| self.at(plane, i))
     }
 
-    /// The half that the samples of a pixel count in, if they all lie in one.
+    /// The half to which the samples of a pixel are assigned if they all lie in one half.
     fn half(&self, i: usize) -> usize {
         (i % self.size[0] + i / self.size[0]) % 2
     }
 
-    /// The number of samples of a pixel by its place.
+    /// The number of samples of a pixel in a half, after this assignment.
     fn samples(&self, half: usize, i: usize) -> f32 {
         let [a, b] = self.counts(i);
         match (a > 0.0) != (b > 0.0) {
@@ -132,8 +133,9 @@ impl Near<'_> {
         }
     }
 
-    /// The mean of half `half` over the four neighbours of pixel `i`, times the ratio of the albedos, and the number of samples whose
-    /// mean has the same variance; `None` if they lack it too. Where the pixel's own emission is known, it takes the place of theirs.
+    /// The mean of half `half` over the four neighbours of pixel `i`, scaled by the ratio of the albedos, and the number of
+    /// samples whose mean has the same variance. `None` if the neighbours lack that half too. If the pixel's own emission is
+    /// known, it replaces that of the neighbours.
     fn between(&self, i: usize, half: usize) -> Option<([f32; 3], f32)> {
         let (around, albedo) = (&self.around, self.around.features.albedo());
         let divisor = |c: usize, i: usize| raised(self.at(albedo[c], i));
@@ -152,7 +154,7 @@ impl Near<'_> {
         (weights > 0.0).then_some((colour, weights * weights / variance))
     }
 
-    /// The weight of pixel `j` beside its neighbour `i`: it falls with the differences of normal and log depth.
+    /// The weight of pixel `j` for its neighbour `i`, which falls with the differences of normal and log depth.
     fn likeness(&self, i: usize, j: usize) -> f32 {
         let Features { mean, slope, .. } = self.around.features;
         let turned: f32 = (0..3).map(|k| (self.at(mean[k], i) - self.at(mean[k], j)).powi(2)).sum();

@@ -22,7 +22,7 @@ dapple_core::options! {
         pub k: f64 = 0.45, |k| (1e-3..=1e3).contains(&k), "0.001 to 1000 standard deviations";
         /// The same for features (normal, albedo and depth); none: only colours count (published).
         ///
-        /// With features, colours are compared without their albedo.
+        /// With features, colours are divided by albedo before they are compared.
         pub features: Option<f64> = None => "none",
             |k| k.is_none_or(|k| (1e-3..=1e3).contains(&k)), "0.001 to 1000 standard deviations";
     }
@@ -30,18 +30,17 @@ dapple_core::options! {
 
 /// Non-local means: each pixel becomes the mean of pixels with similar surroundings.
 ///
-/// The patches around two pixels `p` and `q` are compared by the mean over pixels and channels of
+/// The patches around two pixels `p` and `q` are compared by `d`, the mean over their pixels and channels of
 ///
 /// `((u_p - u_q)^2 - (v_p + min(v_p, v_q))) / (k^2 (v_p + v_q))`
 ///
-/// where `u` is a pixel's mean and `v` its variance. The subtrahend is the squared difference that noise alone causes.
-/// The weight is `exp(-max(0, d))` of that mean `d`, and 0 below 0.05.
+/// where `u` is a pixel's mean and `v` its variance. The subtracted term is the squared difference expected from noise alone.
+/// The weight is `exp(-max(0, d))`, or 0 if that is below 0.05.
 ///
-/// Weights from one half of the samples filter the other half, so the filter does not keep the noise that its weights
-/// follow.
+/// Weights from one half of the samples filter the other half, so the noise in the weights is not the noise that is filtered.
 /// The image is the mean of both halves, weighted by their counts [after Rousselle 2012].
 ///
-/// [`NlMeansOptions::features`] also compares features, and compares colours without their albedo.
+/// With [`NlMeansOptions::features`], features are compared too, and colours are divided by albedo.
 ///
 /// ```
 /// use dapple_core::{Film, Filter, Frame};
@@ -64,13 +63,13 @@ dapple_core::options! {
 /// # Differences from the paper
 ///
 /// * Windows have at most 15x15 pixels, not 21x21.
-/// * A pixel's variance is shrunk to that of 5x5 pixels, not scaled to that of the halves. Its floor goes with 1 / n.
-/// * Each pixel counts by its samples.
+/// * A pixel's variance is shrunk towards that of 5x5 pixels, not scaled to that of the halves. Its floor falls as 1 / n.
+/// * Each pixel is weighted by its number of samples.
 /// * There is one pass, without adaptive sampling.
 ///
 /// # Result
 ///
-/// Pixels without samples are filled from their window, or black if the window is empty.
+/// Pixels without samples are filled from their window; they are black if the window has no samples.
 /// [`Filtered::error`] estimates the whole squared error from the halves, bias included.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct NlMeans {
@@ -153,15 +152,14 @@ const PATCH: usize = 1;
 /// The weight of a pixel is the product of
 ///
 /// * a Gaussian of its distance, `exp(-falloff r^2)`;
-/// * `exp(-max(0, d_features))`, with the largest difference of normal, albedo and depth in `features` standard
+/// * `exp(-max(0, d_features))`, with the largest difference of normal, albedo and depth, in units of `features` standard
 ///   deviations;
-/// * `exp(-max(0, d_colour))`, with the difference of 3x3 pixels in `colour` standard deviations;
+/// * `exp(-max(0, d_colour))`, with the difference of 3x3 pixels in units of `colour` standard deviations;
 /// * `outside` if the pixels lie in different clusters.
 ///
-/// The expected difference due to noise is subtracted as in [`NlMeans`](crate::NlMeans).
-/// Colours are compared without their albedo, in the half of the samples that is not being filtered.
-/// The colour term makes the filter consistent: pixels that differ by more than noise do not mix, however many samples
-/// they have.
+/// The difference expected from noise is subtracted as in [`NlMeans`](crate::NlMeans). Colours are divided by albedo and
+/// compared in the half of the samples that is not being filtered. The colour term makes the filter consistent: pixels that
+/// differ by more than noise are not averaged, however many samples they have.
 ///
 /// [`Filtered::error`] estimates the whole squared error from the halves, bias included.
 ///
@@ -188,7 +186,7 @@ const PATCH: usize = 1;
 pub struct Bilateral {
     options: BilateralOptions,
     reads: Reads,
-    /// The largest squared distance in a window that is a disc.
+    /// The largest squared distance from the centre in a disc-shaped window; `None` for a square window.
     disc: Option<usize>,
 }
 
@@ -203,8 +201,8 @@ impl Bilateral {
         Ok(Self { options, ..Self::default() })
     }
 
-    /// Multiplies the weight of a pixel by `outside` if its first sample lies in another cluster. `described` is
-    /// appended to the filter's description: the parameters of the clusters, such as `k=9,clamp=32`.
+    /// Multiplies the weight of a pixel by `outside` if its first sample lies in another cluster. `described` is appended to
+    /// the filter's description. It lists the parameters of the clusters, such as `k=9,clamp=32`.
     #[must_use]
     pub fn with_clusters(self, label: ClusterLookup, described: impl Into<String>) -> Self {
         Self { reads: Reads { label: Some(label), described: described.into(), ..self.reads }, ..self }
@@ -212,15 +210,15 @@ impl Bilateral {
 
     /// Filters by colours alone, for films without features. Every pixel counts as a miss.
     ///
-    /// A film that has room for features but never got any is otherwise refused
-    /// ([`Error::NoneReported`]).
+    /// Otherwise, a film with room for features that were never reported is refused ([`Error::NoneReported`]).
     #[must_use]
     pub fn without_features(self) -> Self {
         Self { reads: Reads { without_features: true, ..self.reads }, ..self }
     }
 
-    /// The bilateral filter that makes the first image of `ClusterRegression`. Its weights fall faster with distance than those
-    /// of the default, and slower with features. Corners of the window would have a 150th of the centre's weight, or less.
+    /// The bilateral filter for the first image of `ClusterRegression`. Compared with the default, its weights fall faster with
+    /// distance and slower with feature differences. The window has no corners; their weight would be at most 1/150 of the
+    /// centre's.
     pub(crate) fn candidate() -> Self {
         let options = BilateralOptions::default().window(4).falloff(0.25).colour(0.75).features(4.0);
         Self { options, disc: Some(18), ..Self::default() }
@@ -263,7 +261,7 @@ impl Filter for Bilateral {
     }
 }
 
-/// Filters a film by the images that `pair` makes of its halves.
+/// Filters a film; `pair` computes the filtered halves.
 fn apply(
     filter: &impl Filter,
     film: &Film,
@@ -296,8 +294,8 @@ fn estimate<'a>(
     Estimate::new(graph, &inputs, light, image, ERROR)
 }
 
-/// The images of both halves by means over a window around each pixel. `demodulated` compares and averages colours without their
-/// albedo.
+/// The filtered images of both halves: means over a window around each pixel. With `demodulated`, colours are divided by albedo
+/// before they are compared and averaged.
 fn means(graph: &Graph<'_>, inputs: &Inputs, like: Likeness, window: Window, demodulated: bool) -> Pair {
     let guides = [0, 1].map(|half| guide(graph, inputs, half, demodulated, demodulated));
     let values = guides.each_ref().map(|guide| guide.colour);

@@ -1,14 +1,14 @@
-//! Planes, which hold one value per pixel, pairs of images of them, and passes that compute planes. Passes that read nothing
-//! but numbers of the same pixel use vectors of the machine.
+//! Planes (one value per pixel), pairs of images made of planes, and passes that compute planes. Passes that read only the same
+//! pixel of other planes use vector instructions.
 //!
-//! Vectors have 16 lanes, 8, 4 or 1. Debug builds use 8 lanes or 1 on x86-64.
+//! Vectors have 16, 8, 4 or 1 lanes. Debug builds use 8 lanes or 1 on x86-64.
 
 pub(crate) use crate::graph::Plane;
 use crate::graph::{Graph, Reach, Rows, all};
 use dapple_core::parallel;
 use pulp::{Simd, WithSimd};
 
-/// The red, green and blue of each pixel, a plane each.
+/// The red, green and blue of each pixel, one plane each.
 pub(crate) type Colours = [Plane; 3];
 
 /// Two images, one from each half of the samples: red, green and blue of the first half, then of the second.
@@ -16,36 +16,36 @@ pub(crate) type Colours = [Plane; 3];
 pub(crate) struct Pair(pub(crate) [Plane; 6]);
 
 impl Pair {
-    /// Both halves times each pixel's `albedo`, [raised].
+    /// Multiplies both halves by the [raised] `albedo` of each pixel.
     pub(crate) fn modulated(self, graph: &Graph<'_>, albedo: Colours) -> Self {
         let channel = |k: usize| map_to_one(graph, [self.0[k], albedo[k % 3]], |[v, albedo]| v * raised(albedo));
         Self(std::array::from_fn(channel))
     }
 }
 
-/// A channel of the mean of both halves `a` and `b`, weighted by their sample counts `na` and `nb`.
+/// One channel of the mean of both halves `a` and `b`, weighted by their sample counts `na` and `nb`.
 #[inline(always)]
 pub(crate) fn combined([a, b]: [f32; 2], [na, nb]: [f32; 2]) -> f32 {
     b + first_share([na, nb]) * (a - b)
 }
 
-/// The share of the first half in a pixel's samples; 0.5 if the pixel has no samples.
+/// The fraction of a pixel's samples that lie in the first half; 0.5 if the pixel has no samples.
 #[inline(always)]
 pub(crate) fn first_share([a, b]: [f32; 2]) -> f32 {
     if a + b > 0.0 { a / (a + b) } else { 0.5 }
 }
 
-/// The least albedo that colours are divided by.
+/// The smallest albedo by which colours are divided.
 const LEAST_ALBEDO: f32 = 0.02;
 
-/// An albedo that a colour can be divided by: at least [`LEAST_ALBEDO`].
+/// An albedo by which a colour can be divided: at least [`LEAST_ALBEDO`].
 #[inline(always)]
 pub(crate) fn raised(albedo: f32) -> f32 {
     albedo.max(LEAST_ALBEDO)
 }
 
-/// The number of lanes that [`dispatch`] uses in tests of release builds; 0 for those of the machine. Other tests that run at the
-/// same time get the same bits, or fail as well.
+/// The number of lanes that [`dispatch`] uses in tests of release builds; 0 for those of the machine. Tests that run at the
+/// same time are not affected, since results do not depend on the number of lanes.
 #[cfg(all(test, not(debug_assertions)))]
 pub(crate) static LANES: std::sync::atomic::AtomicUsize = std::sync::atomic::AtomicUsize::new(0);
 
@@ -112,7 +112,7 @@ pub(crate) fn map_to_one<'a, const N: usize>(
     plane
 }
 
-/// Computes `N` values for every pixel, each into a plane of its own.
+/// Computes `N` values for every pixel, one plane for each value.
 pub(crate) fn planes_of<'a, const N: usize>(
     graph: &Graph<'a>,
     of: impl Fn(usize) -> [f32; N] + Sync + 'a,
@@ -132,22 +132,22 @@ pub(crate) fn per_pixel<T: Send + Clone + Default>(pixels: usize, of: impl Fn(us
     all
 }
 
-/// Lists what `of` finds in the pixels, in their order.
+/// Lists the values that `of` returns for the pixels, in order, without `None`.
 pub(crate) fn found<T: Send>(pixels: usize, of: impl Fn(usize) -> Option<T> + Sync) -> Vec<T> {
     const CHUNK: usize = 4096;
     let list = |part: usize| (part * CHUNK..pixels.min((part + 1) * CHUNK)).filter_map(&of).collect::<Vec<T>>();
     parallel::map(pixels.div_ceil(CHUNK), list).into_iter().flatten().collect()
 }
 
-/// The sums of values over the pixels of each row, added up from row to row.
+/// The sums of values over all pixels, added row by row.
 pub(crate) fn sum_pixels<const N: usize>([width, height]: [usize; 2], of: impl Fn(usize) -> [f64; N]) -> [f64; N] {
     let add = |sum: [f64; N], value: [f64; N]| std::array::from_fn(|k| sum[k] + value[k]);
     (0..height).map(|y| (y * width..(y + 1) * width).map(&of).fold([0.0; N], add)).fold([0.0; N], add)
 }
 
-/// Images of weighted means. `add` adds the sums of row `y` to eight rows: red, green, blue and weight of the first half, then of the
-/// second. It has these `reads`. The image `beside` counts with the weight `share`. Sums are those of colours over `albedo`, if any,
-/// [raised].
+/// Images of weighted means. `add` adds the sums of row `y` to eight rows: red, green, blue and weight of the first half, then
+/// of the second; `reads` lists what it reads. The image `beside` is included with the weight `share`. With `albedo`, the sums
+/// are those of colours divided by the [raised] albedo.
 pub(crate) fn merged<'a>(
     graph: &Graph<'a>,
     (beside, share): (Pair, f32),
@@ -181,13 +181,13 @@ pub(crate) fn merged<'a>(
     }))
 }
 
-/// Of `n` positive values in order, the one with `n / share` before it; `None` of no values.
+/// The value with `n / share` smaller ones among `n` positive values (a quantile); `None` without values.
 pub(crate) fn quantile(mut values: Vec<f32>, share: usize) -> Option<f32> {
     let place = values.len() / share;
     (!values.is_empty()).then(|| *values.select_nth_unstable_by(place, f32::total_cmp).1)
 }
 
-/// The pixels to the left of pixel `i`, to its right, above and below it, as far as they exist.
+/// The existing neighbours of pixel `i`: left, right, above and below.
 pub(crate) fn beside(i: usize, [width, height]: [usize; 2]) -> impl Iterator<Item = usize> {
     let (x, y) = (i % width, i / width);
     let [left, right] = [(x > 0).then(|| i - 1), (x + 1 < width).then_some(i + 1)];
@@ -221,7 +221,7 @@ pub(crate) fn box_mean_of(plane: &[f32], size: [usize; 2], radius: usize) -> Vec
     mean
 }
 
-/// The mean of rows, added in their order.
+/// The task of averaging rows, added in their order.
 struct SumTask<'a> {
     rows: Vec<&'a [f32]>,
     sums: &'a mut [f32],

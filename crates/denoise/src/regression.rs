@@ -24,11 +24,10 @@ const PATCH: usize = 1;
 const REACH: usize = 6;
 /// The width of a window in pixels.
 const SIDE: usize = 2 * REACH + 1;
-/// The squared radius of a window, which is a disc: its corners would take a seventh of the time, and leave as much error on
-/// eighteen scenes at 8 and 32 spp. Windows of the wide pass are squares: as discs they leave
-/// more of a halo at a corner.
+/// The squared radius of a window, which is a disc. On eighteen scenes at 8 and 32 spp, corners would take a seventh of the
+/// time and lower no error. Windows of the wide pass are squares, because discs leave more of a halo at a corner.
 const SQUARE: usize = 45;
-/// The columns of the disc in each row of a window, the first one and the one after the last.
+/// The columns of the disc in each row of a window: the first column, and the one after the last.
 const DISC: [[usize; 2]; SIDE] = {
     let mut rows = [[0; 2]; SIDE];
     let mut down = 0;
@@ -43,14 +42,14 @@ const DISC: [[usize; 2]; SIDE] = {
 const CENTRES: usize = HEIGHT / 2;
 /// The amount that is subtracted from each weight; smaller weights become 0.
 pub(crate) const NEGLIGIBLE: f32 = 1e-3;
-/// Width and height in pixels of a tile with the surroundings that its windows predict.
+/// The width and height in pixels of a tile and the border around it that its windows predict.
 const HALO: [usize; 2] = [WIDTH + 2 * REACH, HEIGHT + 2 * REACH];
 
-/// Filters both halves of the samples by regression. The weights of each half come from the other half's guide, or from
-/// a single guide for both.
+/// Filters both halves of the samples by regression. The weights for each half come from the other half's guide, or from a
+/// single guide for both.
 ///
-/// The image `beside` is averaged with the predictions of the windows. It has this weight, while a window's
-/// centre has 1. So it replaces pixels that resemble no window's centre.
+/// The fallback image `beside` is averaged with the predictions of the windows. It has the given weight, and a window's centre
+/// has weight 1. It thus fills pixels that resemble no window's centre.
 pub(crate) fn regress<const G: usize>(
     graph: &Graph<'_>,
     inputs: &Inputs,
@@ -106,7 +105,7 @@ struct TileTask<'a, const G: usize> {
     scratch: &'a mut Scratch<G>,
 }
 
-/// The memory of a task, which the next one uses again.
+/// Buffers of a task, reused by the next task.
 struct Scratch<const G: usize> {
     tile: Tile<G>,
     weights: [Weights; G],
@@ -115,17 +114,16 @@ struct Scratch<const G: usize> {
     sums: Vec<[f32; 8 * COLUMNS]>,
 }
 
-/// A tile's copies of the regressors and of the colours and counts of both halves.
+/// A tile's copies of the regressors, and of the colours and counts of both halves.
 type Data = Stack<PLANES>;
 const PLANES: usize = 17;
 /// The index in [`Data`] of the first half's red plane. [`COUNTS`] is the index of its sample counts.
 const COLOURS: usize = REGRESSORS;
 const COUNTS: usize = REGRESSORS + 6;
-/// A tile's copies of the planes that are read at window centres: the reciprocal width of 24 pixels there, and the
-/// reference colour.
+/// A tile's copies of the planes that are read at window centres: one over the width of 24 pixels, and the reference colour.
 type Centres = Stack<4>;
 
-/// The weights that follow from one guide, indexed by the offset in a window and by the row of window centres.
+/// The weights from one guide, indexed by the offset in a window and by the row of window centres.
 type Weights = Vec<[Row; CENTRES]>;
 
 impl<const G: usize> WithSimd for TileTask<'_, G> {
@@ -203,7 +201,7 @@ fn weigh<S: Simd, const G: usize>(simd: S, tile: &mut Tile<G>, like: &Likeness, 
     }
 }
 
-/// The regressors of pixels at some offset from the window centres, less the regressors of the centres.
+/// The regressors of pixels at some offset from the window centres, minus the regressors of the centres.
 #[inline(always)]
 fn regressors<S: Simd>(
     simd: S,
@@ -233,15 +231,15 @@ fn centre<S: Simd>(simd: S, data: &Data, [y, block]: [usize; 2]) -> [S::f32s; RE
     values
 }
 
-/// The vectors of all planes at an offset from a block of centres, [`stride`] apart. Their number is a constant, so that
-/// indices are checked once.
+/// The vectors of all planes at an offset from a block of centres, [`stride`] apart. The length is constant, so that bounds are
+/// checked once.
 #[inline(always)]
 fn at<S: Simd>(data: &Data, [y, block]: [usize; 2], offset: [isize; 2]) -> &[S::f32s] {
     &vectors::<S>(data.moved(y, 0, offset))[block..][..PLANES * stride::<S>() - stride::<S>() + 1]
 }
 
-/// The pixels in one row of the windows: regressors, colours of both halves, and weighted regressors for each guide. The next
-/// row takes the same memory.
+/// The pixels in one row of the windows: regressors, colours of both halves, and weighted regressors for each guide. The memory
+/// is reused for the next row.
 struct RowOfWindow<S: Simd, const G: usize> {
     apart: [[S::f32s; SIDE]; REGRESSORS],
     colours: [[[S::f32s; SIDE]; 3]; 2],
@@ -280,7 +278,7 @@ fn fit<S: Simd, const G: usize>(
             let number: [S::f32s; G] = counts(simd, there);
             for g in 0..G {
                 let count = count_weights(simd, own[g], number[g]);
-                // The weights of the other half, if there are two guides.
+                // With two guides, the weights come from the other half's guide.
                 let weight = vectors::<S>(&weights[G - 1 - g][down * SIDE + across][y / 2])[block];
                 let weight = simd.mul_f32s(weight, count);
                 total[g] = simd.add_f32s(total[g], weight);
@@ -313,8 +311,7 @@ fn fit<S: Simd, const G: usize>(
     ]
 }
 
-/// The sample counts that affect the weights for each guide: with two guides those of one half each, with one guide
-/// those of both halves together.
+/// The sample counts that scale the weights of each guide: the counts of one half with two guides, the sum of both with one.
 #[inline(always)]
 fn counts<S: Simd, const G: usize>(simd: S, planes: &[S::f32s]) -> [S::f32s; G] {
     let step = stride::<S>();
@@ -338,12 +335,12 @@ fn accumulate<S: Simd>(
     of: [usize; 2],
 ) {
     for b in [0, 3, 6] {
-        // Sums left of the diagonal are not read. Skipping them would cost more than the pairs that begin there.
+        // Some sums left of the diagonal are computed but not read. Skipping them would cost more.
         add_products(simd, weighted, [&apart[b], &apart[b + 1], &apart[b + 2]], sums, [b, b + 3], of);
     }
 }
 
-/// Adds the predictions of both halves' windows to the pixels in them. A row of `sums` holds red, green, blue and
+/// Adds the predictions of both halves' windows to the sums of the pixels in them. A row of `sums` holds red, green, blue and
 /// weight of the first half, then of the second.
 #[inline(always)]
 fn predict<S: Simd, const G: usize>(
@@ -402,7 +399,7 @@ fn cropped(sums: &[[f32; 8 * COLUMNS]]) -> Vec<f32> {
     all
 }
 
-/// Adds the sums of all tiles in row `y` to the planes of a row.
+/// Adds the sums of all tiles that reach row `y` to the planes of that row.
 fn add_tiles(rows: &Rows, sums: &mut [f32], [width, height]: [usize; 2], y: usize, tiles: &[Plane]) {
     let first = (y.saturating_sub(REACH + HEIGHT - 1)).div_ceil(HEIGHT);
     for tile_row in first..=((y + REACH).min(height - 1) / HEIGHT) {

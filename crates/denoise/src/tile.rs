@@ -1,10 +1,9 @@
-//! Weights between the pixels of a tile and the pixels around them, computed many at once.
+//! Weights between the pixels of a tile and the pixels around them, computed with vector instructions.
 //!
-//! A tile's planes are copied with a margin, even and odd columns apart. Data of every second pixel is then contiguous,
-//! and loops over it become vectors.
+//! A tile's planes are copied with a margin, even and odd columns separately. Every second pixel is then contiguous in memory,
+//! so that loops use vectors.
 //!
-//! No sum over pixels leaves its order to the compiler and no operation is fused, so every machine computes the same
-//! bits.
+//! Sums over pixels have a fixed order and no operation is fused, so every machine computes the same bits.
 
 #![expect(clippy::needless_range_loop, reason = "several arrays run along, as in the formulas")]
 
@@ -21,11 +20,11 @@ use std::ops::Range;
 
 /// The largest radius of a window in pixels.
 pub(crate) const REACH: usize = 7;
-/// The number of windows whose predictions are added offset by offset. It is a multiple of every machine's vector, so
-/// sums have the same order, and the same bits, on all of them.
+/// The number of windows whose predictions are added offset by offset. It is a multiple of every machine's vector width, so
+/// that sums have the same order, and the same bits, on all machines.
 pub(crate) const GROUP: usize = 16;
-/// The number of even (or odd) columns for which differences are computed: `LANES`, and the columns that patches read
-/// beside them.
+/// The number of even (or odd) columns for which differences are computed: `LANES`, plus the columns beside them that patches
+/// read.
 const SPAN: usize = 48;
 
 /// One value for each even (or odd) pixel in a row of a tile.
@@ -37,7 +36,7 @@ pub(crate) const fn stride<S: Simd>() -> usize {
     COLUMNS / S::F32_LANES
 }
 
-/// A tile's copy of a guide. Only one of both copies is read.
+/// A tile's copy of a guide. Either `pooled` or `each` is used.
 #[derive(Default)]
 struct LocalGuide {
     /// Red, green, blue and the sum of their variances.
@@ -78,14 +77,14 @@ pub(crate) struct Comparison<const G: usize> {
     /// One guide for both halves, or one from each half.
     guides: [Guide; G],
     pub(crate) like: Likeness,
-    /// The rows above and below a tile that its windows and their patches reach.
+    /// The number of rows above and below a tile that its windows and their patches reach.
     margin: usize,
-    /// The planes from the function [`sharpness`]; `None` to ignore features.
+    /// The planes that [`sharpness`] returns; `None` to ignore features.
     sharp: Option<[Plane; 3]>,
 }
 
 impl<const G: usize> Comparison<G> {
-    /// The comparison in windows of this `radius` in rows.
+    /// Creates the comparison for windows of this `radius`.
     pub(crate) fn new(graph: &Graph<'_>, inputs: &Inputs, guides: [Guide; G], like: Likeness, radius: usize) -> Self {
         let sharp = like.features.map(|scales| sharpness(graph, &inputs.features, scales));
         Self { size: graph.size, inputs: *inputs, guides, like, margin: radius + like.patch, sharp }
@@ -97,17 +96,17 @@ impl<const G: usize> Comparison<G> {
         self.sharp.map(|[sn, sa, sd]| [nx, ny, nz, r, g, b, depth, vn, va, vd, sn, sa, sd])
     }
 
-    /// The clusters, if they count.
+    /// The clusters, if they affect weights.
     fn labels(&self) -> Option<Plane> {
         self.inputs.labels.filter(|_| self.like.outside < 1.0)
     }
 
-    /// The place of a tile in a column and a row of tiles.
+    /// The place of a tile, given its column and row among the tiles.
     pub(crate) fn place(&self, [column, row]: [usize; 2]) -> Place {
         Place { size: self.size, origin: [column * WIDTH, row * HEIGHT], margin: self.margin }
     }
 
-    /// The planes that a tile copies, and `others`.
+    /// The planes that a tile copies, and `others`, with the rows that are read.
     pub(crate) fn reads(&self, others: impl IntoIterator<Item = Plane>) -> Vec<(Plane, Reach)> {
         let guides = self.guides.iter().flat_map(|guide| guide.colour.iter().chain(&guide.variance).copied());
         let planes = guides.chain(self.features().into_iter().flatten()).chain(self.labels());
@@ -115,8 +114,8 @@ impl<const G: usize> Comparison<G> {
     }
 }
 
-/// A tile: its place, its copies of the planes that weights are computed from, and what is compared with one offset. A task copies
-/// one tile after the other to it, in the same memory.
+/// A tile: its place, its copies of the planes that determine weights, and its differences from pixels at one offset. A task
+/// copies one tile after another into the same memory.
 pub(crate) struct Tile<const G: usize> {
     origin: [usize; 2],
     size: [usize; 2],
@@ -188,8 +187,8 @@ impl LocalGuide {
         }
     }
 
-    /// Writes the differences between two runs of `SPAN` pixels to `out`. Each run starts at a given row, parity and
-    /// column. A difference is squared, less its expectation due to noise, in units of the variance.
+    /// Writes the differences between two runs of `SPAN` pixels to `out`. Each run starts at a given row, parity and column. A
+    /// difference is squared, reduced by its expectation due to noise, and divided by the variance.
     #[inline(always)]
     fn differences<S: Simd>(&self, simd: S, here: [usize; 3], there: [usize; 3], out: &mut [f32; SPAN]) {
         let out = S::as_mut_simd_f32s(out).0;
@@ -247,7 +246,7 @@ impl Default for Differences {
 }
 
 impl Differences {
-    /// Compares the pixels of these rows of the copies with the pixels at `offset` from them.
+    /// Compares the pixels in the rows `lines` of the copy of a guide with the pixels at `offset` from them.
     #[inline(always)]
     fn compare<S: Simd>(&mut self, simd: S, guide: &LocalGuide, lines: Range<usize>, offset: [isize; 2]) {
         for y in lines {
@@ -278,8 +277,7 @@ impl Differences {
         }
     }
 
-    /// The column sums that make up the patches around the even (or odd) pixels of the row, one slice per column of a
-    /// patch.
+    /// The column sums that make up the patches around the even (or odd) pixels of a row: one slice per column of a patch.
     #[inline(always)]
     fn columns<S: Simd>(&self, parity: usize, radius: usize) -> [&[S::f32s]; 7] {
         let mut columns: [&[S::f32s]; 7] = [&[]; 7];
@@ -293,8 +291,8 @@ impl Differences {
 }
 
 impl<const G: usize> Tile<G> {
-    /// Compares the pixels of the tile's rows, and of the rows that patches of this radius reach, with the pixels at `offset` from
-    /// them, by each guide.
+    /// Compares, for each guide, the pixels of the tile with the pixels at `offset` from them. The rows within `radius` above
+    /// and below the tile, which patches reach, are included.
     #[inline(always)]
     pub(crate) fn compare<S: Simd>(&mut self, simd: S, offset: [isize; 2], radius: usize) {
         let [rows, _] = self.extent();
@@ -364,8 +362,8 @@ impl<const G: usize> Tile<G> {
     }
 }
 
-/// The largest of the scaled differences of normal, albedo and log depth, at least 0, between the `i`-th vectors of two
-/// rows of features.
+/// The largest of the scaled differences of normal, albedo and log depth between the `i`-th vectors of two rows of features; at
+/// least 0.
 #[inline(always)]
 fn feature_distance<S: Simd>(simd: S, p: &[S::f32s], q: &[S::f32s], i: usize) -> S::f32s {
     let step = stride::<S>();
@@ -388,8 +386,8 @@ fn feature_distance<S: Simd>(simd: S, p: &[S::f32s], q: &[S::f32s], i: usize) ->
     most
 }
 
-/// `exp(-x)` for each `x >= 0` of a vector, with a relative error of 3e-6 and the same bits on every machine. Beyond 80 it stays at
-/// about `exp(-80)`.
+/// `exp(-x)` for each `x >= 0` of a vector, with a relative error of 3e-6 and bit-identical on every machine. Beyond 80, the
+/// result stays at about `exp(-80)`.
 ///
 /// The power is `2^n 2^f` with an integer `n` and `f` in -1/2 .. 1/2. `2^f` is a Taylor polynomial of degree 5, with a
 /// remainder below 2.5e-6. `n` is added to the exponent.
@@ -409,21 +407,21 @@ pub(crate) fn exp_minus_all<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
     simd.transmute_f32s_u32s(simd.add_u32s(simd.transmute_u32s_f32s(power), bits))
 }
 
-/// 1.5 * 2^23. Adding this to a small number leaves the number, rounded to an integer, in the low bits.
+/// 1.5 * 2^23. Adding it to a small number leaves that number, rounded to an integer, in the low bits.
 const ROUND: f32 = 12_582_912.0;
 
 /// Taylor coefficients of the exponential function, from the fifth down to the second.
 const EXPONENTIAL: [f32; 4] = [1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5];
 
-/// [`exp_minus_all`] of one number.
+/// [`exp_minus_all`] for one number.
 #[inline(always)]
 pub(crate) fn exp_minus(x: f32) -> f32 {
     exp_minus_all(pulp::Scalar::new(), x)
 }
 
-/// The factor `there / (here + there)` on the weight of a pixel with `there` samples for a pixel with `here` samples.
-/// More samples weigh more, but at most twice as much as equal counts. Weights in proportion to samples would make
-/// leaks across edges grow with the ratio of the counts.
+/// The factor `there / (here + there)` on a pixel's weight. `there` is the number of its samples, and `here` that of the
+/// filtered pixel. More samples weigh more, but at most twice as much as equal counts. Weights proportional to sample counts
+/// would make leaks across edges grow with the ratio of the counts.
 #[inline(always)]
 pub(crate) fn count_weights<S: Simd>(simd: S, here: S::f32s, there: S::f32s) -> S::f32s {
     simd.div_f32s(there, simd.max_f32s(simd.add_f32s(here, there), simd.splat_f32s(1.0)))

@@ -1,10 +1,10 @@
-//! A second, much wider window of regression: 41x41 pixels around every sixth pixel of every sixth row.
+//! Regression in much wider windows: 41x41 pixels around every sixth pixel of every sixth row.
 //!
-//! Every window sees all of its pixels. Windows of every second pixel, in turns, would take less time, but neighbouring
-//! pixels would then get the predictions of different windows: a visible chessboard.
+//! Every window uses all of its pixels. If windows used alternate pixels, neighbouring pixels would be predicted by different
+//! windows, and a chessboard pattern would show.
 //!
-//! If few samples leave more noise than 13x13 pixels can average, the image of narrower windows keeps blotches of
-//! their size. This pass takes that image as its guide, and its result is blended with it by [`shrink`](crate::shrink).
+//! With few samples, 13x13 pixels cannot average out the noise, and the image of the narrower windows keeps blotches of that
+//! size. This pass uses that image as its guide, and its result is blended with it by [`shrink`](crate::shrink).
 
 #![expect(clippy::needless_range_loop, reason = "several arrays run along, as in the formulas")]
 
@@ -24,9 +24,9 @@ use stack::{
 
 /// The width of a window in pixels.
 const SIDE: usize = 2 * REACH + 1;
-/// The number of rows of pixels whose centres one task takes.
+/// The number of rows of pixels whose window centres one task processes.
 const BAND: usize = 30;
-/// The number of rows that the windows of a task reach.
+/// The number of rows that the windows of one task cover.
 const ROWS: usize = BAND - STEP + 2 * REACH + 1;
 /// The number of regressors: normal (3) and position (3). Values are divided by albedo, so albedo would add nothing.
 const REGRESSORS: usize = 6;
@@ -38,11 +38,11 @@ const SEGMENT: usize = 14;
 const FAR: f32 = 8.0;
 /// The bandwidth of colour differences in standard deviations.
 const COLOUR: f32 = 1.5;
-/// The weight of the image beside the predictions, relative to 1 for a window's centre.
+/// The weight of the fallback image among the predictions. A window's centre has weight 1.
 const BESIDE: f32 = 0.5;
 
-/// Filters both halves with windows of 41x41 pixels, compared by `guide`: the image `beside` without its albedo, and
-/// its remaining noise.
+/// Filters both halves with windows of 41x41 pixels. `guide` is the image `beside`, divided by its albedo, with its remaining
+/// noise.
 pub(crate) fn wide(graph: &Graph<'_>, inputs: &Inputs, guide: &Guide, beside: Pair) -> Pair {
     let [width, height] = graph.size;
     let planes = planes(graph, inputs, guide);
@@ -61,7 +61,7 @@ pub(crate) fn wide(graph: &Graph<'_>, inputs: &Inputs, guide: &Guide, beside: Pa
     merged(graph, (beside, BESIDE), albedo, reads, move |rows, row, y| add_bands(rows, row, [y, height], &sums))
 }
 
-/// Adds the sums of all tasks in row `y` to that row. There are `tiles` tasks for each band of rows.
+/// Adds the sums of all tasks that reach row `y` to that row. `tiles` has one plane per column of tasks.
 fn add_bands(rows: &Rows, row: &mut [f32], [y, height]: [usize; 2], tiles: &[Plane]) {
     let first = y.saturating_sub(ROWS - REACH - 1).div_ceil(BAND);
     for band in first..(y + REACH).min(height - 1) / BAND + 1 {
@@ -71,7 +71,7 @@ fn add_bands(rows: &Rows, row: &mut [f32], [y, height]: [usize; 2], tiles: &[Pla
     }
 }
 
-/// Adds the sums that one task has for a row of pixels to that row.
+/// Adds the sums of one task for a row of pixels to that row.
 fn add_tile(row: &mut [f32], tile: usize, sums: &[f32]) {
     let width = row.len() / 8;
     let pixel = |column: usize, phase: usize| STEP * (tile * CENTRES + column) + phase;
@@ -87,8 +87,9 @@ fn add_tile(row: &mut [f32], tile: usize, sums: &[f32]) {
     }
 }
 
-/// The windows whose centres lie in [`BAND`] rows from row `first`. Its result is the sums of weighted predictions and
-/// of weights, from [`REACH`] rows above. `size` is the number of columns of centres and of rows of pixels.
+/// The task of fitting the windows whose centres lie in [`BAND`] rows from row `first`. It returns the sums of weighted
+/// predictions and of weights, from [`REACH`] rows above `first`. `size` is the number of columns of centres and of rows of
+/// pixels.
 struct BandTask<'a> {
     stack: &'a Stack,
     size: [usize; 2],
@@ -124,7 +125,7 @@ impl WithSimd for BandTask<'_> {
     }
 }
 
-/// As many window centres as there are lanes, in one row.
+/// Neighbouring window centres in one row, one per lane.
 struct Centre<'a, S: Simd> {
     stack: &'a Stack,
     y: usize,
@@ -151,7 +152,7 @@ impl<'a, S: Simd> Centre<'a, S> {
 }
 
 impl<S: Simd> Centre<'_, S> {
-    /// The indices of the rows of a patch around row `y` in the [`Stack`], for the first of the centres.
+    /// The indices in the [`Stack`] of the rows of a patch around row `y`, at the first of the centres.
     #[inline(always)]
     fn rows_near(&self, y: usize) -> [usize; 3] {
         let row = |y: usize| self.stack.row(y.min(self.height - 1)) + self.k;
@@ -165,7 +166,7 @@ const fn plane(regressor: usize) -> usize {
     if regressor < 3 { MEANS + regressor } else { POSITION + regressor - 3 }
 }
 
-/// The pixels of the windows whose weights are not all 0.
+/// The pixels of the windows that have a weight above 0 in some lane.
 #[derive(Clone)]
 struct Seen<S: Simd> {
     /// The number of pixels.
@@ -173,7 +174,7 @@ struct Seen<S: Simd> {
     all: Vec<Pixel<S>>,
 }
 
-/// Pixels at the same offset from as many window centres as there are lanes.
+/// The pixels at the same offset from neighbouring window centres, one per lane.
 #[derive(Clone, Copy)]
 struct Pixel<S: Simd> {
     /// The index of plane 0 in the [`Stack`].
@@ -235,8 +236,8 @@ fn none_below<S: Simd>(simd: S, a: S::f32s, b: S::f32s) -> bool {
     simd.first_true_m32s(simd.less_than_f32s(a, b)) == S::F32_LANES
 }
 
-/// The sum of scaled differences of colour between the patches around the centres and those around the pixels in column
-/// `dx`. `rows` are the rows of the latter.
+/// The sum of scaled colour differences between the patches around the centres and those around the pixels in column `dx`.
+/// `rows` are the rows of the latter patches.
 #[inline(always)]
 fn patch_distance<S: Simd>(simd: S, stack: &Stack, own: &[[S::f32s; 4]; 9], rows: &[usize; 3], dx: usize) -> S::f32s {
     let mut sum = simd.splat_f32s(0.0);
@@ -349,8 +350,8 @@ fn fit<S: Simd>(simd: S, centre: &Centre<'_, S>, seen: &Seen<S>) -> [Fit<S, REGR
     [solve(simd, total, &sums, REGRESSORS, &reference), solve(simd, total, &sums, REGRESSORS + 3, &reference)]
 }
 
-/// Adds the predictions of both halves' windows to the pixels in them, offset by offset: a pixel may lie in windows of
-/// several vectors.
+/// Adds the predictions of both halves' windows to the pixels in them. The order is by offset, since a pixel may lie in windows
+/// of several vectors.
 #[inline(always)]
 fn predict<S: Simd>(simd: S, windows: &[(Centre<'_, S>, [Fit<S, REGRESSORS>; 2])], seen: &[Seen<S>], sums: &mut [f32]) {
     let mut next = [0; GROUP];

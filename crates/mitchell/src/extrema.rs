@@ -1,10 +1,10 @@
-//! The smallest and the largest samples of each pixel, and the contrast of a pixel's or a window's samples.
+//! The smallest and largest samples of each pixel, and the contrast of the samples of a pixel or window.
 
 use dapple_core::film::{Recorded, RecordedSample, Recorder, luminance};
 use dapple_core::{Error, Film, plan::Retention};
 use std::sync::Arc;
 
-/// The smallest and the largest red, green, blue and [`luminance`] of a pixel's samples.
+/// The smallest and the largest red, green, blue and [`luminance`] among a pixel's samples.
 pub type Extremes = [[f32; 4]; 2];
 
 /// The recorder of the smallest and the largest samples of each pixel.
@@ -33,7 +33,7 @@ impl Recorder for Extrema {
     }
 }
 
-/// The extremes that these words hold; `None` without samples.
+/// The extremes stored in these words; `None` without samples.
 fn extremes(words: &[u32]) -> Option<Extremes> {
     let at = |k: usize| f32::from_bits(words[k]);
     (words.len() == 8).then(|| [0, 4].map(|k| [at(k), at(k + 1), at(k + 2), at(k + 3)]))
@@ -44,7 +44,7 @@ fn joined(a: Extremes, b: Extremes) -> Extremes {
 }
 
 impl Extrema {
-    /// The bytes of a pixel's words in one half, with their list.
+    /// The bytes of a pixel's words in one half, including their list.
     pub(crate) const BYTES: usize = size_of::<Extremes>() + size_of::<Vec<u32>>();
 
     /// The recorder as a list, for [`Sampler::recorders`](dapple_core::Sampler::recorders).
@@ -52,11 +52,11 @@ impl Extrema {
         vec![Arc::new(Self)]
     }
 
-    /// The extremes in a film.
+    /// The extremes recorded in a film.
     ///
     /// # Errors
     ///
-    /// [`Error::NotRecorded`], with the name `who` of the reader, if the film has no such recorder.
+    /// [`Error::NotRecorded`] if the film has no such recorder; `who` is the reader in the message.
     pub fn of<'f>(film: &'f Film, who: &str) -> Result<FilmExtrema<'f>, Error> {
         let missing = || Error::NotRecorded { who: who.to_owned(), what: "the extrema" };
         let recorded = film.recorded(Self.name()).ok_or_else(missing)?;
@@ -72,8 +72,8 @@ pub struct FilmExtrema<'f> {
 }
 
 impl FilmExtrema<'_> {
-    /// The extremes of pixel `i`'s kept or discarded samples, both halves together; `None` without such samples. Withdrawn
-    /// samples are discarded ones.
+    /// The extremes of pixel `i`'s kept or discarded samples, over both halves; `None` without such samples. Withdrawn samples
+    /// count as discarded.
     pub fn of_pixel(&self, retention: Retention, i: usize) -> Option<Extremes> {
         let words = |half: usize| match retention {
             Retention::Discard => self.recorded.discarded(half, i),
@@ -86,8 +86,8 @@ impl FilmExtrema<'_> {
 /// The contrast per channel of samples between `min` and `max`: `(max - min) / (max + min)`, in `[0, 1]` [after
 /// Mitchell 1987].
 ///
-/// Contrast does not change if all samples are multiplied by the same number. Without any light it is 0, not 0/0. A
-/// bound that is negative or not finite counts as 0, as rejected samples do in a film.
+/// Contrast does not change if all samples are multiplied by the same number. It is 0 (not 0/0) without any light. A bound that
+/// is negative or not finite counts as 0, like rejected samples in a film.
 ///
 /// ```
 /// // {0.2, 0.2, 0.2, 0.8}, {0.5, 0.6} and nothing at all.
@@ -103,11 +103,10 @@ pub fn contrast([min, max]: [[f32; 3]; 2]) -> [f64; 3] {
 }
 
 /// The largest deviation of a sample from the mean, relative to the mean: `max_i |Y_i - mean| / mean` [pbrt-v2,
-/// `src/samplers/adaptive.cpp`]. The smallest and the largest sample suffice, because no sample between them deviates
-/// more.
+/// `src/samplers/adaptive.cpp`]. The smallest and the largest sample determine it.
 ///
-/// The result is 0 if all samples are equal, or if the mean is 0 or NaN. (pbrt-v2 divides by a mean of 0 and compares
-/// with NaN, so it does not refine either.)
+/// The result is 0 if all samples are equal, or if the mean is 0 or NaN. (pbrt-v2 divides by a mean of 0 and compares with NaN,
+/// and so does not refine either.)
 ///
 /// ```
 /// // {1, 1, 1, 1.9}
@@ -119,7 +118,7 @@ pub fn deviation([min, max]: [f32; 2], mean: f64) -> f64 {
     if usable && min < max { (max - mean).max(mean - min).max(0.0) / mean } else { 0.0 }
 }
 
-/// The range of an empty set of samples, `[min, max]` per channel: every other range contains it.
+/// The range `[min, max]` per channel of an empty set of samples, which every other range contains.
 pub(crate) const NOTHING: [[f32; 3]; 2] = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
 
 /// Returns, for each pixel, the smallest and largest values over the window around it. The window is `2 radius + 1`

@@ -1,7 +1,7 @@
 //! Mitchell's contrast-adaptive sampler, and pbrt-v2's variant of it.
 //!
-//! Both sample every pixel at a first rate, measure how much its samples differ, and sample at a second rate the pixels
-//! where they differ most:
+//! Both samplers start with a first rate in every pixel and measure how much the samples differ. Pixels where they differ most
+//! are sampled at a second rate:
 //!
 //! * [`Mitchell`]: contrast `(max - min) / (max + min)` per channel over 3x3 pixels, after Mitchell 1987;
 //! * [`MitchellPbrt`]: deviation in luminance from the pixel's own mean, or different shapes, as in pbrt-v2.
@@ -36,20 +36,20 @@
 //!
 //! # Guarantees
 //!
-//! * [`Stopping::Budget`] meets the budget exactly, and [`Stopping::Threshold`] never exceeds it. At most one pixel
-//!   gets a count other than the two rates.
+//! * [`Stopping::Budget`] spends the budget exactly, and [`Stopping::Threshold`] never exceeds it. At most one pixel has a
+//!   count other than the two rates.
 //! * If the budget allows it, no pixel has fewer samples in the image than the first rate.
-//! * [`PilotPolicy`] documents the bias of each retention of the pilot. Each closed form is tested, with the biased
-//!   policies as controls that the test must reject.
+//! * [`PilotPolicy`] documents the bias of each use of the pilot samples. Each closed form is tested, with the biased policies
+//!   as controls that the test must reject.
 //!
 //! # Limits
 //!
-//! * Contrast is no measure of error: it never falls as samples are added. Of pixels with uniform noise of 29 %
-//!   (`[0.5, 1.5]` times the mean), 18 % are refined with 2 samples each, 99.4 % with 16, and all over 3x3 pixels of
-//!   4 samples. The result is then uniform sampling with a few pixels short.
-//! * A pilot that sees no light has no contrast: a light that 1 sample in 1000 sees is missed by 99.6 % of pilots of 4,
-//!   and in 96.5 % of windows of 3x3.
-//! * The staged filters of Mitchell's paper are not here.
+//! * Contrast does not measure error: it never falls as samples are added. Of pixels with uniform noise of 29 % (`[0.5, 1.5]`
+//!   times the mean), 18 % are refined with 2 samples each, 99.4 % with 16, and all with contrast over 3x3 pixels of 4 samples.
+//!   The result is then uniform sampling, except for a few pixels.
+//! * A pilot that sees no light has no contrast. A light that 1 sample in 1000 sees is missed by 99.6 % of pilots of 4 samples,
+//!   and in 96.5 % of windows of 3x3 pixels.
+//! * The staged filters of Mitchell's paper are not included.
 
 mod extrema;
 mod mitchell;
@@ -63,7 +63,7 @@ pub use mitchell::{Mitchell, MitchellOptions};
 pub use pbrt::{MitchellPbrt, MitchellPbrtOptions, PbrtTest};
 pub use two_rates::{Rates, Rule, TwoRates};
 
-/// The README's example, run as a doctest.
+/// Runs the README's example as a documentation test.
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 struct ReadmeExample;

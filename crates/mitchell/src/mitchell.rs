@@ -1,4 +1,4 @@
-//! Mitchell's adaptive sampler: contrast in a neighbourhood decides, after Mitchell 1987.
+//! Mitchell's adaptive sampler: contrast in a neighbourhood determines sample counts, after Mitchell 1987.
 
 use crate::extrema::{Extrema, NOTHING, contrast, windowed};
 use crate::two_rates::{Rates, Rule, TwoRates};
@@ -11,7 +11,7 @@ dapple_core::options! {
     pub struct MitchellOptions {
         /// Samples per pixel before refinement; 0 with additional=0 takes Lan's table 4-2 for the mean budget.
         ///
-        /// [`Rates::for_mean`] is this table [Lan 2016]. It is read again when the budget has doubled.
+        /// [`Rates::for_mean`] is this table [Lan 2016]. It is read again when the mean budget has doubled.
         pub initial: u32 = 0;
         /// Additional samples per refined pixel; 0 with initial=0 takes Lan's table 4-2 for the mean budget.
         pub additional: u32 = 0;
@@ -29,10 +29,10 @@ dapple_core::options! {
         pub radius: u32 = 1, |radius| radius <= 64, "at most 64 pixels";
         /// Stopping rule: budget (highest contrast first, until spent) or threshold (the budget is an upper bound).
         ///
-        /// With [`Stopping::Budget`], pixels are refined in the order of their contrast, above the threshold or not.
-        /// Once all are refined, further passes add the same number of samples. If all pixels have the same contrast,
-        /// counts differ by at most one. With [`Stopping::Threshold`], pixels above the threshold are refined once.
-        /// With either rule, at most one pixel gets part of the additional samples.
+        /// With [`Stopping::Budget`], pixels are refined in the order of their contrast, above the threshold or not. Once all
+        /// are refined, further passes add the same number of samples. If all pixels have the same contrast, counts differ by
+        /// at most one. With [`Stopping::Threshold`], pixels above the threshold are refined once. With either rule, at most
+        /// one pixel gets only part of the additional samples.
         pub mode: Stopping = Stopping::Budget => "budget";
         /// Use of pilot samples: keep or refined (both biased), or discard (unbiased).
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
@@ -42,7 +42,7 @@ dapple_core::options! {
 
 impl Rule for MitchellOptions {
     const NAME: &str = "mitchell";
-    // Ranges of pixels, of rows of a window, and of windows.
+    // The ranges of pixels, of the rows of windows, and of windows.
     const SCORING: usize = 3 * size_of::<[[f32; 3]; 2]>();
 
     fn checked(self) -> Result<Self, Error> {
@@ -50,13 +50,13 @@ impl Rule for MitchellOptions {
         self.check_ranges()?;
         match (self.initial, self.additional) {
             (0, 0) => {}
-            (0, _) => return out("initial", 0, "1 or more beside additional; 0 for both chooses by the budget"),
-            (_, 0) => return out("additional", 0, "1 or more beside initial; 0 for both chooses by the budget"),
+            (0, _) => return out("initial", 0, "use 1 or more if additional is set; 0 for both chooses by the budget"),
+            (_, 0) => return out("additional", 0, "use 1 or more if initial is set; 0 for both chooses by the budget"),
             (1, _) if self.radius == 0 => {
-                return out("initial", 1, "one sample alone has no contrast: 2 or more, or a radius above 0");
+                return out("initial", 1, "a single sample has no contrast; use 2 or more, or a radius above 0");
             }
             (initial, additional) if initial.checked_add(additional).is_none() => {
-                return out("additional", additional, "with initial at most 2^32 - 1");
+                return out("additional", additional, "initial + additional must be at most 2^32 - 1");
             }
             _ => {}
         }
@@ -98,22 +98,22 @@ impl Rule for MitchellOptions {
     }
 }
 
-/// Mitchell's adaptive sampler: two sampling rates, chosen by contrast [after Mitchell 1987].
+/// Mitchell's adaptive sampler: two sampling rates, selected by contrast [after Mitchell 1987].
 ///
-/// After a base round, the contrast `(max - min) / (max + min)` of each channel is taken over the samples of 3x3
-/// pixels. Pixels in which a channel exceeds its threshold are refined to a second rate. Pixels are ranked by the
-/// largest ratio of contrast to threshold, ties by a hash of the pixel's index. The staged reconstruction of the paper
-/// is left to filters.
+/// After a first round, the contrast `(max - min) / (max + min)` of each channel is computed over the samples of 3x3 pixels.
+/// Pixels in which a channel exceeds its threshold are refined to a second rate. Pixels are ranked by the largest ratio of
+/// contrast to threshold; ties are broken by a hash of the pixel's index. The staged reconstruction of the paper is not
+/// included.
 ///
-/// *Guarantees*: the budget is met exactly, or is an upper bound ([`Stopping`]). If it allows `initial` samples per
-/// pixel, no pixel has fewer; a smaller budget is spent evenly.
+/// *Guarantees*: the budget is spent exactly, or is an upper bound ([`Stopping`]). If the budget allows it, every pixel has at
+/// least `initial` samples; a smaller budget is spent evenly.
 ///
 /// *Bias*: see [`PilotPolicy`]. The default keeps the pilot and is biased.
 ///
-/// *Weaknesses*: dark noise has contrast 1, and contrast never falls as samples are added. Under Monte Carlo noise
-/// nearly every pixel is therefore refined, and the ranking ties. A light that the pilots of the whole neighbourhood
-/// miss has contrast 0 and is never found. There are two rates only.
+/// *Weaknesses*: dark noise has contrast 1, and contrast never falls as samples are added. Under Monte Carlo noise nearly every
+/// pixel is therefore refined, and the ranking has many ties. A light that the pilots of a whole neighbourhood miss has
+/// contrast 0 and is never found. There are only two rates.
 ///
-/// Refused options ([`Error::OutOfRange`]): only one of the rates is 0; one sample alone decides (`initial` 1 with `radius` 0); rates
-/// that add up to more than 2^32 - 1; a threshold outside (0, 1]; a radius above 64.
+/// Invalid options ([`Error::OutOfRange`]): only one of the rates is 0; a single sample would decide (`initial` 1 with `radius`
+/// 0); rates that add up to more than 2^32 - 1; a threshold outside (0, 1]; a radius above 64.
 pub type Mitchell<P> = TwoRates<P, MitchellOptions>;

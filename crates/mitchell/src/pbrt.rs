@@ -6,16 +6,16 @@ use dapple_core::options::Options as _;
 use dapple_core::plan::{PilotPolicy, Retention, Stopping};
 use dapple_core::{Error, Film, FirstHit, Needs, film::luminance};
 
-/// The test by which [`MitchellPbrt`] refines a pixel.
+/// The test that determines which pixels [`MitchellPbrt`] refines.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PbrtTest {
-    /// A sample's luminance deviates from the mean of the pilot samples, as pbrt-v2's `contrast`.
+    /// A sample's luminance deviates from the mean of the pilot samples (pbrt-v2's `contrast`).
     #[default]
     Contrast,
-    /// Two consecutive pilot samples hit different shapes or primitives, or one of the two hits none, as pbrt-v2's
-    /// `shapeid`.
+    /// Two consecutive pilot samples hit different shapes or primitives, or only one of them hits anything (pbrt-v2's
+    /// `shapeid`).
     ShapeId,
-    /// Two consecutive pilot samples hit different shapes, or one of the two hits none. Unlike [`PbrtTest::ShapeId`],
+    /// Two consecutive pilot samples hit different shapes, or only one of them hits anything. Unlike [`PbrtTest::ShapeId`],
     /// edges within a mesh do not count.
     Shape,
 }
@@ -33,12 +33,11 @@ dapple_core::options! {
         pub max: u32 = 32;
         /// Relative deviation in luminance above which a pixel is refined.
         ///
-        /// The deviation is that of a sample from the mean of its pixel's pilot samples.
+        /// A sample's deviation is measured from the mean of its pixel's pilot samples.
         pub threshold: f64 = 0.5, |t| t > 0.0 && t.is_finite(), "a relative deviation above 0";
         /// Stopping rule: budget (largest deviation first, until spent) or threshold (the budget is an upper bound).
         ///
-        /// The rule works as in [`MitchellOptions::mode`](crate::MitchellOptions::mode), with deviation in place of
-        /// contrast.
+        /// The rule works as in [`MitchellOptions::mode`](crate::MitchellOptions::mode), with deviation instead of contrast.
         pub mode: Stopping = Stopping::Budget => "budget";
         /// Use of pilot samples: refined (published, biased), keep (biased) or discard (unbiased).
         pub policy: PilotPolicy = PilotPolicy::Refined => "refined",
@@ -52,24 +51,24 @@ dapple_core::options! {
 
 /// The `adaptive` sampler of pbrt-v2 with its tests `contrast` and `shapeid` [pbrt-v2, `src/samplers/adaptive.cpp`].
 ///
-/// Each pixel gets `min` pilot samples. If the luminance `Y` of one deviates far from their mean, `|Y - mean| / mean >
-/// 0.5`, `max` new samples replace the pilot samples. With [`Stopping::Threshold`] and [`PilotPolicy::Refined`] this is
-/// the published rule. [`Stopping::Budget`], the default, ranks pixels by that deviation until the budget is spent.
-/// With [`PilotPolicy::Keep`] the pilot samples stay in the image and count towards `max`.
+/// Each pixel gets `min` pilot samples. If the luminance `Y` of one deviates far from their mean, `|Y - mean| / mean > 0.5`,
+/// then `max` new samples replace the pilot samples. With [`Stopping::Threshold`] and [`PilotPolicy::Refined`] this is the
+/// published rule. [`Stopping::Budget`], the default, ranks pixels by the deviation until the budget is spent. With
+/// [`PilotPolicy::Keep`] the pilot samples stay in the image and count towards `max`.
 ///
-/// [`PbrtTest::ShapeId`] refines a pixel if two consecutive pilot samples hit different shapes or primitives. A pixel that
-/// two of them share in parts `a` and `1 - a` is refined with probability `1 - a^4 - (1 - a)^4`.
+/// [`PbrtTest::ShapeId`] refines a pixel if two consecutive pilot samples hit different shapes or primitives. If two shapes
+/// cover fractions `a` and `1 - a` of a pixel, four pilot samples refine it with probability `1 - a^4 - (1 - a)^4`.
 ///
-/// *Guarantees*: the budget is met exactly, or is an upper bound. If it allows `min` samples per pixel, no pixel has
-/// fewer.
+/// *Guarantees*: the budget is spent exactly, or is an upper bound. If the budget allows it, every pixel has at least `min`
+/// samples.
 ///
-/// *Weaknesses*: the published rule is biased. If samples are 1 with probability `p`, else 0, and the pilot has two, a
-/// pixel's expected value is `3 p^2 - 2 p^3` (see [`PilotPolicy`]). A black pilot has no deviation and is never
-/// refined. Each pixel decides alone. The published form knows no budget. `shapeid` refines every pixel of a mesh whose
-/// triangles are smaller than pixels, and no pixel for its shadows or reflections.
+/// *Weaknesses*: the published rule is biased. If samples are 1 with probability `p`, else 0, and the pilot has two, a pixel's
+/// expected value is `3 p^2 - 2 p^3` (see [`PilotPolicy`]). A black pilot has no deviation, so its pixel is never refined. Each
+/// pixel is judged alone. The published form has no budget. `shapeid` refines every pixel of a mesh whose triangles are smaller
+/// than pixels, and no pixel for its shadows or reflections.
 ///
-/// Refused options ([`Error::OutOfRange`]): `min` below 2, `max` below `min` or above 2^31, and a threshold that is not a number
-/// above 0.
+/// Invalid options ([`Error::OutOfRange`]): `min` below 2, `max` below `min` or above 2^31, and a threshold that is not a
+/// number above 0.
 pub type MitchellPbrt<P> = TwoRates<P, MitchellPbrtOptions>;
 
 /// The largest pilot whose first hits a film keeps, a power of two.
@@ -84,13 +83,13 @@ impl Rule for MitchellPbrtOptions {
         self.check_ranges()?;
         let Self { min, max, .. } = self;
         if max < min {
-            return out("max", max, "at least min");
+            return out("max", max, "use at least min");
         }
         if max > 1 << 31 || min > 1 << 30 {
-            return out("max", max, "at most 2^31, and min at most 2^30");
+            return out("max", max, "use at most 2^31, and at most 2^30 for min");
         }
         if self.test != PbrtTest::Contrast && min > MOST_HITS {
-            return out("min", min, "at most 128 with test=shapeid or shape, which keep every first hit");
+            return out("min", min, "use at most 128 with test=shapeid or shape, which record all first hits");
         }
         let min = min.next_power_of_two();
         Ok(Self { min, max: max.next_power_of_two().max(2 * min), ..self })
@@ -129,15 +128,14 @@ impl Rule for MitchellPbrtOptions {
 }
 
 impl MitchellPbrtOptions {
-    /// One more than the number of consecutive pilot samples whose first hits differ in `name`, per pixel; 0 if none
-    /// differ.
+    /// One more than the number of consecutive pilot samples whose first hits differ in `name`, per pixel; 0 if none differ.
     fn changes(&self, film: &Film, name: impl Fn(&FirstHit) -> [u32; 2]) -> Vec<f64> {
         let score = |i| {
             let taken = match self.policy {
                 PilotPolicy::Discard => film.discarded(i).count,
                 _ => film.count(i),
             };
-            // Places of samples that were not traced hold no hit.
+            // Entries of samples that were not traced hold no hit.
             let hits = film.first_hits(i);
             let taken = usize::try_from(taken).unwrap_or(usize::MAX).min(self.min as usize).min(hits.len());
             let differ = |pair: &[Option<FirstHit>]| pair[0].as_ref().map(&name) != pair[1].as_ref().map(&name);

@@ -1,4 +1,4 @@
-//! The part that Mitchell's and pbrt-v2's samplers share: a pilot, its retention, a ranking of pixels, and two rates.
+//! The common part of Mitchell's and pbrt-v2's samplers: a pilot, its use in the image, a ranking of pixels, and two rates.
 
 use crate::extrema::Extrema;
 use dapple_core::film::Recorder;
@@ -9,7 +9,7 @@ use dapple_core::plan::{
 use dapple_core::{Error, Film, Frame, Limits, Needs, PointSet, Sampler, point_set::mix};
 use std::sync::Arc;
 
-const NOT_OURS: Error = Error::BadSnapshot { what: "they do not hold the state of a sampler of two rates" };
+const NOT_OURS: Error = Error::BadSnapshot { what: "they do not hold the state of a sampler with two rates" };
 
 /// Sampling rates in samples per pixel: `initial` for every pixel, `initial + additional` for refined ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -24,10 +24,10 @@ pub struct Rates {
 const PRESETS: [[u64; 3]; 4] = [[8, 4, 6], [16, 4, 16], [32, 12, 24], [64, 16, 54]];
 
 impl Rates {
-    /// Returns the rates for a budget of `mean` samples per pixel: 4 + 6, 4 + 16, 12 + 24 and 16 + 54 at 8, 16, 32 and
-    /// 64 [Lan 2016, table 4-2]. Between these, both rates are interpolated linearly; below 8 and above 64 they are
-    /// proportional to `mean`. The initial rate is rounded down, the additional one up, and both are at least 1.
-    /// Refining all pixels thus costs at least `mean`.
+    /// Returns the rates for a budget of `mean` samples per pixel [Lan 2016, table 4-2]: 4 + 6, 4 + 16, 12 + 24 and 16 + 54 at
+    /// 8, 16, 32 and 64. Between these, both rates are interpolated linearly; below 8 and above 64 they are proportional to
+    /// `mean`. The initial rate is rounded down, the additional rate up, and both are at least 1. Refining all pixels thus
+    /// costs at least `mean`.
     pub fn for_mean(mean: u64) -> Self {
         // Larger numbers would all be clamped to u32 anyway.
         let mean = mean.min(1 << 32);
@@ -35,7 +35,7 @@ impl Rates {
         let between = PRESETS.windows(2).find(|w| (w[0][0]..=w[1][0]).contains(&mean)).map(|w| (w[0], w[1]));
         let (low, high) = between.unwrap_or(([0; 3], if mean < first[0] { first } else { last }));
         let width = high[0] - low[0];
-        // In `width` parts: exact integers.
+        // Scaled by `width`, so that integers are exact.
         let at = |c: usize| low[c] * width + (high[c] - low[c]) * (mean - low[0]);
         let clamped = |n: u64| u32::try_from(n.max(1)).unwrap_or(u32::MAX);
         Self { initial: clamped(at(1) / width), additional: clamped(at(2).div_ceil(width)) }
@@ -47,72 +47,72 @@ impl Rates {
     }
 }
 
-/// The rule of a sampler of two rates: the scores by which pixels are refined, and the rates.
+/// The rule of a sampler with two rates: the scores that rank pixels for refinement, and the rates.
 pub trait Rule: Options + Copy + Default + Send {
     /// The sampler's name.
     const NAME: &str;
-    /// The bytes per pixel that scoring takes.
+    /// The bytes per pixel that scoring needs.
     const SCORING: usize;
 
-    /// The parameters in effect, after checks of their ranges and combination.
+    /// Checks the ranges and the combination of the parameters, and returns the parameters in effect.
     fn checked(self) -> Result<Self, Error>;
 
-    /// The stopping rule, and the use of the pilot's samples.
+    /// The stopping rule, and how the image uses the pilot's samples.
     fn modes(&self) -> (Stopping, PilotPolicy);
 
-    /// The statistics that scores read, besides extrema.
+    /// The statistics that scores read, besides the extrema.
     fn needs(&self) -> Needs {
         Needs::none()
     }
 
-    /// True if scores read the extrema of pixels.
+    /// Returns `true` if scores read the extrema of pixels.
     fn reads_extrema(&self) -> bool {
         true
     }
 
-    /// The least number of samples per pixel that has a score.
+    /// The smallest number of samples per pixel for which scores are defined.
     fn least(&self) -> u32;
 
     /// The rates for a mean budget.
     fn rates(&self, mean: u64) -> Rates;
 
-    /// The score of each pixel, from its pilot samples. Those above 1 are refined.
+    /// The score of each pixel, from its pilot samples. Pixels with scores above 1 are refined.
     fn scores(&self, film: &Film) -> Result<Vec<f64>, Error>;
 }
 
-/// A sampler of two rates (samples per pixel before and after refinement), with the points `P` and the rule `O`.
+/// A sampler with two rates (samples per pixel before and after refinement), with the points `P` and the rule `O`.
 pub struct TwoRates<P, O> {
     points: P,
     options: O,
-    /// The pixels ranked for refinement. The ranking is made once per pilot: later samples do not change it.
+    /// The pixels ranked for refinement. The ranking is computed once per pilot: later samples do not change it.
     ranking: Option<Ranking>,
-    /// The mean budget, in samples per pixel, for which rates were last chosen, and these rates. They stay in use until the mean
-    /// budget has doubled: otherwise the last tenth of a time limit would go to one more sample everywhere.
+    /// The mean budget, in samples per pixel, for which rates were last selected, and these rates. They stay in use until the
+    /// mean budget has doubled. Otherwise the last tenth of a time limit would be spent on one more sample everywhere.
     rates: Option<(u64, Rates)>,
 }
 
 /// The pixels in the order in which they are refined.
 struct Ranking {
-    /// Samples per pixel of the pilot from which the order was computed.
+    /// The samples per pixel of the pilot from which the order was computed.
     pilot: u32,
     order: Vec<u32>,
-    /// The number of pixels whose contrast exceeds their threshold; they come first in the order.
+    /// The number of pixels whose score is above 1; they come first in the order.
     asking: usize,
-    /// `true` if all pixels have the same score (contrast relative to its threshold).
+    /// `true` if all pixels have the same score.
     level: bool,
 }
 
 impl<P: PointSet, O: Rule> TwoRates<P, O> {
-    /// Makes a sampler that uses this point set, with the default parameters.
+    /// Creates a sampler that uses this point set, with the default parameters.
     pub fn new(points: P) -> Self {
         Self { points, options: O::default(), ranking: None, rates: None }
     }
 
-    /// Makes a sampler that uses this point set, with these parameters.
+    /// Creates a sampler that uses this point set, with these parameters.
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`] for a parameter out of range, alone or beside the others.
+    /// [`Error::OutOfRange`] for a parameter or a combination of parameters out of range.
     pub fn with_options(points: P, options: O) -> Result<Self, Error> {
         Ok(Self { points, options: options.checked()?, ranking: None, rates: None })
     }
@@ -128,7 +128,7 @@ impl<P: PointSet, O: Rule> TwoRates<P, O> {
         if !self.discards() {
             return saturating_u32(wanted.min(mean)).max(budget.min_spp).min(budget.max_spp);
         }
-        // A discarded pilot takes at most half of the budget, and leaves each pixel its floor.
+        // A discarded pilot gets at most half of the budget, and leaves enough for each pixel's floor.
         let affordable = mean.saturating_sub(u64::from(budget.min_spp.max(1))).min(mean / 2);
         let pilot = saturating_u32(wanted.min(affordable));
         if pilot < self.options.least() { 0 } else { pilot }
@@ -220,13 +220,13 @@ impl<P: PointSet, O: Rule> Sampler for TwoRates<P, O> {
     }
 
     fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
-        // The ranking is made after scoring, and held beside the scores, or counts and marks.
+        // The ranking is computed after scoring, and held together with the scores, or with counts and marks.
         const RANKING: usize = 4;
         let planning = O::SCORING.saturating_sub(RANKING).max(8);
         let mut memory = SamplerMemory::planning(frame, planning).with_state(frame, RANKING);
         let withdraws = self.options.modes().1 == PilotPolicy::Refined;
         if withdraws || self.discards() {
-            // Withdrawn samples have statistics of their own from the second round on, and their numbers are counted.
+            // From the second round on, withdrawn samples have their own statistics and counts.
             memory = memory.with_discarded(frame, needs, limits);
             let extremes = if self.options.reads_extrema() { Extrema::BYTES } else { 0 };
             let counts = if withdraws { size_of::<u64>() } else { 0 };
@@ -236,7 +236,7 @@ impl<P: PointSet, O: Rule> Sampler for TwoRates<P, O> {
         memory
     }
 
-    /// The rates and the ranking, which cannot be derived from later films.
+    /// Saves the rates and the ranking, which cannot be derived from later films.
     fn save(&self) -> Vec<u8> {
         let (mean, rates) = self.rates.unwrap_or((0, Rates { initial: 0, additional: 0 }));
         let mut words = vec![mean as u32, (mean >> 32) as u32, rates.initial, rates.additional];
@@ -267,7 +267,7 @@ impl<P: PointSet, O: Rule> Sampler for TwoRates<P, O> {
             return Err(NOT_OURS);
         }
         let mean = u64::from(low) | u64::from(high) << 32;
-        // A sampler that has chosen no rates has an initial rate of 0.
+        // Before rates are selected, the initial rate is 0.
         self.rates = (initial > 0).then_some((mean, Rates { initial, additional }));
         self.ranking = ranking;
         Ok(())
@@ -276,8 +276,7 @@ impl<P: PointSet, O: Rule> Sampler for TwoRates<P, O> {
 
 impl Ranking {
     fn new(pilot: u32, scores: &[f64]) -> Self {
-        // Contrast saturates at 1, so ties are common. In the order of their indices, the top of the image would take
-        // all samples.
+        // Contrast saturates at 1, so ties are common. Ordering ties by index would give all samples to the top of the image.
         let tie = |i: u32| mix(u64::from(i));
         let mut order: Vec<u32> = (0..scores.len() as u32).collect();
         order.sort_unstable_by(|&a, &b| {
@@ -296,7 +295,7 @@ struct Steps<'a> {
     now: Vec<u32>,
     max_spp: u32,
     left: u64,
-    /// `true` for pixels whose first refinement has removed the pilot's samples from the image. Empty if refinement does not.
+    /// `true` for pixels whose first refinement has removed the pilot's samples from the image. Empty if refinement keeps them.
     withdrawn: Vec<bool>,
 }
 
@@ -313,7 +312,7 @@ impl<'a> Steps<'a> {
         before.saturating_add(self.plan[i])
     }
 
-    /// Raises the counts of pixels to `target`, in the given order, as far as the budget goes.
+    /// Raises the counts of pixels to `target`, in the given order, until the budget is spent.
     fn raise_all(&mut self, order: &[u32], target: u32, refines: bool) {
         for &i in order {
             if self.left == 0 {
@@ -341,18 +340,18 @@ impl<'a> Steps<'a> {
             }
             return;
         }
-        // The budget ends within this step: the pixel takes what is left, and keeps its pilot.
+        // The budget ends within this step: the pixel gets the rest, and keeps its pilot samples.
         let rest = self.left.min(u64::from(self.max_spp.saturating_sub(count)));
         self.plan[i] += rest as u32;
         self.left -= rest;
     }
 
-    /// Raises pixels to the refined count in the given order, then again by the additional rate. Ends when no sample is
+    /// Raises pixels to the refined count in the given order, then repeatedly by the additional rate. Ends when no sample is
     /// left or all pixels are at the ceiling.
     fn raise_in_passes(&mut self, order: &[u32], rates: Rates) {
         let step = rates.additional;
         let lowest = (0..self.now.len()).map(|i| self.count(i)).min().unwrap_or(0);
-        // The first pass that raises anything.
+        // The first pass that raises any count.
         let passes = lowest.checked_sub(rates.refined()).map_or(0, |above| above / step + 1);
         let mut target = rates.refined().saturating_add(step.saturating_mul(passes));
         while self.left > 0 {

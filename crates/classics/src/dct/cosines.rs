@@ -1,4 +1,4 @@
-//! Cosines fitted to samples at any places of a block of pixels, and the visibility of errors by frequency and luminance.
+//! Cosines fitted to samples at arbitrary points of a block of pixels, and the visibility of errors by frequency and luminance.
 
 use crate::tree::{At, Cell};
 use std::f64::consts::PI;
@@ -14,7 +14,7 @@ pub enum CosineScale {
     /// Linear radiance.
     #[default]
     Linear,
-    /// The logarithm `ln(1 + x)`: less ringing around lamps, and means that are too dark in noise.
+    /// The logarithm `ln(1 + x)`: less ringing around lights, but too dark where there is noise.
     Log,
 }
 
@@ -33,7 +33,7 @@ dapple_core::options! {
 }
 
 impl CosineScale {
-    /// A sample's luminance, and the differences of red and of blue from it.
+    /// The luminance of a sample, and the differences of its red and blue from the luminance.
     pub(super) fn opponent(self, rgb: [f32; 3]) -> [f64; 3] {
         let [r, g, b] = rgb.map(|x| match self {
             Self::Linear => f64::from(x),
@@ -43,7 +43,7 @@ impl CosineScale {
         [y, r - y, b - y]
     }
 
-    /// The radiance of a colour in opponent space; 0 where it would be negative or NaN.
+    /// The radiance of a colour in opponent space; 0 where the result is negative or NaN.
     pub(super) fn radiance(self, [y, red, blue]: [f64; 3]) -> [f32; 3] {
         let (r, b) = (y + red, y + blue);
         let g = (y - RED * r - BLUE * b) / GREEN;
@@ -62,8 +62,8 @@ const RED: f64 = 0.2126;
 const GREEN: f64 = 0.7152;
 const BLUE: f64 = 0.0722;
 
-/// The frequencies of all cosines of a block, from the lowest on: half waves along x and y. On 8x8 pixels this is the order
-/// of JPEG, a zigzag. On smaller blocks frequencies are compared per pixel.
+/// The frequencies of all cosines of a block in half waves along x and y, the lowest first. On 8x8 pixels this is JPEG's zigzag
+/// order. On smaller blocks the order is by frequency per pixel.
 fn frequencies([width, height]: [usize; 2]) -> Vec<[usize; 2]> {
     let mut all: Vec<[usize; 2]> = (0..height).flat_map(|v| (0..width).map(move |u| [u, v])).collect();
     let key = |[u, v]: &[usize; 2]| (u * height + v * width, if (u + v) % 2 == 0 { *u } else { *v });
@@ -71,12 +71,12 @@ fn frequencies([width, height]: [usize; 2]) -> Vec<[usize; 2]> {
     all
 }
 
-/// The norm of a cosine whose mean square over the block is 1.
+/// The factor that gives a cosine a mean square of 1 over the block.
 fn norm(frequency: usize) -> f64 {
     if frequency == 0 { 1.0 } else { std::f64::consts::SQRT_2 }
 }
 
-/// The cosines of all multiples of an angle.
+/// The cosines of the multiples 0, 1, 2, … of an angle.
 fn multiples(angle: f64) -> [f64; FREQUENCIES] {
     let mut all = [1.0; FREQUENCIES];
     all[1] = libm::cos(angle);
@@ -86,7 +86,7 @@ fn multiples(angle: f64) -> [f64; FREQUENCIES] {
     all
 }
 
-/// The cosines along both axes at a place of a block.
+/// The cosines along both axes at a point of a block.
 struct Waves([[f64; FREQUENCIES]; 2]);
 
 impl Waves {
@@ -94,7 +94,7 @@ impl Waves {
         Self([0, 1].map(|axis| multiples(PI * f64::from(at[axis]) / size[axis] as f64)))
     }
 
-    /// The means of the waves over a pixel.
+    /// The means of the cosines over a pixel.
     fn over_pixel(pixel: [usize; 2], size: [usize; 2]) -> Self {
         Self([0, 1].map(|axis| {
             let per_pixel = PI / size[axis] as f64;
@@ -111,29 +111,29 @@ impl Waves {
     }
 }
 
-/// The sums over samples of products of cosines, from which follow all products of two functions of the basis.
+/// Sums over samples of products of cosines. All products of two basis functions follow from them.
 struct Products([[f64; FREQUENCIES]; FREQUENCIES]);
 
 impl Products {
-    /// The sum over samples of the product of two functions.
+    /// The sum over samples of the product of two basis functions.
     fn of(&self, [u, v]: [usize; 2], [s, t]: [usize; 2]) -> f64 {
         let sum: f64 = [v + t, v.abs_diff(t)].iter().map(|&y| self.0[y][u + s] + self.0[y][u.abs_diff(s)]).sum();
         0.25 * norm(u) * norm(v) * norm(s) * norm(t) * sum
     }
 }
 
-/// Cosines fitted to the samples of a block: luminance, red and blue differences.
+/// Cosines fitted to the samples of a block, for luminance and the red and blue differences.
 #[derive(Debug)]
 pub(super) struct Fit {
     pub(super) size: [usize; 2],
-    /// The frequencies of all cosines of the block, from the lowest on.
+    /// The frequencies of all cosines of the block, the lowest first.
     pub(super) frequencies: Vec<[usize; 2]>,
-    /// The coefficients of the lowest frequencies, for each channel.
+    /// The coefficients of the fitted (lowest) frequencies, for each channel.
     pub(super) coefficients: [Vec<f64>; 3],
 }
 
 impl Fit {
-    /// The fit with the least sum of squared deviations and, times `lambda`, of squared coefficients times squared
+    /// The fit that minimises the sum of squared deviations plus `lambda` times the sum of squared coefficients times squared
     /// frequencies; `None` without samples. Chroma has half as many coefficients as luminance.
     pub(super) fn new(block: &Cell, options: &CosineOptions) -> Option<Self> {
         if block.at.is_empty() {
@@ -162,7 +162,7 @@ impl Fit {
         })
     }
 
-    /// The fitted colour at a place.
+    /// The fitted colour at a point.
     pub(super) fn at(&self, at: &At) -> [f64; 3] {
         self.value(&Waves::at(at, self.size))
     }
@@ -172,7 +172,7 @@ impl Fit {
         self.value(&Waves::over_pixel(pixel, self.size))
     }
 
-    /// The functions of the lowest frequency that a channel lacks, and of equal frequency.
+    /// The frequencies of the first band that the fit of a channel leaves out.
     pub(super) fn first_unfitted(&self, channel: usize) -> &[[usize; 2]] {
         let rest = &self.frequencies[self.coefficients[channel].len()..];
         let band = |[u, v]: [usize; 2]| u * self.size[1] + v * self.size[0];
@@ -180,7 +180,7 @@ impl Fit {
         &rest[..same]
     }
 
-    /// The energy of a channel in the first unfitted band, if energies fall with the squared frequency.
+    /// The energy expected in a channel's first unfitted band, extrapolated by the inverse square of the frequency.
     pub(super) fn expected_energy(&self, channel: usize) -> f64 {
         let fitted = self.coefficients[channel].iter().zip(&self.frequencies).skip(1);
         let (sum, number) = fitted.fold((0.0, 0.0), |(sum, number), (coefficient, &frequency)| {
@@ -197,7 +197,7 @@ fn squared([u, v]: [usize; 2], [width, height]: [usize; 2]) -> f64 {
     per_block(u, width).powi(2) + per_block(v, height).powi(2)
 }
 
-/// The sums of products of cosines, and the sums of each function times the samples' colours.
+/// Two sums over the samples: of products of cosines, and of each basis function times the samples' colours.
 fn sums(block: &Cell, scale: CosineScale, fitted: &[[usize; 2]]) -> (Box<Products>, Vec<[f64; 3]>) {
     let highest = |axis: usize| fitted.iter().map(|f| 2 * f[axis]).max().unwrap_or(0);
     let (columns, rows) = (highest(0) + 1, highest(1) + 1);
@@ -217,8 +217,8 @@ fn sums(block: &Cell, scale: CosineScale, fitted: &[[usize; 2]]) -> (Box<Product
     (products, sides)
 }
 
-/// The rows of the lower triangle whose product with its transpose is the matrix, by Cholesky's method. Its upper left
-/// part factors that of the matrix.
+/// The Cholesky factor of a matrix: the rows of a lower triangle whose product with its transpose is the matrix. The upper left
+/// part of the factor belongs to the upper left part of the matrix.
 fn cholesky(order: usize, matrix: impl Fn(usize, usize) -> f64) -> Vec<Vec<f64>> {
     let mut rows: Vec<Vec<f64>> = Vec::with_capacity(order);
     for j in 0..order {
@@ -226,7 +226,7 @@ fn cholesky(order: usize, matrix: impl Fn(usize, usize) -> f64) -> Vec<Vec<f64>>
         for (k, before) in rows.iter().enumerate() {
             row.push((matrix(j, k) - dot(&row, before)) / before[k]);
         }
-        // Rounding may leave nothing of a diagonal that the penalty keeps above 0.
+        // Rounding may cancel a diagonal entry that the penalty keeps above 0.
         let rest = (matrix(j, j) - dot(&row, &row)).max(LEAST * matrix(j, j));
         row.push(rest.sqrt());
         rows.push(row);
@@ -234,15 +234,15 @@ fn cholesky(order: usize, matrix: impl Fn(usize, usize) -> f64) -> Vec<Vec<f64>>
     rows
 }
 
-/// The product of two vectors, over the length of the shorter.
+/// The dot product of two vectors, over the length of the shorter.
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// The least share of a diagonal that remains.
+/// The least fraction of a diagonal entry that remains.
 const LEAST: f64 = 1e-14;
 
-/// The solution of the equations whose matrix has this Cholesky factor; as many as `side` has.
+/// Solves the first `side.len()` equations whose matrix has this Cholesky factor.
 fn solve(factor: &[Vec<f64>], mut side: Vec<f64>) -> Vec<f64> {
     for (j, row) in factor.iter().enumerate().take(side.len()) {
         side[j] = (side[j] - dot(&side[..j], row)) / row[j];
@@ -254,7 +254,7 @@ fn solve(factor: &[Vec<f64>], mut side: Vec<f64>) -> Vec<f64> {
     side
 }
 
-/// The quantisation steps of luminance [ITU-T T.81 1992, annex K], by rows of rising horizontal frequency.
+/// JPEG's quantisation steps of luminance [ITU-T T.81 1992, annex K], in rows of rising horizontal frequency.
 const LUMINANCE: [[u8; 8]; 8] = [
     [16, 11, 10, 16, 24, 40, 51, 61],
     [12, 12, 14, 19, 26, 58, 60, 55],
@@ -266,15 +266,15 @@ const LUMINANCE: [[u8; 8]; 8] = [
     [72, 92, 95, 98, 112, 100, 103, 99],
 ];
 
-/// The quantisation steps of chroma [ITU-T T.81 1992, annex K] at the four lowest frequencies along both axes.
+/// JPEG's quantisation steps of chroma [ITU-T T.81 1992, annex K] at the four lowest frequencies along both axes.
 const CHROMA: [[u8; 4]; 4] = [[17, 18, 24, 47], [18, 21, 26, 66], [24, 26, 56, 99], [47, 66, 99, 99]];
-/// The step of chroma at all other frequencies.
+/// The quantisation step of chroma at all other frequencies.
 const CHROMA_BEYOND: u8 = 99;
 
-/// The step that has sensitivity 1: that of the mean luminance.
+/// The quantisation step that corresponds to a sensitivity of 1: that of the mean luminance.
 const UNIT: f64 = 16.0;
 
-/// The sensitivity to a channel's error at a frequency of half waves per eight pixels: the reciprocal of JPEG's step.
+/// The sensitivity to a channel's error at a frequency in half waves per eight pixels: the reciprocal of JPEG's step.
 fn sensitivity(channel: usize, [u, v]: [usize; 2]) -> f64 {
     let step = match channel {
         0 => LUMINANCE[v.min(7)][u.min(7)],
@@ -283,8 +283,8 @@ fn sensitivity(channel: usize, [u, v]: [usize; 2]) -> f64 {
     UNIT / f64::from(step)
 }
 
-/// The weight of a channel's squared error, at the lowest frequencies that its fit lacks. A fit that lacks none has the
-/// weight of the highest.
+/// The weight of a channel's squared error, at the lowest frequencies that its fit leaves out. A fit with all frequencies has
+/// the weight of the highest.
 pub(super) fn weight(fit: &Fit, channel: usize) -> f64 {
     let unfitted = fit.first_unfitted(channel);
     let band = if unfitted.is_empty() { &fit.frequencies[fit.frequencies.len() - 1..] } else { unfitted };
@@ -293,10 +293,10 @@ pub(super) fn weight(fit: &Fit, channel: usize) -> f64 {
     squares.sum::<f64>() / band.len() as f64
 }
 
-/// The weight of squared errors around a luminance, relative to the mean luminance of the image: bright parts mask them.
+/// The weight of squared errors at a luminance, relative to the image's mean luminance: bright regions mask errors.
 pub(super) fn masking(luminance: f64, mean: f64, exponent: f64) -> f64 {
     if mean > 0.0 { libm::pow((luminance / mean).max(DARKEST), -2.0 * exponent) } else { 1.0 }
 }
 
-/// The least luminance that masks, relative to the image's mean.
+/// The least luminance in the masking formula, relative to the image's mean.
 const DARKEST: f64 = 0.01;

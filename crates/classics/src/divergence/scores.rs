@@ -1,4 +1,4 @@
-//! Divergences from streaming sums, and from a pixel's first samples, which are recorded one by one.
+//! Divergence scores from streaming sums, or from a pixel's recorded first samples.
 
 use crate::recorders::{SampleSums, Singles};
 use dapple_core::{Error, Film};
@@ -6,37 +6,37 @@ use std::f64::consts::LN_2;
 
 /// The score by which [`Divergence`](super::Divergence) ranks pixels.
 ///
-/// `p_i = x_i / sum x` are the shares of the `n` samples of one channel, and `mean` is their mean. The first three scores
-/// are `mean D / n` [after Rigau 2003; the factor is recalled]. Those by entropy are `C mean` with a contrast `C` in `[0,
-/// 1]`. Channels are weighted by 0.213, 0.715 and 0.072.
+/// `p_i = x_i / sum x` are the fractions of the `n` samples of one channel, and `mean` is the samples' mean. The first three
+/// scores are `mean D / n` [after Rigau 2003; the factor is quoted from memory]. Entropy scores are `C mean` with a contrast
+/// `C` in `[0, 1]`. Channels are weighted by 0.213, 0.715 and 0.072.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DivergenceScore {
     /// The Kullback-Leibler divergence `D = sum p ln(p n) = ln n - H(p)`.
     Kl,
     /// The chi-square divergence `D = n sum p^2 - 1`, the population variance over the squared mean.
     Chi2,
-    /// The root of the Hellinger divergence `1 - sum sqrt(p / n)`.
+    /// The square root of the Hellinger divergence `1 - sum sqrt(p / n)`.
     #[default]
     Hellinger,
     /// The contrast `C = 1 - H(p) / ln n` of Shannon's entropy [Rigau 2003, GI].
     Entropy,
     /// The contrast of the entropy of the pilot's first hits, without the factor `mean`.
     ///
-    /// Shares are in proportion to `cos(theta) / d^2`, with the distance `d` of the surface and the angle `theta` at which
-    /// it is seen.
+    /// Hits are weighted by `cos(theta) / d^2`, where `d` is the distance of the surface and `theta` the angle between its
+    /// normal and the ray.
     Geometric,
     /// The contrast of the Tsallis entropy `(1 - sum p^q) / (q - 1)`, relative to its largest value.
     Tsallis,
     /// The fuzzy entropy `H` of the pilot's samples, times their standard deviation [after Xu 2008].
     ///
-    /// A sample's membership in the mean is `m = 1 / (1 + |x - mean| / (k mean))`. `H` is the mean over the samples of
-    /// `-m log2 m - (1 - m) log2 (1 - m)` [De Luca and Termini 1972]. The text of Xu et al. could not be read: memberships
-    /// and factor are ours.
+    /// A sample's membership in the mean is `m = 1 / (1 + |x - mean| / (k mean))`. `H` is the mean over the samples of `-m log2
+    /// m - (1 - m) log2 (1 - m)` [De Luca and Termini 1972]. The paper of Xu et al. was not available: memberships and factor
+    /// are not from it.
     Fuzzy,
     /// A generalised Hellinger divergence `D` of the pilot's samples, as `mean D^a / n` [after Cui 2009].
     ///
-    /// `D = sum |p^a - (1/n)^a|^(1/a) / 2`: with `a = 1/2` that of Hellinger, with `a = 1` the total variation. The text of
-    /// Cui could not be read: the formula is ours, and a guess.
+    /// `D = sum |p^a - (1/n)^a|^(1/a) / 2`. With `a = 1/2` this is Hellinger's divergence, with `a = 1` the total variation.
+    /// Cui's paper was not available: the formula is a guess.
     Gh,
 }
 
@@ -51,13 +51,13 @@ dapple_core::choices!(DivergenceScore {
     Gh = "gh",
 });
 
-/// The weights of the channels in the pixel's score [Rigau 2003, GI].
+/// The weights of the channels in a pixel's score [Rigau 2003, GI].
 const WEIGHTS: [f64; 3] = [0.213, 0.715, 0.072];
 
-/// The divergence that counts as 0: rounding of equal samples.
+/// The largest divergence that counts as 0: the rounding error of equal samples.
 const ROUNDING: f64 = 1e-12;
 
-/// The sums that a score reads.
+/// The streaming sums that a score needs; `None` if film moments or single samples suffice.
 pub(super) fn sums(by: DivergenceScore, q: f64) -> Option<SampleSums> {
     match by {
         DivergenceScore::Kl | DivergenceScore::Entropy => Some(SampleSums::Logs),
@@ -119,12 +119,12 @@ impl ChannelSums {
     }
 }
 
-/// 0 for what is negative by rounding, and for NaN.
+/// Replaces negative values (rounding errors) and NaN by 0.
 pub(super) fn positive(divergence: f64) -> f64 {
     if divergence > ROUNDING { divergence } else { 0.0 }
 }
 
-/// The score of each pixel from sums over its samples. 0 for pixels without light or with fewer than two samples.
+/// The score of each pixel from sums over its samples; 0 for pixels without light or with fewer than two samples.
 pub(super) fn of_sums(by: DivergenceScore, q: f64, film: &Film) -> Result<Vec<f64>, Error> {
     let kind = sums(by, q);
     let sums = kind.map(|kind| kind.of(film, "divergence")).transpose()?;
@@ -139,7 +139,7 @@ pub(super) fn of_sums(by: DivergenceScore, q: f64, film: &Film) -> Result<Vec<f6
     Ok((0..film.frame().pixels()).map(score).collect())
 }
 
-/// The mean of the channels' scores by their weights.
+/// The weighted mean of the channels' scores.
 pub(super) fn weighted(mut of_channel: impl FnMut(usize) -> f64) -> f64 {
     (0..3).map(|c| WEIGHTS[c] * of_channel(c)).sum::<f64>() / WEIGHTS.iter().sum::<f64>()
 }
@@ -159,8 +159,8 @@ fn of_channel(by: DivergenceScore, q: f64, sums: &ChannelSums) -> f64 {
     }
 }
 
-/// The score of each pixel's first samples: as many as the pilot has per pixel, `pilot`, but at most 8. `of_channel` returns
-/// that of one channel's samples.
+/// The score of each pixel from its first samples: as many as the pilot has per pixel (`pilot`), but at most 8. `of_channel`
+/// returns the score of one channel's samples.
 ///
 /// In a film with halves, each half has half of these samples. Further recorded samples are not read.
 pub(super) fn of_samples(film: &Film, pilot: u32, of_channel: impl Fn(&[f64]) -> f64) -> Result<Vec<f64>, Error> {
@@ -180,9 +180,9 @@ pub(super) fn of_samples(film: &Film, pilot: u32, of_channel: impl Fn(&[f64]) ->
     Ok((0..film.frame().pixels()).map(score).collect())
 }
 
-/// The mean of samples; `None` without light or with fewer than two samples.
+/// The mean of the samples; `None` without light or with fewer than two samples.
 fn mean(samples: &[f64]) -> Option<f64> {
-    // A quotient, so that equal samples have no deviation by rounding.
+    // A division, so that equal samples have no deviation by rounding.
     let mean = samples.iter().sum::<f64>() / samples.len() as f64;
     (samples.len() >= 2 && mean > 0.0).then_some(mean)
 }
@@ -207,14 +207,15 @@ fn fuzzy_entropy(memberships: impl Iterator<Item = f64>) -> f64 {
     sum / (count * LN_2)
 }
 
-/// The mean over the number of samples, times `D^a` of the generalised Hellinger divergence `D` with the exponent `a`.
+/// The generalised Hellinger divergence `D` with exponent `a`, as `D^a` times the mean over the number of samples.
 pub(super) fn generalised_hellinger(samples: &[f64], a: f64) -> f64 {
     mean(samples).map_or(0.0, |mean| mean / samples.len() as f64 * power_of_divergence(samples, a))
 }
 
-/// `D^a` of the divergence `D = sum |p^a - (1/n)^a|^(1/a) / 2` between the samples' shares `p` in their sum and equal ones.
+/// `D^a` of the divergence `D = sum |p^a - (1/n)^a|^(1/a) / 2` between the samples' fractions `p` of their sum and equal
+/// fractions.
 ///
-/// The largest difference is taken out of the sum, so that no power underflows.
+/// The largest difference is factored out of the sum, so that no power underflows.
 fn power_of_divergence(samples: &[f64], a: f64) -> f64 {
     let (sum, equal) = (samples.iter().sum::<f64>(), libm::pow(1.0 / samples.len() as f64, a));
     let differences = samples.iter().map(|x| (libm::pow(x / sum, a) - equal).abs());

@@ -1,4 +1,4 @@
-//! The bandwidth of the image through a lens, the deviation of samples over the lens, and the surfaces that both follow from.
+//! The image's bandwidth through a lens, the deviation of samples over the lens, and the surfaces that determine both.
 
 use crate::windows::{beside, window_sums};
 use dapple_core::{FirstHit, Frame, parallel};
@@ -7,11 +7,11 @@ use std::f64::consts::{PI, TAU};
 dapple_core::options! {
     /// The parameters of the image's bandwidth, for [`FourierDof`](super::FourierDof) and [`Splat`](super::Splat).
     ///
-    /// A surface's own bandwidth is 1/2 cycle per pixel where its circle of confusion holds a break: another shape, a step, a
-    /// turn of the normal, a step of the albedo. Elsewhere it follows from the second and first differences of the albedo, or
-    /// is `sqrt(k max(g, k))` for curvature `k` in radians per pixel and gloss `g`, if that is more. The lens limits it to
-    /// 0.61 over the radius of the circle of confusion, the first zero of the disk's transfer function. A break in front of the
-    /// plane in focus has the bandwidth of its own circle on all pixels in that circle.
+    /// A surface's own bandwidth is 1/2 cycle per pixel where its circle of confusion contains a discontinuity (a break):
+    /// another shape, or a step in depth, normal or albedo. Elsewhere it is the larger of two estimates. One is from the second
+    /// and first differences of the albedo; the other is `sqrt(k max(g, k))` for curvature `k` in radians per pixel and gloss
+    /// `g`. The lens limits the bandwidth to 0.61 over the radius of the circle of confusion, the first zero of the disk's
+    /// transfer function. A break in front of the focal plane determines the bandwidth of all pixels in its own circle.
     pub struct LensBandwidthOptions {
         /// Degrees of a turn of the normal, or of a step out of the tangent plane, that is a break; not in the paper.
         pub angle: f64 = 10.0 => "10", |angle| angle > 0.0 && angle < 90.0, "above 0 and below 90 degrees";
@@ -30,35 +30,36 @@ dapple_core::options! {
     }
 }
 
-/// Squared differences of the albedo that are rounding.
+/// The squared difference of albedos that counts as rounding error.
 const ROUNDING: f64 = 1e-8;
 
-/// The largest bandwidth, that of the pixels: half a cycle.
+/// The largest bandwidth, half a cycle per pixel.
 pub(super) const NYQUIST: f64 = 0.5;
 
 /// The bandwidth of a frame's pixels, and the deviation of their samples over the lens.
 pub(super) struct LensBandwidth {
     /// Cycles per pixel, up to 1/2.
     pub(super) bandwidth: Vec<f64>,
-    /// The standard deviation over the lens in units of the albedo; empty if it was not requested.
+    /// The standard deviation over the lens in units of albedo; empty if it was not requested.
     pub(super) deviation: Vec<f64>,
 }
 
-/// A pixel's bandwidth, and the sinusoid that stands for its texture.
+/// A pixel's bandwidth, and the sinusoid that models its texture.
 #[derive(Clone, Copy)]
 struct Blur {
     bandwidth: f64,
     /// The radius of the largest circle of confusion on the pixel.
     radius: f64,
-    /// The bandwidth of the surface without the lens.
+    /// The bandwidth that the surface would have without the lens.
     sharp: f64,
 }
 
 impl LensBandwidth {
-    /// The peak in bytes per pixel while the bandwidth is found.
+    /// The peak memory in bytes per pixel while the bandwidth is computed.
     pub(super) const BYTES: usize = size_of::<Surface>() + 1 + 2 * 32 + 8 + 4 + 8 + size_of::<Blur>();
 
-    /// The bandwidth of the surfaces that the probes hit. `normals` is their weight in the deviation; `None` leaves it out.
+    /// Computes the bandwidth of the surfaces that `trace` hits. `normals` is the weight of normals in the deviation; `None`
+    /// skips the deviation.
     pub(super) fn of(
         frame: &Frame,
         trace: &(dyn Fn([u32; 2]) -> (Option<FirstHit>, f32) + Send + Sync),
@@ -78,9 +79,9 @@ impl LensBandwidth {
     }
 }
 
-/// The bandwidth of each pixel's surface as its texture and its shading let expect, without breaks.
+/// The bandwidth of each pixel's surface, estimated from its texture and shading, without breaks.
 ///
-/// The second differences of a sinusoid are its first ones times `4 sin^2` of half its angular frequency.
+/// For a sinusoid, the ratio of squared second to squared first differences is `4 sin^2` of half its angular frequency.
 fn detail(size: [usize; 2], surfaces: &[Surface], breaks: &Breaks, window: usize) -> Vec<f64> {
     let sums = window_sums(size, window, |i| {
         let mut sums = [0.0; 4];
@@ -107,8 +108,8 @@ fn detail(size: [usize; 2], surfaces: &[Surface], breaks: &Breaks, window: usize
     parallel::map(surfaces.len(), |i| of((&sums[i], &surfaces[i])))
 }
 
-/// The least radius of the circles of confusion of the breaks at a pixel: of the nearer side each, which hides the other, or of
-/// the surface itself if it mirrors. Infinite at other pixels.
+/// The least radius of the circles of confusion of the breaks at a pixel; infinite without breaks. A break has the circle of
+/// its nearer side, which hides the other side. A mirror has the circle of its own surface.
 fn edge(i: usize, surfaces: &[Surface], breaks: &Breaks, mirror: f64) -> f32 {
     let here = &surfaces[i];
     let reflection = (here.is_hit && f64::from(here.hit.roughness) < mirror).then(|| here.confusion.abs());
@@ -116,7 +117,7 @@ fn edge(i: usize, surfaces: &[Surface], breaks: &Breaks, mirror: f64) -> f32 {
     breaks.across(i).map(nearer).chain(reflection).fold(f32::INFINITY, f32::min)
 }
 
-/// The blur of each pixel: that of its own surface, or of a break before the plane in focus whose circle covers it.
+/// The blur of each pixel: that of its own surface, or of a break in front of the focal plane whose circle covers the pixel.
 fn blurs(
     size: [usize; 2],
     surfaces: &[Surface],
@@ -130,7 +131,7 @@ fn blurs(
         least_grown(size, (0..surfaces.len()).map(|i| value(i).unwrap_or(f32::INFINITY)).collect(), 1.0)
     };
     let distance = among(&|i| is_edge(i).then_some(0.0));
-    // Negative inside the circle of a break.
+    // Negative inside the circle of a break in front of the focal plane.
     let before = among(&|i| (surfaces[i].confusion < 0.0 && is_edge(i)).then_some(surfaces[i].confusion));
     let limit = |sharp: f64, radius: f64| if radius > 0.0 { sharp.min(options.zero / radius) } else { sharp };
     let of = |i: usize| {
@@ -151,14 +152,14 @@ fn blurs(
     parallel::map(surfaces.len(), of)
 }
 
-/// The variance over the lens of a sinusoid of amplitude 1, averaged over its phase. `x` is the sinusoid's angular frequency
-/// times the radius of the circle of confusion.
+/// The variance over the lens of a sinusoid of amplitude 1, averaged over its phase. `x` is its angular frequency times the
+/// radius of the circle of confusion.
 fn variance_over_lens(x: f64) -> f64 {
     let kept = if x > 0.0 { 2.0 * libm::j1(x) / x } else { 1.0 };
     0.5 * (1.0 - kept * kept).max(0.0)
 }
 
-/// The standard deviation over the lens: of a sinusoid with the surface's bandwidth, whose variance over the image is that of
+/// The standard deviation over the lens of a sinusoid with the surface's bandwidth. Its variance over the image is that of
 /// albedo, normals and coverage in the square around the circle of confusion.
 fn deviations(size: [usize; 2], surfaces: &[Surface], blurs: &[Blur], normals: f64) -> Vec<f64> {
     let table = Prefix::new(size, |i| {
@@ -179,7 +180,7 @@ fn deviations(size: [usize; 2], surfaces: &[Surface], blurs: &[Blur], normals: f
     parallel::map(blurs.len(), |i| of((i, &blurs[i])))
 }
 
-/// The sums of values over all pixels above and to the left of each pixel, from which those of any rectangle follow.
+/// A summed-area table: sums of values over all pixels above and to the left of each pixel.
 struct Prefix {
     size: [usize; 2],
     /// One row and one column more than the image; the first ones are 0.
@@ -201,7 +202,7 @@ impl Prefix {
         Self { size, sums }
     }
 
-    /// The number of pixels at most `radius` columns and rows from pixel `i`, and the sums over them.
+    /// The number of pixels at most `radius` columns and rows from pixel `i`, and the sums of their values.
     fn around(&self, i: usize, radius: usize) -> (f64, [f64; 6]) {
         let [width, height] = self.size;
         let range = |at: usize, end: usize| [at.saturating_sub(radius), (at + radius + 1).min(end)];
@@ -213,12 +214,12 @@ impl Prefix {
 
 /// For each pixel `p`, the least of `values[q] + slope * distance(p, q)` over all pixels `q`, and the index of that `q`.
 ///
-/// Distances are lengths of paths through neighbours, sides and corners: exact along rows, columns and diagonals, and at most
-/// 8.3 % above the straight line. Infinite values do not count.
+/// Distances are lengths of paths through neighbouring pixels, sides and corners. They are exact along rows, columns and
+/// diagonals, and at most 8.3 % above the straight line. Infinite values are ignored.
 fn least_grown([width, height]: [usize; 2], values: Vec<f32>, slope: f32) -> Vec<(f32, u32)> {
     let mut field: Vec<(f32, u32)> = values.into_iter().zip(0..).collect();
     let (side, corner) = (slope, slope * std::f32::consts::SQRT_2);
-    // Of the pixels around, those that come first: in a sweep from the top left, and in one from the bottom right.
+    // The neighbours that a sweep from the top left visits first; mirrored for a sweep from the bottom right.
     let before = [([-1, 0], side), ([0, -1], side), ([-1, -1], corner), ([1, -1], corner)];
     let places = 0..width * height;
     for (sign, i) in places.clone().map(|i| (1, i)).chain(places.rev().map(|i| (-1, i))) {
@@ -232,18 +233,18 @@ fn least_grown([width, height]: [usize; 2], values: Vec<f32>, slope: f32) -> Vec
     field
 }
 
-/// The surface behind a pixel's centre.
+/// The surface seen through a pixel's centre.
 #[derive(Clone, Copy)]
 struct Surface {
     is_hit: bool,
-    /// All that is read of it is 0 without a hit.
+    /// The hit; without one, all values that are read are 0.
     hit: FirstHit,
-    /// The radius of the circle of confusion in pixels, negative in front of the plane in focus; finite.
+    /// The radius of the circle of confusion in pixels, negative in front of the focal plane; finite.
     confusion: f32,
 }
 
 impl Surface {
-    /// The surface of a probe. Hits with a NaN or an infinity count as none, and radii are at most `largest`.
+    /// The surface that a probe found. A hit with NaN or infinite values counts as a miss, and radii are at most `largest`.
     fn new((hit, confusion): (Option<FirstHit>, f32), largest: f32) -> Self {
         let none = FirstHit::new([0.0; 3], [0.0; 3], 0.0).with_albedo([0.0; 3]).with_roughness(0.0);
         let hit = hit.filter(|hit| {
@@ -271,10 +272,10 @@ fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// The breaks between neighbouring pixels: the surface's edges, steps and sharp textures.
+/// The breaks between neighbouring pixels: edges and steps of surfaces, and sharp textures.
 struct Breaks {
     width: usize,
-    /// Bit 0: a break to the pixel on the right. Bit 1: a break to the one below. Bits 2 and 3: there is no such pixel.
+    /// Bit 0: a break towards the pixel on the right. Bit 1: towards the pixel below. Bits 2 and 3: that pixel does not exist.
     bits: Vec<u8>,
 }
 
@@ -290,7 +291,7 @@ impl Breaks {
         Self { width, bits: parallel::map(surfaces.len(), |i| bits((i, &surfaces[i]))) }
     }
 
-    /// The pixels before and after pixel `i` along axis 0 or 1 on a surface without a break; `None` at breaks and borders.
+    /// The pixels before and after pixel `i` along axis 0 or 1, if no break separates them; `None` at breaks and borders.
     fn unbroken(&self, i: usize, axis: u8) -> Option<[usize; 2]> {
         let step = if axis == 0 { 1 } else { self.width };
         let before = i.checked_sub(step)?;
@@ -298,7 +299,7 @@ impl Breaks {
         (open(before) && open(i)).then_some([before, i + step])
     }
 
-    /// The pixels beside pixel `i`, of four, across a break.
+    /// The direct neighbours of pixel `i` beyond a break.
     fn across(&self, i: usize) -> impl Iterator<Item = usize> + use<> {
         let (width, bits) = (self.width, self.bits[i]);
         let left = !i.is_multiple_of(width) && self.bits[i - 1] & 1 > 0;
@@ -309,8 +310,8 @@ impl Breaks {
     }
 }
 
-/// Returns `true` between different shapes, across steps in depth, turns of the normal, and steps of the albedo. `limits` are
-/// the sine and cosine of the largest angle, and the largest step of the albedo.
+/// Returns `true` between different shapes and at steps in depth, normal or albedo. `limits` are the sine and cosine of the
+/// largest angle, and the largest difference of albedo.
 fn is_break(a: &Surface, b: &Surface, [sine, cosine, contrast]: [f32; 3]) -> bool {
     if a.is_hit != b.is_hit || a.hit.shape != b.hit.shape {
         return true;
@@ -320,7 +321,7 @@ fn is_break(a: &Surface, b: &Surface, [sine, cosine, contrast]: [f32; 3]) -> boo
     }
     let (a, b) = (&a.hit, &b.hit);
     let apart: [f32; 3] = std::array::from_fn(|k| b.position[k] - a.position[k]);
-    // A step leaves the tangent plane at an angle.
+    // A step: the offset leaves the tangent plane at a large angle.
     let rise = dot(apart, a.shading_normal).abs().max(dot(apart, b.shading_normal).abs());
     let is_step = rise > sine * dot(apart, apart).sqrt();
     let is_texture = a.albedo.iter().zip(b.albedo).any(|(a, b)| (a - b).abs() > contrast);

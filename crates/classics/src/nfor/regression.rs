@@ -1,17 +1,18 @@
-//! Weights of non-local means, tile by tile; and first-order regression on features, whose fits serve every pixel of their window.
+//! Non-local means weights, tile by tile, and first-order regression on features, whose fits contribute to every pixel of their
+//! window.
 
 use super::Rgb;
 use crate::windows::{FEATURES, PatchSums, PixelTile};
 use dapple_core::parallel;
 use std::ops::Range;
 
-/// The image that weights are computed from: values with their variances.
+/// The image from which weights are computed: values with their variances.
 #[derive(Clone, Copy)]
 pub(super) struct Guide<'a> {
     pub(super) size: [usize; 2],
     pub(super) value: &'a [[f64; 3]],
     pub(super) variance: &'a [[f64; 3]],
-    /// The number of channels that count, 1 to 3.
+    /// The number of channels that are compared, 1 to 3.
     pub(super) channels: usize,
 }
 
@@ -22,7 +23,7 @@ pub(super) struct Kernel {
     pub(super) radius: usize,
     /// Pixels compared to each side.
     pub(super) patch: usize,
-    /// Differences are measured in this many standard deviations.
+    /// The number of standard deviations in which differences are measured.
     pub(super) k: f64,
 }
 
@@ -43,7 +44,7 @@ impl Kernel {
         (-r..=r).flat_map(move |dy| (-r..=r).map(move |dx| [dx, dy]))
     }
 
-    /// The squared difference between the pixels `p` and `q`, less what their noise explains.
+    /// The squared difference between the pixels `p` and `q`, minus the difference expected from noise.
     fn difference(self, guide: &Guide<'_>, p: usize, q: usize) -> f64 {
         let ([u, v], [uv, vv]) = ([&guide.value[p], &guide.value[q]], [&guide.variance[p], &guide.variance[q]]);
         let mut sum = 0.0;
@@ -56,7 +57,7 @@ impl Kernel {
     }
 }
 
-/// The weights of a tile: for each pixel, one per offset of the window.
+/// The weights of a tile: for each pixel, one weight per offset of the window.
 pub(super) struct TileWeights {
     weights: Vec<f64>,
     differences: PatchSums,
@@ -70,7 +71,7 @@ impl TileWeights {
         Self { weights, differences: PatchSums::new(TILE, kernel.patch), each }
     }
 
-    /// The weights of the tile's pixel with this number, in the order of [`Kernel::offsets`]; 0 outside the image.
+    /// The weights of pixel number `pixel` of the tile, in the order of [`Kernel::offsets`]; 0 outside the image.
     pub(super) fn of(&self, pixel: usize) -> &[f64] {
         &self.weights[pixel * self.each..][..self.each]
     }
@@ -80,7 +81,7 @@ impl TileWeights {
         let [w, h] = guide.size.map(|n| n as isize);
         let patch = kernel.patch as isize;
         for (number, [dx, dy]) in kernel.offsets().enumerate() {
-            // Columns and rows at which both pixels of a pair lie in the image.
+            // The columns and rows for which both pixels of a pair lie in the image.
             let (columns, rows) = (0.max(-dx)..w.min(w - dx), 0.max(-dy)..h.min(h - dy));
             let is_inside = |x: isize, y: isize| columns.contains(&x) && rows.contains(&y);
             let difference = |x: isize, y: isize| match is_inside(x, y) {
@@ -101,8 +102,8 @@ impl TileWeights {
     }
 }
 
-/// The non-local mean of `values` with weights from `guide`. Only `known` pixels count; where none is in reach, the value
-/// itself is the result.
+/// The non-local mean of `values` with weights from `guide`. Only pixels in `known` contribute. If none is in reach, the value
+/// stays unchanged.
 pub(super) fn nl_average<const N: usize>(
     guide: &Guide<'_>,
     kernel: Kernel,
@@ -135,10 +136,10 @@ pub(super) fn nl_average<const N: usize>(
 /// The unknowns of a fit: the mean and a slope per feature.
 const UNKNOWNS: usize = FEATURES + 1;
 
-/// The pivot of the normal equations, relative to the largest, below which a regressor is left out.
+/// The smallest pivot of the normal equations, relative to the largest. Regressors with smaller pivots are left out.
 const DEPENDENT: f64 = 1e-10;
 
-/// The data of a regression: colours, the pixels that have one, and the features of all.
+/// The data of a regression: colours, a mask of the pixels that have a colour, and the features of all pixels.
 #[derive(Clone, Copy)]
 pub(super) struct Data<'a> {
     pub(super) colour: &'a [[f64; 3]],
@@ -150,8 +151,8 @@ pub(super) struct Data<'a> {
 ///
 /// All fitted values of a pixel are averaged with the weights of their windows.
 ///
-/// Pixels that no window reaches keep their colour. Bands of rows are summed in order, so that the result does not depend
-/// on threads.
+/// Pixels that no window reaches keep their colour. Bands of rows are summed in order, so the result does not depend on
+/// threads.
 pub(super) fn regress(guide: &Guide<'_>, kernel: Kernel, data: &Data<'_>) -> Rgb {
     let [width, height] = guide.size;
     let bands = height.div_ceil(TILE[1]);
@@ -178,7 +179,7 @@ pub(super) fn regress(guide: &Guide<'_>, kernel: Kernel, data: &Data<'_>) -> Rgb
     sums.iter().zip(data.colour).map(mean).collect()
 }
 
-/// Sums of weights and of weighted fits over the rows that the windows of a band of rows reach.
+/// The sums of weights and of weighted fits, over the rows that the windows of a band of rows reach.
 struct Band {
     first: usize,
     sums: Vec<[f64; 4]>,
@@ -191,7 +192,7 @@ impl Band {
         Self { first, sums: vec![[0.0; 4]; (end - first) * width] }
     }
 
-    /// Fits the window around pixel `i`, and adds the fitted values.
+    /// Fits the window around pixel `i`, and adds the fitted values to the sums.
     fn fit(&mut self, [width, _]: [usize; 2], kernel: Kernel, data: &Data<'_>, i: usize, weights: &[f64]) {
         let near = || {
             let window = weights.iter().zip(kernel.offsets()).filter(|(w, _)| **w > 0.0);
@@ -220,7 +221,7 @@ impl Band {
 /// The normal equations of a weighted fit of three channels.
 #[derive(Clone, Copy, Default)]
 pub(super) struct NormalEquations {
-    /// The lower triangle counts.
+    /// The normal matrix; only the lower triangle is used.
     matrix: [[f64; UNKNOWNS]; UNKNOWNS],
     right: [[f64; 3]; UNKNOWNS],
 }
@@ -234,7 +235,7 @@ impl NormalEquations {
         }
     }
 
-    /// The solution by a pivoted Cholesky decomposition; regressors that depend on others have slope 0. `None` without data.
+    /// The solution by a pivoted Cholesky decomposition; `None` without data. Linearly dependent regressors have slope 0.
     pub(super) fn solved(&self) -> Option<[[f64; 3]; UNKNOWNS]> {
         let full = |a: usize, b: usize| self.matrix[a.max(b)][a.min(b)];
         let largest = (0..UNKNOWNS).map(|k| full(k, k)).fold(0.0, f64::max);

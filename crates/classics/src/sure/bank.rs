@@ -1,19 +1,19 @@
-//! A bank of cross non-local means filters, with Stein's estimate of each one's error, and the planes that they read.
+//! A bank of cross non-local means filters, Stein's estimate of each filter's error, and the planes that the filters read.
 
 use crate::windows::{FEATURES, Means, PatchSums, PixelTile, feature_moments, per_pixel, unit_of_depth};
 use dapple_core::{Film, Needs, film::luminance, parallel};
 
-/// The number of filters that smooth. One more, the first of the bank, leaves the image as it is.
+/// The number of smoothing filters. The bank has one more, the first, which leaves the image unchanged.
 pub(super) const FILTERS: usize = 8;
-/// The filters of the bank.
+/// The number of filters in the bank.
 pub(super) const BANK: usize = 1 + FILTERS;
-/// The largest standard deviation of differences between patches; each other one is half of the one before.
+/// The largest standard deviation of patch differences; each next filter has half the previous one.
 const WIDEST: f64 = 0.64;
 /// The radius of a patch in pixels, as published.
 const PATCH: isize = 2;
-/// The number of values that a patch compares: pixels times channels.
+/// The number of values that are compared per patch: pixels times channels.
 const COMPARED: f64 = 3.0 * ((2 * PATCH + 1) * (2 * PATCH + 1)) as f64;
-/// The sum of feature terms below which a pixel has no weight.
+/// The sum of feature terms below which a pixel gets no weight.
 const UNLIKE: f64 = -40.0;
 /// The width and the height of a tile in pixels.
 const TILE: [usize; 2] = [32, 8];
@@ -25,33 +25,33 @@ const DARK: f64 = 1e-2;
 pub(super) struct OfPixel {
     /// The filtered pixel, from the widest filter to the narrowest.
     pub(super) filtered: [[f32; 3]; FILTERS],
-    /// The estimated squared error of each filter of the bank, unfiltered first. May be negative.
+    /// The estimated squared error of each filter of the bank, starting with the unfiltered image. May be negative.
     pub(super) error: [f64; BANK],
-    /// The relative error that more samples would reduce, of each filter of the bank. May be negative.
+    /// The relative error that more samples would reduce, for each filter of the bank. May be negative.
     pub(super) priority: [f64; BANK],
 }
 
-/// Weighted sums of one filter at one pixel: the weight, and per channel of values, of squares, and of the two terms by
-/// which the pixel's own value moves the patches around it.
+/// The weighted sums of one filter at one pixel: the weight, and per channel the values, the squares, and two terms for the
+/// derivative. These terms describe how the pixel's own value changes the patches around it.
 #[derive(Clone, Copy, Default)]
 struct Sums {
     weight: f64,
     value: [f64; 3],
     square: [f64; 3],
-    /// The sum of `w a` with `a` the difference between the pixel and the opposite one.
+    /// The sum of `w a`, where `a` is the difference between the pixel and the opposite pixel.
     own: [f64; 3],
     /// The sum of `w a y`.
     moved: [f64; 3],
 }
 
-/// `sigma^2` of the filter with this number, the widest first.
+/// `sigma^2` of the filter with this number; the widest filter has number 0.
 fn squared_sigma(filter: usize) -> f64 {
     let sigma = WIDEST / f64::from(1u32 << filter);
     sigma * sigma
 }
 
 impl Sums {
-    /// The filtered pixel, and the derivative of each channel by the pixel's own value; `None` without weight.
+    /// The filtered pixel, and the derivative of each channel by the pixel's own value; `None` if the weight is 0.
     fn estimate(&self, filter: usize) -> Option<[[f64; 3]; 2]> {
         if self.weight <= 0.0 {
             return None;
@@ -81,8 +81,8 @@ pub(super) fn apply(planes: &Planes, radius: usize) -> Vec<OfPixel> {
     all
 }
 
-/// The errors of the bank at pixel `i`: `(F - y)^2 + 2 v dF/dy - v` for a mean `y` of variance `v`, averaged over the
-/// channels [after Stein 1981].
+/// The errors of the bank at pixel `i`, averaged over the channels: `(F - y)^2 + 2 v dF/dy - v` for a mean `y` of variance `v`
+/// [after Stein 1981].
 fn of_pixel(planes: &Planes, i: usize, sums: &[Sums; FILTERS]) -> OfPixel {
     let (y, v) = (planes.means.colour[i], planes.means.variance[i]);
     let mean = |values: [f64; 3]| (values[0] + values[1] + values[2]) / 3.0;
@@ -91,7 +91,7 @@ fn of_pixel(planes: &Planes, i: usize, sums: &[Sums; FILTERS]) -> OfPixel {
         (error + mean(v)) / (level * level + DARK)
     };
     let mut result = OfPixel::default();
-    // The published error of the unfiltered image is twice its variance, in favour of filters.
+    // The published error of the unfiltered image is twice its variance, which favours filtering.
     (result.error[0], result.priority[0]) = (2.0 * mean(v), priority(mean(v), y));
     for (filter, sums) in sums.iter().enumerate() {
         let Some([value, derivative]) = sums.estimate(filter) else {
@@ -128,9 +128,9 @@ fn sums(planes: &Planes, tile: PixelTile, radius: isize) -> Vec<[Sums; FILTERS]>
     sums
 }
 
-/// Adds a neighbour to the sums of a pixel, with the `distance` between the patches around both, the logarithm `like` of their
-/// weight by features, and both colours. `opposite` is the colour of the pixel on the other side, for neighbours whose patch
-/// contains the pixel.
+/// Adds a neighbour to the sums of a pixel. `distance` is that between the patches around both pixels, and `like` the logarithm
+/// of the weight by features. If the neighbour's patch contains the pixel, `opposite` is the colour of the pixel on the other
+/// side.
 fn add_pair(
     sums: &mut [Sums; FILTERS],
     [distance, like]: [f64; 2],
@@ -138,7 +138,7 @@ fn add_pair(
     opposite: Option<[f64; 3]>,
 ) {
     let features = libm::exp(like);
-    // The sigmas halve, so that each next weight of colours is the fourth power of the one before.
+    // The sigmas halve, so each weight by colour is the fourth power of the previous one.
     let mut colours = libm::exp(-0.5 * distance / (COMPARED * squared_sigma(0)));
     for sums in sums {
         let weight = features * colours;
@@ -158,7 +158,7 @@ fn add_pair(
     }
 }
 
-/// The statistics that the planes are made from.
+/// The statistics from which the planes are computed.
 pub(super) const NEEDS: Needs = Needs::none().with_variance().with_features();
 
 /// The planes of an image, row by row.
@@ -170,7 +170,7 @@ pub(super) struct Planes {
 }
 
 impl Planes {
-    /// The bytes per pixel of the planes and of the sums from which they are made.
+    /// The bytes per pixel of the planes and of the sums from which they are computed.
     pub(super) const BYTES: usize = Means::BYTES[0] + Means::BYTES[1] + 8 * FEATURES;
 
     pub(super) fn new(film: &Film) -> Self {
@@ -181,14 +181,14 @@ impl Planes {
         Self { size, means: Means::new(film, None), features: per_pixel(film, features) }
     }
 
-    /// The index of the pixel `offset` away from column `x` and row `y`; `None` outside the image.
+    /// The index of the pixel in column `x` and row `y`; `None` outside the image.
     pub(super) fn at(&self, x: isize, y: isize) -> Option<usize> {
         let [width, height] = self.size;
         let inside = x >= 0 && y >= 0 && x < width as isize && y < height as isize;
         inside.then(|| y as usize * width + x as usize)
     }
 
-    /// The squared difference between two places of the image, summed over the channels; 0 if one lies outside.
+    /// The squared difference between two pixels, summed over the channels; 0 if one lies outside the image.
     fn squared_difference(&self, [x, y]: [isize; 2], other: [isize; 2]) -> f64 {
         self.at(x, y).zip(self.at(other[0], other[1])).map_or(0.0, |(i, j)| {
             let d: [f64; 3] = std::array::from_fn(|c| self.means.colour[i][c] - self.means.colour[j][c]);
@@ -196,7 +196,7 @@ impl Planes {
         })
     }
 
-    /// The logarithm of the weight that features give to a pair of pixels, 0 or below.
+    /// The logarithm of the weight by features for a pair of pixels; 0 or below.
     pub(super) fn likeness(&self, i: usize, j: usize) -> f64 {
         let ([a, va], [b, vb]) = (&self.features[i], &self.features[j]);
         let mut sum = 0.0;

@@ -1,21 +1,21 @@
 //! Samples with their trajectories over lens and time, output points, a tree of samples with bounds that are linear in time,
-//! and the surfaces into which samples are divided.
+//! and the division of samples into surfaces.
 
 use crate::recorders::FilmSamples;
 use crate::{Defocus, Domain, FilmPoints, Role};
 use dapple_core::integrator::Trajectory;
 use dapple_core::point_set::mix;
 
-/// The least depth, relative to a sample's own, at which its motion may start and end. Samples that come nearer to the
-/// camera are taken as being at rest.
+/// The least depth, relative to a sample's own depth, that its motion may reach. A sample that comes nearer to the camera is
+/// treated as being at rest.
 const NEAREST: f32 = 1e-3;
 
-/// The largest distance from the image, in pixels, at which a sample may lie. Faster motions are taken as rest.
+/// The largest distance in pixels of a sample from the image. Samples with faster motion are treated as being at rest.
 const FARTHEST: f32 = 1e9;
 /// The largest inverse depth.
 const CLOSEST: f32 = 1e30;
 
-/// A point of the light field: the place in the image in pixels, the point on the unit disk of the lens, and the time.
+/// A point of the light field: the position in the image in pixels, the point on the unit disk of the lens, and the time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct At {
     pub(super) place: [f64; 2],
@@ -26,8 +26,8 @@ pub(super) struct At {
 /// A sample that can be moved to any point on the lens and any time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Sample {
-    /// The place `(x w, y w, w)` through the lens' centre when the shutter opens, with the depth `w` relative to the
-    /// sample's own.
+    /// The position `(x w, y w, w)` through the lens' centre when the shutter opens. The depth `w` is relative to the sample's
+    /// own depth.
     start: [f32; 3],
     motion: [f32; 3],
     inverse_depth: f32,
@@ -39,7 +39,7 @@ pub(super) struct Sample {
 pub(super) struct Seen {
     pub(super) place: [f64; 2],
     pub(super) inverse_depth: f64,
-    /// The change of the place with the two coordinates of the lens, and with time.
+    /// The derivative of the position with respect to the two lens coordinates; `by_time` is that with respect to time.
     pub(super) by_lens: [f64; 2],
     pub(super) by_time: [f64; 2],
 }
@@ -52,7 +52,7 @@ pub(super) fn radius(defocus: &Defocus, inverse_depth: f64) -> [f64; 2] {
 }
 
 impl Sample {
-    /// The sample that lies at `at` and has this trajectory.
+    /// Creates a sample at the point `at` with this trajectory.
     pub(super) fn new(at: &At, trajectory: &Trajectory, defocus: &Defocus, radiance: [f32; 3]) -> Self {
         let inverse_depth = trajectory.inverse_depth.min(CLOSEST);
         let blur = radius(defocus, f64::from(inverse_depth));
@@ -75,7 +75,7 @@ impl Sample {
         f64::from(self.start[2]) + time * f64::from(self.motion[2])
     }
 
-    /// The place through the lens' centre, and the inverse depth, at a time.
+    /// The position through the lens' centre and the inverse depth, at a time.
     pub(super) fn through_centre(&self, time: f64) -> ([f64; 2], f64) {
         let share = self.depth(time).recip();
         let place = |axis: usize| (f64::from(self.start[axis]) + time * f64::from(self.motion[axis])) * share;
@@ -98,7 +98,7 @@ impl Sample {
     }
 }
 
-/// The axes of a domain that samples are moved along.
+/// The axes of a domain along which samples are moved.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Axes {
     lens: Option<[usize; 2]>,
@@ -145,7 +145,7 @@ impl Axes {
         samples
     }
 
-    /// Output point number `number` of a pixel: a Sobol' point [Joe and Kuo 2008] with digits exchanged by the pixel.
+    /// Output point `number` of a pixel: a Sobol' point [Joe and Kuo 2008] with digits scrambled by the pixel.
     pub(super) fn output(&self, pixel: [u32; 2], number: u32) -> At {
         let [column, row] = pixel.map(u64::from);
         let of = |axis: u32| {
@@ -160,7 +160,7 @@ impl Axes {
     }
 }
 
-/// The point of the unit disk for a point of the unit square, by the concentric map [Shirley and Chiu 1997].
+/// Maps a point of the unit square to the unit disk by the concentric map [Shirley and Chiu 1997].
 pub(super) fn on_disk(u: [f64; 2]) -> [f64; 2] {
     let [a, b] = u.map(|u| 2.0 * u - 1.0);
     let flat = a.abs() > b.abs();
@@ -200,11 +200,11 @@ fn sobol(axis: u32, number: u32) -> u32 {
 
 /// The largest number of samples in a leaf.
 const LEAF: usize = 8;
-/// The number of samples from which on the two halves are built in parallel.
+/// The number of samples from which on both halves of the tree are built in parallel.
 const PARALLEL: usize = 1 << 14;
 
-/// The smallest and the largest column, row and inverse depth of a set of samples through the lens' centre. Each is given when the shutter
-/// opens and when it closes, and holds for all times in between by linear interpolation.
+/// The bounds of a set of samples through the lens' centre, in column, row and inverse depth. They are stored for the opening
+/// and for the closing of the shutter, and interpolated linearly in between.
 #[derive(Clone, Copy, Debug)]
 struct Bounds {
     low: [f32; 6],
@@ -214,11 +214,11 @@ struct Bounds {
 impl Bounds {
     const EMPTY: Self = Self { low: [f32::INFINITY; 6], high: [f32::NEG_INFINITY; 6] };
 
-    /// The bounds of one sample: column, row and inverse depth at both ends, widened by the largest distance of its path from
-    /// linear interpolation.
+    /// The bounds of one sample at the opening and closing of the shutter. They are widened by the largest deviation of the
+    /// sample's path from linear interpolation.
     fn of(sample: &Sample) -> Self {
         let [(from, near), (to, far)] = [sample.through_centre(0.0), sample.through_centre(1.0)];
-        // The share of the way is `t b / ((1 - t) a + t b)` for depths `a` and `b`, which differs from `t` most by this.
+        // The fraction of the path is `t b / ((1 - t) a + t b)` for depths `a` and `b`. This is the largest deviation from `t`.
         let [a, b] = [sample.depth(0.0).sqrt(), sample.depth(1.0).sqrt()];
         let apart = ((b - a) / (b + a)).abs();
         let mut bounds = Self::EMPTY;
@@ -239,14 +239,14 @@ impl Bounds {
         }
     }
 
-    /// The axis along which the samples spread most, with inverse depths measured by their blur in pixels.
+    /// The axis along which the samples spread most. Inverse depths are measured by their blur in pixels.
     fn widest(&self, defocus: &Defocus) -> usize {
         let blur = defocus.by_inverse_depth.map(f32::abs).into_iter().fold(0.0, f32::max);
         let extent = |k: usize| (self.high[k] - self.low[k]) * if k < 4 { 1.0 } else { blur };
         (1..6).fold(0, |best, k| if extent(k) > extent(best) { k } else { best })
     }
 
-    /// Returns `true` if a sample within these bounds can be seen within `reach` of a point.
+    /// Returns `true` if a sample within these bounds may be seen within `reach` of a point.
     fn reaches(&self, defocus: &Defocus, at: &At, reach: f64) -> bool {
         let between = |ends: &[f32; 6], k: usize| {
             let [from, to] = [2 * k, 2 * k + 1].map(|k| f64::from(ends[k]));
@@ -264,11 +264,11 @@ impl Bounds {
 #[derive(Clone, Copy, Debug)]
 struct Node {
     bounds: Bounds,
-    /// The distance to the second child; the first is the next node. 0 for a leaf.
+    /// The distance to the second child in the list of nodes, or 0 for a leaf. The first child is the next node.
     second: u32,
 }
 
-/// Samples in the order of a balanced tree.
+/// A balanced tree; the samples are in the order of its leaves.
 #[derive(Debug)]
 pub(super) struct Tree {
     samples: Vec<Sample>,
@@ -281,7 +281,7 @@ fn nodes(count: usize) -> usize {
     if count <= LEAF { 1 } else { 1 + nodes(count / 2) + nodes(count - count / 2) }
 }
 
-/// Sorts samples into a tree, and writes its nodes.
+/// Sorts samples into a tree, and writes the tree's nodes.
 fn build(samples: &mut [Sample], nodes: &mut [Node], defocus: &Defocus) {
     let mut bounds = Bounds::EMPTY;
     samples.iter().for_each(|sample| bounds.join(&Bounds::of(sample)));
@@ -323,8 +323,8 @@ impl Tree {
         &self.samples[index as usize]
     }
 
-    /// Calls `visit` with each sample within `reach` of a point, as seen from there, and its index. Places are relative to
-    /// the point's.
+    /// Calls `visit` with the index of each sample within `reach` of a point, and with the sample as seen from there. Positions
+    /// are relative to the point.
     pub(super) fn gather(&self, at: &At, reach: f64, mut visit: impl FnMut(u32, Seen)) {
         // Node, first sample, and number of samples. The depth of the tree is below 32.
         let mut stack = [(0_usize, 0_usize, 0_usize); 40];
@@ -356,18 +356,18 @@ impl Tree {
     }
 }
 
-/// A sample near the output point: its index, and its place relative to the point.
+/// A sample near the output point: its index, and the sample as seen relative to the point.
 pub(super) type Near = (u32, Seen);
 
-/// The least number of samples of a surface.
+/// The smallest number of samples of a surface.
 const LEAST: usize = 4;
-/// The number of samples with which a surface covers the output point in any case.
+/// The number of samples from which on a surface always covers the output point.
 const MANY: usize = 200;
 
-/// Returns true if two samples pass each other within a box around the output point: `lens` is its half width on the lens,
-/// and `time` that in time.
+/// Returns `true` if two samples pass each other within a box around the output point. `lens` is the box's half width on the
+/// lens, and `time` that in time.
 ///
-/// They do if the offset from one to the other, in its own direction, reverses.
+/// Samples pass each other if the offset between them reverses along its own direction.
 fn pass(a: &Seen, b: &Seen, [lens, time]: [f64; 2]) -> bool {
     let apart = |of: fn(&Seen) -> [f64; 2]| [0, 1].map(|axis| of(b)[axis] - of(a)[axis]);
     let ([x, y], [u, v], [s, t]) = (apart(|seen| seen.place), apart(|seen| seen.by_lens), apart(|seen| seen.by_time));
@@ -376,8 +376,8 @@ fn pass(a: &Seen, b: &Seen, [lens, time]: [f64; 2]) -> bool {
     moves && x * x + y * y <= least
 }
 
-/// Sorts samples by depth, and divides them into surfaces: consecutive samples of which no two pass each other. Writes the
-/// end of each surface.
+/// Sorts samples by depth, and divides them into surfaces: runs of samples of which no two pass each other. Writes the end of
+/// each surface.
 pub(super) fn divide(near: &mut [Near], widths: [f64; 2], ends: &mut Vec<usize>) {
     near.sort_unstable_by(|(a, p), (b, q)| q.inverse_depth.total_cmp(&p.inverse_depth).then(a.cmp(b)));
     ends.clear();
@@ -393,7 +393,7 @@ pub(super) fn divide(near: &mut [Near], widths: [f64; 2], ends: &mut Vec<usize>)
     }
 }
 
-/// Joins surfaces of less than four samples to the next one behind.
+/// Merges each surface of fewer than four samples with the next one behind.
 pub(super) fn join_small(ends: &mut Vec<usize>) {
     let (mut first, last) = (0, ends.last().copied());
     ends.retain(|&end| {
@@ -405,14 +405,14 @@ pub(super) fn join_small(ends: &mut Vec<usize>) {
     });
 }
 
-/// Returns true if there are samples in all four quadrants around the output point.
+/// Returns `true` if there are samples in all four quadrants around the output point.
 pub(super) fn surrounds(surface: &[Near]) -> bool {
     let quadrant = |(_, seen): &Near| 1 << (2 * u8::from(seen.place[0] >= 0.0) + u8::from(seen.place[1] >= 0.0));
     surface.iter().fold(0_u8, |all, near| all | quadrant(near)) == 15
 }
 
-/// Returns true if a surface covers the output point: if it has many samples, or a triangle of them around the point. Its
-/// edges are at most two radii long, and a corner lies within one.
+/// Returns `true` if a surface covers the output point: if it has many samples, or if three of them form a triangle around the
+/// point. The triangle's edges are at most two radii long, and one corner lies within one radius.
 pub(super) fn covers(surface: &[Near], radius: f64) -> bool {
     let cross = |[ax, ay]: [f64; 2], [bx, by]: [f64; 2]| ax * by - ay * bx;
     let apart = |[ax, ay]: [f64; 2], [bx, by]: [f64; 2]| (ax - bx) * (ax - bx) + (ay - by) * (ay - by);
@@ -420,7 +420,7 @@ pub(super) fn covers(surface: &[Near], radius: f64) -> bool {
     let corners = || surface.iter().map(|(_, seen)| seen.place);
     let is_corner = |a: [f64; 2]| {
         let beside = |b: &[f64; 2]| apart(a, *b) <= edge;
-        // Counterclockwise: b to the left of the line from the point to a, c to its right.
+        // Counterclockwise: b is to the left of the line from the point to a, and c to the right.
         corners().filter(beside).filter(|&b| cross(a, b) >= 0.0 && b != a).any(|b| {
             corners().filter(beside).any(|c| cross(c, a) >= 0.0 && cross(b, c) >= 0.0 && apart(b, c) <= edge && c != b)
         })

@@ -1,4 +1,4 @@
-//! Rounds of samples placed in the boxes with the largest scores.
+//! Planning of rounds that place samples in the boxes with the largest scores.
 
 use super::{At, Cell, Cells, Division, Known, Leaf, leaves, seed_of};
 use crate::method::{counts_so_far, total, with_extra};
@@ -10,7 +10,7 @@ use dapple_core::{Error, Frame, Limits, Needs, PointSet, Sampler, film::Recorder
 use std::mem;
 use std::sync::Arc;
 
-/// A rule by which boxes, as its division cuts them, are scored and get samples.
+/// A rule that scores the boxes of its [`Division`] and places samples in them.
 pub trait Refinement: Division + Options + Copy + Send {
     /// The sampler's name.
     const NAME: &'static str;
@@ -26,7 +26,7 @@ pub trait Refinement: Division + Options + Copy + Send {
         Ok(domain.clone())
     }
 
-    /// Returns `true` if the whole budget is spent.
+    /// Returns `true` if the sampler spends the whole budget.
     fn is_exact(&self) -> bool {
         true
     }
@@ -34,34 +34,34 @@ pub trait Refinement: Division + Options + Copy + Send {
     /// The samples per pixel of the pilot.
     fn pilot_samples(&self) -> u32;
 
-    /// The coordinates of the pilot's sample `number` in a pixel; `None` leaves them to the point set. `seed` belongs to the
-    /// pixel.
+    /// The coordinates of the pilot's sample `number` in a pixel; if `None`, they come from the point set. `seed` depends on
+    /// the pixel.
     fn pilot_sample(&self, number: u32, seed: u64) -> Option<At> {
         let _ = (number, seed);
         None
     }
 
-    /// The score of a box. Boxes without a score above 0 get no samples.
+    /// The score of a box. Boxes get samples only if their score is above 0.
     fn score(&self, cell: &Cell, leaf: &Leaf<'_>) -> f64;
 
-    /// The number of samples for a box with `samples` samples and this score, so that no box has a score above `level`
-    /// afterwards, as far as known. Falls with `level`.
+    /// The number of samples that a box with `samples` samples and this score needs to bring its expected score down to
+    /// `level`. Falls as `level` rises.
     fn wanted(&self, score: f64, samples: u32, level: f64) -> u32;
 
-    /// The share of the largest score down to which boxes are served in a round, if they take enough samples.
+    /// The fraction of the largest score down to which boxes get samples in a round, unless the round would be too small.
     fn least_share(&self) -> f64 {
         0.25
     }
 
-    /// Adds at most `count` new samples of a box to `to`. `seed` belongs to the box and the number of its samples.
+    /// Appends at most `count` new samples of a box to `to`. `seed` depends on the box and the number of its samples.
     fn place(&self, cell: &Cell, leaf: &Leaf<'_>, count: u32, seed: u64, to: &mut Vec<At>);
 }
 
-/// The samples of a round: the larger of these fractions of the pixels and of the samples so far. Ours: the published methods
-/// refine box by box.
+/// A round has the larger of these fractions of the number of pixels and of the samples so far. This is not in the papers,
+/// which refine box by box.
 const OF_PIXELS: u64 = 2;
 const OF_SAMPLES: u64 = 4;
-/// The least samples of a round, as a fraction of the pixels and of the samples so far.
+/// The least samples of a round, as a fraction of the pixels or of the samples so far, whichever is larger.
 const LEAST: u64 = 16;
 
 /// A sampler that places samples in the boxes with the largest scores.
@@ -72,15 +72,15 @@ pub struct TreeSampler<P, R> {
     known: Known<Vec<Candidate>>,
 }
 
-/// A box that may get samples: its score, and its place among all boxes.
+/// A box that may get samples: its score, and its position among all boxes.
 #[derive(Clone, Copy)]
 struct Candidate {
     score: f64,
     cell: u32,
     leaf: u32,
-    /// The number of the box's samples.
+    /// The number of samples in the box.
     samples: u32,
-    /// The number of samples that it gets.
+    /// The number of samples that the box gets.
     count: u32,
 }
 
@@ -97,7 +97,7 @@ impl<P: PointSet, R: Refinement> Sampler for TreeSampler<P, R> {
         Singles::All.list()
     }
 
-    /// The placed samples and a box for every second sample; and while a round is planned: the boxes again, the places chosen,
+    /// The placed samples and a box per two samples. While a round is planned, also the boxes again, the new coordinates, and
     /// counts.
     fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
         let samples = limits.expected_samples(frame);
@@ -114,8 +114,8 @@ impl<P: PointSet, R: Refinement> Sampler for TreeSampler<P, R> {
         &self.points
     }
 
-    /// Plans the pilot, and then rounds of samples in the boxes with the largest scores. What then remains of the budget is spread
-    /// evenly if it must be spent.
+    /// Plans the pilot, and then rounds of samples in the boxes with the largest scores. If the whole budget must be spent, the
+    /// rest is spread evenly.
     fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
         let samples = Singles::All.of(seen.film, R::NAME)?;
         if seen.round == 0 {
@@ -149,7 +149,7 @@ impl<P: PointSet, R: Refinement> Sampler for TreeSampler<P, R> {
 }
 
 impl<P: PointSet, R: Refinement> TreeSampler<P, R> {
-    /// The sampler that takes all coordinates outside `domain` from this point set.
+    /// Creates a sampler that takes all coordinates outside `domain` from this point set.
     ///
     /// # Errors
     ///
@@ -160,12 +160,12 @@ impl<P: PointSet, R: Refinement> TreeSampler<P, R> {
         Ok(Self { points: Placed::new(points, domain), options, known: Known::default() })
     }
 
-    /// The samples that it places, for filters.
+    /// The samples placed by this sampler, for filters.
     pub fn placed(&self) -> PlacedHandle {
         self.points.handle()
     }
 
-    /// Plans what pixels lack of the pilot.
+    /// Plans the samples that pixels lack for the pilot.
     fn plan_pilot(&mut self, seen: &Feedback<'_>, round: &mut Round) -> Result<(), Error> {
         let pilot = self.options.pilot_samples().max(seen.budget.min_spp).min(seen.budget.max_spp);
         let least = seen.budget.min_spp;
@@ -220,7 +220,7 @@ impl<P: PointSet, R: Refinement> TreeSampler<P, R> {
         Ok(())
     }
 
-    /// The boxes that get samples in this round, by cell and place.
+    /// The boxes that get samples in this round, in the order of cells and boxes.
     fn choose(&mut self, seen: &Feedback<'_>, recorded: &FilmSamples<'_>, cells: Cells) -> Vec<Candidate> {
         let (budget, rule) = (seen.budget, self.options);
         self.known.refresh(cells, recorded, &self.points, self.points.domain(), |number, cell| {
@@ -255,8 +255,8 @@ impl<P: PointSet, R: Refinement> TreeSampler<P, R> {
     }
 }
 
-/// The pixel of a place in a cell, and the place in that pixel. A place that rounding has put on the far side of the cell
-/// stays in the last pixel.
+/// The pixel of a point in a cell, and the position in that pixel. A point that rounding moved beyond the cell stays in the
+/// last pixel.
 fn pixel_of(size: [u32; 2], corner: [u32; 2], at: &At) -> ([u32; 2], At) {
     let (mut pixel, mut inside) = ([0; 2], *at);
     for axis in 0..2 {
@@ -266,8 +266,8 @@ fn pixel_of(size: [u32; 2], corner: [u32; 2], at: &At) -> ([u32; 2], At) {
     (pixel, inside)
 }
 
-/// Hands out `step` samples so that the largest score afterwards is as small as possible, as far as rules know it. This is what
-/// refining the box with the largest score, one by one, comes to. Boxes that share the last samples get them by their order.
+/// Distributes `step` samples so that the largest expected score afterwards is as small as possible. The result is that of
+/// refining the box with the largest score, one sample at a time. Boxes that tie for the last samples get them in their order.
 fn hand_out(rule: &impl Refinement, all: &mut [Candidate], step: u64) {
     let wanted = |c: &Candidate, level: u64| rule.wanted(c.score, c.samples, f64::from_bits(level));
     let part = |some: &[Candidate], level: u64| some.iter().map(|c| u64::from(wanted(c, level))).sum::<u64>();
@@ -275,7 +275,7 @@ fn hand_out(rule: &impl Refinement, all: &mut [Candidate], step: u64) {
         let parts: Vec<&[Candidate]> = all.chunks(4096).collect();
         parallel::map(parts.len(), |k| part(parts[k], level)).iter().sum()
     };
-    // The bits of positive numbers are in their order. At `high` too few samples are wanted, or as many as there are.
+    // The bits of positive floats are in numerical order. At `high` at most `step` samples are needed.
     let (mut low, mut high) = (0, f64::MAX.to_bits());
     if total(1) > step {
         while high - low > 1 {
@@ -297,14 +297,14 @@ fn hand_out(rule: &impl Refinement, all: &mut [Candidate], step: u64) {
     }
 }
 
-/// The samples of a round while it is planned.
+/// The sample counts of a round while it is planned.
 struct Round {
     seed: u64,
-    /// The kept samples of each pixel before the round, and those that the round adds.
+    /// The kept samples of each pixel before the round; `counts` holds the samples that the round adds.
     now: Vec<u32>,
     counts: Vec<u32>,
     total: u64,
-    /// The samples of each half.
+    /// The number of samples in each half.
     taken: Vec<[u64; 2]>,
     halves: bool,
 }
@@ -317,7 +317,7 @@ impl Round {
         Self { seed, now, counts: vec![0; pixels], total: 0, taken, halves: film.needs().halves }
     }
 
-    /// The half of pixel `i`'s next sample: the one with fewer, as in the render loop.
+    /// The half of pixel `i`'s next sample: the half with fewer samples, as in the render loop.
     fn half(&self, i: usize) -> usize {
         usize::from(self.halves && self.taken[i][1] < self.taken[i][0])
     }
@@ -330,8 +330,8 @@ impl Round {
         self.total += 1;
     }
 
-    /// Spreads what the boxes leave over of a small round: all that is left of the budget if they took nothing, else what
-    /// pixels at their ceiling lost.
+    /// Spreads evenly what a small round leaves over: the whole rest of the budget if the boxes got nothing, else the samples
+    /// lost by pixels at their ceiling.
     fn fill(&mut self, seen: &Feedback<'_>) -> Result<(), Error> {
         let left = seen.budget.left();
         let target = if self.total == 0 { left } else { (seen.pixels() as u64 / OF_PIXELS).min(left) };

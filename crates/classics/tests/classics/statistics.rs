@@ -80,7 +80,7 @@ fn films_without_a_recorder_are_refused() {
     let film = Film::with_recorders(frame([1, 1]), Needs::none(), Singles::First.list());
     assert!(Singles::First.of(&film, "reader").is_ok());
     for refused in [Singles::All, Singles::Moving].map(|singles| singles.of(&film, "reader").err()) {
-        assert!(refused.is_some_and(|error| error.to_string().starts_with("reader reads samples one by one")));
+        assert!(refused.is_some_and(|error| error.to_string().starts_with("reader reads individual samples")));
     }
     assert!(matches!(SampleSums::Logs.of(&film, "reader"), Err(Error::NotRecorded { .. })));
 }

@@ -6,17 +6,17 @@ use crate::params::{ClusterParams, Order, Sides};
 /// The tolerance of a cosine. It exceeds the rounding error of the dot product of two `f32` unit vectors: at most `2 *
 /// 2^-24` from their lengths and `3 * 2^-24` from the sum.
 ///
-/// With this tolerance, equal normals are alike at any angle (a representative joins its own cluster), and an angle met
-/// exactly counts as within.
+/// With this tolerance, equal normals are similar at any angle (a representative joins its own cluster), and an angle that
+/// equals the limit counts as within.
 const COSINE_SLACK: f64 = 1.0 / (1 << 21) as f64;
 
 impl ClusterParams {
-    /// Tests if opposite normals are alike.
+    /// Returns `true` if opposite normals are similar.
     pub(crate) fn two_sided(&self) -> bool {
         self.sides == Sides::Either
     }
 
-    /// The least dot product of two unit normals that count as similar.
+    /// The smallest dot product of two unit normals that count as similar.
     pub(crate) fn cosine(&self) -> f32 {
         (self.angle.to_radians().cos() - COSINE_SLACK) as f32
     }
@@ -35,7 +35,7 @@ pub(crate) struct Rule {
     pub(crate) cosine: f32,
     pub(crate) two_sided: bool,
     pub(crate) order: Order,
-    /// The least z of a cluster's first normal that ensures that all normals of the cluster lie on its side.
+    /// The smallest z of a cluster's first normal for which all normals of the cluster surely lie on its side.
     pub(crate) steep: f32,
 }
 
@@ -45,8 +45,8 @@ impl Rule {
     }
 }
 
-/// The least z of a cluster's first normal that ensures that all normals of the cluster lie on its side. Two-sided
-/// normals point upwards, and those of a cluster differ by at most twice the angle parameter.
+/// The smallest z of a cluster's first normal for which all normals of the cluster surely lie on its side. Two-sided normals
+/// point upwards, and those of a cluster differ by at most twice the angle parameter.
 ///
 /// The result is infinite if no z suffices, and negative infinity for signed normals.
 fn steep(params: &ClusterParams) -> f32 {
@@ -59,9 +59,9 @@ fn steep(params: &ClusterParams) -> f32 {
     }
 }
 
-/// The number of classes found by one pass each over all remaining facets, before [`sweep`] sorts the rest.
+/// The number of classes found by one pass each over all remaining facets. After that, [`sweep`] sorts the rest.
 const PASSES: usize = 24;
-/// The least number of remaining facets for which sorting them ([`sweep`]) pays.
+/// The smallest number of remaining facets for which sorting them ([`sweep`]) is faster.
 const MANY: usize = 512;
 
 #[inline]
@@ -70,16 +70,16 @@ fn dot<const TWO_SIDED: bool>(a: [f32; 3], b: [f32; 3]) -> f32 {
     if TWO_SIDED { dot.abs() } else { dot }
 }
 
-/// Tests if normal `a` precedes normal `b` in canonical order: larger z first, then larger y, then larger x.
+/// Returns `true` if normal `a` precedes normal `b` in canonical order: larger z first, then larger y, then larger x.
 #[inline]
 fn before(a: [f32; 3], b: [f32; 3]) -> bool {
     a[2] > b[2] || (a[2] == b[2] && (a[1] > b[1] || (a[1] == b[1] && a[0] > b[0])))
 }
 
-/// Triangles' indices in their group, class by class. A class holds triangles of similar normals.
+/// The triangles of a group by their indices, class by class. A class holds triangles with similar normals.
 #[derive(Debug, Default)]
 pub(crate) struct Classes {
-    /// The members of all classes in turn, ascending within each class.
+    /// The members of all classes, one class after another, ascending within each class.
     pub(crate) members: Vec<u32>,
     /// For each class, the end of its range in `members`.
     pub(crate) ends: Vec<u32>,
@@ -97,8 +97,7 @@ impl Classes {
         self.ends.iter().map(move |&end| &self.members[std::mem::replace(&mut start, end as usize)..end as usize])
     }
 
-    /// Adds `numbers` (indices of triangles without a class, ascending) to the first class, or to a new one if there is
-    /// none.
+    /// Adds `numbers` (ascending indices of triangles without a class) to the first class, or to a new class if there is none.
     pub(crate) fn join_first(&mut self, numbers: impl Iterator<Item = usize>) {
         let (first, count) = (self.ends.first().map_or(0, |&end| end as usize), self.members.len());
         drop(self.members.splice(first..first, numbers.map(|i| i as u32)));
@@ -115,7 +114,7 @@ impl Classes {
     /// Rebuilds the classes from `class`, the class of each triangle in the group.
     pub(crate) fn sort(&mut self, class: &[u32], classes: u32) {
         let Self { members, ends } = self;
-        // At first the beginning of each class, at last its end.
+        // First the beginning of each class, finally its end.
         ends.clear();
         ends.resize(classes as usize, 0);
         for &class in class {
@@ -136,8 +135,8 @@ impl Classes {
 
 /// Sorts facets into classes and empties `facets`. The numbers of the facets must ascend.
 ///
-/// First fit is computed in passes: the first remaining facet becomes the representative of a class, and all remaining
-/// facets like it join. So a facet is compared only with representatives up to its own, and no sorting is needed.
+/// First fit is computed in passes: the first remaining facet becomes the representative of a class, and all remaining similar
+/// facets join it. So a facet is compared only with representatives up to its own, and no sorting is needed.
 pub(crate) fn classify(facets: &mut Vec<Facet>, rule: Rule, classes: &mut Classes) {
     classes.ends.clear();
     classes.members.resize(facets.len(), 0);
@@ -180,8 +179,8 @@ fn first_at(facets: &[Facet], top: f32) -> [f32; 3] {
     tied.fold(first, |first, normal| if before(normal, first) { normal } else { first })
 }
 
-/// Moves the numbers of all facets similar to the representative from `facets` to `room`, and returns how many there
-/// are. `top` becomes the largest z of the remaining facets.
+/// Moves the numbers of all facets similar to the representative from `facets` to `room`, and returns their count. `top` is set
+/// to the largest z of the remaining facets.
 fn take<const TWO_SIDED: bool, const CANONICAL: bool>(
     facets: &mut Vec<Facet>,
     representative: [f32; 3],
@@ -202,15 +201,15 @@ fn take<const TWO_SIDED: bool, const CANONICAL: bool>(
             highest = higher(if joins { f32::NEG_INFINITY } else { facet.normal[2] }, highest);
         }
     }
-    // A representative is like itself up to rounding, which the cosine allows for.
+    // A representative is similar to itself up to rounding, which the cosine tolerates.
     debug_assert!(joined > 0);
     facets.truncate(facets.len() - joined);
     *top = highest;
     joined
 }
 
-/// Does the work of [`take`] for all remaining classes. Facets are sorted by z, so those like a representative lie
-/// within a short run.
+/// Finds all remaining classes, like repeated calls of [`take`]. Facets are sorted by z, so those similar to a representative
+/// lie within a short run.
 fn sweep<const TWO_SIDED: bool>(facets: &mut Vec<Facet>, cosine: f32, classes: &mut Classes, joined: usize) {
     facets.sort_unstable_by(|a, b| before(b.normal, a.normal).cmp(&before(a.normal, b.normal)));
     // Rounding of the cosine and of the normals widens the angle by less than this, unless it is tiny.
@@ -224,7 +223,7 @@ fn sweep<const TWO_SIDED: bool>(facets: &mut Vec<Facet>, cosine: f32, classes: &
         let representative = facets[head].normal;
         let lowest =
             (representative[2].clamp(-1.0, 1.0).acos() + angle).min(std::f32::consts::PI).cos() - WIDEN * WIDEN;
-        // Two-sided normals have z >= 0. The far side of a representative is within the angle only if z = 0 is.
+        // Two-sided normals have z >= 0. Opposite normals are within the angle only if z = 0 is.
         let mut i = head;
         let start = joined;
         while i < facets.len() && facets[i].normal[2] >= lowest {
@@ -243,7 +242,7 @@ fn sweep<const TWO_SIDED: bool>(facets: &mut Vec<Facet>, cosine: f32, classes: &
     facets.clear();
 }
 
-/// The first index from `i` on with `next[index] == index`: the next facet without a class. Halves the path for later
+/// The first index from `i` on with `next[index] == index`: the next facet without a class. Also halves the path for later
 /// searches.
 fn skip(next: &mut [u32], mut i: usize) -> usize {
     while next[i] as usize != i {

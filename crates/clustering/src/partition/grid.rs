@@ -1,6 +1,6 @@
 //! The uniform grid: its resolution, and the voxel that contains a point.
 //!
-//! All arithmetic is f64. Sums and products of `f32` then neither overflow nor vanish, and scaling by a power of two
+//! All arithmetic is in f64. Sums and products of `f32` then neither overflow nor underflow, and scaling by a power of two
 //! changes no digit.
 
 use crate::{Error, Triangles};
@@ -10,16 +10,16 @@ use rayon::prelude::*;
 /// The number of triangles per parallel task. It is fixed, so that the number of threads has no effect.
 pub(crate) const CHUNK: usize = 1 << 15;
 
-/// The tolerance at the faces of voxels, as a fraction of the axis's largest absolute coordinate. Points this little
+/// The tolerance at the faces of voxels, as a fraction of the axis's largest absolute coordinate. Points within this distance
 /// below a face count as on it and belong to the voxel above.
 ///
-/// The tolerance is four times the rounding error of an `f32`. Regular meshes have centroids exactly on faces, and
-/// scaling by 1000, say, would move them to either side.
+/// The tolerance is four times the rounding error of an `f32`. Regular meshes have centroids exactly on faces, and scaling by
+/// 1000, for example, would move these to either side.
 const FACE_WIDTH: f64 = 1.0 / (1 << 22) as f64;
-/// The relative increase of a number of voxels before rounding, so that numbers just below a half round up.
+/// The relative increase of a number of voxels before rounding, so that numbers just below one half round up.
 const HALF_WIDTH: f64 = 1.0 / (1 << 20) as f64;
 
-/// An axis-aligned box, as its smallest and largest corner. The fourth lane is unused, so that one instruction handles
+/// An axis-aligned box, stored as its smallest and largest corner. The fourth lane is unused, so that one instruction processes
 /// a corner.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Bounds {
@@ -73,7 +73,7 @@ pub(crate) struct Mesh<'a> {
 }
 
 impl<'a> Mesh<'a> {
-    /// Checks triangles; the error names the first bad one.
+    /// Checks triangles; the error identifies the first invalid one.
     pub(crate) fn new(mesh: &Triangles<'a>) -> Result<Self, Error> {
         let triangles = mesh.indices.len();
         if triangles == 0 {
@@ -110,7 +110,7 @@ fn padded([x, y, z]: [f32; 3]) -> [f32; 4] {
 #[inline(always)]
 fn finite_bounds(places: impl Iterator<Item = [f32; 4]>) -> Option<Bounds> {
     let mut bounds = Bounds::NOTHING;
-    // Zero times a finite number is zero, times anything else NaN. So one sum checks all numbers.
+    // A finite number times zero is zero; any other is NaN. So one sum checks all numbers.
     let mut zero = [0.0_f32; 4];
     for place in places {
         bounds.hold(place);
@@ -121,11 +121,11 @@ fn finite_bounds(places: impl Iterator<Item = [f32; 4]>) -> Option<Bounds> {
     (zero == [0.0; 4]).then_some(bounds)
 }
 
-/// The number of floats in eight points: the axes of lanes then repeat from one group of eight to the next.
+/// The number of floats in eight points. With this number, each lane has the same axis in every group.
 const GROUP: usize = 24;
 
-/// The bounding box of all points of a chunk, or `None` if one of them is not finite. pulp compiles it for each width of
-/// vector registers.
+/// The bounding box of all points of a chunk, or `None` if a point is not finite. pulp compiles it for each width of vector
+/// registers.
 struct PointBounds<'a> {
     points: &'a [[f32; 3]],
 }
@@ -154,8 +154,8 @@ impl NullaryFnOnce for PointBounds<'_> {
     }
 }
 
-/// The largest index, and for each of six vertices a flag that is true if some triangle uses the vertex. pulp compiles it
-/// for each width of vector registers.
+/// The search for the largest index, and for whether some triangle uses each of six vertices. pulp compiles it for each width
+/// of vector registers.
 struct LookUp<'a> {
     indices: &'a [[u32; 3]],
     vertices: [u32; 6],
@@ -184,7 +184,7 @@ impl NullaryFnOnce for LookUp<'_> {
 }
 
 impl Triangles<'_> {
-    /// The bounding box of all vertices, if triangles use the vertices on its faces. `None` if not, or if an index or a
+    /// The bounding box of all vertices if triangles use the vertices on its faces. `None` otherwise, or if an index or a
     /// position is invalid. This is faster than visiting the corners of each triangle.
     fn bounds_of_vertices(&self) -> Option<Bounds> {
         let chunk_bounds = |points| Arch::new().dispatch(PointBounds { points });
@@ -209,7 +209,7 @@ impl Triangles<'_> {
         ((largest as usize) < self.positions.len() && found == [true; 6]).then_some(bounds)
     }
 
-    /// The bounding box of all triangles. The error names the first bad triangle.
+    /// The bounding box of all triangles. The error identifies the first invalid triangle.
     fn bounds_of_triangles(&self) -> Result<Bounds, Error> {
         let chunk_bounds = |chunk: &[[u32; 3]]| {
             let vertices = self.positions.len();
@@ -229,7 +229,7 @@ impl Triangles<'_> {
         Ok(bounds)
     }
 
-    /// The error of the first bad triangle from `start` on.
+    /// The error of the first invalid triangle from `start` on.
     fn first_fault(&self, start: usize) -> Error {
         for (triangle, indices) in self.indices.iter().enumerate().skip(start) {
             let triangle = triangle as u32;
@@ -261,14 +261,14 @@ pub(crate) struct Grid {
 /// A linear map from points to voxel coordinates: `(point - low) * density`. The fourth lane is unused.
 #[derive(Clone, Copy, Debug, Default)]
 struct Scale {
-    /// The lower corner of the box, moved down by the tolerance at faces, which is at most a quarter of a voxel.
+    /// The lower corner of the box, lowered by the tolerance at faces, which is at most a quarter of a voxel.
     low: [f64; 4],
-    /// The number of voxels per unit of length; 0 along an axis without extent.
+    /// The number of voxels per unit of length; 0 along an axis with zero extent.
     density: [f64; 4],
 }
 
 impl Grid {
-    /// A grid with about `longest` voxels along the box's longest axis, the same density along the others, and 1 to
+    /// Creates a grid with about `longest` voxels along the box's longest axis, the same density along the other axes, and 1 to
     /// `clamp` voxels along each.
     pub(crate) fn new(bounds: Bounds, longest: f64, clamp: u32) -> Self {
         let [low, high] = bounds.corners().map(|corner| corner.map(f64::from));
@@ -281,7 +281,7 @@ impl Grid {
                 resolution[axis] = (voxels.round() as u32).clamp(1, clamp);
                 whole.density[axis] = f64::from(resolution[axis]) / extent[axis];
             }
-            // Coordinates far from the origin are coarse. The shift stays below a voxel there.
+            // Far from the origin, coordinates are coarse. The shift stays below a voxel there.
             let voxel = extent[axis] / f64::from(resolution[axis]);
             let shift = (FACE_WIDTH * low[axis].abs().max(high[axis].abs())).min(0.25 * voxel);
             whole.low[axis] = low[axis] - shift;
@@ -290,7 +290,7 @@ impl Grid {
         Self { resolution, whole, thirds }
     }
 
-    /// The number of voxels along the longest axis for factor K, before the clamp.
+    /// The number of voxels along the longest axis for the factor K, before clamping.
     pub(crate) fn longest(k: f64, triangles: usize) -> f64 {
         k * (triangles as f64).cbrt()
     }
@@ -310,8 +310,8 @@ impl Grid {
     /// The voxel that contains a point, along each axis. Points on a face belong to the voxel above.
     #[inline(always)]
     fn voxel(&self, place: [f64; 4], scale: &Scale) -> [u32; 3] {
-        // Next to 2^32 the last digit of an f64 is 2^-20, and the digits below the leading one are those of the addend.
-        // This casts in two instructions. Places up to 2^-21 of a voxel below a face count as on it.
+        // Next to 2^32 the last digit of an f64 is 2^-20, and the digits below the leading one are those of the addend. This
+        // converts to an integer in two instructions. Points up to 2^-21 of a voxel below a face count as on it.
         const LEADING: f64 = (1_u64 << 32) as f64;
         let voxels: [f64; 4] =
             std::array::from_fn(|lane| (place[lane] - scale.low[lane]) * scale.density[lane] + LEADING);

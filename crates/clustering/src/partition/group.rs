@@ -1,5 +1,5 @@
-//! Clusters a group: the triangles of one material in one voxel. Classes of similar normals are cut into connected pieces by
-//! union-find over shared vertices [after Tarjan 1975].
+//! Clustering of a group: the triangles of one material in one voxel. Classes of similar normals are split into connected
+//! pieces by union-find over shared vertices [after Tarjan 1975].
 
 use crate::Cluster;
 use crate::params::{ClusterParams, Connection, Grouping, Insertion, Order};
@@ -19,13 +19,13 @@ pub(crate) struct Scratch {
     connector: Connector,
 }
 
-/// The clustering parameters in the form that [`Scratch::cluster`] uses.
+/// The clustering parameters in the form used by [`Scratch::cluster`].
 #[derive(Clone, Copy)]
 pub(crate) struct GroupRule {
     grouping: Grouping,
     weld: bool,
     rule: Rule,
-    /// True if every triangle keeps its cluster in the group, as with insertion by centroid.
+    /// `true` if every triangle keeps its cluster in the group, as with insertion by centroid.
     keeps_all: bool,
 }
 
@@ -36,15 +36,15 @@ impl GroupRule {
         Self { grouping: params.grouping, weld, rule: Rule::new(params), keeps_all }
     }
 
-    /// Tests if the parameters allow [`SmallGroups`], the fast path for small groups.
+    /// Returns `true` if the parameters allow [`SmallGroups`], the fast path for small groups.
     fn is_plain(&self) -> bool {
         self.keeps_all && self.grouping == Grouping::Greedy && self.rule.order == Order::Canonical
     }
 }
 
 impl Scratch {
-    /// Clusters a group and adds its clusters to `batch`. With insertion by bounding box, a triangle stays in its
-    /// cluster only if `keeps` returns true for its index in the group.
+    /// Clusters a group and adds its clusters to `batch`. With insertion by bounding box, a triangle stays in its cluster only
+    /// if `keeps` returns `true` for its index in the group.
     #[inline(always)]
     pub(crate) fn cluster(
         &mut self,
@@ -105,12 +105,12 @@ impl Scratch {
         if plan.grouping == Grouping::Connected {
             self.cut(Group { mesh, triangles: group.triangles, weld: plan.weld, order: plan.rule.order });
         } else if flat {
-            // Without a normal, a triangle fits the first cluster.
+            // A triangle without a normal joins the first cluster.
             self.classes.join_first((0..group.triangles.len()).filter(|&i| group.normals.is_flat(i)));
         }
     }
 
-    /// Cuts `self.classes` (sets of triangles with similar normals) into their connected pieces.
+    /// Splits `self.classes` (sets of triangles with similar normals) into their connected pieces.
     fn cut(&mut self, group: Group<'_>) {
         self.class.clear();
         self.class.resize(group.triangles.len(), u32::MAX);
@@ -124,7 +124,7 @@ impl Scratch {
     }
 }
 
-/// Makes a cluster from its members: their bounds, area, mean normal and cone.
+/// Creates a cluster from its members: their bounds, area, mean normal and cone.
 fn measure(group: Members<'_>, members: &[u32], steep: f32, common: Cluster) -> Cluster {
     let numbers = || members.iter().map(|&i| i as usize);
     let mut sum = Surface::NOTHING;
@@ -138,8 +138,8 @@ fn measure(group: Members<'_>, members: &[u32], steep: f32, common: Cluster) -> 
     Cluster { triangles: members.len() as u32, normal, cone, ..sum.cluster(common) }
 }
 
-/// The smallest of `cosines`, those between `normal` and its cluster's triangles; -1 if `normal` is zero. If `both`,
-/// absolute values count.
+/// The smallest of `cosines` (between `normal` and the normals of its cluster's triangles); -1 if `normal` is zero. If `both`,
+/// absolute values are used.
 fn cone(normal: [f32; 3], cosines: impl Iterator<Item = f32>, both: bool) -> f32 {
     if normal == [0.0; 3] {
         return -1.0;
@@ -154,18 +154,17 @@ const NONE: u32 = u32::MAX;
 /// The scratch space of one thread for finding connected pieces.
 #[derive(Default)]
 struct Connector {
-    /// A hash table with open addressing. A slot holds a vertex, with the first triangle or the lowest piece at it.
+    /// A hash table with open addressing. A slot holds a vertex, with its first triangle or the lowest piece that touches it.
     slots: Vec<[u32; 2]>,
     parent: Vec<u32>,
 }
 
 impl Connector {
-    /// Cuts each class of a group (the triangles of one material in a voxel) into its connected pieces. `class` holds
-    /// the class of each triangle and receives its piece. Pieces are numbered class by class. Returns the number of
-    /// pieces.
+    /// Splits each class of a group (the triangles of one material in a voxel) into its connected pieces. `class` holds the
+    /// class of each triangle and receives its piece. Pieces are numbered class by class. Returns the number of pieces.
     ///
-    /// Triangles of class `u32::MAX` have no normal and are connected among themselves. Each piece of them joins the
-    /// lowest numbered other piece that shares a vertex with it, or stays on its own.
+    /// Triangles of class `u32::MAX` have no normal and are connected among themselves. Each piece of these joins the
+    /// lowest-numbered other piece that shares a vertex with it, or remains on its own.
     fn cut(&mut self, group: Group<'_>, class: &mut [u32], classes: u32) -> u32 {
         let mut lists = vec![Vec::new(); classes as usize];
         let mut flat = Vec::new();
@@ -190,7 +189,7 @@ impl Connector {
         pieces
     }
 
-    /// Finds the connected pieces of the triangles in `list` and writes their numbers, from `pieces` on, to `class`.
+    /// Finds the connected pieces of the triangles in `list` and writes their numbers, starting at `pieces`, to `class`.
     /// Returns the next free number.
     fn number(&mut self, group: Group<'_>, list: &[u32], class: &mut [u32], pieces: u32) -> u32 {
         self.join(group, list);
@@ -207,7 +206,7 @@ impl Connector {
         pieces + roots.len() as u32
     }
 
-    /// Sorts the pieces' root triangles by the smallest centroid of each piece (by x, then y, then z). The result does
+    /// Sorts the pieces' root triangles by the smallest centroid of each piece (by x, then y, then z), so that the result does
     /// not depend on the order of triangles.
     fn order_by_place(&mut self, group: Group<'_>, list: &[u32], roots: &mut [u32]) {
         let place = |&triangle: &u32| (self.root(triangle), centroid_sum(group.corners(triangle)));
@@ -226,7 +225,7 @@ impl Connector {
         }
     }
 
-    /// Unites all triangles of a list that share vertices.
+    /// Unites all triangles in a list that share vertices.
     fn join(&mut self, group: Group<'_>, list: &[u32]) {
         self.clear(list.len());
         for &triangle in list {
@@ -241,8 +240,8 @@ impl Connector {
         }
     }
 
-    /// Returns, for each triangle of `flat` (those without a normal), the lowest number of the pieces that share a
-    /// vertex with it; [`NONE`] if no piece does.
+    /// For each triangle in `flat` (triangles without a normal), the lowest number of the pieces that share a vertex with it;
+    /// [`NONE`] if there is none.
     fn touched(&mut self, group: Group<'_>, numbered: &[u32], flat: &[u32], class: &[u32]) -> Vec<u32> {
         self.clear(numbered.len());
         for &triangle in numbered {
@@ -259,14 +258,14 @@ impl Connector {
         flat.iter().map(lowest).collect()
     }
 
-    /// Empties the hash table and resizes it for the vertices of `triangles` triangles, which fill at most half of the
+    /// Empties the hash table and resizes it for the vertices of `triangles` triangles, which then fill at most half of the
     /// slots.
     fn clear(&mut self, triangles: usize) {
         self.slots.clear();
         self.slots.resize((6 * triangles).next_power_of_two(), [NONE; 2]);
     }
 
-    /// The index of the slot that holds a vertex, or of the empty slot where it belongs.
+    /// The index of the slot that holds a vertex, or of the empty slot for it.
     fn slot(&self, group: Group<'_>, vertex: u32) -> usize {
         let mask = self.slots.len() - 1;
         let mut slot = group.hash(vertex) as usize & mask;
@@ -292,9 +291,9 @@ impl Connector {
     }
 }
 
-/// Merges each piece of flat triangles (those without a normal) into the lowest numbered piece that it touches. Pieces
-/// of flat triangles have the highest numbers in `class`; those that touch no other piece are renumbered. Returns the
-/// number of pieces left.
+/// Merges each piece of flat triangles (triangles without a normal) into the lowest-numbered piece that it touches. Pieces of
+/// flat triangles have the highest numbers in `class`; those that touch no other piece are renumbered. Returns the number of
+/// remaining pieces.
 fn hand_over(flat: &[u32], touched: &[u32], class: &mut [u32], pieces: u32) -> u32 {
     let first = flat.iter().map(|&triangle| class[triangle as usize]).min().unwrap_or(pieces);
     let mut owner = vec![NONE; (pieces - first) as usize];
@@ -315,7 +314,7 @@ fn hand_over(flat: &[u32], touched: &[u32], class: &mut [u32], pieces: u32) -> u
     pieces
 }
 
-/// The triangles of one material in a voxel. Methods take a triangle's index in this group.
+/// The triangles of one material in a voxel. Methods identify a triangle by its index in this group.
 #[derive(Clone, Copy)]
 struct Group<'a> {
     mesh: &'a Mesh<'a>,
@@ -333,17 +332,17 @@ impl Group<'_> {
         self.mesh.corners(self.triangles[triangle as usize])
     }
 
-    /// Tests if two vertices count as one: the same index, or with `weld` the same position.
+    /// Returns `true` if two vertices count as one: the same index, or with `weld` the same position.
     fn same(&self, a: u32, b: u32) -> bool {
         a == b || (self.weld && self.mesh.positions[a as usize] == self.mesh.positions[b as usize])
     }
 
     fn hash(&self, vertex: u32) -> u64 {
-        // Odd numbers whose products spread all bits upwards: 2^64 over the golden ratio, and two of its successors
-        // under the same map.
+        // Odd numbers whose products spread all bits upwards: 2^64 divided by the golden ratio, and two of its successors under
+        // the same map.
         const SPREAD: [u64; 3] = [0x9e37_79b9_7f4a_7c15, 0xc2b2_ae3d_27d4_eb4f, 0x1656_67b1_9e37_79f9];
         let key = if self.weld {
-            // Adding 0.0 turns -0.0 into 0.0.
+            // Adding 0.0 changes -0.0 to 0.0.
             let bits = self.mesh.positions[vertex as usize].map(|x| u64::from((x + 0.0).to_bits()));
             (0..3).fold(0, |key: u64, axis| (key ^ bits[axis]).wrapping_mul(SPREAD[axis]).rotate_left(29))
         } else {

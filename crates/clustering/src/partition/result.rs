@@ -6,8 +6,8 @@ use std::sync::Arc;
 /// The clusters of a mesh's triangles: the cluster of each triangle, the triangles and properties of each cluster, and
 /// a report on the voxel grid.
 ///
-/// Clusters are numbered by voxel (z, then y, then x), within a voxel by material, and within one voxel and material in
-/// the order in which they were opened. Clones share the large arrays.
+/// Clusters are numbered by voxel (z, then y, then x), within a voxel by material, and within one voxel and material in the
+/// order of their first triangles. Clones share the large arrays.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Clusters {
     pub(crate) labels: Arc<[u32]>,
@@ -28,7 +28,7 @@ impl Clusters {
         self.clusters.len()
     }
 
-    /// Returns true if there are no clusters, and so no triangles.
+    /// Returns `true` if there are no clusters, and so no triangles.
     pub fn is_empty(&self) -> bool {
         self.clusters.is_empty()
     }
@@ -38,8 +38,7 @@ impl Clusters {
         &self.clusters
     }
 
-    /// Reference-counted handles to the [labels](Self::labels) and [clusters](Self::clusters), made without copying the
-    /// arrays.
+    /// Reference-counted handles to the [labels](Self::labels) and [clusters](Self::clusters), without copying the arrays.
     pub fn shared(&self) -> (Arc<[u32]>, Arc<[Cluster]>) {
         (self.labels.clone(), self.clusters.clone())
     }
@@ -52,7 +51,7 @@ impl Clusters {
         }
     }
 
-    /// The report on the voxel grid: its resolution and how triangles fill it.
+    /// The statistics of the voxel grid: its resolution and how triangles are distributed over it.
     pub fn report(&self) -> ClusterReport {
         self.report
     }

@@ -1,23 +1,23 @@
-//! A fast path of the default grouping for groups of up to 256 triangles (of one material in a voxel): vector lanes,
-//! and no branch per triangle.
+//! A fast path of the default grouping for groups of up to 256 triangles (of one material in a voxel), with vector lanes and no
+//! branch per triangle.
 //!
-//! Most groups of fine grids are small. There a mispredicted branch costs more than idle lanes.
+//! Most groups of fine grids are small. For these, a mispredicted branch costs more than idle lanes.
 
 use crate::Cluster;
 use crate::partition::greedy::Rule;
 use crate::partition::triangle_normals::{Members, Surface};
 
-/// The largest number of classes of similar normals in a group that is clustered in vector lanes. Each class takes a
-/// pass over all lanes, and those of a group with more classes are in vain.
+/// The largest number of classes of similar normals in a group that is clustered in vector lanes. Each class needs a pass over
+/// all lanes, and a group with more classes must be clustered again by the general method.
 const MAX_CLASSES: usize = 64;
 
 /// The clusters of a range of voxels, with groups numbered from 0.
 #[derive(Default)]
 pub(crate) struct Batch {
-    /// The indices of triangles, cluster by cluster, ascending within each.
+    /// The indices of triangles, cluster by cluster, ascending within each cluster.
     pub(crate) members: Vec<u32>,
     pub(crate) clusters: Vec<Cluster>,
-    /// The number of groups (one voxel's triangles of one material) with a cluster.
+    /// The number of groups (one voxel's triangles of one material) that have a cluster.
     pub(crate) groups: u32,
     /// The number of voxels with at least one triangle.
     pub(crate) voxels: u64,
@@ -53,7 +53,7 @@ impl Part {
 }
 
 impl SmallGroups {
-    /// Clusters a group of at most N triangles and adds its clusters to `batch`. Returns false and does nothing if some
+    /// Clusters a group of at most N triangles and adds its clusters to `batch`. Returns `false` and does nothing if some
     /// triangles have no normal or there are too many classes.
     #[inline(always)]
     pub(crate) fn cluster<const N: usize>(
@@ -100,8 +100,8 @@ impl SmallGroups {
         true
     }
 
-    /// Sums the normals, areas and boxes of each class. If `sides` is true, each normal is first turned to the side of
-    /// its class's first normal.
+    /// Sums the normals, areas and boxes of each class. If `sides` is `true`, each normal is first flipped to the side of its
+    /// class's first normal.
     #[inline(always)]
     fn sum(&mut self, group: Members<'_>, class: &[u32], sides: bool) {
         if !sides {
@@ -122,8 +122,7 @@ impl SmallGroups {
         }
     }
 
-    /// Computes the normal and cone of each class, and sorts the triangles by class. If `both`, opposite normals are
-    /// alike.
+    /// Computes the normal and cone of each class, and sorts the triangles by class. If `both`, opposite normals are similar.
     #[inline(always)]
     fn finish(&mut self, group: Members<'_>, class: &[u32], both: bool) {
         let mut members = 0;
@@ -144,7 +143,7 @@ impl SmallGroups {
     }
 }
 
-/// Computes the cluster of a group whose triangles are all of one class.
+/// Computes the cluster of a group whose triangles are all in one class.
 #[inline(always)]
 fn one_class<const N: usize>(rule: Rule, group: Members<'_>, [x, y, z]: [&[f32; N]; 3], common: Cluster) -> Cluster {
     let count = group.surfaces.len().min(N);
@@ -173,9 +172,9 @@ fn classify<const N: usize, const TWO_SIDED: bool>(
     cosine: f32,
     class: &mut [u32; N],
 ) -> usize {
-    /// The key of a triangle that has a class already; below the key of any number.
+    /// The key of a triangle that already has a class; below the key of any number.
     const DONE: i32 = i32::MIN;
-    // Integers in the order of z.
+    // Integers with the same order as z.
     let mut keys = [DONE; N];
     let mut top = DONE;
     for i in 0..N {
@@ -208,8 +207,8 @@ fn classify<const N: usize, const TWO_SIDED: bool>(
     if top == DONE { classes as usize } else { usize::MAX }
 }
 
-/// Returns the first index of `top` in `keys`, whose number is a multiple of eight, and how many there are. Sums and
-/// ranges with overflow checks would not become vectors.
+/// Returns the first index of `top` in `keys`, whose length is a multiple of eight, and the number of occurrences. Sums and
+/// ranges with overflow checks would not be vectorised.
 #[inline(always)]
 fn find(keys: &[i32], top: i32) -> (usize, i32) {
     const LANES: usize = 8;
@@ -223,7 +222,7 @@ fn find(keys: &[i32], top: i32) -> (usize, i32) {
     (first.into_iter().fold(i32::MAX, i32::min) as usize, ties.into_iter().fold(0, i32::wrapping_add))
 }
 
-/// Maps a float to an integer of the same order. 0.0 and -0.0 map to the same integer.
+/// Maps a float to an integer with the same order. 0.0 and -0.0 map to the same integer.
 #[inline(always)]
 fn key(x: f32) -> i32 {
     let bits = (x + 0.0).to_bits() as i32;

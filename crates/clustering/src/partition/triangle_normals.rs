@@ -1,20 +1,20 @@
 //! Normals, areas and boxes of triangles, a block at a time.
 //!
-//! Blocks have one array per coordinate, so that one instruction of any width handles several triangles.
+//! Blocks have one array per coordinate, so that one instruction of any width processes several triangles.
 
 use crate::Cluster;
 use crate::partition::grid::{Bounds, Mesh};
 
-/// The sine of the angle between two edges up to which a triangle is flat, that is, without a normal. For three `f32`
-/// points on a line, rounding in f64 arithmetic produces a sine of about `2^-52`.
+/// The sine of the angle between two edges up to which a triangle is flat, that is, without a normal. For three `f32` points on
+/// a line, rounding in f64 gives a sine of about `2^-52`.
 const FLAT: f64 = 1.0 / (1_u64 << 46) as f64;
 /// The number of triangles per block: enough to fill the widest registers, few enough for the nearest cache.
 const BLOCK: usize = 16;
-/// The number of triangles between a request for corners and their use.
+/// The number of triangles between prefetching corners and using them.
 const AHEAD: usize = 2 * BLOCK;
 
-/// The largest number of triangles in a group that is clustered in vector lanes. Each class of similar normals takes a
-/// pass over all lanes, and larger groups tend to have more classes.
+/// The largest number of triangles in a group that is clustered in vector lanes. Each class of similar normals needs a pass
+/// over all lanes, and larger groups tend to have more classes.
 pub(crate) const MAX_SMALL: usize = 256;
 /// One value for each triangle of a block.
 type Lanes<T> = [T; BLOCK];
@@ -33,8 +33,8 @@ impl Surface {
     /// The sum over no triangles.
     pub(crate) const NOTHING: Self = Self { weighted: [0.0; 4], bounds: Bounds::NOTHING };
 
-    /// The sum with a triangle. Its normal must already be turned to the side of the sum. By value: the compiler then
-    /// knows that the two do not overlap.
+    /// Adds a triangle, whose normal must already be on the side of the sum. Takes `self` by value, so that the compiler knows
+    /// that the two do not overlap.
     #[inline(always)]
     pub(crate) fn and(mut self, other: Self) -> Self {
         for lane in 0..4 {
@@ -73,8 +73,8 @@ impl Surface {
     }
 }
 
-/// The unit normals of consecutive triangles, one slice per axis. A flat triangle has normal zero and `flat` 1; others
-/// have `flat` 0. The last ones may belong to other groups or be unused.
+/// The unit normals of consecutive triangles, one slice per axis. A flat triangle has normal zero and `flat` 1; others have
+/// `flat` 0. The last entries may belong to other groups or be unused.
 #[derive(Clone, Copy)]
 pub(crate) struct Normals<'a> {
     axes: [&'a [f32]; 3],
@@ -87,7 +87,7 @@ impl<'a> Normals<'a> {
         self.axes.map(|axis| axis[i])
     }
 
-    /// Tests if a triangle has no normal.
+    /// Returns `true` if a triangle has no normal.
     #[inline(always)]
     pub(crate) fn is_flat(&self, i: usize) -> bool {
         self.flat[i] != 0.0
@@ -100,7 +100,7 @@ impl<'a> Normals<'a> {
         own[0] * other[0] + own[1] * other[1] + own[2] * other[2]
     }
 
-    /// The cosine between a triangle's normal and a unit vector; 1 without a normal, which cannot deviate.
+    /// The cosine between a triangle's normal and a unit vector; 1 for a triangle without a normal, which cannot deviate.
     #[inline(always)]
     pub(crate) fn cosine(&self, i: usize, other: [f32; 3]) -> f32 {
         self.dot(i, other) + self.flat[i]
@@ -114,7 +114,7 @@ impl<'a> Normals<'a> {
     }
 }
 
-/// Surfaces and normals of triangles, in their order.
+/// The surfaces and normals of triangles, in the same order.
 #[derive(Default)]
 pub(crate) struct Surfaces {
     pub(crate) surfaces: Vec<Surface>,
@@ -129,11 +129,11 @@ impl Surfaces {
         Normals { axes: self.axes.each_ref().map(|axis| &axis[start..]), flat: &self.flat[start..] }
     }
 
-    /// Replaces the contents by the surfaces and normals of `triangles`. If `two_sided`, normals are turned upwards.
+    /// Replaces the contents by the surfaces and normals of `triangles`. If `two_sided`, normals are flipped upwards.
     #[inline(always)]
     pub(crate) fn load(&mut self, mesh: &Mesh<'_>, triangles: &[u32], two_sided: bool) {
         self.surfaces.clear();
-        // Old values do not matter, nor do those beyond the last triangle.
+        // Old values do not matter, and neither do those after the last triangle.
         let room = triangles.len().next_multiple_of(BLOCK) + MAX_SMALL;
         for lanes in self.axes.iter_mut().chain([&mut self.flat]) {
             lanes.resize(room, 0.0);
@@ -142,7 +142,7 @@ impl Surfaces {
         let mut bounds = [Bounds::NOTHING; BLOCK];
         for (number, block) in triangles.chunks(BLOCK).enumerate() {
             self.request(mesh, triangles, number * BLOCK);
-            // Not above the length of the arrays, so that the compiler leaves out checks.
+            // At most the length of the arrays, so that the compiler omits bounds checks.
             let count = block.len().min(BLOCK);
             for lane in 0..count {
                 let own = mesh.corners(block[lane]);
@@ -164,7 +164,7 @@ impl Surfaces {
 }
 
 impl Surfaces {
-    /// Requests the indices and corners of a block of `triangles` that comes soon after the one at `start`.
+    /// Prefetches the indices and corners of a block of `triangles` that is processed soon after the block at `start`.
     #[inline(always)]
     fn request(&self, mesh: &Mesh<'_>, triangles: &[u32], start: usize) {
         for &triangle in triangles.iter().skip(start + 2 * AHEAD).take(BLOCK) {
@@ -195,7 +195,7 @@ impl Corners {
     }
 }
 
-/// The cross products of the edges of a block's triangles, with the doubled areas and unit normals that follow.
+/// The cross products of the edges of a block's triangles, with doubled areas and unit normals computed from them.
 struct Crosses {
     cross: [Lanes<f64>; 3],
     doubled: Lanes<f64>,
@@ -235,12 +235,12 @@ impl Crosses {
         found
     }
 
-    /// Turns each normal to the side of z > 0 (of y > 0 if z is 0, of x > 0 if both are 0).
+    /// Flips each normal to z > 0 (to y > 0 if z is 0, to x > 0 if both are 0).
     #[inline(always)]
     fn turn_up(&mut self) {
         for lane in 0..BLOCK {
             let n = [self.unit[0][lane], self.unit[1][lane], self.unit[2][lane]];
-            // Without branches: on a closed surface, half the normals point either way.
+            // Without branches, since half the normals of a closed surface point either way.
             let negative = (n[2] < 0.0) | ((n[2] == 0.0) & ((n[1] < 0.0) | ((n[1] == 0.0) & (n[0] < 0.0))));
             let sign = if negative { -1.0_f32 } else { 1.0 };
             for axis in 0..3 {
@@ -259,7 +259,7 @@ pub(crate) struct Members<'a> {
     pub(crate) normals: Normals<'a>,
 }
 
-/// Requests cache lines, on processors for which safe Rust can.
+/// Prefetches cache lines, on processors for which safe Rust can.
 #[derive(Clone, Copy, Debug)]
 struct Prefetch {
     #[cfg(target_arch = "x86_64")]
@@ -276,7 +276,7 @@ impl Default for Prefetch {
 }
 
 impl Prefetch {
-    /// Requests the cache line of an array's element. An index past the end is harmless.
+    /// Prefetches the cache line of an array's element. An index past the end is harmless.
     #[inline(always)]
     fn request<T>(self, array: &[T], index: usize) {
         #[cfg(target_arch = "x86_64")]

@@ -1,4 +1,4 @@
-//! Pairs of a voxel and a triangle, sorted by voxel. Only occupied voxels take memory.
+//! Voxel-triangle pairs, sorted by voxel. Only occupied voxels use memory.
 
 use rayon::prelude::*;
 
@@ -31,7 +31,7 @@ macro_rules! entries {
     )*};
 }
 
-// Pairs in 64 bits are for grids of up to 2^32 voxels, those in 128 bits for any grid.
+// Pairs of 64 bits are for grids of up to 2^32 voxels, pairs of 128 bits for any grid.
 entries! { u64 u128 }
 
 /// The intended number of entries per range of voxels. With the parts that they come from they fill a first-level cache of 32 KiB.
@@ -40,14 +40,14 @@ const BUCKET: usize = 2048;
 const MAX_BUCKETS: usize = 1024;
 /// The number of entries in a range below which they are sorted by comparisons.
 const SMALL: usize = 64;
-/// The largest width of a range, in bits of the voxel's index, that is sorted by counting entries per voxel. The
-/// counters then fill half a first-level cache.
+/// The largest width of a range, in bits of the voxel index, that is sorted by counting entries per voxel. The counters then
+/// fill half of a first-level cache.
 const MAX_COUNTED: u32 = 12;
-/// The largest number of voxels per entry in a range that is sorted by counting entries per voxel. Clearing and adding
-/// up a counter takes a fraction of moving an entry once more.
+/// The largest number of voxels per entry in a range that is sorted by counting entries per voxel. Clearing and adding up a
+/// counter costs a fraction of moving an entry once more.
 const SPARSE: usize = 4;
 
-/// A division of voxel indices into ranges of equal width, a power of two.
+/// A division of voxel indices into ranges of equal width, which is a power of two.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Ranges {
     shift: u32,

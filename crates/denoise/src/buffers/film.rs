@@ -1,20 +1,20 @@
-//! The film of an image that is given as buffers.
+//! Conversion of image buffers into a film.
 
 use super::{ALBEDO, DEPTH, Denoise, Feature, NORMAL, POSITION, SampleBuffers, check};
 use crate::planes::{beside, box_mean_of};
 use dapple_core::film::{PixelStatistics, RgbMoments};
 use dapple_core::{Error, Film, Frame, SurfaceFeatures, point_set::mix};
 
-/// The depth from which on a pixel counts as a miss: renderers write numbers like this for the background.
+/// The depth from which on a pixel counts as a miss. Renderers write such depths for the background.
 const FAR: f32 = 1e10;
 
-/// Makes a film of the buffers, after checking them.
+/// Creates a film from the buffers, after checking them.
 pub(super) fn film(image: &Denoise<'_>) -> Result<Film, Error> {
     let [width, height] = image.size;
     let frame = Frame::new(width, height)?;
     check(image)?;
     let size = image.size.map(|n| n as usize);
-    // The variance of a sample from the difference of the halves, if neither has one.
+    // If neither half has a variance, it is estimated from the difference of the halves.
     let halves = image.second.map(|second| [image.first, second]);
     let unknown = halves.as_ref().filter(|halves| halves.iter().all(|half| half.variance.is_none()));
     let found = unknown.map(|halves| variance_of_halves(size, halves));
@@ -36,7 +36,7 @@ pub(super) fn film(image: &Denoise<'_>) -> Result<Film, Error> {
     })
 }
 
-/// The moments of the halves of pixel `i`. A half without a variance takes that of the other, or the one that was `found`.
+/// The moments of both halves of pixel `i`. A half without variance uses that of the other half, or else the estimate `found`.
 fn with_variances(halves: &[SampleBuffers<'_>; 2], found: Option<[f32; 3]>, i: usize) -> [RgbMoments; 2] {
     let own = halves.map(|half| half.variance.map(|v| v.of_sample(i, half.samples(i))));
     [0, 1].map(|h: usize| {
@@ -46,10 +46,10 @@ fn with_variances(halves: &[SampleBuffers<'_>; 2], found: Option<[f32; 3]>, i: u
     })
 }
 
-/// The features of each pixel, with those that follow from others.
+/// The features of each pixel, including depths and positions derived from each other.
 struct Surfaces<'a> {
     image: &'a Denoise<'a>,
-    /// The depth of each pixel, if positions are given without.
+    /// The depth of each pixel, estimated if only positions are given.
     depth: Option<Vec<f32>>,
 }
 
@@ -75,8 +75,8 @@ impl<'a> Surfaces<'a> {
         Some(features.with_albedo(of(ALBEDO, [1.0; 3])))
     }
 
-    /// A point at this depth behind pixel `i`, for a camera at the origin. Its field of view is unknown; another one
-    /// stretches all positions alike, which changes no linear function of them.
+    /// The point at this depth behind pixel `i` for a camera at the origin. The field of view is assumed; the true one only
+    /// stretches the coordinates, which does not change a linear fit.
     fn behind(&self, i: usize, depth: f32) -> [f32; 3] {
         let [width, height] = self.image.size;
         let (columns, unit) = (width as usize, 1.0 / width.max(height) as f32);
@@ -84,8 +84,8 @@ impl<'a> Surfaces<'a> {
         [x * unit * depth, y * unit * depth, depth]
     }
 
-    /// The sample variances of normal, albedo and position, each summed over its channels, and of depth in pixel `i`, which has
-    /// `count` samples.
+    /// The sample variances in pixel `i`, which has `count` samples: of normal, albedo and position (each summed over its
+    /// channels) and of depth.
     fn variance(&self, i: usize, count: u64) -> [f32; 4] {
         [(NORMAL, 3), (ALBEDO, 3), (POSITION, 3), (DEPTH, 1)].map(|(place, channels)| {
             let variance = self.image.features[place].and_then(|f| f.variance);
@@ -105,7 +105,8 @@ pub(super) fn brightness(image: &Denoise<'_>, i: usize) -> f64 {
     sum / count.max(1) as f64
 }
 
-/// Returns true if pixel `i` shows a surface: a buffer of its geometry is neither 0 nor far away.
+/// Returns `true` if pixel `i` shows a surface: its coverage is above 0 or, without coverage, one of its geometry buffers is
+/// neither 0 nor far away.
 fn hit(image: &Denoise<'_>, i: usize) -> bool {
     if let Some(share) = image.coverage {
         return share[i] > 0.0;
@@ -117,14 +118,14 @@ fn hit(image: &Denoise<'_>, i: usize) -> bool {
     known.contains(&Some(true)) || (known == [None; 3] && albedo.is_some())
 }
 
-/// The moments of both halves in pixel `i` of an image that is split by its own noise.
+/// The moments of both halves of pixel `i`, made by splitting a single image with random noise of its own variance.
 ///
-/// For normal noise of known variance, `x + s z` and `x - s z` with a normal number `z` are independent [after Rasines and
-/// Young 2022; Leiner et al. 2023]. A random sign for `z` leaves about as much error. As with true halves, one of the two
-/// then has all the light of a bright sample, so that the filter finds it.
+/// For normal noise with standard deviation `s`, `x + s z` and `x - s z` with a normal number `z` are independent [after
+/// Rasines and Young 2022; Leiner et al. 2023]. A random sign for `z` leaves about as much error. As with true halves, only one
+/// half then has all the light of a bright sample, so that the filter detects it.
 ///
-/// Of `n = p + q` samples, the halves get `p` and `q`, and steps of `s sqrt(q / p)` and `s sqrt(p / q)`. So each varies as the
-/// mean of its samples does, and their mean by counts is `x`.
+/// With `n = p + q` samples, the halves get `p` and `q` of them and are moved by `s sqrt(q / p)` and `s sqrt(p / q)`. Each half
+/// then has the variance of the mean of its samples, and the mean weighted by counts is `x`.
 fn split(all: &SampleBuffers<'_>, i: usize) -> [RgbMoments; 2] {
     let count = all.samples(i);
     if count == 0 {
@@ -146,9 +147,9 @@ fn sign(i: usize) -> f64 {
     if mix((i as u64).wrapping_add(0x9e37_79b9_7f4a_7c15)) & 1 == 0 { 1.0 } else { -1.0 }
 }
 
-/// The variance of one sample per pixel and channel, from the difference of two halves over 5x5 pixels.
+/// The variance of one sample per pixel and channel, estimated from the difference of two halves over 5x5 pixels.
 ///
-/// A pixel's own difference has one degree of freedom, too few to stand for its variance.
+/// The difference in a single pixel has one degree of freedom, too few for an estimate.
 fn variance_of_halves(size: [usize; 2], [a, b]: &[SampleBuffers<'_>; 2]) -> Vec<[f32; 3]> {
     let pixels = size[0] * size[1];
     let share = |i: usize| {
@@ -167,17 +168,17 @@ fn variance_of_halves(size: [usize; 2], [a, b]: &[SampleBuffers<'_>; 2]) -> Vec<
     (0..pixels).map(|i| [0, 1, 2].map(|c| if near[i] > 0.0 { planes[c][i] / near[i] } else { 0.0 })).collect()
 }
 
-/// The pixels at distance 1 that are as wide as this distance. Only the ratios of depths matter.
+/// The depth as a multiple of the distance between neighbouring points. Only the ratios of depths matter.
 pub(crate) const STEPS: f32 = 1e3;
 /// The radius in pixels over which steps are averaged.
 const NEAR: usize = 3;
-/// The distance, in steps, up to which a pixel beside belongs to the same surface.
+/// The distance up to which another pixel belongs to the same surface, in steps per pixel.
 const SAME: f32 = 3.0;
 
-/// The depth of each pixel from the positions around it: the smallest step to a neighbour, averaged over the surface,
-/// times [`STEPS`]. It grows with the distance from the camera, wherever that stands.
+/// The depth of each pixel, estimated from positions: the smallest distance (step) to a neighbour, averaged over the surface,
+/// times [`STEPS`]. Steps grow with the distance from the camera; its position is not needed.
 ///
-/// Positions are means over places within their pixels, so single steps are noisy. A noisy depth would part pixels of one
+/// Positions are means over points within their pixels, so single steps are noisy. A noisy depth would separate pixels of one
 /// surface.
 pub(crate) fn depths([width, height]: [usize; 2], position: &[[f32; 3]], hit: impl Fn(usize) -> bool) -> Vec<f32> {
     let apart = |i: usize, k: usize| (0..3).map(|c| (position[i][c] - position[k][c]).powi(2)).sum::<f32>().sqrt();

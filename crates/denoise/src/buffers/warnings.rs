@@ -1,4 +1,4 @@
-//! Warnings of buffers and films that look wrong: comparisons of numbers that belong together.
+//! Warnings about buffers and films that look wrong, found by comparing numbers that should agree.
 
 use super::film::brightness;
 use super::{ALBEDO, Denoise, Feature, NORMAL, SampleBuffers, Variance};
@@ -6,46 +6,45 @@ use dapple_core::{Film, film::Features};
 use std::collections::BTreeMap;
 use std::fmt;
 
-/// Something in the buffers of an image or in a film that is most likely a mistake; [`Denoise::warnings`] and [`warnings_of`]
-/// list them.
+/// A likely mistake in the buffers of an image or in a film; [`Denoise::warnings`] and [`warnings_of`] list them.
 #[non_exhaustive]
 #[derive(Clone, Debug, PartialEq)]
 pub enum Warning {
-    /// The noise between pixels is not what the variance says: by this factor larger or smaller.
+    /// Noise between pixels that contradicts the given variance.
     Noise {
-        /// The variance that neighbouring pixels show, over the one that was given.
+        /// The variance measured between neighbouring pixels, divided by the given variance.
         factor: f64,
-        /// The median number of samples.
+        /// The median number of samples per pixel.
         count: u64,
-        /// True if the variance of the mean was given.
+        /// `true` if the given variance is that of the mean.
         of_mean: bool,
     },
-    /// All variances are 0, and pixels differ.
+    /// Variances that are all 0, although pixels differ.
     NoVariance,
-    /// The halves differ less than their variances say: by this factor.
+    /// Halves that differ less than their variances imply.
     AlikeHalves {
-        /// The squared difference of the halves, over the sum of their variances.
+        /// The squared difference of the halves, divided by the sum of their variances.
         factor: f64,
     },
-    /// Rows of `height` pixels fit better than rows of `width` pixels.
+    /// Width and height that seem swapped: rows of `height` pixels fit better than rows of `width` pixels.
     ExchangedSize,
-    /// Most normals are not of unit length, or longer.
+    /// Normals that are longer than 1, or too seldom of unit length.
     Normals,
     /// Albedos outside 0 to 1.
     Albedo {
-        /// The share of the pixels.
+        /// The fraction of the pixels.
         share: f64,
     },
-    /// Emission above the radiance, so that it is not part of it.
+    /// Emission above the radiance that should contain it.
     Emission {
-        /// The share of the pixels with emission.
+        /// The fraction of the pixels with emission.
         share: f64,
     },
     /// Normals that look like albedo, and albedo that looks like normals.
     ExchangedFeatures,
-    /// Hits at a depth of 0 or less.
+    /// Depths of 0 or less where a surface was hit.
     Depth {
-        /// The share of the pixels with hits.
+        /// The fraction of the pixels with hits.
         share: f64,
     },
     /// Pixels whose mean is NaN or infinite, or whose samples were all rejected. They are filled from their neighbours.
@@ -55,7 +54,7 @@ pub enum Warning {
     },
     /// A pixel that is brighter than all others together.
     Huge {
-        /// Column and row.
+        /// The column and row of the pixel.
         pixel: [u32; 2],
     },
 }
@@ -67,66 +66,66 @@ impl fmt::Display for Warning {
                 let n = *count as f64;
                 let is_near = |x: f64| n > 2.0 && (0.4..2.5).contains(&(factor / x));
                 let why = if is_near(n * n) {
-                    "as if sums of samples were given for means; divide by the counts"
+                    "as if the means were sums over samples; divide by the counts"
                 } else if is_near(n) && !of_mean {
-                    "as if the variance of the mean were given for that of samples; take Variance::OfMean"
+                    "as if it were the variance of the mean, not that of one sample; use Variance::OfMean"
                 } else if is_near(1.0 / n) && *of_mean {
-                    "as if the variance of samples were given for that of the mean; take Variance::OfSamples"
+                    "as if it were the variance of one sample, not that of the mean; use Variance::OfSamples"
                 } else if *factor < 1.0 {
-                    "as if pixels shared samples (a wide pixel filter); give images of a box filter"
+                    "as if pixels shared samples (a wide pixel filter); render with a box filter"
                 } else {
-                    "give the variance of the samples of these images"
+                    "so it may belong to another image; pass the variance of this image's samples"
                 };
-                write!(f, "the noise between pixels has {factor:.3} times the variance that is given, {why}")
+                write!(f, "the noise between pixels has {factor:.3} times the given variance, {why}")
             }
-            Self::NoVariance => write!(f, "all variances are 0, and pixels differ; give the variance of the samples"),
+            Self::NoVariance => write!(f, "all variances are 0, but pixels differ; pass the variance of the samples"),
             Self::AlikeHalves { factor } => write!(
                 f,
-                "the squared difference of the halves is {factor:.3} of what their variances say; give the halves different seeds"
+                "the squared difference of the halves is {factor:.3} times what their variances imply; render the halves with different seeds"
             ),
-            Self::ExchangedSize => write!(f, "rows fit better with width and height exchanged; give [width, height]"),
+            Self::ExchangedSize => write!(f, "width and height seem swapped; pass the size as [width, height]"),
             Self::Normals => write!(
                 f,
-                "most normals are not of unit length; give unit vectors, or shorter ones where they vary in a pixel"
+                "normals are not of unit length; pass unit vectors, or shorter ones where normals vary within a pixel"
             ),
             Self::Albedo { share } => {
-                write!(f, "the albedo is outside 0 to 1 in {:.1} % of the pixels; give reflectances", 100.0 * share)
+                write!(f, "the albedo is outside 0 to 1 in {:.1} % of the pixels; pass reflectances", 100.0 * share)
             }
             Self::Emission { share } => write!(
                 f,
-                "the emission is above the radiance in {:.1} % of the pixels that have any, as if it came from other samples; give that of the image's samples, or none",
+                "the emission is above the radiance in {:.1} % of the emitting pixels, as if it came from other samples; pass the emission of the image's own samples, or none",
                 100.0 * share
             ),
             Self::ExchangedFeatures => {
-                write!(f, "the normals look like albedo, and the albedo like normals; exchange them")
+                write!(f, "the normals look like albedo, and the albedo looks like normals; swap the two buffers")
             }
             Self::Depth { share } => {
-                write!(f, "the depth is not above 0 in {:.1} % of the pixels; give the distance of hits", 100.0 * share)
+                write!(f, "the depth is 0 or less in {:.1} % of the pixels; pass distances of hits", 100.0 * share)
             }
             Self::Filled { pixels } => {
                 write!(f, "pixels without a finite sample are filled from their neighbours: {pixels}")
             }
             Self::Huge { pixel: [x, y] } => {
-                write!(f, "pixel ({x}, {y}) is brighter than all others together; it may be a fault of the renderer")
+                write!(f, "pixel ({x}, {y}) is brighter than all others together; check the renderer")
             }
         }
     }
 }
 
-/// The factor from which on noise is not what the variance says. The differences of neighbours contain texture as well, of which the
-/// fifth part of the pixels with the least has little.
+/// The factor between measured and given variance that causes a warning. Differences of neighbours also contain texture; the
+/// fifth of the pixels with the smallest differences contains little.
 const OFF: f64 = 4.0;
-/// The fifth of squares of standard normal numbers.
+/// The 20 % quantile of squared standard normal numbers.
 const FIFTH: f64 = 0.0642;
-/// The factor by which the steps between rows must be smaller with width and height exchanged.
+/// The factor by which the steps between rows must shrink when width and height are swapped.
 const FITS: f64 = 0.6;
 
-/// The number of different means from which on halves are compared.
+/// The smallest number of distinct means for which halves are compared.
 const MEANS: usize = 100;
 
 impl std::error::Error for Warning {}
 
-/// The warnings about an image.
+/// Lists the warnings about an image.
 pub(super) fn warnings(image: &Denoise<'_>) -> Vec<Warning> {
     let mut found = Vec::new();
     found.extend(of_samples(image));
@@ -141,14 +140,14 @@ fn grey([r, g, b]: [f32; 3]) -> f64 {
     (f64::from(r) + f64::from(g) + f64::from(b)) / 3.0
 }
 
-/// The variance of a pixel's grey mean, if channels are alike.
+/// The variance of a pixel's grey mean, if all channels have the same noise; `None` if it is unknown.
 fn variance(set: &SampleBuffers<'_>, i: usize) -> Option<f64> {
     let count = set.samples(i);
     let [r, g, b] = set.variance?.of_sample(i, count);
     (count > 0).then(|| (r + g + b) / 3.0 / count as f64)
 }
 
-/// The fifth of the values that are known.
+/// The 20 % quantile of the finite values; `None` for fewer than 100.
 fn fifth(values: impl Iterator<Item = f64>) -> Option<f64> {
     let mut values: Vec<f64> = values.filter(|value| value.is_finite()).collect();
     let place = values.len() / 5;
@@ -203,7 +202,7 @@ fn of_halves(image: &Denoise<'_>) -> Option<Warning> {
     (factor < 1.0 / OFF).then_some(Warning::AlikeHalves { factor })
 }
 
-/// Compares the steps from row to row with those of rows of another length.
+/// Compares the steps from row to row with the steps that rows of `height` pixels would have.
 fn of_size(image: &Denoise<'_>) -> Option<Warning> {
     let [width, height] = image.size.map(|n| n as usize);
     let step = |stride: usize| {
@@ -220,7 +219,8 @@ fn of_size(image: &Denoise<'_>) -> Option<Warning> {
     (width != height && step(height) < FITS * step(width)).then_some(Warning::ExchangedSize)
 }
 
-/// Compares the emission with the radiance that contains it. At a lamp's edge, other samples hit it more often or less.
+/// Compares the emission with the radiance that should contain it. At a light's edge, other samples hit the light more or less
+/// often.
 fn of_emission(image: &Denoise<'_>) -> Option<Warning> {
     let emission: Vec<f64> = image.emission?.iter().map(|colour| grey(*colour)).collect();
     let lit = emission.iter().filter(|emission| **emission > 0.0).count();
@@ -230,7 +230,7 @@ fn of_emission(image: &Denoise<'_>) -> Option<Warning> {
     (share > 0.01).then_some(Warning::Emission { share })
 }
 
-/// `origin` is the first pixel's column and row.
+/// Finds a pixel that is brighter than all others together. `origin` is the first pixel's column and row.
 fn huge((origin, width): ([u32; 2], usize), pixels: usize, bright: impl Fn(usize) -> f64) -> Option<Warning> {
     let total: f64 = (0..pixels).map(|i| bright(i).max(0.0)).sum();
     let i = (0..pixels).find(|i| pixels > 1 && bright(*i) > 0.5 * total)?;
@@ -251,7 +251,8 @@ fn of_buffers(image: &Denoise<'_>) -> Vec<Warning> {
     of_features(&normals, &known(albedo), 0.1)
 }
 
-/// Compares normals, given with their lengths, and albedos. At least the share `unit` of the normals must be of unit length.
+/// Compares normals, given with their lengths, with albedos. At least the fraction `unit` of the normals must be of unit
+/// length.
 fn of_features(normals: &[([f32; 3], f32)], albedos: &[[f32; 3]], unit: f64) -> Vec<Warning> {
     let (is_unit, is_within) =
         (|l: f32| (l - 1.0).abs() < 0.02, |v: &[f32; 3]| v.iter().all(|x| (-1e-3..=1.0 + 1e-3).contains(x)));
@@ -266,13 +267,13 @@ fn of_features(normals: &[([f32; 3], f32)], albedos: &[[f32; 3]], unit: f64) -> 
     wrong_normals.then_some(Warning::Normals).into_iter().chain(albedo).collect()
 }
 
-/// The share of the values for which this holds; `None` without values.
+/// The fraction of the values for which `holds` returns `true`; `None` without values.
 fn share<T>(values: &[T], holds: impl Fn(&T) -> bool) -> Option<f64> {
     (!values.is_empty()).then(|| values.iter().filter(|v| holds(v)).count() as f64 / values.len() as f64)
 }
 
-/// Lists what looks wrong in a film, such as that of a [`Session`](dapple_core::Session): pixels without a valid sample, a pixel
-/// brighter than all others together, the same samples in both halves, and normals, albedos and depths out of their range.
+/// Lists likely mistakes in a film, such as that of a [`Session`](dapple_core::Session). Examples: pixels without a valid
+/// sample, a pixel brighter than all others together, the same samples in both halves, and features out of range.
 ///
 /// ```
 /// use dapple_core::{Estimate, Film, FirstHit, Frame, Needs};
@@ -289,12 +290,12 @@ pub fn warnings_of(film: &Film) -> Vec<Warning> {
     let mut found = Vec::new();
     let filled = (0..pixels).filter(|i| film.is_rejected(*i)).count();
     found.extend((filled > 0).then_some(Warning::Filled { pixels: filled }));
-    // A lamp may be brighter than all else.
+    // A light seen directly may be brighter than everything else.
     let lamps = |i: usize| [0, 1].iter().filter_map(|half| film.emission(*half, i)).map(grey).fold(0.0, f64::max);
     found.extend(huge(place, pixels, |i| grey(film.mean(i).map(|x| x as f32)) - lamps(i)));
     found.extend(of_streams(film));
     let hits: Vec<Features> = (0..pixels).filter_map(|i| film.features(i)).filter(|f| f.hits > 0).collect();
-    // The mean square of the length, also where normals vary.
+    // The root mean square length, which is 1 even where unit normals vary within a pixel.
     let spread = |f: &Features| f.variance.map_or(0.0, |[normal, ..]| normal * (f.hits - 1) as f32 / f.hits as f32);
     let normals: Vec<_> = hits.iter().map(|f| (f.normal, (length(f.normal).powi(2) + spread(f)).sqrt())).collect();
     let known: Vec<_> = normals.into_iter().filter(|(_, length)| *length > 0.0).collect();
@@ -304,7 +305,8 @@ pub fn warnings_of(film: &Film) -> Vec<Warning> {
     found
 }
 
-/// Compares the halves of pixels with noise. Samples of a few values often have equal means by chance, so each mean counts once.
+/// Compares the halves of noisy pixels. Samples with few possible values often have equal means by chance, so each distinct
+/// mean counts once.
 fn of_streams(film: &Film) -> Option<Warning> {
     let mut means = BTreeMap::new();
     for i in 0..film.frame().pixels() {

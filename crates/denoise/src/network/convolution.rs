@@ -1,7 +1,7 @@
-//! Convolutions of 3x3 pixels with one weight for the centre, one for its four neighbours and one for the four corners.
+//! Convolutions of 3x3 pixels with one weight for the centre, one for its four direct neighbours and one for the four corners.
 //!
-//! Such a convolution treats a mirrored or transposed image as the image itself, to the last bit: sums are made in pairs of opposite
-//! pixels. Every value is computed by itself in a fixed order, so no bit depends on threads or vectors.
+//! Mirroring or transposing the image mirrors or transposes the result exactly, because opposite pixels are added in pairs.
+//! Every value is computed independently in a fixed order, so results do not depend on threads or vector width.
 
 use crate::graph::{Graph, Plane, Reach, Rows};
 use crate::planes::dispatch;
@@ -9,7 +9,7 @@ use pulp::{Simd, WithSimd};
 
 /// The largest number of lanes of a vector.
 const LANES: usize = 16;
-/// The outputs that are computed together: as many sums as hide the latency of an addition.
+/// The number of outputs that are computed together: enough sums to hide the latency of an addition.
 const OUTPUTS: usize = 8;
 
 /// Channels of an image. Each row of the plane holds all channels, one after the other.
@@ -21,7 +21,7 @@ pub(super) struct Maps {
 }
 
 impl Maps {
-    /// Channels whose rows `of` makes, with memory of `init` that is used again.
+    /// Creates channels whose rows `of` computes. Buffers from `init` are reused.
     pub(super) fn new<'a, M: Send>(
         graph: &Graph<'a>,
         (size, channels): ([usize; 2], usize),
@@ -38,7 +38,7 @@ impl Maps {
         Self { size, channels, plane: planes[0] }
     }
 
-    /// Reads of this reach.
+    /// Declares reads of this reach.
     pub(super) fn near(self, reach: Reach) -> (Plane, Reach) {
         (self.plane, reach)
     }
@@ -53,18 +53,18 @@ impl Maps {
         &self.all(rows, y)[channel * self.size[0]..][..self.size[0]]
     }
 
-    /// The distance between rows of a stack.
+    /// The distance between the rows of a stack with these channels.
     pub(super) fn stride(self) -> usize {
         stride(self.size[0])
     }
 }
 
-/// The distance between rows of a stack: the width, rounded up.
+/// The distance between rows of a stack: the width, rounded up to whole vectors.
 pub(super) fn stride(width: usize) -> usize {
     width.next_multiple_of(LANES)
 }
 
-/// Weights and biases of a layer, in groups of [`OUTPUTS`] outputs; zero beyond the last.
+/// The weights and biases of a layer in groups of [`OUTPUTS`] outputs. Outputs beyond the last are zero.
 pub(super) struct Layer {
     outputs: usize,
     inputs: usize,
@@ -73,7 +73,7 @@ pub(super) struct Layer {
 }
 
 impl Layer {
-    /// A layer of these outputs: the weights of each, then its bias.
+    /// Creates a layer from one row per output: the weights, then the bias.
     pub(super) fn new<T: AsRef<[f32]>>(rows: &[T]) -> Self {
         let (outputs, inputs) = (rows.len(), rows.first().map_or(0, |row| row.as_ref().len() - 1));
         let value = |o: usize, k: usize| rows.get(o).map_or(0.0, |row| row.as_ref()[k]);
@@ -88,7 +88,7 @@ impl Layer {
     }
 }
 
-/// One row of all outputs of a layer, from rows of its inputs.
+/// The task of computing one row of all outputs of a layer from rows of its inputs.
 pub(super) struct RowTask<'a> {
     /// The rows of all inputs, [`Maps::stride`] apart.
     pub(super) stack: &'a [f32],
@@ -132,14 +132,14 @@ impl WithSimd for RowTask<'_> {
     }
 }
 
-/// Channels that a convolution reads.
+/// The channels that a convolution reads, at their size relative to the result.
 #[derive(Clone, Copy)]
 pub(super) enum Source {
-    /// At the size of the result.
+    /// Channels at the size of the result.
     Same(Maps),
-    /// At twice its size: means of 2x2 pixels.
+    /// Channels at twice the result's size; 2x2 pixels are averaged.
     Half(Maps),
-    /// At half its size: each pixel four times.
+    /// Channels at half the result's size; each pixel is used four times.
     Double(Maps),
 }
 
@@ -167,7 +167,7 @@ impl Source {
         }
     }
 
-    /// Copies a row of a channel.
+    /// Copies row `y` of a channel, scaled to the width of the result.
     fn copy(self, rows: &Rows, y: usize, channel: usize, to: &mut [f32]) {
         match self {
             Source::Same(maps) => to.copy_from_slice(maps.row(rows, y, channel)),
@@ -192,7 +192,7 @@ pub(super) fn convolve<const N: usize>(graph: &Graph<'_>, sources: [Source; N], 
     let stride = stride(width);
     let reads = sources.iter().map(|source| source.maps().near(source.reach())).collect();
     let inputs = layer.inputs;
-    // The rows above, of and below the result, with a 0 at either end, and what layers read.
+    // The rows above, at and below the result, with a 0 at either end, and the inputs of the layer.
     let init = move || ([0; 3].map(|_| vec![0.0; width + 2]), vec![0.0; inputs * stride]);
     Maps::new(graph, (size, layer.outputs), reads, init, move |(near, stack), rows, y, to| {
         let channels = sources.iter().flat_map(|source| (0..source.maps().channels).map(move |c| (source, c)));
@@ -209,7 +209,7 @@ pub(super) fn convolve<const N: usize>(graph: &Graph<'_>, sources: [Source; N], 
     })
 }
 
-/// The centre of each pixel of a row, the sum of its neighbours, and that of its corners.
+/// The task of computing, for each pixel of a row, its value, the sum of its direct neighbours and the sum of its corners.
 struct SumTask<'a> {
     near: [&'a [f32]; 3],
     stack: &'a mut [f32],

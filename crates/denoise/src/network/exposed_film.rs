@@ -1,4 +1,4 @@
-//! The inputs of the network: a film and its filtered image, in units of an exposure.
+//! The inputs of the network: a film and its filtered image, scaled by an exposure.
 
 use super::GRID;
 use crate::features::ln;
@@ -8,22 +8,22 @@ use crate::tile::exp_minus;
 use dapple_core::film::{Features, luminance};
 use dapple_core::{Film, Filtered};
 
-/// The number of values per pixel.
+/// The number of input values per pixel.
 pub(super) const INPUTS: usize = 24;
 /// The largest radiance that the network gets, in units of the exposure.
 const BRIGHTEST: f32 = 1e4;
-/// The same of pixels that see a lamp. The network would smooth its edges.
+/// The same limit in pixels that see a light source directly. The network would smooth the light's edges.
 const LAMP: f32 = 16.0;
 
-/// A film, its filtered image, and the units in which the network gets them.
+/// A film, its filtered image, and the scales in which the network reads them.
 pub(super) struct ExposedFilm<'a> {
     film: &'a Film,
     image: &'a Filtered,
-    /// The divisors for albedo.
+    /// The albedo, raised so that colours can be divided by it.
     pub(super) albedo: [Vec<f32>; 3],
     has_features: bool,
     pub(super) size: [usize; 2],
-    /// The factor on radiance: the geometric mean of the filtered image becomes 0.18.
+    /// The factor on radiance that brings the geometric mean of the filtered image to 0.18.
     exposure: f32,
     /// The median logarithm of depth.
     middle: f32,
@@ -31,16 +31,16 @@ pub(super) struct ExposedFilm<'a> {
     is_lamp: Vec<bool>,
 }
 
-/// The colours of a pixel that passes average, in units of the exposure.
+/// The colours of a pixel that the network averages, in units of the exposure.
 pub(super) struct PixelColours {
-    /// The film's mean, the divisor for its albedo, and the filtered image.
+    /// The film's mean; `albedo` is the divisor for it, and `image` the filtered colour.
     pub(super) film: [f32; 3],
     pub(super) albedo: [f32; 3],
     pub(super) image: [f32; 3],
 }
 
 impl<'a> ExposedFilm<'a> {
-    /// The film and its image; `None` if the image is black or so dark or bright that units fail.
+    /// Creates the inputs; `None` if the image is black, or too dark or bright to be scaled.
     pub(super) fn new(film: &'a Film, image: &'a Filtered, albedo: [Vec<f32>; 3], has_features: bool) -> Option<Self> {
         let size = film.frame().size().map(|n| n as usize);
         let pixels = film.frame().pixels();
@@ -64,7 +64,7 @@ impl<'a> ExposedFilm<'a> {
         Some(Self { albedo, has_features, exposure, middle, is_lamp, ..Self::unread(film, image, size) })
     }
 
-    /// A film and its image of which nothing was read.
+    /// A film and its image before their pixels are read, for planning memory.
     pub(super) fn unread(film: &'a Film, image: &'a Filtered, size: [usize; 2]) -> Self {
         let (albedo, is_lamp) = (<[Vec<f32>; 3]>::default(), Vec::new());
         Self { film, image, albedo, has_features: false, size, exposure: 1.0, middle: 0.0, is_lamp }
@@ -75,24 +75,25 @@ impl<'a> ExposedFilm<'a> {
         self.size.map(|n| n.next_multiple_of(GRID))
     }
 
-    /// The columns to the left of the image and the rows above it in the padded one.
+    /// The number of padding columns to the left of the image, and of padding rows above it.
     pub(super) fn padding(&self) -> [usize; 2] {
         [0, 1].map(|k| (self.padded()[k] - self.size[k]) / 2)
     }
 
-    /// The share of the network's result at pixel `i`: that of the light that no lamp seen directly gives.
+    /// The weight of the network's result at pixel `i`: the fraction of its light that is not emission seen directly.
     pub(super) fn share(&self, i: usize) -> f32 {
         let rest = || 1.0 - emission(self.film, i) / luminance(self.image.radiance[i].map(f64::from));
         if self.is_lamp[i] { rest().clamp(0.0, 1.0) as f32 } else { 1.0 }
     }
 
-    /// The part of the image of pixel `i` that the network does not get: what is brighter than [`BRIGHTEST`], or a [`LAMP`].
+    /// The radiance of pixel `i` that is withheld from the network: all above [`BRIGHTEST`], or above [`LAMP`] where a light is
+    /// seen.
     fn withheld(&self, i: usize) -> [f32; 3] {
         let most = if self.is_lamp[i] { LAMP } else { BRIGHTEST } / self.exposure;
         self.image.radiance[i].map(|image| (image - most).max(0.0))
     }
 
-    /// The colours of pixel `i`. Without samples, the film's mean is the image.
+    /// The colours of pixel `i`. If it has no samples, the image replaces the film's mean.
     pub(super) fn colours(&self, i: usize) -> PixelColours {
         let (mean, withheld) = (Light::all(self.film).mean(i), self.withheld(i));
         let image = [0, 1, 2].map(|c| ((self.image.radiance[i][c] - withheld[c]) * self.exposure).max(0.0));
@@ -106,20 +107,20 @@ impl<'a> ExposedFilm<'a> {
         surface(self.film, self.has_features, i)
     }
 
-    /// The light of the samples of pixel `i`; `None` without samples.
+    /// The luminance of the samples of pixel `i` without the withheld light, in units of the exposure; `None` without samples.
     pub(super) fn light(&self, i: usize) -> Option<f64> {
         let (mean, withheld) = (Light::all(self.film).mean(i), self.withheld(i));
         let own = [0, 1, 2].map(|c| (mean[c] - f64::from(withheld[c])) * f64::from(self.exposure));
         (self.film.count(i) > 0).then(|| luminance(own))
     }
 
-    /// The radiance of pixel `i` whose colour the network gives in its units.
+    /// The radiance of pixel `i` for a `colour` that the network returns.
     pub(super) fn radiance(&self, i: usize, colour: [f32; 3]) -> [f32; 3] {
         let withheld = self.withheld(i);
         [0, 1, 2].map(|c| (colour[c] / self.exposure + withheld[c]).clamp(0.0, f32::MAX))
     }
 
-    /// Writes the values of a row of the padded image, `stride` apart.
+    /// Writes the inputs for row `y` of the padded image, `stride` apart.
     pub(super) fn row(&self, y: usize, to: &mut [f32], stride: usize) {
         let ([width, height], [left, top]) = (self.size, self.padding());
         let y = y.saturating_sub(top).min(height - 1);
@@ -180,17 +181,17 @@ impl<'a> ExposedFilm<'a> {
     }
 }
 
-/// The luminance of lamps that the samples of pixel `i` saw directly.
+/// The luminance of the emission that the samples of pixel `i` saw directly.
 fn emission(film: &Film, i: usize) -> f64 {
     luminance(Light::all(film).mean_emission(i).map(f64::from))
 }
 
-/// The features of pixel `i`, if they count and it hit a surface.
+/// The features of pixel `i`, if features are used and the pixel hit a surface.
 fn surface(film: &Film, has_features: bool, i: usize) -> Option<Features> {
     film.features(i).filter(|f| has_features && f.hits > 0)
 }
 
-/// A number within bounds that valid normals and albedos never reach.
+/// Clamps a number to bounds that valid normals and albedos never reach. NaN becomes 0.
 fn bounded(x: f32) -> f32 {
     if x.is_nan() { 0.0 } else { x.clamp(-16.0, 16.0) }
 }

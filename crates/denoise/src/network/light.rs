@@ -1,4 +1,4 @@
-//! The light that the network takes out with fireflies, returned to the surroundings.
+//! A smooth gain that gives back to the surroundings the light that the network removes together with fireflies.
 
 use super::exposed_film::ExposedFilm;
 use crate::cells::{CELL, blurred};
@@ -6,14 +6,14 @@ use crate::planes::per_pixel;
 use dapple_core::film::luminance;
 use dapple_core::parallel;
 
-/// Multiplies colours by a smooth gain, such that their light is that of the film's samples.
+/// Multiplies colours by a smooth gain, so that their sum of light is that of the film's samples.
 ///
-/// With `S` a blur, `f` the film's luminance and `c` the colours', the gain is `g = 1 + S((f - c) / S(c))`. `S` is symmetric and keeps
-/// sums, so the sum of `c g` is that of `f`.
+/// `S` is a blur, `f` is the film's luminance and `c` that of the colours. The gain is `g = 1 + S((f - c) / S(c))`. `S` is
+/// symmetric and preserves sums, so the sum of `c g` is that of `f`.
 pub(super) fn keep(exposed: &ExposedFilm<'_>, colours: &mut [[f32; 3]]) {
     let ([width, height], [left, top]) = (exposed.size, exposed.padding());
     let size = exposed.padded().map(|n| n / CELL);
-    // The light that the pixels of a cell lack, and theirs.
+    // The light that the pixels of each cell lack, and the light that they have.
     let sums = per_pixel(size[0] * size[1], |cell| {
         let first = [cell % size[0] * CELL, cell / size[0] * CELL];
         let columns = first[0].max(left)..(first[0] + CELL).min(left + width);
@@ -37,7 +37,7 @@ pub(super) fn keep(exposed: &ExposedFilm<'_>, colours: &mut [[f32; 3]]) {
     });
 }
 
-/// The value at a pixel between the centres of four cells.
+/// The value at a pixel, interpolated between the centres of four cells.
 fn between(cells: &[f64], size: [usize; 2], pixel: [usize; 2]) -> f64 {
     let place = [0, 1].map(|k| {
         let place = ((pixel[k] as f64 + 0.5) / CELL as f64 - 0.5).clamp(0.0, (size[k] - 1) as f64);

@@ -1,4 +1,4 @@
-//! Averages of pixels at distances 1 to 32, weighted by learned features, and the blend of all of them.
+//! Averages of pixels at distances 1 to 32, weighted by learned features, and the blend of all averages.
 
 use super::convolution::{Layer, Maps, RowTask};
 use super::exposed_film::{ExposedFilm, PixelColours};
@@ -8,27 +8,29 @@ use crate::planes::dispatch;
 use crate::tile::exp_minus;
 use pulp::{Simd, WithSimd};
 
-/// The distances of averaged pixels, in the order of the passes [after Isik 2021]. The last joins neighbours: with the largest last,
-/// walls show a grid.
+/// The distances between averaged pixels, in the order of the passes [after Isik 2021]. The last pass joins neighbours: if the
+/// largest distance came last, walls would show a grid.
 const DISTANCES: [usize; 6] = [2, 8, 32, 16, 4, 1];
 /// The number of features that a pass compares.
 const FEATURES: usize = 8;
-/// The values that passes average: the film's colours over albedo (3), the film's colours (3), the image over albedo (3).
+/// The values that passes average: the film's colours divided by albedo (3), the film's colours (3), the image divided by
+/// albedo (3).
 const VALUES: usize = 9;
-/// A pixel's state between passes: the values, the blend of the film's averages and its weight, that of the image's averages and its weight.
+/// A pixel's state between passes: the values, the blended averages of the film and their weight, the blended averages of the
+/// image and their weight.
 const STATE: usize = VALUES + 8;
-/// The values of a pixel that a pass reads: those averaged times their trust, and both trusts, then features, the weight of the pixel itself, and three weights in
-/// the blend.
+/// The values of a pixel that a pass reads: averaged values times their trust and both trusts, features, the weight of the
+/// pixel itself, and three blend weights.
 const READ: usize = SUMS + FEATURES + 4;
-/// The values times their trust, and both trusts.
+/// The averaged values times their trust (one for the film, one for the image), and both trusts.
 const SUMS: usize = VALUES + 2;
 
-/// The layers that turn a pixel's features into what the passes need.
+/// The layers that turn a pixel's features into the inputs of the passes.
 pub(super) struct Heads {
-    /// The weights of the unaveraged values, and of the image.
+    /// The blend weights of the unaveraged values and of the image.
     first: Layer,
     passes: [Layer; 6],
-    /// The share of the image's averages in the result.
+    /// The weight of the image's averages in the result.
     last: Layer,
 }
 
@@ -39,7 +41,7 @@ impl Heads {
         let outputs = n * own + 3 * (n + 1) + 2;
         let rows = layers.rows(outputs, inputs);
         let layer = |numbers: &[usize]| Layer::new(&numbers.iter().map(|k| &rows[*k]).collect::<Vec<_>>());
-        // The weights in the blend: of the film's averages over albedo and of those with it, by turns, then of the image's averages.
+        // The blend weights: alternately of the film's averages divided by albedo and undivided, then of the image's averages.
         let (film, image) = (n * own, n * own + 2 * (n + 1));
         let passes = std::array::from_fn(|pass| {
             let level = pass + 1;
@@ -58,13 +60,13 @@ fn exp(x: f32) -> f32 {
     exp_minus(20.0 - x) * E20
 }
 
-/// The weight of a value in a blend from its logarithm.
+/// The blend weight of a value, given its logarithm.
 #[inline(always)]
 fn share(x: f32) -> f32 {
     exp(x.clamp(-20.0, 20.0))
 }
 
-/// `strength` of the network's image, and the rest of the filtered image: rows of colours.
+/// Rows of colours: `strength` of the network's image, and the rest of the filtered image.
 pub(super) fn blend<'a>(
     graph: &Graph<'a>,
     exposed: &'a ExposedFilm<'_>,
@@ -112,12 +114,12 @@ struct Features<'a> {
 }
 
 impl<'a> Features<'a> {
-    /// Reads of the row of features that belongs to a row of the image.
+    /// Declares reads of the row of features that belongs to a row of the image.
     fn near(&self) -> (Plane, Reach) {
         self.trunk.near(Reach::rows(self.exposed.padding()[1]))
     }
 
-    /// The rows of a layer's outputs for row `y` of the image.
+    /// The outputs of a layer for row `y` of the image, one row per output.
     fn outputs(&self, rows: &Rows, layer: &Layer, y: usize) -> Vec<f32> {
         let ([width, _], [left, top]) = (self.exposed.size, self.exposed.padding());
         let (trunk, stride) = (self.trunk, self.trunk.stride());
@@ -151,7 +153,7 @@ impl<'a> Features<'a> {
         Maps::new(graph, (self.exposed.size, STATE), vec![self.near()], || (), of)
     }
 
-    /// The values that a pass reads, made from the state before it.
+    /// The values that a pass reads, computed from the state before the pass.
     fn read(self, graph: &Graph<'a>, layer: Layer, state: Maps) -> Maps {
         let width = self.exposed.size[0];
         let reads = vec![self.near(), state.near(Reach::rows(0))];
@@ -201,7 +203,7 @@ impl WithSimd for ReadTask<'_> {
     }
 }
 
-/// The state after a pass over pixels at a distance.
+/// Computes the state after a pass over pixels at this distance.
 fn pass<'a>(graph: &Graph<'a>, read: Maps, before: Maps, albedo: &'a [Vec<f32>; 3], distance: usize) -> Maps {
     let [width, height] = read.size;
     let reads = vec![read.near(Reach::rows(distance)), before.near(Reach::rows(0))];
@@ -222,7 +224,7 @@ fn pass<'a>(graph: &Graph<'a>, read: Maps, before: Maps, albedo: &'a [Vec<f32>; 
             }
             let rows =
                 [y.checked_sub(distance), Some(y), Some(y + distance).filter(|y| *y < height)].map(|y| y.map(row));
-            // Opposite pixels are added first, so that a mirrored or transposed image has the same bits.
+            // Opposite pixels are added first, so that mirrored or transposed images give identical bits.
             for pairs in [[[(0, 0), (2, 0)], [(1, -1), (1, 1)]], [[(0, -1), (2, 1)], [(0, 1), (2, -1)]]] {
                 let mut both = vec![0.0; SUMS * width];
                 for two in pairs {
@@ -252,7 +254,7 @@ fn pass<'a>(graph: &Graph<'a>, read: Maps, before: Maps, albedo: &'a [Vec<f32>; 
     )
 }
 
-/// Adds pixels at one offset to the sums of a row.
+/// The task of adding the pixels at one offset to the sums of a row.
 struct GatherTask<'a> {
     own: &'a [f32],
     there: &'a [f32],
@@ -271,7 +273,7 @@ impl WithSimd for GatherTask<'_> {
         let Self { own, there, side, distance, width, likeness, sums } = self;
         let shift = if side == 0 { 0 } else { distance.min(width) };
         let count = width - shift;
-        // The first column of the row itself, and that of the other.
+        // The first column in this row, and in the other row.
         let (from, other) = if side < 0 { (shift, 0) } else { (0, shift) };
         let likeness = &mut likeness[..count];
         likeness.fill(0.0);
@@ -292,7 +294,7 @@ impl WithSimd for GatherTask<'_> {
     }
 }
 
-/// The state after a pass from the sums of a row. `weights` are those in the blend.
+/// The task of computing the state after a pass from the sums of a row. `weights` are the blend weights.
 struct FinishTask<'a> {
     sums: &'a [f32],
     weights: &'a [f32],

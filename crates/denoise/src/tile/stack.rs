@@ -1,4 +1,4 @@
-//! Copies of a tile's planes, even and odd columns apart.
+//! Copies of a tile's planes, even and odd columns separately.
 
 use crate::graph::{Plane, Rows};
 
@@ -21,17 +21,17 @@ pub(crate) const LANES: usize = WIDTH / 2;
 pub(crate) struct Place {
     pub(crate) size: [usize; 2],
     pub(crate) origin: [usize; 2],
-    /// The rows above and below the tile that are read, at most [`MARGIN`].
+    /// The number of rows that are read above and below the tile, at most [`MARGIN`].
     pub(crate) margin: usize,
 }
 
-/// Copies of P planes of a tile and its margin. Each row holds the even columns of all planes, one plane after the
-/// other, then the odd columns. One index leads to all planes of a pixel. Empty before the first copy.
+/// Copies of P planes of a tile and its margin. Each row holds the even columns of all planes, one plane after another, then
+/// the odd columns. A single index thus locates a pixel in all planes. Empty before the first copy.
 #[derive(Default)]
 pub(crate) struct Stack<const P: usize>(pub(crate) Vec<f32>);
 
 impl<const P: usize> Stack<P> {
-    /// Copies the tile at a place and its margin from each plane, in place of the tile before. Pixels beyond the frame repeat
+    /// Copies the tile at a place with its margin from each plane, replacing the previous tile. Pixels beyond the frame repeat
     /// the border.
     pub(crate) fn copy(&mut self, rows: &Rows, planes: [Plane; P], Place { size, origin, margin }: Place) {
         let [width, height] = size;
@@ -93,10 +93,10 @@ impl<const P: usize> Stack<P> {
     }
 }
 
-/// The number of rows between a request for a row of a plane and its use.
+/// The number of rows between prefetching a row of a plane and using it.
 const AHEAD: usize = 8;
 
-/// Requests the cache lines of pixels, on processors for which safe Rust can.
+/// Prefetches the cache lines of pixels, on processors for which safe Rust can.
 #[inline(always)]
 fn request(pixels: &[f32]) {
     #[cfg(target_arch = "x86_64")]

@@ -1,4 +1,5 @@
-//! The planes that the wide pass reads, copied such that a vector holds pixels around neighbouring window centres.
+//! Copies of the planes that the wide pass reads, arranged so that a vector holds pixels at the same offset from neighbouring
+//! window centres.
 
 use crate::graph::{Graph, Rows};
 use crate::inputs::{Guide, Inputs};
@@ -12,12 +13,11 @@ pub(super) const REACH: usize = 20;
 /// The distance between window centres in pixels, along both axes. Distances of 4 to 6 leave equal errors, 8 leaves 1 %
 /// more.
 pub(super) const STEP: usize = 6;
-/// The number of columns of window centres that one task takes.
+/// The number of columns of window centres that one task processes.
 pub(super) const CENTRES: usize = 32;
-/// The columns of one phase (column modulo [`STEP`]) beside the centres on either side. Windows and patches reach
-/// that far.
+/// The columns of one phase (column modulo [`STEP`]) on either side of the centres that windows and patches reach.
 pub(super) const PAD: usize = 4;
-/// The columns of one phase that a task reads. It is a constant, so that indices are checked once per pixel of a window.
+/// The columns of one phase that a task reads. The number is constant, so that bounds are checked once per pixel of a window.
 pub(super) const COLUMNS: usize = CENTRES + 2 * PAD;
 /// The scales of feature differences.
 const FEATURES: FeatureScales = FeatureScales { bandwidth: 7.0, floors: [1e-2, 5e-2], slope: 15.0 };
@@ -25,7 +25,7 @@ const FEATURES: FeatureScales = FeatureScales { bandwidth: 7.0, floors: [1e-2, 5
 pub(super) const PATCH: usize = 1;
 
 /// The copied planes: guide colours (3) and variance (1), features (7) and their variances (3), the scales of feature
-/// differences (3), positions (3) with the reciprocal width of 24 pixels (1), samples of both halves (1), and colours without
+/// differences (3), positions (3) with one over the width of 24 pixels (1), samples of both halves (1), and colours divided by
 /// albedo (6).
 pub(super) const PLANES: usize = 28;
 pub(super) const VARIANCE: usize = 3;
@@ -36,8 +36,8 @@ pub(super) const POSITION: usize = 17;
 pub(super) const COUNT: usize = 21;
 pub(super) const COLOURS: usize = 22;
 
-/// Copies of rows of the planes for [`CENTRES`] columns of window centres, with columns of equal remainder modulo [`STEP`] side
-/// by side. Each row holds for each of these phases all planes, one after the other. Columns beyond the frame repeat the
+/// Copies of rows of the planes for [`CENTRES`] columns of window centres. Columns with equal remainder modulo [`STEP`] (a
+/// phase) are side by side. Each row holds, for each phase, all planes one after another. Columns beyond the frame repeat the
 /// border.
 #[derive(Default)]
 pub(super) struct Stack {
@@ -58,12 +58,12 @@ pub(super) fn planes(graph: &Graph<'_>, inputs: &Inputs, guide: &Guide) -> Vec<P
 }
 
 impl Stack {
-    /// Copies these rows of a tile of centres from each plane, in place of the rows before.
+    /// Copies the rows `copied` of a tile of centres from each plane, replacing the previous rows.
     pub(super) fn copy(&mut self, rows: &Rows, planes: &[Plane], tile: usize, copied: Range<usize>) {
         self.first = copied.start;
         self.values.resize(copied.len() * ROW, 0.0);
         let mut padded = [0.0; STEP * COLUMNS];
-        // Columns of the frame, less this, are columns of the tile; those from `first` to `end` lie in the frame.
+        // Column `x` of the frame is column `x - before` of the tile. Columns `first` to `end` of the tile lie in the frame.
         let before = STEP as isize * ((tile * CENTRES) as isize - PAD as isize);
         let first = (-before).max(0) as usize;
         for (row, y) in self.values.chunks_exact_mut(ROW).zip(copied) {
@@ -96,8 +96,8 @@ const ROW: usize = STEP * PLANES * COLUMNS;
 /// The largest distance of a compared pixel from a window centre, in columns of pixels.
 pub(super) const FARTHEST: usize = REACH + PATCH;
 
-/// The index of a pixel at the offset `dx - FARTHEST` columns from a window centre, within a row that holds `planes`
-/// planes for each phase. The centre's number is added to it.
+/// The index of the pixel at the offset `dx - FARTHEST` columns from a window centre, within a row that holds `planes` planes
+/// for each phase. The centre's number is added to it.
 const fn columns(planes: usize) -> [usize; 2 * FARTHEST + 1] {
     let mut all = [0; 2 * FARTHEST + 1];
     let mut dx = 0;
@@ -114,14 +114,14 @@ pub(super) const IN_STACK: [usize; 2 * FARTHEST + 1] = columns(PLANES);
 pub(super) const IN_SUMS: [usize; 2 * FARTHEST + 1] = columns(8);
 
 impl Stack {
-    /// All planes of as many pixels as there are lanes, from an index of plane 0.
+    /// All planes of neighbouring pixels of a phase, one per lane. `index` is that of the first pixel in plane 0.
     #[inline(always)]
     pub(super) fn at<S: Simd>(&self, index: usize) -> Pixels<'_> {
         Pixels(&self.values[index..][..(PLANES - 1) * COLUMNS + S::F32_LANES])
     }
 }
 
-/// The planes of as many pixels as there are lanes, which lie [`STEP`] apart in a row.
+/// The planes of pixels that lie [`STEP`] apart in a row, one per lane.
 #[derive(Clone, Copy)]
 pub(super) struct Pixels<'a>(&'a [f32]);
 

@@ -83,8 +83,8 @@ fn noise_that_is_not_the_variance_is_told() {
         let [warning] = found(denoise_whole(SIZE, &all)).try_into().unwrap();
         warning.to_string()
     };
-    assert!(told(&mean, Variance::OfSamples(&of_mean)).contains("take Variance::OfMean"));
-    assert!(told(&mean, Variance::OfMean(&made.variance)).contains("take Variance::OfSamples"));
+    assert!(told(&mean, Variance::OfSamples(&of_mean)).contains("use Variance::OfMean"));
+    assert!(told(&mean, Variance::OfMean(&made.variance)).contains("use Variance::OfSamples"));
     assert!(told(&sums, Variance::OfSamples(&made.variance)).contains("divide by the counts"));
     assert!(told(&mean, Variance::OfSamples(&[[0.0; 3]; PIXELS])).contains("all variances are 0"));
     // A wide pixel filter: the mean of 3x3 pixels.
