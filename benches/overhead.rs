@@ -50,7 +50,7 @@ fn own(points: &dyn PointSet, spp: u32) -> Vec<[f32; 3]> {
     image
 }
 
-/// The same through a session.
+/// Renders the same image through a session.
 fn session(spp: u32, needs: Needs, hits: bool) -> Result<Vec<[f32; 3]>, Error> {
     let methods = Methods::from(Uniform::new(Cheap)).with_needs(needs);
     let session = Session::new(Frame::new(SIDES[0], SIDES[0])?, Limits::spp(spp.into()), methods)?;

@@ -99,7 +99,7 @@ pub enum JobError {
     /// Shard files that cannot be read or do not belong together: one message per problem.
     #[error("{}", .0.join("\n"))]
     Shards(Vec<String>),
-    /// A panic in the integrator: its message.
+    /// The message of a panic in the integrator.
     #[error("{0}")]
     Panicked(String),
     /// An image that cannot be rendered as shards (runs of rows, one file for each machine).

@@ -85,7 +85,7 @@ pub trait ClusterInputs {
     }
 }
 
-/// The reason why a [`ClusterInputs`] has no clusters or no domain.
+/// The reason why a [`ClusterInputs`] cannot provide clusters or a domain.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum ClusterInputError {

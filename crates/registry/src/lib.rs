@@ -32,7 +32,7 @@ pub struct Entry<Make> {
     pub aliases: &'static [&'static str],
     /// A one-line description of the entry, for lists.
     pub about: &'static str,
-    /// The parameters of the entry; groups of them are shared by several entries.
+    /// The parameters of the entry, in groups that several entries share.
     pub parameters: &'static [&'static [Parameter]],
     /// The Cargo feature that the entry requires; `None` for entries that are always built in.
     pub feature: Option<&'static str>,

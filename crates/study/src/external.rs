@@ -14,9 +14,9 @@ use std::time::Instant;
 /// A filter that is an external program: it reads an unfiltered image with features (albedo, normals, depth), and
 /// writes a filtered image.
 ///
-/// * Input: OpenEXR. The main layer has `R G B`, linear radiance, each pixel the mean of its own samples. Further
-///   layers: `count`, `albedo` (`R G B`), `normal` (`X Y Z`, in scene space), `depth` and `coverage`. Features are
-///   means over the samples that hit something; `coverage.Y` is the fraction of those samples.
+/// * Input: OpenEXR. The main layer has `R G B`, linear radiance, each pixel the mean of its own samples. Further layers:
+///   `count`, `albedo` (`R G B`), `normal` (`X Y Z`, in scene space), `depth` and `coverage`. Features are means over the
+///   samples that hit a surface; `coverage.Y` is the fraction of a pixel's samples that did.
 /// * Output: OpenEXR or PFM, linear, of the same size, without NaN.
 /// * Time: the wall seconds of the process. A last line of JSON such as `{"seconds": 0.25}` replaces them, so that
 ///   start-up and file reading need not count.

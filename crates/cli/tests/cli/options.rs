@@ -56,7 +56,7 @@ fn resolutions_may_be_percentages_of_the_scenes() {
     folder.write("spec.json", &spec);
     assert_eq!(folder.json("--spec spec.json -o a.pfm")["resolution"], serde_json::json!([12, 8]));
     for (old, new, message) in [
-        ("\"scale\"", "\"resolution\": [4, 4], \"scale\"", "other.json: scale: a resolution is given too"),
+        ("\"scale\"", "\"resolution\": [4, 4], \"scale\"", "other.json: scale: a resolution is given as well"),
         ("\"version\": 1", "\"version\": 2", "error: other.json: the render's description has version 2"),
     ] {
         folder.write("other.json", spec.replace(old, new));

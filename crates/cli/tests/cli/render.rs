@@ -161,17 +161,17 @@ fn an_exr_file_tells_how_it_was_made() {
     assert!(read(&folder, "b.exr").1.iter().any(|c| c.0 == "error.Y"));
     assert!(names_of(&folder, "maps").contains(&"error.png".to_owned()));
     for (sampler, bias) in [
-        ("uniform", "none: no "),
-        ("variance:policy=cross", "none: each"),
-        ("variance:policy=discard", "none: no"),
-        ("cluster-thesis", "none: no"),
+        ("uniform", "none: sample counts do not"),
+        ("variance:policy=cross", "none: the sample counts of each half"),
+        ("variance:policy=discard", "none: sample counts do not"),
+        ("cluster-thesis", "none: sample counts do not"),
         ("cluster", "biased: "),
-        ("cluster:policy=discard", "none: no"),
-        ("cluster:policy=cross", "none: each"),
+        ("cluster:policy=discard", "none: sample counts do not"),
+        ("cluster:policy=cross", "none: the sample counts of each half"),
         ("mitchell", "biased: "),
-        ("mitchell:policy=discard", "none: no"),
+        ("mitchell:policy=discard", "none: sample counts do not"),
         ("mitchell-pbrt", "biased: "),
-        ("mitchell-pbrt:policy=discard", "none: no"),
+        ("mitchell-pbrt:policy=discard", "none: sample counts do not"),
         ("uniform --filter gaussian", "biased by the filter, less with more samples; before filtering: none: "),
     ] {
         let filter = if sampler.contains("--filter") { "" } else { "--filter none" };

@@ -113,7 +113,7 @@ impl ReportPage<'_> {
         read_image(&bytes.ok()?, file, encoding).map_err(|e| problems.push(e.to_string())).ok()
     }
 
-    /// The image of a run, if it has one of the reference's size.
+    /// The image of a run; `None` if the run has no image, or one of another size than the reference.
     fn image_of(&self, run: &Run, reference: Option<&Image>, problems: &mut Vec<String>) -> Option<Image> {
         let file = run.image.as_deref()?;
         let image = self.load(file, Encoding::Auto, problems)?;
