@@ -34,7 +34,7 @@ const REGRESSORS: usize = 6;
 const VALUES: usize = REGRESSORS + 6;
 /// The number of pixels of a window whose products are summed together.
 const SEGMENT: usize = 14;
-/// The largest distance that is not negligible: `exp(-8)` is below [`NEGLIGIBLE`].
+/// The distance beyond which a weight is negligible: `exp(-8)` is below [`NEGLIGIBLE`].
 const FAR: f32 = 8.0;
 /// The bandwidth of colour differences in standard deviations.
 const COLOUR: f32 = 1.5;
