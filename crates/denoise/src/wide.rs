@@ -4,7 +4,7 @@
 //! windows, and a chessboard pattern would show.
 //!
 //! With few samples, 13x13 pixels cannot average out the noise, and the image of the narrower windows keeps blotches of that
-//! size. This pass uses that image as its guide, and its result is blended with it by [`shrink`](crate::shrink).
+//! size. This pass uses that image as its guide, and its result is blended with it by [`shrink`](crate::error_map::shrink).
 
 #![expect(clippy::needless_range_loop, reason = "several arrays run along, as in the formulas")]
 
