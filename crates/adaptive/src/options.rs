@@ -1,4 +1,4 @@
-//! The parameters of the error-driven sampler, and its preset `variance`: Neyman allocation from the pooled variance of a pilot.
+//! Parameters of the error-driven sampler, and its preset `variance`: Neyman allocation from the pooled variance of a pilot.
 
 use crate::{Adaptive, PoolShape};
 use dapple_core::options::{Options as _, OutOfRange};

@@ -130,7 +130,7 @@ impl<P: PointSet, M: SamplingMethod> Sampler for MethodSampler<P, M> {
     }
 }
 
-/// A rule that computes an image from a film and from `I`: nothing, or the points of the film's samples.
+/// A rule that computes an image from a film and from inputs `I`: nothing, or the points of the film's samples.
 pub trait FilterMethod<I = ()>: Options + Copy + Send + Sync {
     /// The filter's name.
     const NAME: &'static str;

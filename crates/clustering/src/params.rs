@@ -92,7 +92,7 @@ pub struct ClusterParams {
     /// The largest number of voxels along an axis, 1 to 2^20: 32 in the thesis, 64 in pbrt-v2 and by default.
     ///
     /// In pbrt-v2 and the thesis, the clamp limits the memory of an array of voxels. Here only occupied voxels are stored, so
-    /// any clamp is affordable. At 64, a voxel is 16 pixels wide in a 1024 pixels wide image of the whole scene. Smaller
+    /// any clamp is affordable. At 64, a voxel is 16 pixels wide in an image of the whole scene that is 1024 pixels wide. Smaller
     /// clusters give a sampler little more information than single pixels.
     pub clamp: u32,
     /// The angle A in degrees within which normals are similar, 0 to 90; 10 by default, as in the thesis. The cosine has a

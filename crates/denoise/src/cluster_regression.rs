@@ -88,9 +88,9 @@ dapple_core::options! {
 /// 1. Where features are missing, only colours are compared.
 ///
 /// [`Filtered::error`] estimates the whole squared error from the halves, bias included.
-/// Its mean over an image is 0.13 to 2.6 times the true error on six scenes at 1 to 16 samples per pixel (docs/results/predicted-error.md).
-/// The estimate is for the image before the network. It is too high where the network removes much noise, and too low where
-/// guides and blends follow the noise.
+/// Its mean over an image is 0.13 to 2.6 times the true error on six scenes at 1 to 16 samples per pixel
+/// (docs/results/predicted-error.md). The estimate is for the image before the network. It is too high where the network
+/// removes much noise, and too low where guides and blends follow the noise.
 /// [`relative_errors`](crate::relative_errors) turns the estimate into scores for an adaptive sampler.
 ///
 /// # Reach
@@ -205,7 +205,7 @@ impl ClusterRegression {
         if self.is_one_pass {
             return images[0];
         }
-        // Two passes of narrow windows, each with a choice by estimated error.
+        // Two passes of narrow windows, each followed by a selection by estimated error.
         let weight = relative_weight(graph, inputs, images[0]);
         let chosen = select(graph, inputs, &images, weight, CHOICE, true);
         images.push(self.second(graph, inputs, chosen));

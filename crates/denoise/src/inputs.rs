@@ -246,8 +246,8 @@ fn without_withheld([a, b]: &[RgbMoments; 2], withheld: &[[f64; 3]; 2], variance
 pub(crate) struct Guide {
     /// The colour of each pixel.
     pub(crate) colour: Colours,
-    /// The variance of each pixel's colour: one plane with the sum over the channels, or three planes to compare each
-    /// channel by itself [after Rousselle 2012].
+    /// The variance of each pixel's colour: one plane with the sum over the channels, or three planes to compare
+    /// channels separately [after Rousselle 2012].
     pub(crate) variance: Vec<Plane>,
 }
 

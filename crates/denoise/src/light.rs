@@ -37,7 +37,7 @@ pub(crate) fn parts(film: &Film, layers: Layers) -> Vec<Light<'_>> {
     }
     let (pixels, parts) = (film.frame().pixels(), Light::parts(film));
     let samples: u64 = (0..pixels).map(|i| film.count(i)).sum();
-    // Without indirect light, its image is known to be black.
+    // Without indirect light, its filtered image would be black.
     let is_lit = || (0..pixels).flat_map(|i| parts[1].mean(i)).any(|value| value as f32 > 0.0);
     if layers.are_two(samples as f64 / pixels as f64) && is_lit() { parts.to_vec() } else { all }
 }
@@ -218,7 +218,7 @@ impl Bounds {
             return [0.0; 3];
         }
         std::array::from_fn(|c| {
-            // The mean of a half of split noise may be negative.
+            // If an image is split by random noise, the mean of a half may be negative.
             let emission = (f64::from(emission[c]) - self.emission).clamp(0.0, mean[c].max(0.0));
             emission + (mean[c] - emission - self.other).max(0.0)
         })

@@ -1,5 +1,5 @@
-//! Filters that average over one window around each pixel: non-local means, and the cross-bilateral filter over distance, features,
-//! colours and clusters.
+//! Filters that average over one window around each pixel: non-local means, and the cross-bilateral filter over distance,
+//! features, colours and clusters.
 
 use crate::averaging::{VANISHING, Window, average};
 use crate::error_map::{ERROR, Estimate, filtered};

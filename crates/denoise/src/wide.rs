@@ -4,7 +4,7 @@
 //! windows, and a chessboard pattern would show.
 //!
 //! With few samples, 13x13 pixels cannot average out the noise, and the image of the narrower windows keeps blotches of that
-//! size. This pass uses that image as its guide, and its result is blended with it by [`shrink`](crate::shrink).
+//! size. This pass uses that image as its guide, and its result is blended with it by [`shrink`](crate::error_map::shrink).
 
 #![expect(clippy::needless_range_loop, reason = "several arrays run along, as in the formulas")]
 
@@ -34,7 +34,7 @@ const REGRESSORS: usize = 6;
 const VALUES: usize = REGRESSORS + 6;
 /// The number of pixels of a window whose products are summed together.
 const SEGMENT: usize = 14;
-/// The largest distance that is not negligible: `exp(-8)` is below [`NEGLIGIBLE`].
+/// The distance beyond which a weight is negligible: `exp(-8)` is below [`NEGLIGIBLE`].
 const FAR: f32 = 8.0;
 /// The bandwidth of colour differences in standard deviations.
 const COLOUR: f32 = 1.5;

@@ -27,7 +27,7 @@ pub(super) struct ExposedFilm<'a> {
     exposure: f32,
     /// The median logarithm of depth.
     middle: f32,
-    /// The pixels whose samples saw a lamp directly.
+    /// The pixels whose samples saw a light directly.
     is_lamp: Vec<bool>,
 }
 

@@ -109,7 +109,7 @@ const fn columns(planes: usize) -> [usize; 2 * FARTHEST + 1] {
     all
 }
 
-/// [`columns`] of a [`Stack`] and of a task's sums.
+/// The result of [`columns`] for a [`Stack`]; [`IN_SUMS`] is the result for a task's sums.
 pub(super) const IN_STACK: [usize; 2 * FARTHEST + 1] = columns(PLANES);
 pub(super) const IN_SUMS: [usize; 2 * FARTHEST + 1] = columns(8);
 
