@@ -1,8 +1,8 @@
-//! Sampling importance: each pixel's weight, computed from the sampling rates of its probes and from the
+//! Sampling importance: each pixel's weight, computed from the sampling rates of its first-hit rays and from the
 //! variance of the lights' visibility over clusters.
 
-use crate::probe::{self, BACKGROUND, Probe, Probes, dot};
-use crate::{ClusterSize, ClusterThesisOptions, Error, ProbeRay, rates};
+use crate::first_hits::{self, BACKGROUND, ClusterHit, FirstHits, dot};
+use crate::{ClusterSize, ClusterThesisOptions, Error, FirstHitRay, rates};
 use dapple_clustering::Cluster;
 use dapple_core::{PointSet, parallel, point_set::mix};
 use std::sync::Arc;
@@ -18,7 +18,7 @@ pub enum RateMap {
     /// [`RateMap::Identity`].
     #[default]
     Root,
-    /// `f(x) = ln(1 + x / m)`, with `m` the median over probes of the ratio `x` of pixel area to cluster size. Nearly
+    /// `f(x) = ln(1 + x / m)`, with `m` the median over first-hit rays of the ratio `x` of pixel area to cluster size. Nearly
     /// proportional to `x` for clusters larger than most, logarithmic for smaller ones.
     Log,
 }
@@ -31,7 +31,7 @@ impl RateMap {
         match self {
             Self::Identity => x,
             Self::Root => x.sqrt(),
-            // A median of 0 needs a footprint of 0 in half of all probes.
+            // A median of 0 needs a footprint of 0 in half of all first-hit rays.
             Self::Log if median > 0.0 => (x / median).ln_1p(),
             Self::Log => x.sqrt(),
         }
@@ -44,7 +44,7 @@ pub struct Importance {
     /// The importance of each pixel of the window, row by row: finite, not negative, without unit. If no term is left
     /// out, the mean over the image is `1 + angle + distance`.
     pub per_pixel: Vec<f32>,
-    /// The number of probes whose cluster has no size ([`Rates::replaced`](crate::Rates::replaced)).
+    /// The number of first-hit rays whose cluster has no size ([`Rates::replaced`](crate::Rates::replaced)).
     pub replaced: usize,
 }
 
@@ -55,9 +55,9 @@ pub struct Importance {
 ///
 /// `I_p = share_p / <share> + angle * a_p / <a> + distance * z_p / <z>`
 ///
-/// Here `share` is the mean over the pixel's probes of `f(SP / SC)`, for pixel area `SP` and cluster size `SC`. `a` is
+/// Here `share` is the mean over the pixel's first-hit rays of `f(SP / SC)`, for pixel area `SP` and cluster size `SC`. `a` is
 /// the mean of `1 - |n . d|`, with `d` the ray and `n` the cluster's mean normal (the surface's where normals cancel).
-/// `z` is the mean distance to the hit, and `< >` the mean over the image. A term whose mean is 0 is left out. Probes
+/// `z` is the mean distance to the hit, and `< >` the mean over the image. A term whose mean is 0 is left out. First-hit rays
 /// without a hit add 0 to each term, except to the share with [`ClusterSize::Hits`].
 ///
 /// Importance has no unit: a scaled scene has the same importance, except for the rounding of its coordinates. (The
@@ -66,27 +66,27 @@ pub struct Importance {
 ///
 /// # Errors
 ///
-/// [`Error::NoCluster`] if a probe has a cluster that is not in `clusters`; [`Error::OutOfRange`] for a weight that is
+/// [`Error::NoCluster`] if a first-hit ray has a cluster that is not in `clusters`; [`Error::OutOfRange`] for a weight that is
 /// negative or not finite.
 pub fn importance(
-    probes: &Probes,
+    first_hits: &FirstHits,
     clusters: &[Cluster],
     size: &ClusterSize,
     options: &ClusterThesisOptions,
 ) -> Result<Importance, Error> {
     options.check()?;
-    let rates = rates(probes, clusters, size, options.pixel)?;
-    let median = if options.map == RateMap::Log { median(probes, &rates.values) } else { 1.0 };
-    let k = probes.placement().per_pixel() as usize;
+    let rates = rates(first_hits, clusters, size, options.pixel)?;
+    let median = if options.map == RateMap::Log { median(first_hits, &rates.values) } else { 1.0 };
+    let k = first_hits.placement().per_pixel() as usize;
     let terms = |pixel: usize| -> [f64; 3] {
-        let (probes, rates) = (&probes.all()[k * pixel..][..k], &rates.values[k * pixel..][..k]);
-        let of = |(p, &rate): (&Probe, &f64)| {
+        let (first_hits, rates) = (&first_hits.all()[k * pixel..][..k], &rates.values[k * pixel..][..k]);
+        let of = |(p, &rate): (&ClusterHit, &f64)| {
             let oblique = if options.angle > 0.0 { obliquity(p, clusters) } else { 0.0 };
             [options.map.of(rate, median), oblique, f64::from(p.distance)]
         };
-        probes.iter().zip(rates).map(of).fold([0.0; 3], plus)
+        first_hits.iter().zip(rates).map(of).fold([0.0; 3], plus)
     };
-    let terms: Vec<[f64; 3]> = parallel::map(probes.all().len() / k, terms);
+    let terms: Vec<[f64; 3]> = parallel::map(first_hits.all().len() / k, terms);
     // Summed in order: the sum does not depend on threads.
     let sums = terms.iter().copied().fold([0.0; 3], plus);
     let scale = |sum: f64, weight: f64| if sum > 0.0 { weight * terms.len() as f64 / sum } else { 0.0 };
@@ -100,20 +100,20 @@ fn plus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 
-/// `1 - |cos|` of the angle between the probe's ray and its cluster's mean normal, or the surface's normal where the
+/// `1 - |cos|` of the angle between the first-hit ray and its cluster's mean normal, or the surface's normal where the
 /// cluster's normals cancel. 0 without a hit.
-fn obliquity(probe: &Probe, clusters: &[Cluster]) -> f64 {
-    if probe.cluster == BACKGROUND {
+fn obliquity(first_hit: &ClusterHit, clusters: &[Cluster]) -> f64 {
+    if first_hit.cluster == BACKGROUND {
         return 0.0;
     }
-    let cosine = dot(clusters[probe.cluster as usize].normal, probe.direction).abs();
-    let known = clusters[probe.cluster as usize].normal != [0.0; 3] && cosine.is_finite();
-    (1.0 - if known { cosine } else { f64::from(probe.cosine) }).clamp(0.0, 1.0)
+    let cosine = dot(clusters[first_hit.cluster as usize].normal, first_hit.direction).abs();
+    let known = clusters[first_hit.cluster as usize].normal != [0.0; 3] && cosine.is_finite();
+    (1.0 - if known { cosine } else { f64::from(first_hit.cosine) }).clamp(0.0, 1.0)
 }
 
-/// The lower median of the rates of probes with a hit; 1 if no probe has a hit.
-fn median(probes: &Probes, rates: &[f64]) -> f64 {
-    let hits = probes.all().iter().zip(rates).filter(|(p, _)| p.cluster != BACKGROUND);
+/// The lower median of the rates of first-hit rays with a hit; 1 if no first-hit ray has a hit.
+fn median(first_hits: &FirstHits, rates: &[f64]) -> f64 {
+    let hits = first_hits.all().iter().zip(rates).filter(|(p, _)| p.cluster != BACKGROUND);
     let mut rates: Vec<f64> = hits.map(|(_, &r)| r).collect();
     match rates.len() {
         0 => 1.0,
@@ -121,11 +121,11 @@ fn median(probes: &Probes, rates: &[f64]) -> f64 {
     }
 }
 
-/// The caller's function that traces a shadow ray from the first hit of a probe ray to a random point of the lights.
+/// The caller's function that traces a shadow ray from a first hit to a random point of the lights.
 ///
 /// Three numbers in `[0, 1)` select a light and a point on it. It returns `true` if nothing is between, and `false` without a
 /// hit or without light. It must be pure.
-pub type TraceVisibility = Arc<dyn Fn(ProbeRay, [f32; 3]) -> bool + Send + Sync>;
+pub type TraceVisibility = Arc<dyn Fn(FirstHitRay, [f32; 3]) -> bool + Send + Sync>;
 
 /// The seed of all shadow rays.
 const SEED: u64 = 0x51ab_71e5;
@@ -136,26 +136,26 @@ const STEPS: [f64; 3] = [0.819_172_513_396_164_4, 0.671_043_606_703_789_3, 0.549
 /// The variance `v (1 - v)` of the lights' visibility over each of `clusters` clusters, 0 to 1/4. `v` is the fraction of
 /// shadow rays that reach a light.
 ///
-/// Each cluster that a probe hit gets `rays` shadow rays, from the hits of evenly spread probes. Random numbers have a fixed
-/// seed. Clusters without a hit have variance 0. `points` are those of the probes.
+/// Each cluster that a first-hit ray hit gets `rays` shadow rays, from the hits of evenly spread first-hit rays. Random numbers have a fixed
+/// seed. Clusters without a hit have variance 0. `points` are those of the first-hit rays.
 ///
 /// # Errors
 ///
-/// [`Error::NoCluster`] if a probe has a cluster that is not below `clusters`.
+/// [`Error::NoCluster`] if a first-hit ray has a cluster that is not below `clusters`.
 pub fn visibility_variances(
-    probes: &Probes,
+    first_hits: &FirstHits,
     clusters: usize,
     points: &dyn PointSet,
     rays: u32,
-    is_visible: &(dyn Fn(ProbeRay, [f32; 3]) -> bool + Sync),
+    is_visible: &(dyn Fn(FirstHitRay, [f32; 3]) -> bool + Sync),
 ) -> Result<Vec<f32>, Error> {
-    // The probes of each cluster, cluster by cluster.
-    let counts = probes.class_counts(clusters)?;
+    // The first-hit rays of each cluster, cluster by cluster.
+    let counts = first_hits.class_counts(clusters)?;
     let mut ends: Vec<usize> =
         counts[..clusters].iter().scan(0, |end, &n| Some(std::mem::replace(end, *end + n as usize))).collect();
-    let mut sorted = vec![0u32; probes.all().len() - counts[clusters] as usize];
-    for (i, probe) in probes.all().iter().enumerate().filter(|(_, probe)| probe.cluster != BACKGROUND) {
-        let end = &mut ends[probe.cluster as usize];
+    let mut sorted = vec![0u32; first_hits.all().len() - counts[clusters] as usize];
+    for (i, first_hit) in first_hits.all().iter().enumerate().filter(|(_, first_hit)| first_hit.cluster != BACKGROUND) {
+        let end = &mut ends[first_hit.cluster as usize];
         sorted[*end] = i as u32;
         *end += 1;
     }
@@ -171,7 +171,7 @@ pub fn visibility_variances(
             let shifted = |axis: usize| (unit(mix(name ^ 1 << 31 ^ axis as u64)) + f64::from(*k) * STEPS[axis]).fract();
             // Rounded down, since 1 is no coordinate.
             let light = [0, 1, 2].map(|axis| (shifted(axis) as f32).min(1.0f32.next_down()));
-            is_visible(ray_of(probes, hit as usize, points), light)
+            is_visible(ray_of(first_hits, hit as usize, points), light)
         };
         let visible = (0..rays).filter(reaches).count() as f64 / f64::from(rays);
         (visible * (1.0 - visible)) as f32
@@ -184,20 +184,20 @@ fn unit(hash: u64) -> f64 {
     (hash >> 11) as f64 / (1u64 << 53) as f64
 }
 
-/// The ray of the `i`-th probe.
-fn ray_of(probes: &Probes, i: usize, points: &dyn PointSet) -> ProbeRay {
-    let k = probes.placement().per_pixel() as usize;
-    probe::ray(probes.frame().pixel(i / k), (i % k) as u64, probes.placement(), points)
+/// The `i`-th first-hit ray.
+fn ray_of(first_hits: &FirstHits, i: usize, points: &dyn PointSet) -> FirstHitRay {
+    let k = first_hits.placement().per_pixel() as usize;
+    first_hits::ray(first_hits.frame().pixel(i / k), (i % k) as u64, first_hits.placement(), points)
 }
 
 impl Importance {
-    /// Multiplies each pixel's importance by the mean over its probes of `1 + variances[cluster]`. Probes without a hit count
+    /// Multiplies each pixel's importance by the mean over its first-hit rays of `1 + variances[cluster]`. First-hit rays without a hit count
     /// as 1.
-    pub(crate) fn raise(&mut self, probes: &Probes, variances: &[f32]) {
-        let k = probes.placement().per_pixel() as usize;
+    pub(crate) fn raise(&mut self, first_hits: &FirstHits, variances: &[f32]) {
+        let k = first_hits.placement().per_pixel() as usize;
         let factor = |cluster: u32| 1.0 + variances.get(cluster as usize).map_or(0.0, |&v| f64::from(v));
-        for (importance, probes) in self.per_pixel.iter_mut().zip(probes.all().chunks_exact(k)) {
-            let mean = probes.iter().map(|probe| factor(probe.cluster)).sum::<f64>() / k as f64;
+        for (importance, first_hits) in self.per_pixel.iter_mut().zip(first_hits.all().chunks_exact(k)) {
+            let mean = first_hits.iter().map(|first_hit| factor(first_hit.cluster)).sum::<f64>() / k as f64;
             *importance = (f64::from(*importance) * mean) as f32;
         }
     }

@@ -63,9 +63,9 @@ pub enum Warning {
         /// The number of triangles in the scene.
         triangles: u32,
     },
-    /// Probe rays whose hit position was NaN or infinite, and that count as background: their number.
-    #[error("{0} probes hit a place that is NaN or infinite, and count as background")]
-    RejectedProbes(u64),
+    /// First-hit rays whose hit position was NaN or infinite, and that count as background: their number.
+    #[error("{0} first-hit rays hit a place that is NaN or infinite, and count as background")]
+    RejectedFirstHits(u64),
     /// A render that ended before its predicted error fell to the goal.
     #[error("the predicted relMSE is {}, and the goal is {goal}: the sampler's threshold or the largest number of samples ended the render", predicted.map_or_else(|| "unknown".to_owned(), |predicted| format!("{predicted:.2e}")))]
     ErrorNotReached {

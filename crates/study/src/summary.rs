@@ -114,7 +114,7 @@ impl Summary {
     /// Metrics at one budget:
     /// * of the errors among [`METRICS`] geometric means, of others means; and the geometric mean of
     ///   `predicted over true relmse`;
-    /// * means: `spp`, and `seconds PHASE` for `load`, `bvh`, `cluster`, `probe`, `plan`, `trace`, `filter`;
+    /// * means: `spp`, and `seconds PHASE` for `load`, `bvh`, `cluster`, `first_hits`, `plan`, `trace`, `filter`;
     /// * the median of [`Run::render_s`]: `seconds`;
     /// * against the baseline, paired by seed: `METRIC ratio`, `seconds ratio`, `relmse x seconds ratio`.
     ///

@@ -7,7 +7,7 @@
 mod map;
 
 use crate::walk::{
-    Arrival, MOST_TURNED, Onwards, Sources, draws_of_half, emitted, first_hit, grid, is_rough, probe, refuse,
+    Arrival, MOST_TURNED, Onwards, Sources, draws_of_half, emitted, first_hit, grid, is_rough, pilot_draws, refuse,
     scattered_from, walk,
 };
 use dapple_core::integrator::{Pass, PreparationCost, Prepares};
@@ -70,7 +70,7 @@ const PIXELS: f32 = 1.0;
 /// Photons that a guided path stores as caustics, for the estimate of memory. Measured: 0.6 on the scene `caustic`.
 const STORED_CAUSTICS: f64 = 0.7;
 /// Paths that are traced for the estimate of memory with what=all.
-const PROBES: u32 = 2048;
+const PILOT_PHOTONS: u32 = 2048;
 
 /// The photons of the current pass, one map for each half of the samples.
 struct PhotonLight<'w> {
@@ -166,8 +166,8 @@ impl<'w> PhotonLight<'w> {
         if self.options.what == PhotonScope::Caustics {
             return if self.sources.is_empty() { 0.0 } else { STORED_CAUSTICS };
         }
-        let (photons, _) = self.trace(PROBES, |number| probe([number, 0]));
-        photons.len() as f64 / f64::from(PROBES)
+        let (photons, _) = self.trace(PILOT_PHOTONS, |number| pilot_draws([number, 0]));
+        photons.len() as f64 / f64::from(PILOT_PHOTONS)
     }
 
     /// Stores a photon that arrives, if it is not direct light, and returns how its path continues.

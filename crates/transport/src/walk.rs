@@ -1,5 +1,5 @@
 //! Paths from the lights: emission, specular and rough scattering, passage through media. Besides, what several integrators
-//! need of a world: probes of camera rays, shadow rays, and refusals.
+//! need of a world: first hits of camera rays, shadow rays, and refusals.
 
 use dapple_core::{Block, Draws, Frame, HostNumbers, SampleId, integrator::Pass, parallel, point_set::streams};
 use dapple_geometry::spawn_ray;
@@ -23,9 +23,9 @@ const STRIDE: u32 = 2;
 /// The largest number of hits of a path, passed surfaces included.
 const MOST_HITS: u32 = 10_000;
 
-/// The random numbers of a camera ray that only probes the scene.
-pub(crate) fn probe(pixel: [u32; 2]) -> Draws<'static> {
-    Draws::new(&HostNumbers, SampleId::new(pixel, streams::PROBE, 0))
+/// The random numbers of a path that is traced before the render.
+pub(crate) fn pilot_draws(pixel: [u32; 2]) -> Draws<'static> {
+    Draws::new(&HostNumbers, SampleId::new(pixel, streams::FIRST_HITS, 0))
 }
 
 /// Pixels on a regular grid over an image, row by row.
@@ -35,9 +35,9 @@ pub(crate) fn grid(frame: &Frame, side: u32) -> impl Iterator<Item = [u32; 2]> {
     (0..side * side).map(move |i| [at(i % side, width), at(i / side, height)])
 }
 
-/// The first hit of a camera ray that probes the scene through a pixel, and the ray's direction.
+/// The first hit of a camera ray through a pixel, and the ray's direction.
 pub(crate) fn first_hit(world: &World, pixel: [u32; 2]) -> Option<(Interaction<'_>, Vec3)> {
-    let (ray, time) = world.camera_ray(&probe(pixel));
+    let (ray, time) = world.camera_ray(&pilot_draws(pixel));
     Some((world.closest_hit(&ray, time)?, ray.direction))
 }
 
@@ -162,7 +162,7 @@ impl Sources {
             let number = number as u32;
             let (light, cell) = (&self.lights[(number / cells) as usize], number % cells);
             (0..each).fold((0.0, 0), |(sum, rays), pilot| {
-                let draws = probe([number, pilot]);
+                let draws = pilot_draws([number, pilot]);
                 let Some(emitted) = emit(world, light, &draws, (side, cell), 1.0) else { return (sum, rays) };
                 let (carried, traced) = carried(&emitted, &draws);
                 (sum + carried.min(f32::MAX / 64.0), rays + traced)
