@@ -76,7 +76,7 @@ impl<F: Fn(&Draws<'_>, &mut Worker) -> Estimate + Sync> Integrator for Traced<F>
     }
 }
 
-/// An integrator from a closure of the pixel and four numbers. Half of the radiance is indirect light.
+/// An integrator from a closure of the pixel and four numbers. Half of the radiance is indirect lighting.
 pub struct Field<F>(pub F);
 
 impl<F: Fn([u32; 2], [f32; 4]) -> [f32; 3] + Sync> Integrator for Field<F> {

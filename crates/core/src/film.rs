@@ -319,14 +319,14 @@ impl Film {
         })
     }
 
-    /// Count, mean and sum of squared deviations of the indirect light of all kept samples of pixel `i`. Without
+    /// Count, mean and sum of squared deviations of the indirect lighting of all kept samples of pixel `i`. Without
     /// [`Needs::variance`] the deviations are NaN. `None` without [`Needs::indirect`].
     pub fn indirect(&self, i: usize) -> Option<RgbMoments> {
         let mean = |half: &Half| half.indirect[i].map(f64::from);
         self.needs.indirect.then(|| self.merged(&self.kept, mean, &self.spread.indirect_m2, i))
     }
 
-    /// Count, mean and sum of squared deviations of the indirect light of pixel `i`'s kept samples: of half 0 or 1, or of all
+    /// Count, mean and sum of squared deviations of the indirect lighting of pixel `i`'s kept samples: of half 0 or 1, or of all
     /// samples in a film without halves. In a film with halves and without [`Needs::half_variance`] the deviations are NaN. `None`
     /// without [`Needs::indirect`].
     pub fn half_indirect(&self, half: usize, i: usize) -> Option<RgbMoments> {
@@ -404,7 +404,7 @@ impl Film {
         (0..self.frame.pixels()).map(|i| self.count(i)).collect()
     }
 
-    /// Checks that the film records all of `needs` but emission and indirect light, without which filters work too. A filter
+    /// Checks that the film records all of `needs` but emission and indirect lighting, without which filters work too. A filter
     /// calls this first.
     ///
     /// # Errors

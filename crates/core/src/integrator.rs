@@ -206,7 +206,7 @@ pub struct Estimate {
     /// surfaces or points in media have scattered. The rest is what lamps emit, mirrored or not, and what one rough surface
     /// scatters of it.
     ///
-    /// Filters may treat the two apart, since shadows have sharp edges and indirect light has more noise. Any other split is
+    /// Filters may treat the two apart, since shadows have sharp edges and indirect lighting has more noise. Any other split is
     /// correct too, since the sum is what they return.
     pub indirect: [f32; 3],
     /// The cost of the sample: the number of rays traced.

@@ -98,7 +98,7 @@ needs! {
     cost: bool, with_cost, "costs";
     /// The mean emission of light sources seen directly ([`Estimate::emission`](crate::Estimate::emission)).
     emission: bool, with_emission, "";
-    /// The indirect light ([`Estimate::indirect`](crate::Estimate::indirect)): its mean, and with `variance` its variance.
+    /// The indirect lighting ([`Estimate::indirect`](crate::Estimate::indirect)): its mean, and with `variance` its variance.
     indirect: bool, with_indirect, "";
     /// Light that samples add to other pixels ([`Worker::splat`](crate::Worker::splat)).
     splats: bool, with_splats, "splats";

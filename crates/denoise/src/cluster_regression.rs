@@ -77,7 +77,7 @@ dapple_core::options! {
 /// 6. The choice among them guides a regression over 41x41 pixels around every sixth pixel of every sixth row, without albedo.
 ///    The choice is moved towards its image, and the unfiltered image towards the result, each as far as their difference is
 ///    noise by the halves [after James and Stein 1961].
-/// 7. With two `layers`, these steps filter direct light, then indirect light, and both images are added. Indirect light has
+/// 7. With two `layers`, these steps filter direct, then indirect lighting, and both images are added. Indirect lighting has
 ///    few edges: colours and features may differ 1.4 times as much from step 4 on.
 /// 8. A small trained network averages the film and this image anew and blends both [after Isik 2021]
 ///    (docs/results/learned.md). From 24 samples per pixel on, its part falls with the square of their number.

@@ -15,14 +15,14 @@ pub enum Layers {
     Auto,
     /// All light at once.
     One,
-    /// Direct and indirect light ([`Estimate::indirect`](dapple_core::Estimate::indirect)), where the film records both.
+    /// Direct and indirect lighting ([`Estimate::indirect`](dapple_core::Estimate::indirect)), where the film records both.
     Two,
 }
 
 dapple_core::choices!(Layers { Auto = "auto", One = "1", Two = "2" });
 
 impl Layers {
-    /// Returns `true` if direct and indirect light are filtered one by one at this number of samples per pixel.
+    /// Returns `true` if direct and indirect lighting are filtered one by one at this number of samples per pixel.
     pub(crate) fn are_two(self, spp: f64) -> bool {
         self == Self::Two || self == Self::Auto && spp >= 2.0
     }
@@ -36,7 +36,7 @@ pub(crate) fn parts(film: &Film, layers: Layers) -> Vec<Light<'_>> {
     }
     let (pixels, parts) = (film.frame().pixels(), Light::parts(film));
     let samples: u64 = (0..pixels).map(|i| film.count(i)).sum();
-    // Without indirect light, its image is known to be black.
+    // Without indirect lighting, its image is known to be black.
     let is_lit = || (0..pixels).flat_map(|i| parts[1].mean(i)).any(|value| value as f32 > 0.0);
     if layers.are_two(samples as f64 / pixels as f64) && is_lit() { parts.to_vec() } else { all }
 }
@@ -58,7 +58,7 @@ pub(crate) enum Part {
 }
 
 impl Part {
-    /// The factor on the bandwidths within which pixels count as alike. Indirect light has few edges, and much of its noise is
+    /// The factor on the bandwidths within which pixels count as alike. Indirect lighting has few edges, and much of its noise is
     /// taken for edges by the bandwidths of all light.
     pub(crate) fn smoothness(self) -> f32 {
         if self == Self::Indirect { 1.4 } else { 1.0 }
@@ -70,7 +70,7 @@ impl<'a> Light<'a> {
         Self { film, part: Part::All }
     }
 
-    /// The direct and the indirect light of a film that records halves and indirect light.
+    /// The direct and the indirect lighting of a film that records halves and indirect lighting.
     pub(crate) fn parts(film: &'a Film) -> [Self; 2] {
         [Part::Direct, Part::Indirect].map(|part| Self { film, part })
     }
@@ -101,7 +101,7 @@ impl<'a> Light<'a> {
 
     /// The variance of one sample of pixel `i`; `None` below two samples.
     ///
-    /// That of direct light is the difference of the variances of all and of indirect light. The covariance of both parts,
+    /// That of direct light is the difference of the variances of all and of indirect lighting. The covariance of both parts,
     /// which is positive where an edge crosses the pixel, counts as direct light's.
     pub(crate) fn variance(&self, i: usize) -> Option<[f64; 3]> {
         match self.part {
@@ -155,7 +155,7 @@ impl<'a> Light<'a> {
     }
 }
 
-/// A bound of the rounding of indirect light, relative to all light. Its running means are `f32`: those of 1000 uniform numbers are
+/// A bound of the rounding of indirect lighting, relative to all light. Its running means are `f32`: those of 1000 uniform numbers are
 /// exact to 1.3e-6, those of 10,000 to 4.3e-6.
 const ROUNDING: f64 = 1e-5;
 

@@ -1,4 +1,4 @@
-//! Instant radiosity [Keller 1997]: indirect light from virtual lights.
+//! Instant radiosity [Keller 1997]: indirect lighting from virtual lights.
 //!
 //! Each pass traces a few paths from the lights and leaves a virtual light at each rough surface that they meet. A rough
 //! surface of a camera path is lit by all virtual lights of its set. The geometric factor of each is bounded; the path
@@ -16,7 +16,7 @@ use dapple_scene::Effect;
 use glam::Vec3;
 
 dapple_core::options! {
-    /// The parameters of the integrator `instant`.
+    /// The parameters of the integrator `instant`: instant radiosity [Keller 1997].
     pub struct InstantOptions {
         /// Paths from the lights per pass and half of the samples.
         pub paths: u32 = 64, |paths| (1..=1 << 20).contains(&paths), "1 to 1048576";

@@ -47,11 +47,11 @@ pub struct Metropolis<'w> {
     direct: Bdpt<'w>,
     indirect: Bdpt<'w>,
     frame: Option<Frame>,
-    /// The indirect light of each pixel of the frame's window, linear RGB.
+    /// The indirect lighting of each pixel of the frame's window, linear RGB.
     images: [Vec<[f32; 3]>; IMAGES],
 }
 
-/// One image of indirect light.
+/// One image of indirect lighting.
 pub(crate) struct ChainImage {
     /// The light of each pixel of the window.
     pub(crate) light: Vec<[f64; 3]>,
@@ -126,7 +126,7 @@ fn starts(brightness: impl Iterator<Item = f64>, total: f64, count: u64, key: u6
     starts
 }
 
-/// The indirect light of a world, for chains.
+/// The indirect lighting of a world, for chains.
 struct Indirect<'a, 'w> {
     world: &'w World,
     paths: &'a Bdpt<'w>,

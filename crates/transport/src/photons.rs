@@ -23,7 +23,7 @@ use map::{Photon, PhotonMap, shrunk};
 pub enum PhotonScope {
     /// Light of small lamps that reaches rough surfaces by mirrors and clear glass only.
     Caustics,
-    /// All indirect light at the first rough surface of a path.
+    /// All indirect lighting at the first rough surface of a path.
     All,
 }
 
@@ -32,7 +32,7 @@ dapple_core::choices!(PhotonScope { Caustics = "caustics", All = "all" });
 dapple_core::options! {
     /// The parameters of the integrator `photons`.
     pub struct PhotonOptions {
-        /// The light that photons carry: caustics (of small lamps), or all indirect light.
+        /// The light that photons carry: caustics (of small lamps), or all indirect lighting.
         pub what: PhotonScope = PhotonScope::Caustics => "caustics", |_what| true, "\"caustics\" or \"all\"";
         /// Photons per pass and half of the samples; 0 takes one per pixel.
         pub photons: u32 = 0, |photons| photons <= 1 << 24, "0 to 16777216";
@@ -100,7 +100,7 @@ struct Gathered {
 struct Next {
     /// True if the last rough surface had the light of specular chains from its photons.
     has_chains: bool,
-    /// True if photons were all indirect light of that surface.
+    /// True if photons were all indirect lighting of that surface.
     ends: bool,
 }
 

@@ -1,7 +1,7 @@
 //! Radiosity [Goral et al. 1984] on clusters of triangles as patches.
 //!
 //! Each pass traces particles from the lights and sums the light that arrives at each patch [after Pattanaik and Mudur
-//! 1992]. Patches are the clusters of \[Lan 2016\]. Paths read the indirect light of diffuse surfaces there, and end.
+//! 1992]. Patches are the clusters of \[Lan 2016\]. Paths read the indirect lighting of diffuse surfaces there, and end.
 
 use crate::patches::{Division, Patches};
 use crate::walk::{Arrival, MOST_TURNED, Onwards, Sources, draws_of_half, emitted, refuse, turned};
@@ -60,7 +60,7 @@ struct PatchLight<'w> {
 /// The state of a path among patches.
 #[derive(Clone, Copy, Default)]
 struct Gathered {
-    /// True if patches were all indirect light of the last diffuse surface; and of the vertex in progress.
+    /// True if patches were all indirect lighting of the last diffuse surface; and of the vertex in progress.
     ends: bool,
     next: bool,
     /// The number of diffuse surfaces that the path left.

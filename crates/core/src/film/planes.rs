@@ -85,7 +85,7 @@ planes! {
         means: [f64; 3] = [0.0; 3], 1;
         /// Mean emission of lights seen directly.
         emission: [f32; 3] = [0.0; 3], layout.needs.emission;
-        /// Mean indirect light.
+        /// Mean indirect lighting.
         indirect: [f32; 3] = [0.0; 3], layout.needs.indirect;
         /// The words of the recorders.
         words: Vec<u32> = Vec::new(), layout.recorders;
@@ -98,7 +98,7 @@ planes! {
     Spread, SpreadRows(layout) {
         /// Those of the radiance.
         m2: [f32; 3] = [0.0; 3], layout.needs.sums();
-        /// Those of the indirect light.
+        /// Those of the indirect lighting.
         indirect_m2: [f32; 3] = [0.0; 3], if layout.needs.indirect { layout.needs.sums() } else { 0 };
     }
 }

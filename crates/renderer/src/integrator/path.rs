@@ -71,22 +71,22 @@ struct Path<P, G> {
     /// True while the emission of light sources seen directly is wanted, and all scattering so far was specular with a
     /// probability of at least [`CERTAIN_LOBE`].
     is_direct: bool,
-    /// The place of the path between direct and indirect light.
+    /// The place of the path between direct and indirect lighting.
     part: Part,
-    /// The direct part of the radiance, once the path gathers indirect light.
+    /// The direct part of the radiance, once the path gathers indirect lighting.
     direct: Vec3,
     /// The state of the light at vertices.
     gathered: G,
 }
 
-/// A path's place between direct and indirect light.
+/// A path's place between direct and indirect lighting.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Part {
     /// Mirrors, glass and smooth coats alone have scattered the path so far.
     First,
     /// One rough surface or point in a medium has scattered it. Light sources that it meets still add direct light.
     Once,
-    /// The path has met a second one, where light is indirect; or neither features nor indirect light are wanted.
+    /// The path has met a second one, where light is indirect; or neither features nor indirect lighting are wanted.
     Indirect,
 }
 
