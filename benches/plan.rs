@@ -5,8 +5,8 @@
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use dapple_cluster_adaptive::{
-    AreaVectors, ClusterSize, ClusterThesis, ClusterThesisOptions, PixelArea, Placement, ProbeHit, ProbeRay, RateMap,
-    importance, probe, rates,
+    AreaVectors, ClusterSize, ClusterThesis, ClusterThesisOptions, FirstHitRay, FirstHitSurface, PixelArea, Placement,
+    RateMap, first_hits, importance, rates,
 };
 use dapple_clustering::{Cluster, Triangles};
 use dapple_core::plan::{BudgetLeft, Feedback, Plan, share};
@@ -22,12 +22,12 @@ fn frame() -> Frame {
 }
 
 /// Returns hits as if each 8 x 8 pixels showed one cluster, with sky above.
-fn shoot(ray: ProbeRay) -> Option<ProbeHit> {
+fn shoot(ray: FirstHitRay) -> Option<FirstHitSurface> {
     let [x, y] = ray.pixel;
     let primitive = (y / 8) * (SIDE / 8) + x / 8;
     let direction = [ray.film[0] * 1e-3, 0.3, -0.9];
     let distance = 1.0 + 0.01 * y as f32;
-    (y >= 64).then_some(ProbeHit { primitive, direction, distance, normal: [0.0, 0.0, 1.0], footprint: 0.01 })
+    (y >= 64).then_some(FirstHitSurface { primitive, direction, distance, normal: [0.0, 0.0, 1.0], footprint: 0.01 })
 }
 
 fn clusters() -> Vec<Cluster> {
@@ -62,13 +62,14 @@ fn bench(c: &mut Criterion) {
     let labels: Vec<u32> = (0..CLUSTERS).collect();
     let mut group = c.benchmark_group("plan");
     group.throughput(Throughput::Elements(frame.pixels() as u64));
-    group.bench_function("probe/centre", |b| {
-        b.iter(|| pool.install(|| probe(&frame, Placement::Centre, &points, &labels, shoot)));
+    group.bench_function("first-hits/centre", |b| {
+        b.iter(|| pool.install(|| first_hits(&frame, Placement::Centre, &points, &labels, shoot)));
     });
-    group.bench_function("probe/jittered-4", |b| {
-        b.iter(|| pool.install(|| probe(&frame, Placement::Jittered(4), &points, &labels, shoot)));
+    group.bench_function("first-hits/jittered-4", |b| {
+        b.iter(|| pool.install(|| first_hits(&frame, Placement::Jittered(4), &points, &labels, shoot)));
     });
-    let probes = pool.install(|| probe(&frame, Placement::Centre, &points, &labels, shoot)).expect("labels that fit");
+    let first_hits =
+        pool.install(|| first_hits(&frame, Placement::Centre, &points, &labels, shoot)).expect("labels that fit");
     let screen = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0; 4], [0.0, 0.0, -1.0, 3.0]];
     for size in [
         ClusterSize::ProjectedBox,
@@ -77,17 +78,19 @@ fn bench(c: &mut Criterion) {
         ClusterSize::Hits,
     ] {
         group.bench_function(format!("rates/{}", size.name()), |b| {
-            b.iter(|| pool.install(|| rates(black_box(&probes), &clusters, &size, PixelArea::One)));
+            b.iter(|| pool.install(|| rates(black_box(&first_hits), &clusters, &size, PixelArea::One)));
         });
     }
     for map in [RateMap::Identity, RateMap::Root, RateMap::Log] {
         let options = ClusterThesisOptions::default().map(map);
         group.bench_function(format!("importance/{}", map.name()), |b| {
-            b.iter(|| pool.install(|| importance(black_box(&probes), &clusters, &ClusterSize::ProjectedBox, &options)));
+            b.iter(|| {
+                pool.install(|| importance(black_box(&first_hits), &clusters, &ClusterSize::ProjectedBox, &options))
+            });
         });
     }
-    let known =
-        importance(&probes, &clusters, &ClusterSize::ProjectedBox, &ClusterThesisOptions::default()).expect("clusters");
+    let known = importance(&first_hits, &clusters, &ClusterSize::ProjectedBox, &ClusterThesisOptions::default())
+        .expect("clusters");
     let weights: Vec<f64> = known.per_pixel.iter().map(|&i| f64::from(i)).collect();
     let floors = vec![0; weights.len()];
     let total = 16 * frame.pixels() as u64;
@@ -95,7 +98,7 @@ fn bench(c: &mut Criterion) {
         b.iter(|| pool.install(|| share(black_box(&weights), 12, &floors, 32, total)));
     });
     let film = Film::new(frame, Needs::none());
-    let mut sampler = ClusterThesis::published(points, &probes, &clusters).expect("clusters");
+    let mut sampler = ClusterThesis::published(points, &first_hits, &clusters).expect("clusters");
     group.bench_function("next_round", |b| {
         b.iter(|| {
             let mut plan = Plan::empty(frame.pixels());

@@ -13,7 +13,7 @@
 
 #![expect(clippy::print_stdout, reason = "the program prints its result")]
 
-use dapple_cluster_adaptive::{BACKGROUND, ClusterThesis, Placement, ProbeHit, probe};
+use dapple_cluster_adaptive::{BACKGROUND, ClusterThesis, FirstHitSurface, Placement, first_hits};
 use dapple_clustering::{ClusterParams, Sides, Triangles, cluster};
 use dapple_core::samplers::Uniform;
 use dapple_core::{Block, Draws, Estimate, Film, Filter, Frame, Integrator, Limits};
@@ -49,15 +49,21 @@ fn main() -> Result<()> {
     let clusters = cluster(&triangles, &ClusterParams { sides: Sides::Signed, ..ClusterParams::for_count(CLUSTERS) })?;
 
     // First hits in; the sampler turns them into a sample count per pixel. `Centre` needs no points.
-    let probes = probe(&frame, Placement::Centre, &Sobol::new(0), clusters.labels(), |ray| {
+    let first_hits = first_hits(&frame, Placement::Centre, &Sobol::new(0), clusters.labels(), |ray| {
         let direction = scene.camera_ray(ray.film);
         let hit = scene.first_hit(EYE, direction, f32::INFINITY)?;
         let (direction, normal) = (direction.0, hit.normal.0);
-        Some(ProbeHit { primitive: hit.triangle, direction, distance: hit.t, normal, footprint: hit.t * PIXEL_WIDTH })
+        Some(FirstHitSurface {
+            primitive: hit.triangle,
+            direction,
+            distance: hit.t,
+            normal,
+            footprint: hit.t * PIXEL_WIDTH,
+        })
     })?;
     println!("{} triangles, {} clusters", clusters.labels().len(), clusters.len());
 
-    let clusters_seen = probes.cluster_map();
+    let clusters_seen = first_hits.cluster_map();
     let filters: [Box<dyn Filter>; 3] = [
         Box::new(Unfiltered),
         Box::new(Gaussian::default()),
@@ -75,14 +81,14 @@ fn main() -> Result<()> {
     let mut pairs = Vec::new();
     for seed in 1..=SEEDS {
         let mut uniform = Uniform::new(Sobol::new(seed));
-        let mut adaptive = ClusterThesis::published(Sobol::new(seed), &probes, clusters.clusters())?;
+        let mut adaptive = ClusterThesis::published(Sobol::new(seed), &first_hits, clusters.clusters())?;
         pairs.push([image(&mut scene, &mut uniform, SPP)?, image(&mut scene, &mut adaptive, SPP)?]);
     }
     print_table(&filters, &pairs, &reference)?;
     let [u, a] = [0, 1].map(|which| pairs.iter().map(|pair| pair[which].record().rays).sum::<u64>());
-    let more = 100.0 * ((a + SEEDS * probes.cost().rays) as f64 / u as f64 - 1.0);
+    let more = 100.0 * ((a + SEEDS * first_hits.cost().rays) as f64 / u as f64 - 1.0);
     println!(
-        "\nAdaptive images used {more:.1} % more rays, probes included. A gain smaller than this vanishes at equal numbers of rays."
+        "\nAdaptive images used {more:.1} % more rays, first-hit rays included. A gain smaller than this vanishes at equal numbers of rays."
     );
     let own = rel_mse(&first, &second)? / 4.0;
     println!("The reference, {REFERENCE_SPP} samples per pixel, has an error of {own:.1e}.");

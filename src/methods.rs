@@ -34,7 +34,7 @@ pub fn points(description: &str, seed: u64) -> Result<Box<dyn PointSet>, Error> 
 /// # Errors
 ///
 /// [`Error::Method`] for an unknown name or key, listing the known ones, and for a value out of range.
-/// `cluster-thesis` needs clusters and probes, which `dapple_registry::sampler` takes.
+/// `cluster-thesis` needs clusters and first-hit rays, which `dapple_registry::sampler` takes.
 pub fn sampler(description: &str, points: Box<dyn PointSet>) -> Result<Box<dyn Sampler>, Error> {
     Ok(dapple_registry::sampler(description, points, &HostClusters::none())?.sampler)
 }

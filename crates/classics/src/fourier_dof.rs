@@ -20,7 +20,7 @@ use std::sync::Arc;
 ///
 /// It returns the first hit, and the radius in pixels of the circle of confusion there, negative in front of the focal plane.
 /// The function must be pure.
-pub type TraceLensProbe = Arc<dyn Fn([u32; 2]) -> (Option<FirstHit>, f32) + Send + Sync>;
+pub type TraceLensHit = Arc<dyn Fn([u32; 2]) -> (Option<FirstHit>, f32) + Send + Sync>;
 
 dapple_core::options! {
     /// The parameters of [`FourierDof`].
@@ -57,7 +57,7 @@ dapple_core::options! {
 /// before the first plan counts as planning time.
 pub struct FourierDof<P> {
     points: P,
-    probes: TraceLensProbe,
+    first_hits: TraceLensHit,
     options: FourierDofOptions,
     bandwidth: LensBandwidthOptions,
     prior: Option<(Frame, Vec<f64>)>,
@@ -71,20 +71,20 @@ impl<P: PointSet> FourierDof<P> {
     /// [`Error::OutOfRange`] for the first parameter out of range.
     pub fn new(
         points: P,
-        probes: TraceLensProbe,
+        first_hits: TraceLensHit,
         options: FourierDofOptions,
         bandwidth: LensBandwidthOptions,
     ) -> Result<Self, Error> {
         options.check_ranges()?;
         bandwidth.check_ranges()?;
-        Ok(Self { points, probes, options, bandwidth, prior: None })
+        Ok(Self { points, first_hits, options, bandwidth, prior: None })
     }
 
     /// The relative sample counts of the pixels; 0 for pixels that need no samples.
     fn weights(&mut self, frame: &Frame) -> &[f64] {
         let fresh = self.prior.take().filter(|(of, _)| of == frame);
         let (_, weights) = self.prior.insert(fresh.unwrap_or_else(|| {
-            let map = LensBandwidth::of(frame, &*self.probes, &self.bandwidth, Some(self.options.normals));
+            let map = LensBandwidth::of(frame, &*self.first_hits, &self.bandwidth, Some(self.options.normals));
             let tile = BlueNoise::new(0, Origin);
             let weight = |i: usize| {
                 let density = (2.0 * map.bandwidth[i]).powi(2).max(self.options.density);
@@ -114,7 +114,7 @@ impl PointSet for Origin {
 fn threshold(tile: &BlueNoise<Origin>, pixel: [u32; 2]) -> f64 {
     /// The side of the tile. A single tile is repeated, which leaves no seams.
     const SIDE: u32 = 128;
-    f64::from(tile.block(SampleId::new(pixel.map(|c| c % SIDE), streams::PROBE, 0), 0)[0])
+    f64::from(tile.block(SampleId::new(pixel.map(|c| c % SIDE), streams::FIRST_HITS, 0), 0)[0])
 }
 
 impl<P: PointSet> Sampler for FourierDof<P> {
@@ -191,7 +191,7 @@ dapple_core::options! {
 /// and blurred where surfaces are smooth.
 #[derive(Clone)]
 pub struct Splat {
-    probes: TraceLensProbe,
+    first_hits: TraceLensHit,
     options: SplatOptions,
     bandwidth: LensBandwidthOptions,
 }
@@ -202,10 +202,14 @@ impl Splat {
     /// # Errors
     ///
     /// [`Error::OutOfRange`] for the first parameter out of range.
-    pub fn new(probes: TraceLensProbe, options: SplatOptions, bandwidth: LensBandwidthOptions) -> Result<Self, Error> {
+    pub fn new(
+        first_hits: TraceLensHit,
+        options: SplatOptions,
+        bandwidth: LensBandwidthOptions,
+    ) -> Result<Self, Error> {
         options.check_ranges()?;
         bandwidth.check_ranges()?;
-        Ok(Self { probes, options, bandwidth })
+        Ok(Self { first_hits, options, bandwidth })
     }
 }
 
@@ -237,7 +241,7 @@ impl Filter for Splat {
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
         let frame = film.frame();
         let width = frame.size()[0] as usize;
-        let bandwidth = LensBandwidth::of(frame, &*self.probes, &self.bandwidth, None).bandwidth;
+        let bandwidth = LensBandwidth::of(frame, &*self.first_hits, &self.bandwidth, None).bandwidth;
         let mean = (0..frame.pixels()).map(|i| film.count(i)).sum::<u64>() as f64 / frame.pixels() as f64;
         let kernel = |(i, &bandwidth): (usize, &f64)| {
             let deviation = self.options.width / bandwidth;

@@ -30,7 +30,7 @@ pub use deviations::{
     Ears, EarsOptions, UpperConfidence, UpperConfidenceOptions, VarianceThreshold, VarianceThresholdOptions,
 };
 pub use divergence::{Divergence, DivergenceOptions, DivergenceScore};
-pub use fourier_dof::{FourierDof, FourierDofOptions, LensBandwidthOptions, Splat, SplatOptions, TraceLensProbe};
+pub use fourier_dof::{FourierDof, FourierDofOptions, LensBandwidthOptions, Splat, SplatOptions, TraceLensHit};
 pub use gem::{Gem, GemFilter, GemFilterOptions, GemOptions};
 pub use james_stein::{JamesStein, JamesSteinOptions, NoiseEstimate};
 pub use mdas::{Mdas, MdasBoxes, MdasBoxesOptions, MdasOptions};

@@ -282,7 +282,7 @@ pub(crate) fn mean(cell: &Cell, items: &Items) -> [f64; 3] {
 
 /// A hash that depends on the seed of a point set.
 pub(crate) fn seed_of(points: &dyn PointSet) -> u64 {
-    let coordinates = points.block(SampleId::new([0; 2], streams::PROBE, 0), 0);
+    let coordinates = points.block(SampleId::new([0; 2], streams::FIRST_HITS, 0), 0);
     coordinates.iter().fold(1, |seed, x| mix(seed ^ u64::from(x.to_bits())))
 }
 

@@ -1,8 +1,8 @@
-//! Sampling importance: each pixel's weight, computed from the sampling rates of its probes and from the
+//! Sampling importance: each pixel's weight, computed from the sampling rates of its first-hit rays and from the
 //! variance of the lights' visibility over clusters.
 
-use crate::probe::{self, BACKGROUND, Probe, Probes, dot};
-use crate::{ClusterSize, ClusterThesisOptions, Error, ProbeRay, rates};
+use crate::first_hits::{self, BACKGROUND, ClusterHit, FirstHits, dot};
+use crate::{ClusterSize, ClusterThesisOptions, Error, FirstHitRay, rates};
 use dapple_clustering::Cluster;
 use dapple_core::{PointSet, parallel, point_set::mix};
 use std::sync::Arc;
@@ -18,7 +18,7 @@ pub enum RateMap {
     /// [`RateMap::Identity`].
     #[default]
     Root,
-    /// `f(x) = ln(1 + x / m)`, with `m` the median over probes of the ratio `x` of pixel area to cluster size. Nearly
+    /// `f(x) = ln(1 + x / m)`, with `m` the median over first-hit rays of the ratio `x` of pixel area to cluster size. Nearly
     /// proportional to `x` for clusters larger than most, logarithmic for smaller ones.
     Log,
 }
@@ -44,7 +44,7 @@ pub struct Importance {
     /// The importance of each pixel of the window, row by row: finite, not negative, without unit. If no term is zero
     /// everywhere, the mean over the image is `1 + angle + distance`.
     pub per_pixel: Vec<f32>,
-    /// The number of probes whose cluster has no size ([`Rates::replaced`](crate::Rates::replaced)).
+    /// The number of first-hit rays whose cluster has no size ([`Rates::replaced`](crate::Rates::replaced)).
     pub replaced: usize,
 }
 
@@ -66,27 +66,27 @@ pub struct Importance {
 ///
 /// # Errors
 ///
-/// [`Error::NoCluster`] if a probe has a cluster that is not in `clusters`; [`Error::OutOfRange`] for a weight that is
+/// [`Error::NoCluster`] if a first-hit ray has a cluster that is not in `clusters`; [`Error::OutOfRange`] for a weight that is
 /// negative or not finite.
 pub fn importance(
-    probes: &Probes,
+    first_hits: &FirstHits,
     clusters: &[Cluster],
     size: &ClusterSize,
     options: &ClusterThesisOptions,
 ) -> Result<Importance, Error> {
     options.check()?;
-    let rates = rates(probes, clusters, size, options.pixel)?;
-    let median = if options.map == RateMap::Log { median(probes, &rates.values) } else { 1.0 };
-    let k = probes.placement().per_pixel() as usize;
+    let rates = rates(first_hits, clusters, size, options.pixel)?;
+    let median = if options.map == RateMap::Log { median(first_hits, &rates.values) } else { 1.0 };
+    let k = first_hits.placement().per_pixel() as usize;
     let terms = |pixel: usize| -> [f64; 3] {
-        let (probes, rates) = (&probes.all()[k * pixel..][..k], &rates.values[k * pixel..][..k]);
-        let of = |(p, &rate): (&Probe, &f64)| {
+        let (first_hits, rates) = (&first_hits.all()[k * pixel..][..k], &rates.values[k * pixel..][..k]);
+        let of = |(p, &rate): (&ClusterHit, &f64)| {
             let oblique = if options.angle > 0.0 { obliquity(p, clusters) } else { 0.0 };
             [options.map.of(rate, median), oblique, f64::from(p.distance)]
         };
-        probes.iter().zip(rates).map(of).fold([0.0; 3], plus)
+        first_hits.iter().zip(rates).map(of).fold([0.0; 3], plus)
     };
-    let terms: Vec<[f64; 3]> = parallel::map(probes.all().len() / k, terms);
+    let terms: Vec<[f64; 3]> = parallel::map(first_hits.all().len() / k, terms);
     // Summed in order, so that the sum does not depend on threads.
     let sums = terms.iter().copied().fold([0.0; 3], plus);
     let scale = |sum: f64, weight: f64| if sum > 0.0 { weight * terms.len() as f64 / sum } else { 0.0 };
@@ -102,18 +102,18 @@ fn plus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
 
 /// `1 - |cos|` of the angle between the probe's ray and the mean normal of its cluster, or the surface's normal if the
 /// cluster's normals cancel. 0 without a hit.
-fn obliquity(probe: &Probe, clusters: &[Cluster]) -> f64 {
-    if probe.cluster == BACKGROUND {
+fn obliquity(first_hit: &ClusterHit, clusters: &[Cluster]) -> f64 {
+    if first_hit.cluster == BACKGROUND {
         return 0.0;
     }
-    let cosine = dot(clusters[probe.cluster as usize].normal, probe.direction).abs();
-    let known = clusters[probe.cluster as usize].normal != [0.0; 3] && cosine.is_finite();
-    (1.0 - if known { cosine } else { f64::from(probe.cosine) }).clamp(0.0, 1.0)
+    let cosine = dot(clusters[first_hit.cluster as usize].normal, first_hit.direction).abs();
+    let known = clusters[first_hit.cluster as usize].normal != [0.0; 3] && cosine.is_finite();
+    (1.0 - if known { cosine } else { f64::from(first_hit.cosine) }).clamp(0.0, 1.0)
 }
 
-/// The lower median of the rates of probes with a hit; 1 if no probe has a hit.
-fn median(probes: &Probes, rates: &[f64]) -> f64 {
-    let hits = probes.all().iter().zip(rates).filter(|(p, _)| p.cluster != BACKGROUND);
+/// The lower median of the rates of first-hit rays with a hit; 1 if no first-hit ray has a hit.
+fn median(first_hits: &FirstHits, rates: &[f64]) -> f64 {
+    let hits = first_hits.all().iter().zip(rates).filter(|(p, _)| p.cluster != BACKGROUND);
     let mut rates: Vec<f64> = hits.map(|(_, &r)| r).collect();
     match rates.len() {
         0 => 1.0,
@@ -125,7 +125,7 @@ fn median(probes: &Probes, rates: &[f64]) -> f64 {
 ///
 /// Three numbers in `[0, 1)` select a light and a point on it. The function returns `true` if the point is visible, and `false`
 /// if it is occluded or if there is no hit or light. It must be pure.
-pub type TraceVisibility = Arc<dyn Fn(ProbeRay, [f32; 3]) -> bool + Send + Sync>;
+pub type TraceVisibility = Arc<dyn Fn(FirstHitRay, [f32; 3]) -> bool + Send + Sync>;
 
 /// The seed of all shadow rays.
 const SEED: u64 = 0x51ab_71e5;
@@ -141,21 +141,21 @@ const STEPS: [f64; 3] = [0.819_172_513_396_164_4, 0.671_043_606_703_789_3, 0.549
 ///
 /// # Errors
 ///
-/// [`Error::NoCluster`] if a probe has a cluster that is not below `clusters`.
+/// [`Error::NoCluster`] if a first-hit ray has a cluster that is not below `clusters`.
 pub fn visibility_variances(
-    probes: &Probes,
+    first_hits: &FirstHits,
     clusters: usize,
     points: &dyn PointSet,
     rays: u32,
-    is_visible: &(dyn Fn(ProbeRay, [f32; 3]) -> bool + Sync),
+    is_visible: &(dyn Fn(FirstHitRay, [f32; 3]) -> bool + Sync),
 ) -> Result<Vec<f32>, Error> {
     // The indices of the probes, sorted by cluster.
-    let counts = probes.class_counts(clusters)?;
+    let counts = first_hits.class_counts(clusters)?;
     let mut ends: Vec<usize> =
         counts[..clusters].iter().scan(0, |end, &n| Some(std::mem::replace(end, *end + n as usize))).collect();
-    let mut sorted = vec![0u32; probes.all().len() - counts[clusters] as usize];
-    for (i, probe) in probes.all().iter().enumerate().filter(|(_, probe)| probe.cluster != BACKGROUND) {
-        let end = &mut ends[probe.cluster as usize];
+    let mut sorted = vec![0u32; first_hits.all().len() - counts[clusters] as usize];
+    for (i, first_hit) in first_hits.all().iter().enumerate().filter(|(_, first_hit)| first_hit.cluster != BACKGROUND) {
+        let end = &mut ends[first_hit.cluster as usize];
         sorted[*end] = i as u32;
         *end += 1;
     }
@@ -171,7 +171,7 @@ pub fn visibility_variances(
             let shifted = |axis: usize| (unit(mix(name ^ 1 << 31 ^ axis as u64)) + f64::from(*k) * STEPS[axis]).fract();
             // Rounded down, since coordinates are below 1.
             let light = [0, 1, 2].map(|axis| (shifted(axis) as f32).min(1.0f32.next_down()));
-            is_visible(ray_of(probes, hit as usize, points), light)
+            is_visible(ray_of(first_hits, hit as usize, points), light)
         };
         let visible = (0..rays).filter(reaches).count() as f64 / f64::from(rays);
         (visible * (1.0 - visible)) as f32
@@ -184,20 +184,20 @@ fn unit(hash: u64) -> f64 {
     (hash >> 11) as f64 / (1u64 << 53) as f64
 }
 
-/// The ray of the `i`-th probe.
-fn ray_of(probes: &Probes, i: usize, points: &dyn PointSet) -> ProbeRay {
-    let k = probes.placement().per_pixel() as usize;
-    probe::ray(probes.frame().pixel(i / k), (i % k) as u64, probes.placement(), points)
+/// The `i`-th first-hit ray.
+fn ray_of(first_hits: &FirstHits, i: usize, points: &dyn PointSet) -> FirstHitRay {
+    let k = first_hits.placement().per_pixel() as usize;
+    first_hits::ray(first_hits.frame().pixel(i / k), (i % k) as u64, first_hits.placement(), points)
 }
 
 impl Importance {
-    /// Multiplies each pixel's importance by the mean over its probes of `1 + variances[cluster]`. Probes without a hit count
+    /// Multiplies each pixel's importance by the mean over its first-hit rays of `1 + variances[cluster]`. First-hit rays without a hit count
     /// as 1.
-    pub(crate) fn raise(&mut self, probes: &Probes, variances: &[f32]) {
-        let k = probes.placement().per_pixel() as usize;
+    pub(crate) fn raise(&mut self, first_hits: &FirstHits, variances: &[f32]) {
+        let k = first_hits.placement().per_pixel() as usize;
         let factor = |cluster: u32| 1.0 + variances.get(cluster as usize).map_or(0.0, |&v| f64::from(v));
-        for (importance, probes) in self.per_pixel.iter_mut().zip(probes.all().chunks_exact(k)) {
-            let mean = probes.iter().map(|probe| factor(probe.cluster)).sum::<f64>() / k as f64;
+        for (importance, first_hits) in self.per_pixel.iter_mut().zip(first_hits.all().chunks_exact(k)) {
+            let mean = first_hits.iter().map(|first_hit| factor(first_hit.cluster)).sum::<f64>() / k as f64;
             *importance = (f64::from(*importance) * mean) as f32;
         }
     }

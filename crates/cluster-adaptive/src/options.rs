@@ -1,4 +1,4 @@
-//! The parameters of the sampler of [Lan 2016], and errors of probes, labels and parameters.
+//! The parameters of the sampler of [Lan 2016], and errors of first-hit rays, labels and parameters.
 
 use crate::{PixelArea, RateMap};
 use dapple_core::options::Options as _;
@@ -82,19 +82,19 @@ pub fn published_bounds(mean: f64) -> [u32; 2] {
     [at(1).floor() as u32, at(2).ceil() as u32]
 }
 
-/// Invalid probes, clusters or parameters. Each message has a remedy.
+/// Invalid first-hit rays, clusters or parameters. Each message has a remedy.
 #[non_exhaustive]
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
-    /// A probe that hit a primitive without a label.
+    /// A first-hit ray that hit a primitive without a label.
     #[error(
-        "pixel ({}, {}): a probe hit primitive {primitive}, but there are only {labels} labels: give one label per \
+        "pixel ({}, {}): a first-hit ray hit primitive {primitive}, but there are only {labels} labels: give one label per \
          primitive, in the numbering of the hits",
         pixel[0],
         pixel[1]
     )]
     NoLabel {
-        /// Column and row of the probe's pixel in the full image.
+        /// Column and row of the first-hit ray's pixel in the full image.
         pixel: [u32; 2],
         /// The index of the primitive that was hit.
         primitive: u32,
@@ -133,10 +133,12 @@ pub enum Error {
     /// A parameter outside its range.
     #[error(transparent)]
     OutOfRange(#[from] dapple_core::options::OutOfRange),
-    /// Probes that were traced for another frame than the rendered one.
-    #[error("the probes were traced for {of}, but {wanted} is rendered: probe that frame, or let the sampler probe")]
+    /// First-hit rays that were traced for another frame than the rendered one.
+    #[error(
+        "the first-hit rays were traced for {of}, but {wanted} is rendered: trace that frame, or let the sampler trace them"
+    )]
     OtherFrame {
-        /// The frame of the probes, as text.
+        /// The frame of the first-hit rays, as text.
         of: String,
         /// The frame of the render, as text.
         wanted: String,

@@ -1,29 +1,29 @@
 //! The sampler of [Lan 2016]: sample counts from geometry alone.
 
 use crate::{
-    ClusterSize, ClusterThesisOptions, Error, Importance, Placement, Probe, ProbeCost, ProbeHit, ProbeRay, Probes,
-    TraceVisibility,
+    ClusterHit, ClusterSize, ClusterThesisOptions, Error, FirstHitRay, FirstHitSurface, FirstHits, FirstHitsCost,
+    Importance, Placement, TraceVisibility,
 };
-use crate::{importance, probe, visibility_variances};
+use crate::{first_hits, importance, visibility_variances};
 use dapple_clustering::Cluster;
 use dapple_core::options::Options as _;
 use dapple_core::plan::{Feedback, Plan, Progress, SamplerMemory, share};
 use dapple_core::{Clock, Frame, Limits, Needs, PointSet, Sampler};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// The caller's function that traces a probe ray and returns its first hit, if any. It must be pure.
-pub type TraceProbe = Arc<dyn Fn(ProbeRay) -> Option<ProbeHit> + Send + Sync>;
+/// The caller's function that traces a first-hit ray and returns its first hit, if any. It must be pure.
+pub type TraceFirstHit = Arc<dyn Fn(FirstHitRay) -> Option<FirstHitSurface> + Send + Sync>;
 
 /// The inputs for a sampler that traces its probes before the first plan: labels, clusters and a ray tracer.
 #[derive(Clone)]
-pub struct ProbeSource {
+pub struct FirstHitSource {
     /// The cluster number of each primitive.
     pub labels: Arc<[u32]>,
     /// The clusters to which the labels refer.
     pub clusters: Arc<[Cluster]>,
-    /// The function that traces a probe ray and returns its first hit.
-    pub shoot: TraceProbe,
-    /// The placement of each pixel's probes.
+    /// The function that traces a first-hit ray and returns its first hit.
+    pub shoot: TraceFirstHit,
+    /// The placement of each pixel's first-hit rays.
     pub placement: Placement,
     /// The clustering parameters for [`ClusterThesis`]'s description, for example `k=9,clamp=32`; may be empty.
     pub described: String,
@@ -32,9 +32,9 @@ pub struct ProbeSource {
 /// A handle to the first-hit probes of a sampler, for their cost and for maps. It remains usable after the sampler is boxed.
 /// The default handle belongs to a sampler without probes.
 #[derive(Clone, Debug, Default)]
-pub struct ProbesHandle(Vec<Arc<Mutex<Option<Arc<Probes>>>>>);
+pub struct FirstHitsHandle(Vec<Arc<Mutex<Option<Arc<FirstHits>>>>>);
 
-impl ProbesHandle {
+impl FirstHitsHandle {
     /// Joins handles for a sampler that consists of several: the probes of this handle's sampler, then those of `others`.
     #[must_use]
     pub fn joined(mut self, others: Self) -> Self {
@@ -44,29 +44,32 @@ impl ProbesHandle {
 
     /// The first-hit probes that the sampler traced last; `None` before the first plan. For [joined](ProbesHandle::joined)
     /// samplers, the first one that has traced any counts.
-    pub fn probes(&self) -> Option<Arc<Probes>> {
+    pub fn first_hits(&self) -> Option<Arc<FirstHits>> {
         self.each().next()
     }
 
     /// The cost of the first-hit probes that the sampler traced last, summed over joined samplers; `None` before the first
     /// plan.
-    pub fn cost(&self) -> Option<ProbeCost> {
-        let add = |a: ProbeCost, b: ProbeCost| ProbeCost { rays: a.rays + b.rays, seconds: a.seconds + b.seconds };
-        self.each().map(|probes| probes.cost()).reduce(add)
+    pub fn cost(&self) -> Option<FirstHitsCost> {
+        let add = |a: FirstHitsCost, b: FirstHitsCost| FirstHitsCost {
+            rays: a.rays + b.rays,
+            seconds: a.seconds + b.seconds,
+        };
+        self.each().map(|first_hits| first_hits.cost()).reduce(add)
     }
 
-    /// The number of rejected probes, summed over joined samplers ([`Probes::rejected`]).
+    /// The number of rejected first-hit rays, summed over joined samplers ([`FirstHits::rejected`]).
     pub fn rejected(&self) -> u64 {
-        self.each().map(|probes| probes.rejected()).sum()
+        self.each().map(|first_hits| first_hits.rejected()).sum()
     }
 
-    fn each(&self) -> impl Iterator<Item = Arc<Probes>> {
+    fn each(&self) -> impl Iterator<Item = Arc<FirstHits>> {
         self.0.iter().filter_map(|slot| slot.lock().unwrap_or_else(PoisonError::into_inner).clone())
     }
 
-    fn set(&self, probes: &Arc<Probes>) {
+    fn set(&self, first_hits: &Arc<FirstHits>) {
         for slot in &self.0 {
-            *slot.lock().unwrap_or_else(PoisonError::into_inner) = Some(probes.clone());
+            *slot.lock().unwrap_or_else(PoisonError::into_inner) = Some(first_hits.clone());
         }
     }
 }
@@ -103,9 +106,9 @@ pub struct ClusterThesis<P> {
     size: ClusterSize,
     options: ClusterThesisOptions,
     placement: Placement,
-    probed: Option<ProbeSource>,
+    source: Option<FirstHitSource>,
     visible: Option<TraceVisibility>,
-    handle: ProbesHandle,
+    handle: FirstHitsHandle,
     prior: Option<Prior>,
 }
 
@@ -115,9 +118,9 @@ impl<P: PointSet> ClusterThesis<P> {
     ///
     /// # Errors
     ///
-    /// [`Error::NoCluster`] if a probe has a cluster that is not in the list.
-    pub fn published(points: P, probes: &Probes, clusters: &[Cluster]) -> Result<Self, Error> {
-        Self::with_options(points, probes, clusters, ClusterSize::ProjectedBox, ClusterThesisOptions::default())
+    /// [`Error::NoCluster`] if a first-hit ray has a cluster that is not in the list.
+    pub fn published(points: P, first_hits: &FirstHits, clusters: &[Cluster]) -> Result<Self, Error> {
+        Self::with_options(points, first_hits, clusters, ClusterSize::ProjectedBox, ClusterThesisOptions::default())
     }
 
     /// Creates the sampler with any size measure and parameters, planned from these probes. It works only for the frame of the
@@ -125,22 +128,22 @@ impl<P: PointSet> ClusterThesis<P> {
     ///
     /// # Errors
     ///
-    /// [`Error::NoCluster`] if a probe has a cluster that is not in the list; [`Error::OutOfRange`] for a weight below
-    /// 0, a maximum below the minimum, or shadow rays, which need [`ClusterThesis::probing`].
+    /// [`Error::NoCluster`] if a first-hit ray has a cluster that is not in the list; [`Error::OutOfRange`] for a weight below
+    /// 0, a maximum below the minimum, or shadow rays, which need [`ClusterThesis::tracing`].
     pub fn with_options(
         points: P,
-        probes: &Probes,
+        first_hits: &FirstHits,
         clusters: &[Cluster],
         size: ClusterSize,
         options: ClusterThesisOptions,
     ) -> Result<Self, Error> {
         if options.lights > 0 {
-            return Err(Error::range("lights", options.lights, "use 0 with probes traced beforehand"));
+            return Err(Error::range("lights", options.lights, "use 0 with first-hit rays traced beforehand"));
         }
-        let importance = importance(probes, clusters, &size, &options)?;
-        let prior = Some(Prior::new(*probes.frame(), importance));
-        let (placement, handle) = (probes.placement(), ProbesHandle::default());
-        Ok(Self { points, size, options, placement, probed: None, visible: None, handle, prior })
+        let importance = importance(first_hits, clusters, &size, &options)?;
+        let prior = Some(Prior::new(*first_hits.frame(), importance));
+        let (placement, handle) = (first_hits.placement(), FirstHitsHandle::default());
+        Ok(Self { points, size, options, placement, source: None, visible: None, handle, prior })
     }
 
     /// Creates the sampler with any size measure and parameters. It traces its probes at the first plan for a frame, which need
@@ -150,19 +153,19 @@ impl<P: PointSet> ClusterThesis<P> {
     ///
     /// [`Error::OutOfRange`] for a weight below 0, a maximum below the minimum, or 0 or more than 256 probes per pixel. Wrong
     /// labels and clusters are errors of the first plan.
-    pub fn probing(
+    pub fn tracing(
         points: P,
-        probed: ProbeSource,
+        source: FirstHitSource,
         size: ClusterSize,
         options: ClusterThesisOptions,
     ) -> Result<Self, Error> {
         options.check()?;
-        let placement = probed.placement;
+        let placement = source.placement;
         if !(1..=256).contains(&placement.per_pixel()) {
-            return Err(Error::range("probes", placement, "use centre, or 1 to 256 per pixel"));
+            return Err(Error::range("rays", placement, "use centre, or 1 to 256 per pixel"));
         }
-        let handle = ProbesHandle(vec![Arc::default()]);
-        Ok(Self { points, size, options, placement, probed: Some(probed), visible: None, handle, prior: None })
+        let handle = FirstHitsHandle(vec![Arc::default()]);
+        Ok(Self { points, size, options, placement, source: Some(source), visible: None, handle, prior: None })
     }
 
     /// Sets the function that traces shadow rays, for [`ClusterThesisOptions::lights`].
@@ -172,37 +175,38 @@ impl<P: PointSet> ClusterThesis<P> {
     }
 
     /// A handle to the probes that the sampler traces. It stays empty if the probes were passed in.
-    pub fn handle(&self) -> ProbesHandle {
+    pub fn handle(&self) -> FirstHitsHandle {
         self.handle.clone()
     }
 
     /// The sampling weights of the frame's pixels. Traces the frame's probes first if necessary.
     fn weights(&mut self, frame: &Frame) -> Result<&[f64], Error> {
         if self.prior.as_ref().is_none_or(|p| p.frame != *frame) {
-            let Some(probed) = &self.probed else {
+            let Some(source) = &self.source else {
                 let name = |f: &Frame| format!("{:?} at {:?} of {:?}", f.size(), f.origin(), f.resolution());
                 let of = self.prior.as_ref().map_or_else(String::new, |p| name(&p.frame));
                 return Err(Error::OtherFrame { of, wanted: name(frame) });
             };
-            self.prior = Some(self.prior_of(frame, probed)?);
+            self.prior = Some(self.prior_of(frame, source)?);
         }
         Ok(self.prior.as_ref().map_or(&[], |p| &p.weights))
     }
 
-    fn prior_of(&self, frame: &Frame, probed: &ProbeSource) -> Result<Prior, Error> {
-        let mut probes = probe(frame, probed.placement, &self.points, &probed.labels, &*probed.shoot)?;
-        let mut importance = importance(&probes, &probed.clusters, &self.size, &self.options)?;
+    fn prior_of(&self, frame: &Frame, source: &FirstHitSource) -> Result<Prior, Error> {
+        let mut first_hits = first_hits(frame, source.placement, &self.points, &source.labels, &*source.shoot)?;
+        let mut importance = importance(&first_hits, &source.clusters, &self.size, &self.options)?;
         let (rays, clock) = (self.options.lights, Clock::of_machine());
         if rays > 0 {
             let lacks = || Error::range("lights", rays, "use 0, or set a function that traces shadow rays");
             let visible = self.visible.as_ref().ok_or_else(lacks)?;
-            let clusters = probed.clusters.len();
-            importance.raise(&probes, &visibility_variances(&probes, clusters, &self.points, rays, &**visible)?);
+            let clusters = source.clusters.len();
+            importance
+                .raise(&first_hits, &visibility_variances(&first_hits, clusters, &self.points, rays, &**visible)?);
             // Each shadow ray needs a probe's ray too.
-            let seen = probes.class_counts(clusters)?[..clusters].iter().filter(|&&n| n > 0).count() as u64;
-            probes.add_cost(2 * u64::from(rays) * seen, clock.seconds());
+            let seen = first_hits.class_counts(clusters)?[..clusters].iter().filter(|&&n| n > 0).count() as u64;
+            first_hits.add_cost(2 * u64::from(rays) * seen, clock.seconds());
         }
-        self.handle.set(&Arc::new(probes));
+        self.handle.set(&Arc::new(first_hits));
         Ok(Prior::new(*frame, importance))
     }
 }
@@ -213,9 +217,9 @@ impl<P: PointSet> Sampler for ClusterThesis<P> {
     }
 
     fn describe(&self) -> String {
-        let clusters = self.probed.as_ref().map(|p| p.described.as_str()).filter(|d| !d.is_empty());
+        let clusters = self.source.as_ref().map(|p| p.described.as_str()).filter(|d| !d.is_empty());
         let (placement, size, options) = (self.placement, self.size.name(), self.options.describe());
-        let published = format!("cluster-thesis:probes={placement},size={size},{options},policy=a-priori");
+        let published = format!("cluster-thesis:rays={placement},size={size},{options},policy=a-priori");
         clusters.map_or(published.clone(), |clusters| format!("{published},{clusters}"))
     }
 
@@ -230,7 +234,7 @@ impl<P: PointSet> Sampler for ClusterThesis<P> {
         let sorted = if self.options.lights > 0 { 4 * k } else { 0 };
         let first = (8 * k + 24 + 8).max(4 + sorted).saturating_sub(32);
         let later = 4 + 4 + 8 + 8 + 4;
-        SamplerMemory::planning(frame, first.max(later)).with_state(frame, size_of::<Probe>() * k + 8)
+        SamplerMemory::planning(frame, first.max(later)).with_state(frame, size_of::<ClusterHit>() * k + 8)
     }
 
     fn points(&self) -> &dyn PointSet {

@@ -1,14 +1,14 @@
 //! The size of a cluster, by its box or by its triangles, and the sampling rate that its probes predict.
 
 use crate::Error;
-use crate::probe::{BACKGROUND, Probe, Probes};
+use crate::first_hits::{BACKGROUND, ClusterHit, FirstHits};
 use dapple_clustering::{Cluster, Triangles};
 use dapple_core::parallel;
 
 /// The measure of a cluster's size `SC`, in the ratio `SP / SC` of pixel area to cluster size.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum ClusterSize {
-    /// The size of the cluster's axis-aligned box, projected along the probe's unit ray `d`: `lx ly |dz| + lx lz |dy| +
+    /// The size of the cluster's axis-aligned box, projected along the first-hit ray's unit ray `d`: `lx ly |dz| + lx lz |dy| +
     /// ly lz |dx|`, in world units [Lan 2016, 2.3]. `lx`, `ly` and `lz` are the box's edges.
     #[default]
     ProjectedBox,
@@ -53,11 +53,11 @@ dapple_core::choices!(PixelArea { One = "one", Footprint = "footprint" });
 /// degrees.
 const EDGE_ON: f64 = 1e-3;
 
-/// The sampling rates that probes predict, one per probe.
+/// The sampling rates that first-hit rays predict, one per first-hit ray.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rates {
-    /// The ratio `SP / SC` of pixel area to cluster size, for each probe in the order of [`Probes::all`]. Finite and
-    /// not negative; 0 for a probe without a hit. Only proportions matter, except with [`PixelArea::Footprint`],
+    /// The ratio `SP / SC` of pixel area to cluster size, for each first-hit ray in the order of [`FirstHits::all`]. Finite and
+    /// not negative; 0 for a first-hit ray without a hit. Only proportions matter, except with [`PixelArea::Footprint`],
     /// [`ClusterSize::ScreenBox`] and [`ClusterSize::Hits`], where a cluster of `n` pixels gives `1 / n`.
     pub values: Vec<f64>,
     /// The number of probes whose cluster has no size (a point, a line, or corners that are not finite). Their rate is the
@@ -65,7 +65,7 @@ pub struct Rates {
     pub replaced: usize,
 }
 
-/// The sampling rate that each probe predicts: the ratio `SP / SC` of pixel area to cluster size [Lan 2016, eq. 3-3,
+/// The sampling rate that each first-hit ray predicts: the ratio `SP / SC` of pixel area to cluster size [Lan 2016, eq. 3-3,
 /// before `f`].
 ///
 /// The thesis estimates the pixel's true rate `R sum_i Scc_i / Sc_i` with one ray, as `R SP / SC`. The sum is over the clusters
@@ -76,49 +76,55 @@ pub struct Rates {
 ///
 /// # Errors
 ///
-/// [`Error::NoCluster`] if a probe has a cluster that is not in `clusters` (or in the area vectors).
-pub fn rates(probes: &Probes, clusters: &[Cluster], size: &ClusterSize, pixel_area: PixelArea) -> Result<Rates, Error> {
-    let classes = probes.class_counts(clusters.len())?;
-    let k = f64::from(probes.placement().per_pixel());
+/// [`Error::NoCluster`] if a first-hit ray has a cluster that is not in `clusters` (or in the area vectors).
+pub fn rates(
+    first_hits: &FirstHits,
+    clusters: &[Cluster],
+    size: &ClusterSize,
+    pixel_area: PixelArea,
+) -> Result<Rates, Error> {
+    let classes = first_hits.class_counts(clusters.len())?;
+    let k = f64::from(first_hits.placement().per_pixel());
     let mut values: Vec<f64> = match size {
         ClusterSize::Hits => {
-            let rate = |p: &Probe| k / classes[(p.cluster as usize).min(clusters.len())] as f64;
-            probes.all().iter().map(rate).collect()
+            let rate = |p: &ClusterHit| k / classes[(p.cluster as usize).min(clusters.len())] as f64;
+            first_hits.all().iter().map(rate).collect()
         }
         ClusterSize::ScreenBox(world_to_clip) => {
-            let resolution = probes.frame().resolution();
-            // A visible cluster covers at least the area of one probe.
+            let resolution = first_hits.frame().resolution();
+            // A visible cluster covers at least the area of one first-hit ray.
             let area = |c: &Cluster| projected_box_area(&c.bounds, world_to_clip, resolution).max(1.0 / k);
             let seen = classes.iter().zip(clusters);
             let rates: Vec<f64> = seen.map(|(&n, c)| if n > 0 { 1.0 / area(c) } else { 0.0 }).collect();
-            of_hits(probes, |p| rates[p.cluster as usize])
+            of_hits(first_hits, |p| rates[p.cluster as usize])
         }
         ClusterSize::ProjectedBox => {
             let boxes: Vec<BoxFaces> = clusters.iter().map(|c| BoxFaces::new(&c.bounds)).collect();
-            of_hits(probes, |p| pixel_size(p, pixel_area) / boxes[p.cluster as usize].projected(p.direction))
+            of_hits(first_hits, |p| pixel_size(p, pixel_area) / boxes[p.cluster as usize].projected(p.direction))
         }
         ClusterSize::ProjectedTriangles(vectors) => {
             let known = vectors.clusters.len();
             if known < clusters.len() {
                 return Err(Error::NoCluster { label: known as u32, clusters: known });
             }
-            let size = |p: &Probe| vectors.projected(p.cluster, p.direction).max(EDGE_ON * vectors.area(p.cluster));
-            of_hits(probes, |p| pixel_size(p, pixel_area) / size(p))
+            let size =
+                |p: &ClusterHit| vectors.projected(p.cluster, p.direction).max(EDGE_ON * vectors.area(p.cluster));
+            of_hits(first_hits, |p| pixel_size(p, pixel_area) / size(p))
         }
     };
     let replaced = replace_infinite(&mut values);
     Ok(Rates { values, replaced })
 }
 
-fn of_hits(probes: &Probes, rate: impl Fn(&Probe) -> f64 + Sync) -> Vec<f64> {
-    let of = |p: &Probe| if p.cluster == BACKGROUND { 0.0 } else { rate(p) };
-    parallel::map(probes.all().len(), |k| of(&probes.all()[k]))
+fn of_hits(first_hits: &FirstHits, rate: impl Fn(&ClusterHit) -> f64 + Sync) -> Vec<f64> {
+    let of = |p: &ClusterHit| if p.cluster == BACKGROUND { 0.0 } else { rate(p) };
+    parallel::map(first_hits.all().len(), |k| of(&first_hits.all()[k]))
 }
 
-fn pixel_size(probe: &Probe, area: PixelArea) -> f64 {
+fn pixel_size(first_hit: &ClusterHit, area: PixelArea) -> f64 {
     match area {
         PixelArea::One => 1.0,
-        PixelArea::Footprint => f64::from(probe.footprint) * f64::from(probe.footprint),
+        PixelArea::Footprint => f64::from(first_hit.footprint) * f64::from(first_hit.footprint),
     }
 }
 

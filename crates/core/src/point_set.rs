@@ -45,8 +45,8 @@ pub mod streams {
     pub const DISCARDED: u32 = 3;
     /// The streams of discarded samples in a render with two halves.
     pub const DISCARDED_HALVES: [u32; 2] = [4, 5];
-    /// The stream of first-hit probes, which samplers that plan from geometry trace before a render.
-    pub const PROBE: u32 = 6;
+    /// The stream of first-hit rays, which samplers that plan from geometry trace before a render.
+    pub const FIRST_HITS: u32 = 6;
     /// The stream of paths from the lights, which an integrator traces to prepare for samples; see
     /// [`Pass::draws`](crate::integrator::Pass::draws).
     pub const LIGHT: u32 = 7;

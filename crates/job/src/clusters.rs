@@ -1,8 +1,8 @@
 //! Clusters of a world's surfaces, and the data of a world that samplers and filters use.
 
-use dapple_cluster_adaptive::{ProbeHit, ProbeRay, TraceProbe, TraceVisibility};
+use dapple_cluster_adaptive::{FirstHitRay, FirstHitSurface, TraceFirstHit, TraceVisibility};
 use dapple_clustering::{Cluster, ClusterParams, ClusterReport, Clusters, Triangles, cluster};
-use dapple_registry::LensProbes;
+use dapple_registry::LensFirstHits;
 use dapple_renderer::{Interaction, World};
 use glam::{Vec2, Vec3};
 use std::sync::Arc;
@@ -153,13 +153,13 @@ fn whole([low, high]: [Vec3; 2], material: u32, group: u32) -> Cluster {
     Cluster::without_triangles(bounds, area, material, group)
 }
 
-/// A function that traces probes: it returns the first hits of rays in the world.
-pub(crate) fn shoot(world: Arc<World>, clusters: Arc<WorldClusters>) -> TraceProbe {
-    Arc::new(move |probe: ProbeRay| {
-        let ([origin, direction], at) = probe_hit(&world, &probe)?;
+/// A function that traces first-hit rays: it returns the first hits of rays in the world.
+pub(crate) fn shoot(world: Arc<World>, clusters: Arc<WorldClusters>) -> TraceFirstHit {
+    Arc::new(move |first_hit: FirstHitRay| {
+        let ([origin, direction], at) = first_hit_at(&world, &first_hit)?;
         let (hit, point) = (at.hit(), at.point());
         let distance = (point.position - origin).length();
-        Some(ProbeHit {
+        Some(FirstHitSurface {
             primitive: clusters.primitive(hit.shape, hit.primitive),
             direction: direction.to_array(),
             distance,
@@ -169,19 +169,19 @@ pub(crate) fn shoot(world: Arc<World>, clusters: Arc<WorldClusters>) -> TracePro
     })
 }
 
-/// The origin and direction of a probe's ray, and its first hit when the shutter opens.
-fn probe_hit<'w>(world: &'w World, probe: &ProbeRay) -> Option<([Vec3; 2], Interaction<'w>)> {
-    let [x, y] = probe.pixel.map(|n| n as f32 + 0.5);
-    let offset = Vec2::new(probe.film[0] - x, probe.film[1] - y);
+/// The origin and direction of a first-hit ray, and its first hit when the shutter opens.
+fn first_hit_at<'w>(world: &'w World, first_hit: &FirstHitRay) -> Option<([Vec3; 2], Interaction<'w>)> {
+    let [x, y] = first_hit.pixel.map(|n| n as f32 + 0.5);
+    let offset = Vec2::new(first_hit.film[0] - x, first_hit.film[1] - y);
     let time = world.time(0.0);
-    let ray = world.camera().ray_at(world.camera().place(probe.pixel, offset), probe.lens, time);
+    let ray = world.camera().ray_at(world.camera().place(first_hit.pixel, offset), first_hit.lens, time);
     Some(([ray.origin, ray.direction], world.closest_hit(&ray, time)?))
 }
 
-/// A function that traces shadow rays from the first hits of probes to points of the world's lights.
+/// A function that traces shadow rays from first hits to points of the world's lights.
 pub(crate) fn visibility(world: Arc<World>) -> TraceVisibility {
-    Arc::new(move |probe: ProbeRay, [choice, u, v]: [f32; 3]| {
-        let Some((_, at)) = probe_hit(&world, &probe) else { return false };
+    Arc::new(move |first_hit: FirstHitRay, [choice, u, v]: [f32; 3]| {
+        let Some((_, at)) = first_hit_at(&world, &first_hit) else { return false };
         let light = world.lights().sample(at.point().position, choice, [u, v]);
         light.is_some_and(|light| !world.occluded(&light.shadow_ray(at.point()), world.time(0.0)))
     })
@@ -189,7 +189,7 @@ pub(crate) fn visibility(world: Arc<World>) -> TraceVisibility {
 
 /// A tracer of rays through the centres of a pixel and of the lens when the shutter opens. It returns the first hit and the
 /// circle of confusion.
-pub(crate) fn lens_probes(world: Arc<World>) -> LensProbes {
+pub(crate) fn lens_first_hits(world: Arc<World>) -> LensFirstHits {
     let has_lens = world.camera().has_lens();
     let trace = move |pixel: [u32; 2]| {
         let time = world.time(0.0);
@@ -199,5 +199,5 @@ pub(crate) fn lens_probes(world: Arc<World>) -> LensProbes {
         let blur = camera.circle_of_confusion(hit.as_ref().map(|at| at.point().position), time);
         (hit.map(|at| world.first_hit(&ray, &at, 0.5)), blur)
     };
-    LensProbes { trace: Arc::new(trace), has_lens }
+    LensFirstHits { trace: Arc::new(trace), has_lens }
 }

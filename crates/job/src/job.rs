@@ -19,7 +19,7 @@ use crate::output::OutputFiles;
 use crate::registry::{self, MadeFilter, MadeSampler, MethodInputs};
 use crate::{ErrorOf, JobError, RenderSpec, WorldClusters};
 use checkpoints::Watched;
-use dapple_cluster_adaptive::ProbesHandle;
+use dapple_cluster_adaptive::FirstHitsHandle;
 use dapple_core::integrator::Prepares;
 use dapple_core::render::NoMonitor;
 use dapple_core::{Error, Film, Filter, Frame, Limits, Needs, PointSet, Render, Sampler, Unfiltered, limits::Budget};
@@ -51,7 +51,7 @@ pub struct Job {
     filter: Box<dyn Filter>,
     clusters: Option<Arc<WorldClusters>>,
     cluster_seconds: f64,
-    probes: ProbesHandle,
+    first_hits: FirstHitsHandle,
     needs: Needs,
     /// Bytes of light that the integrator prepares, and an upper bound on the bytes of its training data.
     integrator_bytes: [u64; 2],
@@ -89,7 +89,7 @@ impl Job {
         let points = registry::points(&spec.points, setting(spec, frame))?;
         let points_described = points.describe();
         let mut inputs = MethodInputs::of(prepared.world.clone());
-        let MadeSampler { sampler, clusters, probes, placed } = registry::sampler(&spec.sampler, points, &inputs)?;
+        let MadeSampler { sampler, clusters, first_hits, placed } = registry::sampler(&spec.sampler, points, &inputs)?;
         inputs.clusters.clone_from(&clusters);
         let points = Arc::from(registry::points(&spec.points, setting(spec, frame))?);
         inputs.points = registry::film_points(&prepared.world, points).map(|points| points.with_placed(placed));
@@ -128,7 +128,7 @@ impl Job {
             filter,
             clusters: clusters.or(of_filter),
             cluster_seconds,
-            probes,
+            first_hits,
             integrator_bytes,
             outputs: OutputFiles::none(),
         })

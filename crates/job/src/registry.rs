@@ -7,25 +7,25 @@ pub use dapple_registry::{
 };
 
 use crate::WorldClusters;
-use crate::clusters::{WorldTriangles, lens_probes, shoot, visibility};
+use crate::clusters::{WorldTriangles, lens_first_hits, shoot, visibility};
 use dapple_classics::{Axis, Defocus, Domain, FilmPoints, PlacedHandle, Role};
-use dapple_cluster_adaptive::{AreaVectors, ProbesHandle, TraceVisibility};
+use dapple_cluster_adaptive::{AreaVectors, FirstHitsHandle, TraceVisibility};
 use dapple_clustering::ClusterParams;
 use dapple_core::{Filter, PointSet, Sampler};
 use dapple_denoise::ClusterLookup;
-use dapple_registry::{ClusterInputError, ClusterInputs, ClusterProbes, LensProbes};
+use dapple_registry::{ClusterFirstHits, ClusterInputError, ClusterInputs, LensFirstHits};
 use dapple_renderer::{BlockDimensions, World};
 use std::cell::RefCell;
 use std::sync::Arc;
 
-/// A sampler, and the clusters and probes that it uses.
+/// A sampler, and the clusters and first-hit rays that it uses.
 pub struct MadeSampler {
     /// The sampler.
     pub sampler: Box<dyn Sampler>,
     /// The clusters; `None` if it uses none.
     pub clusters: Option<Arc<WorldClusters>>,
     /// The probes that the sampler traces for its first plan; stays empty if it traces none.
-    pub probes: ProbesHandle,
+    pub first_hits: FirstHitsHandle,
     /// A handle to the samples that the sampler places itself; `None` if it places none.
     pub placed: Option<PlacedHandle>,
 }
@@ -46,9 +46,9 @@ pub struct MadeFilter {
 /// [`RegistryError::NeedsWorld`] if the sampler reads the world and `inputs` has none.
 pub fn sampler(description: &str, points: AnyPoints, inputs: &MethodInputs) -> Result<MadeSampler, RegistryError> {
     let inputs = OnWorld::new(inputs);
-    let dapple_registry::MadeSampler { sampler, probes, placed } =
+    let dapple_registry::MadeSampler { sampler, first_hits, placed } =
         dapple_registry::sampler(description, points, &inputs)?;
-    Ok(MadeSampler { sampler, clusters: inputs.used.into_inner(), probes, placed })
+    Ok(MadeSampler { sampler, clusters: inputs.used.into_inner(), first_hits, placed })
 }
 
 /// Creates a filter (denoiser) from its description (`NAME` or `NAME:key=value,…`).
@@ -118,9 +118,9 @@ impl ClusterInputs for OnWorld<'_> {
         Ok(Some(Arc::new(move |shape, primitive| clusters.label(shape, primitive))))
     }
 
-    fn probes(&self, params: &ClusterParams) -> Result<Option<ClusterProbes>, ClusterInputError> {
+    fn first_hits(&self, params: &ClusterParams) -> Result<Option<ClusterFirstHits>, ClusterInputError> {
         let clusters = self.clusters(params)?;
-        Ok(Some(ClusterProbes {
+        Ok(Some(ClusterFirstHits {
             labels: clusters.labels().clone(),
             clusters: clusters.clusters().clone(),
             shoot: shoot(self.world()?.clone(), clusters),
@@ -131,7 +131,7 @@ impl ClusterInputs for OnWorld<'_> {
         self.inputs.world.as_ref().map(|world| world.camera().world_to_clip())
     }
 
-    fn area_vectors(&self, clusters: &ClusterProbes) -> Result<Option<AreaVectors>, dapple_cluster_adaptive::Error> {
+    fn area_vectors(&self, clusters: &ClusterFirstHits) -> Result<Option<AreaVectors>, dapple_cluster_adaptive::Error> {
         let Some(world) = &self.inputs.world else { return Ok(None) };
         let triangles = WorldTriangles::of(world);
         // Spheres and disks come after the triangles.
@@ -143,8 +143,8 @@ impl ClusterInputs for OnWorld<'_> {
         Ok(Some(visibility(self.world()?.clone())))
     }
 
-    fn lens_probes(&self) -> Result<Option<LensProbes>, ClusterInputError> {
-        Ok(Some(lens_probes(self.world()?.clone())))
+    fn lens_first_hits(&self) -> Result<Option<LensFirstHits>, ClusterInputError> {
+        Ok(Some(lens_first_hits(self.world()?.clone())))
     }
 
     fn domain(&self) -> Result<Option<Domain>, ClusterInputError> {

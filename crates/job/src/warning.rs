@@ -61,9 +61,9 @@ pub enum Warning {
         /// The number of triangles in the scene.
         triangles: u32,
     },
-    /// The number of probe rays whose hit position was NaN or infinite; they count as background.
-    #[error("{0} probes hit a place that is NaN or infinite, and count as background")]
-    RejectedProbes(u64),
+    /// The number of first-hit rays whose hit position was NaN or infinite; they count as background.
+    #[error("{0} first-hit rays hit a place that is NaN or infinite, and count as background")]
+    RejectedFirstHits(u64),
     /// A render that ended before its predicted error fell to the goal.
     #[error("the predicted relMSE is {}, but the goal is {goal}: the render ended at the sampler's threshold or at the maximum number of samples", predicted.map_or_else(|| "unknown".to_owned(), |predicted| format!("{predicted:.2e}")))]
     ErrorNotReached {

@@ -1,6 +1,6 @@
 //! Methods that place samples themselves, read sample coordinates, or use the lens's blur for planning.
 
-use crate::{AnyPoints, ClusterInputError, ClusterInputs, LensProbes, MadeSampler, Parameters, RegistryError};
+use crate::{AnyPoints, ClusterInputError, ClusterInputs, LensFirstHits, MadeSampler, Parameters, RegistryError};
 use dapple_classics::{
     Dct, Domain, FilmPoints, FilterMethod, FourierDof, FourierDofOptions, MdasOptions, MethodFilter, Refinement, Splat,
     TreeSampler,
@@ -68,10 +68,10 @@ pub(crate) fn of_samples<M: FilterMethod<FilmPoints> + 'static>(
 }
 
 /// The tracer of first hits through the centre of the lens.
-fn lens_probes(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<LensProbes, RegistryError> {
+fn lens_first_hits(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<LensFirstHits, RegistryError> {
     let lacks = RegistryError::NeedsWorld { of: p.of(), what: "first hits through the centre of the lens" };
-    match inputs.lens_probes() {
-        Ok(probes) => probes.ok_or(lacks),
+    match inputs.lens_first_hits() {
+        Ok(first_hits) => first_hits.ok_or(lacks),
         Err(ClusterInputError::NoScene) => Err(lacks),
         Err(ClusterInputError::Failed(why)) => Err(p.refuse(why)),
     }
@@ -83,16 +83,16 @@ pub(crate) fn fourier_dof(
     inputs: &dyn ClusterInputs,
 ) -> Result<MadeSampler, RegistryError> {
     let (options, bandwidth): (FourierDofOptions, _) = (p.options()?, p.options()?);
-    let probes = lens_probes(p, inputs)?;
-    if !probes.has_lens && options.force == 0 {
+    let first_hits = lens_first_hits(p, inputs)?;
+    if !first_hits.has_lens && options.force == 0 {
         let why = "the camera has no lens, so nothing is out of focus; give the camera a lens radius, or set force=1 to \
                    sample by the surfaces alone";
         return Err(p.refuse(why));
     }
-    Ok(FourierDof::new(points, probes.trace, options, bandwidth)?.into())
+    Ok(FourierDof::new(points, first_hits.trace, options, bandwidth)?.into())
 }
 
 pub(crate) fn splat(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Box<dyn Filter>, RegistryError> {
     let (options, bandwidth) = (p.options()?, p.options()?);
-    Ok(Box::new(Splat::new(lens_probes(p, inputs)?.trace, options, bandwidth)?))
+    Ok(Box::new(Splat::new(lens_first_hits(p, inputs)?.trace, options, bandwidth)?))
 }

@@ -3,7 +3,7 @@
 use crate::RegistryError;
 #[cfg(feature = "classics")]
 use dapple_classics::{Domain, FilmPoints};
-use dapple_cluster_adaptive::{AreaVectors, ProbeHit, ProbeRay, TraceProbe, TraceVisibility};
+use dapple_cluster_adaptive::{AreaVectors, FirstHitRay, FirstHitSurface, TraceFirstHit, TraceVisibility};
 use dapple_clustering::{Cluster, ClusterParams};
 use dapple_core::FirstHit;
 use dapple_denoise::ClusterLookup;
@@ -27,7 +27,7 @@ pub trait ClusterInputs {
     /// # Errors
     ///
     /// [`ClusterInputError`] if there is no scene yet, or clustering failed.
-    fn probes(&self, params: &ClusterParams) -> Result<Option<ClusterProbes>, ClusterInputError>;
+    fn first_hits(&self, params: &ClusterParams) -> Result<Option<ClusterFirstHits>, ClusterInputError>;
 
     /// The camera's matrix from the world to clip space, for clusters measured on the screen; `None` by default.
     fn world_to_clip(&self) -> Option<[[f32; 4]; 4]> {
@@ -39,7 +39,7 @@ pub trait ClusterInputs {
     /// # Errors
     ///
     /// [`dapple_cluster_adaptive::Error`] for labels that do not fit the triangles.
-    fn area_vectors(&self, clusters: &ClusterProbes) -> Result<Option<AreaVectors>, dapple_cluster_adaptive::Error> {
+    fn area_vectors(&self, clusters: &ClusterFirstHits) -> Result<Option<AreaVectors>, dapple_cluster_adaptive::Error> {
         let _ = clusters;
         Ok(None)
     }
@@ -60,7 +60,7 @@ pub trait ClusterInputs {
     /// # Errors
     ///
     /// [`ClusterInputError`] if there is no scene.
-    fn lens_probes(&self) -> Result<Option<LensProbes>, ClusterInputError> {
+    fn lens_first_hits(&self) -> Result<Option<LensFirstHits>, ClusterInputError> {
         Ok(None)
     }
 
@@ -108,24 +108,24 @@ impl ClusterInputError {
 /// The name of the input that most methods with clusters need from a scene.
 pub(crate) const CLUSTERS: &str = "clusters of the scene's surfaces";
 
-/// Clusters, and the function that traces probes for the sampler `cluster-thesis`.
+/// Clusters, and the function that traces first-hit rays for the sampler `cluster-thesis`.
 #[derive(Clone)]
-pub struct ClusterProbes {
+pub struct ClusterFirstHits {
     /// The cluster index of each primitive.
     pub labels: Arc<[u32]>,
     /// The clusters.
     pub clusters: Arc<[Cluster]>,
     /// The function that traces a probe ray and returns its first hit, and the index in `labels` of the primitive that was hit.
-    pub shoot: TraceProbe,
+    pub shoot: TraceFirstHit,
 }
 
-impl ClusterProbes {
+impl ClusterFirstHits {
     /// Probes of a scene in which each object (sphere, instance, distance field) is one cluster. `bounds` holds the smallest
     /// and largest corner of each object's bounding box. `shoot` returns the object's index in `bounds` as
     /// [`ProbeHit::primitive`].
     pub fn of_objects(
         bounds: &[[[f32; 3]; 2]],
-        shoot: impl Fn(ProbeRay) -> Option<ProbeHit> + Send + Sync + 'static,
+        shoot: impl Fn(FirstHitRay) -> Option<FirstHitSurface> + Send + Sync + 'static,
     ) -> Self {
         let cluster = |(number, &[low, high]): (usize, &[[f32; 3]; 2])| {
             let [x, y, z] = [0, 1, 2].map(|axis| f64::from(high[axis]) - f64::from(low[axis]));
@@ -144,13 +144,13 @@ impl ClusterProbes {
 ///
 /// It returns the first hit, and the radius in pixels of the circle of confusion there: negative in front of the plane in focus,
 /// 0 without a lens. It must be pure.
-pub type TraceLensProbe = Arc<dyn Fn([u32; 2]) -> (Option<FirstHit>, f32) + Send + Sync>;
+pub type TraceLensHit = Arc<dyn Fn([u32; 2]) -> (Option<FirstHit>, f32) + Send + Sync>;
 
 /// The tracer of first hits through the centre of the lens, for the sampler `fourier-dof` and the filter `splat`.
 #[derive(Clone)]
-pub struct LensProbes {
+pub struct LensFirstHits {
     /// The function that traces the first hits.
-    pub trace: TraceLensProbe,
+    pub trace: TraceLensHit,
     /// `true` if the camera has a lens.
     pub has_lens: bool,
 }
@@ -172,14 +172,14 @@ pub struct LensProbes {
 pub struct HostClusters {
     /// The function that returns the cluster of a first hit's shape and primitive, or `None` outside all clusters.
     pub labels: Option<ClusterLookup>,
-    /// The clusters and the function that traces probes, for the sampler `cluster-thesis`.
-    pub probes: Option<ClusterProbes>,
+    /// The clusters and the function that traces first-hit rays, for the sampler `cluster-thesis`.
+    pub first_hits: Option<ClusterFirstHits>,
     /// The camera's matrix from the world to clip space, for `cluster-thesis:size=screen`.
     pub world_to_clip: Option<[[f32; 4]; 4]>,
-    /// The function that traces shadow rays from the hits of probes, for `cluster-thesis:lights=16`.
+    /// The function that traces shadow rays from the hits of first-hit rays, for `cluster-thesis:lights=16`.
     pub visibility: Option<TraceVisibility>,
     /// The function that traces first hits through the centre of the lens, for `fourier-dof` and `splat`.
-    pub lens_probes: Option<LensProbes>,
+    pub lens_first_hits: Option<LensFirstHits>,
     /// The meaning of the dimensions of samples, for samplers that place samples.
     #[cfg(feature = "classics")]
     pub domain: Option<Domain>,
@@ -206,8 +206,8 @@ impl ClusterInputs for HostClusters {
         Ok(self.labels.clone())
     }
 
-    fn probes(&self, _: &ClusterParams) -> Result<Option<ClusterProbes>, ClusterInputError> {
-        Ok(self.probes.clone())
+    fn first_hits(&self, _: &ClusterParams) -> Result<Option<ClusterFirstHits>, ClusterInputError> {
+        Ok(self.first_hits.clone())
     }
 
     fn world_to_clip(&self) -> Option<[[f32; 4]; 4]> {
@@ -218,8 +218,8 @@ impl ClusterInputs for HostClusters {
         Ok(self.visibility.clone())
     }
 
-    fn lens_probes(&self) -> Result<Option<LensProbes>, ClusterInputError> {
-        Ok(self.lens_probes.clone())
+    fn lens_first_hits(&self) -> Result<Option<LensFirstHits>, ClusterInputError> {
+        Ok(self.lens_first_hits.clone())
     }
 
     #[cfg(feature = "classics")]

@@ -9,11 +9,11 @@ mod parameters;
 mod points;
 mod samplers;
 
-pub use dapple_cluster_adaptive::ProbesHandle;
+pub use dapple_cluster_adaptive::FirstHitsHandle;
 pub use dapple_core::options::Parameter;
 pub use error::RegistryError;
 pub use filters::{FILTERS, MakeFilter, NOT_BUILT, best_filter, open_image_denoise};
-pub use inputs::{ClusterInputError, ClusterInputs, ClusterProbes, HostClusters, LensProbes, TraceLensProbe};
+pub use inputs::{ClusterFirstHits, ClusterInputError, ClusterInputs, HostClusters, LensFirstHits, TraceLensHit};
 pub use parameters::Parameters;
 pub use points::{AnyPoints, MakePoints, POINTS};
 pub use samplers::{MadeSampler, MakeSampler, SAMPLERS};

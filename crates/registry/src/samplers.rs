@@ -1,7 +1,7 @@
 //! The samplers.
 
 use crate::{
-    AnyPoints, CLUSTERING, ClusterInputs, ClusterProbes, Entry, Parameter, Parameters, RegistryError, clustering,
+    AnyPoints, CLUSTERING, ClusterFirstHits, ClusterInputs, Entry, Parameter, Parameters, RegistryError, clustering,
 };
 use dapple_adaptive::{Adaptive, AdaptiveOptions, Cycles, CyclesOptions, ErrorMap, Sequence, VarianceOptions};
 #[cfg(feature = "classics")]
@@ -11,7 +11,9 @@ use dapple_classics::{
     PerceptualOptions, PlacedHandle, SubdivisionOptions, Sure, SureOptions, UpperConfidence, UpperConfidenceOptions,
     VarianceThreshold, VarianceThresholdOptions,
 };
-use dapple_cluster_adaptive::{ClusterSize, ClusterThesis, ClusterThesisOptions, Placement, ProbeSource, ProbesHandle};
+use dapple_cluster_adaptive::{
+    ClusterSize, ClusterThesis, ClusterThesisOptions, FirstHitSource, FirstHitsHandle, Placement,
+};
 use dapple_core::options::Options as _;
 use dapple_core::{Film, Filter, Frame, PointSet, Sampler, samplers::Uniform};
 use dapple_denoise::{ClusterRegression, relative_errors};
@@ -21,12 +23,12 @@ use std::sync::Arc;
 /// The constructor of a sampler.
 pub type MakeSampler = fn(&Parameters, AnyPoints, &dyn ClusterInputs) -> Result<MadeSampler, RegistryError>;
 
-/// A sampler, and the probes that it traces.
+/// A sampler, and the first-hit rays that it traces.
 pub struct MadeSampler {
     /// The sampler.
     pub sampler: Box<dyn Sampler>,
     /// The probes that the sampler traces for its first plan; stays empty if it traces none.
-    pub probes: ProbesHandle,
+    pub first_hits: FirstHitsHandle,
     /// A handle to the samples that the sampler places itself; `None` if it places none.
     #[cfg(feature = "classics")]
     pub placed: Option<PlacedHandle>,
@@ -36,7 +38,7 @@ impl<S: Sampler + 'static> From<S> for MadeSampler {
     fn from(sampler: S) -> Self {
         Self {
             sampler: Box::new(sampler),
-            probes: ProbesHandle::default(),
+            first_hits: FirstHitsHandle::default(),
             #[cfg(feature = "classics")]
             placed: None,
         }
@@ -100,7 +102,7 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
         "cluster-thesis",
         "few samples where large clusters are seen, many where small ones are (Lan 2016), unbiased",
         "Lan, Implementation and Optimization of Monte Carlo Ray Tracing, 2016 (docs/THESIS.md)",
-        "geometry alone makes the counts: textures, materials and caustics have no part; clusters and probes cost as much as \
+        "geometry alone makes the counts: textures, materials and caustics have no part; clusters and first-hit rays cost as much as \
                    tens of samples of a simple scene",
         &[PROBES, ClusterThesisOptions::PARAMETERS, A_PRIORI, CLUSTERING],
         cluster_thesis,
@@ -256,7 +258,7 @@ const BY: &[Parameter] = &[Parameter::new(
     "The error that counts follow: variance (of the pilot); with policy=keep also that of nlm, bilateral or cluster-regression.",
 )];
 const PROBES: &[Parameter] = &[
-    Parameter::new("probes", "centre", "Probe rays per pixel: centre (one, published), or so many jittered ones."),
+    Parameter::new("rays", "centre", "First-hit rays per pixel: centre (one, published), or so many jittered ones."),
     Parameter::new(
         "size",
         "box",
@@ -282,7 +284,7 @@ fn sequence(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs) -> Re
     // The last samples are the second sampler's.
     Ok(MadeSampler {
         sampler: Box::new(sampler),
-        probes: first.probes.joined(second.probes),
+        first_hits: first.first_hits.joined(second.first_hits),
         #[cfg(feature = "classics")]
         placed: second.placed.or(first.placed),
     })
@@ -309,14 +311,14 @@ fn error_map(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Option<ErrorM
 }
 
 fn cluster_thesis(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs) -> Result<MadeSampler, RegistryError> {
-    let placement = match p.value("probes") {
+    let placement = match p.value("rays") {
         "centre" => Placement::Centre,
-        _ => Placement::Jittered(p.number("probes").map_err(|_| {
-            p.refuse(format!("probes = \"{}\": use centre, or a number of rays per pixel", p.value("probes")))
+        _ => Placement::Jittered(p.number("rays").map_err(|_| {
+            p.refuse(format!("rays = \"{}\": use centre, or a number of rays per pixel", p.value("rays")))
         })?),
     };
     if !(1..=256).contains(&placement.per_pixel()) {
-        return Err(p.refuse(format!("probes = \"{placement}\": use 1 to 256 per pixel, or centre")));
+        return Err(p.refuse(format!("rays = \"{placement}\": use 1 to 256 per pixel, or centre")));
     }
     let size = p.choice("size", &["box", "triangles", "screen", "hits"].map(|size| (size, size)))?;
     let options: ClusterThesisOptions = p.options()?;
@@ -325,24 +327,25 @@ fn cluster_thesis(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs)
     p.made(options.check())?;
 
     let lacks = |what| RegistryError::NeedsWorld { of: p.of(), what };
-    let probes = inputs.probes(&params).map_err(|e| e.of(p.of()))?.ok_or(lacks("clusters and first-hit probes"))?;
+    let first_hits =
+        inputs.first_hits(&params).map_err(|e| e.of(p.of()))?.ok_or(lacks("clusters and first-hit rays"))?;
     let size = match size {
         "box" => ClusterSize::ProjectedBox,
         "hits" => ClusterSize::Hits,
         "screen" => ClusterSize::ScreenBox(inputs.world_to_clip().ok_or(lacks("the camera's matrix (size=screen)"))?),
         _ => {
-            let vectors = p.made(inputs.area_vectors(&probes))?;
+            let vectors = p.made(inputs.area_vectors(&first_hits))?;
             ClusterSize::ProjectedTriangles(vectors.ok_or(lacks("the scene's triangles (size=triangles)"))?)
         }
     };
-    let ClusterProbes { labels, clusters, shoot } = probes;
-    let source = ProbeSource { labels, clusters, shoot, placement, described: p.described(CLUSTERING) };
-    let mut sampler = p.made(ClusterThesis::probing(points, source, size, options))?;
+    let ClusterFirstHits { labels, clusters, shoot } = first_hits;
+    let source = FirstHitSource { labels, clusters, shoot, placement, described: p.described(CLUSTERING) };
+    let mut sampler = p.made(ClusterThesis::tracing(points, source, size, options))?;
     if options.lights > 0 {
         let visible = inputs.visibility().map_err(|e| e.of(p.of()))?;
         let visible = visible.ok_or(lacks("shadow rays to the scene's lights (lights=0 needs none)"))?;
         sampler = sampler.with_visibility(visible);
     }
-    let probes = sampler.handle();
-    Ok(MadeSampler { probes, ..sampler.into() })
+    let first_hits = sampler.handle();
+    Ok(MadeSampler { first_hits, ..sampler.into() })
 }

@@ -89,9 +89,10 @@ pub struct Phases {
     pub bvh: f64,
     /// Wall seconds of grouping triangles into clusters.
     pub cluster: f64,
-    /// Wall seconds of probe rays, which find pixels' first hits before sampling.
-    pub probe: f64,
-    /// Wall seconds of planning sample counts, excluding probe rays.
+    /// Wall seconds of first-hit rays, which find pixels' first hits before sampling.
+    #[serde(alias = "probe")]
+    pub first_hits: f64,
+    /// Wall seconds of planning sample counts, excluding first-hit rays.
     pub plan: f64,
     /// Wall seconds of tracing the samples.
     pub trace: f64,
@@ -121,24 +122,24 @@ impl fmt::Display for Method {
 }
 
 /// The names of the phases of a run, in order.
-pub(crate) const PHASES: [&str; 7] = ["load", "bvh", "cluster", "probe", "plan", "trace", "filter"];
+pub(crate) const PHASES: [&str; 7] = ["load", "bvh", "cluster", "first_hits", "plan", "trace", "filter"];
 
 impl Phases {
     /// The wall seconds of each phase, in the order of [`PHASES`].
     pub(crate) fn each(&self) -> [f64; 7] {
-        let Self { load, bvh, cluster, probe, plan, trace, filter } = *self;
-        [load, bvh, cluster, probe, plan, trace, filter]
+        let Self { load, bvh, cluster, first_hits, plan, trace, filter } = *self;
+        [load, bvh, cluster, first_hits, plan, trace, filter]
     }
 
-    /// Sums the wall seconds of the phases that do not grow with the number of samples: clustering, probe rays and
+    /// Sums the wall seconds of the phases that do not grow with the number of samples: clustering, first-hit rays and
     /// filter.
     pub fn fixed(&self) -> f64 {
-        self.cluster + self.probe + self.filter
+        self.cluster + self.first_hits + self.filter
     }
 
     /// Sums the wall seconds of all phases except `load` and `bvh`.
     pub fn render(&self) -> f64 {
-        self.cluster + self.probe + self.plan + self.trace + self.filter
+        self.cluster + self.first_hits + self.plan + self.trace + self.filter
     }
 }
 
@@ -209,7 +210,7 @@ pub struct Run {
     pub samples: u64,
     /// The mean number of samples traced per pixel.
     pub spp: f64,
-    /// The number of rays traced, probe rays included.
+    /// The number of rays traced, first-hit rays included.
     pub rays: u64,
     /// Wall seconds of each phase.
     pub seconds: Phases,

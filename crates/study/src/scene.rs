@@ -152,7 +152,7 @@ pub(crate) struct Shot {
     pub(crate) film: Film,
     pub(crate) filtered: Filtered,
     pub(crate) seconds: Phases,
-    /// The number of rays traced, probe rays included.
+    /// The number of rays traced, first-hit rays included.
     pub(crate) rays: u64,
     pub(crate) cpu_s: Option<f64>,
 }
@@ -214,16 +214,16 @@ pub(crate) fn shoot(
             render.finished(film, filtered, external.name.clone(), seconds)
         }
     };
-    if let Some(shared) = shared.filter(|_| image.probe_rays > 0) {
-        // Another render would not count the probes.
+    if let Some(shared) = shared.filter(|_| image.first_hit_rays > 0) {
+        // Another render would not count the first-hit rays.
         *shared = None;
     }
-    let PhaseSeconds { load, bvh, cluster, probe, plan, trace, filter, .. } = image.seconds;
+    let PhaseSeconds { load, bvh, cluster, first_hits, plan, trace, filter, .. } = image.seconds;
     // The time of an external program is its reported time, or else its wall time.
     let of_filter =
         if external.is_none() { cpu().zip(before).map(|(after, before)| after - before) } else { Some(filter) };
     let cpu_s = sampled.zip(of_filter).map(|(samples, filter)| samples + filter);
-    let (seconds, rays) = (Phases { load, bvh, cluster, probe, plan, trace, filter }, image.rays());
+    let (seconds, rays) = (Phases { load, bvh, cluster, first_hits, plan, trace, filter }, image.rays());
     Ok(Shot { film: image.film, filtered: image.filtered, seconds, rays, cpu_s })
 }
 

@@ -17,7 +17,7 @@ use dapple_scene::Effect;
 use glam::Vec3;
 
 dapple_core::options! {
-    /// The parameters of the integrator `instant`.
+    /// The parameters of the integrator `instant`: instant radiosity [Keller 1997].
     pub struct InstantOptions {
         /// Paths from the lights per pass and half of the samples.
         pub paths: u32 = 64, |paths| (1..=1 << 20).contains(&paths), "1 to 1048576";

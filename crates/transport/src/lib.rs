@@ -40,13 +40,13 @@ pub const ENTRIES: &[IntegratorEntry] = &[
     ),
     entry::<InstantOptions>(
         "instant",
-        "indirect light from virtual lights, which paths from the lamps leave behind",
+        "instant radiosity (Keller 1997): indirect lighting from virtual lights, which paths from the lamps leave behind",
         "Keller 1997",
         instant::make,
     ),
     entry::<RadiosityOptions>(
         "radiosity",
-        "indirect light of diffuse surfaces from patches: clusters of their triangles, lit by paths from the lamps",
+        "indirect lighting of diffuse surfaces from patches: clusters of their triangles, lit by paths from the lamps",
         "Goral et al. 1984; particles after Pattanaik and Mudur 1992; clusters of Lan 2016",
         radiosity::make,
     ),

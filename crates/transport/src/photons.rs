@@ -7,7 +7,7 @@
 mod map;
 
 use crate::walk::{
-    Arrival, MOST_TURNED, Onwards, Sources, draws_of_half, emitted, first_hit, grid, is_rough, probe, refuse,
+    Arrival, MOST_TURNED, Onwards, Sources, draws_of_half, emitted, first_hit, grid, is_rough, pilot_draws, refuse,
     scattered_from, walk,
 };
 use dapple_core::integrator::{Pass, PreparationCost, Prepares};
@@ -32,7 +32,7 @@ dapple_core::choices!(PhotonScope { Caustics = "caustics", All = "all" });
 dapple_core::options! {
     /// The parameters of the integrator `photons`.
     pub struct PhotonOptions {
-        /// The light that photons carry: caustics (of small lamps), or all indirect light.
+        /// The light that photons carry: caustics (of small lamps), or all indirect lighting.
         pub what: PhotonScope = PhotonScope::Caustics => "caustics", |_what| true, "\"caustics\" or \"all\"";
         /// Photons per pass and half of the samples; 0 takes one per pixel.
         pub photons: u32 = 0, |photons| photons <= 1 << 24, "0 to 16777216";
@@ -71,7 +71,7 @@ const PIXELS: f32 = 1.0;
 /// The number of caustic photons stored per guided path, for the memory estimate. Measured: 0.6 on the scene `caustic`.
 const STORED_CAUSTICS: f64 = 0.7;
 /// The number of paths traced for the memory estimate with what=all.
-const PROBES: u32 = 2048;
+const PILOT_PHOTONS: u32 = 2048;
 
 /// The photons of the current pass, one map for each half of the samples.
 struct PhotonLight<'w> {
@@ -169,8 +169,8 @@ impl<'w> PhotonLight<'w> {
         if self.options.what == PhotonScope::Caustics {
             return if self.sources.is_empty() { 0.0 } else { STORED_CAUSTICS };
         }
-        let (photons, _) = self.trace(PROBES, |number| probe([number, 0]));
-        photons.len() as f64 / f64::from(PROBES)
+        let (photons, _) = self.trace(PILOT_PHOTONS, |number| pilot_draws([number, 0]));
+        photons.len() as f64 / f64::from(PILOT_PHOTONS)
     }
 
     /// Stores an arriving photon unless it is direct light. Returns how its path continues.

@@ -24,8 +24,8 @@ const STRIDE: u32 = 2;
 const MOST_HITS: u32 = 10_000;
 
 /// Returns the random numbers of a camera ray that only probes the scene.
-pub(crate) fn probe(pixel: [u32; 2]) -> Draws<'static> {
-    Draws::new(&HostNumbers, SampleId::new(pixel, streams::PROBE, 0))
+pub(crate) fn pilot_draws(pixel: [u32; 2]) -> Draws<'static> {
+    Draws::new(&HostNumbers, SampleId::new(pixel, streams::FIRST_HITS, 0))
 }
 
 /// Iterates over the pixels of a regular grid on an image, row by row.
@@ -37,7 +37,7 @@ pub(crate) fn grid(frame: &Frame, side: u32) -> impl Iterator<Item = [u32; 2]> {
 
 /// Returns the first hit of a probing camera ray through a pixel, and the ray's direction.
 pub(crate) fn first_hit(world: &World, pixel: [u32; 2]) -> Option<(Interaction<'_>, Vec3)> {
-    let (ray, time) = world.camera_ray(&probe(pixel));
+    let (ray, time) = world.camera_ray(&pilot_draws(pixel));
     Some((world.closest_hit(&ray, time)?, ray.direction))
 }
 
@@ -163,7 +163,7 @@ impl Sources {
             let number = number as u32;
             let (light, cell) = (&self.lights[(number / cells) as usize], number % cells);
             (0..each).fold((0.0, 0), |(sum, rays), pilot| {
-                let draws = probe([number, pilot]);
+                let draws = pilot_draws([number, pilot]);
                 let Some(emitted) = emit(world, light, &draws, (side, cell), 1.0) else { return (sum, rays) };
                 let (carried, traced) = carried(&emitted, &draws);
                 (sum + carried.min(f32::MAX / 64.0), rays + traced)

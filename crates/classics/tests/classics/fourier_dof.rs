@@ -2,7 +2,7 @@
 
 use crate::bandwidth::{LensBandwidth, LensBandwidthOptions as MapOptions};
 use crate::support::{Field, Points, frame, image, next_counts, random, run, sobol};
-use dapple_classics::{FourierDof, FourierDofOptions, LensBandwidthOptions, Splat, SplatOptions, TraceLensProbe};
+use dapple_classics::{FourierDof, FourierDofOptions, LensBandwidthOptions, Splat, SplatOptions, TraceLensHit};
 use dapple_core::{Film, FirstHit, Limits, Needs};
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
@@ -10,7 +10,7 @@ use std::sync::Arc;
 const SIZE: [u32; 2] = [96, 64];
 
 /// A diffuse plane of grey albedo, seen face on, with a circle of confusion of one radius.
-fn plane(confusion: f32, albedo: impl Fn([u32; 2]) -> f64 + Send + Sync + 'static) -> TraceLensProbe {
+fn plane(confusion: f32, albedo: impl Fn([u32; 2]) -> f64 + Send + Sync + 'static) -> TraceLensHit {
     Arc::new(move |pixel| (Some(hit(pixel, 1.0).with_albedo([albedo(pixel) as f32; 3])), confusion))
 }
 
@@ -19,7 +19,7 @@ fn hit(pixel: [u32; 2], depth: f32) -> FirstHit {
 }
 
 /// A strip, `scale` times 12 pixels wide, before a wall; both are white. Radii are `scale` times those given.
-fn strip(scale: u32, [strip, wall]: [f32; 2]) -> TraceLensProbe {
+fn strip(scale: u32, [strip, wall]: [f32; 2]) -> TraceLensHit {
     Arc::new(move |pixel| {
         let is_strip = (30 * scale..42 * scale).contains(&pixel[0]);
         let (depth, confusion) = if is_strip { (1.0, strip) } else { (30.0, wall) };
@@ -27,16 +27,16 @@ fn strip(scale: u32, [strip, wall]: [f32; 2]) -> TraceLensProbe {
     })
 }
 
-fn map(probes: &TraceLensProbe, size: [u32; 2]) -> LensBandwidth {
-    LensBandwidth::of(&frame(size), &**probes, &MapOptions::default(), Some(0.25))
+fn map(first_hits: &TraceLensHit, size: [u32; 2]) -> LensBandwidth {
+    LensBandwidth::of(&frame(size), &**first_hits, &MapOptions::default(), Some(0.25))
 }
 
-fn sampler_with(options: FourierDofOptions, probes: &TraceLensProbe) -> FourierDof<Points> {
-    FourierDof::new(sobol(7), probes.clone(), options, LensBandwidthOptions::default()).expect("options in range")
+fn sampler_with(options: FourierDofOptions, first_hits: &TraceLensHit) -> FourierDof<Points> {
+    FourierDof::new(sobol(7), first_hits.clone(), options, LensBandwidthOptions::default()).expect("options in range")
 }
 
-fn sampler(probes: &TraceLensProbe) -> FourierDof<Points> {
-    sampler_with(FourierDofOptions::default(), probes)
+fn sampler(first_hits: &TraceLensHit) -> FourierDof<Points> {
+    sampler_with(FourierDofOptions::default(), first_hits)
 }
 
 /// The counts of one plan.
@@ -47,12 +47,12 @@ fn counts(sampler: &mut FourierDof<Points>, size: [u32; 2], spp: u64) -> Vec<u32
     counts
 }
 
-fn splat(probes: &TraceLensProbe) -> Splat {
-    Splat::new(probes.clone(), SplatOptions::default(), LensBandwidthOptions::default()).expect("options in range")
+fn splat(first_hits: &TraceLensHit) -> Splat {
+    Splat::new(first_hits.clone(), SplatOptions::default(), LensBandwidthOptions::default()).expect("options in range")
 }
 
 /// Every kind of surface: no hits, steps, textures, mirrors, broken numbers.
-fn mixed() -> TraceLensProbe {
+fn mixed() -> TraceLensHit {
     Arc::new(|pixel| {
         let [x, y] = pixel;
         let albedo = if x.is_multiple_of(5) { 0.9 } else { 0.2 };
@@ -143,7 +143,7 @@ fn a_near_edge_spreads_its_circle_over_the_wall_in_focus_and_a_far_one_does_not_
     let at = |x: usize| 32 * 96 + x;
     let near = map(&strip(1, [-6.0, 0.0]), SIZE);
     assert!(near.deviation[at(26)] == 0.0, "white before white");
-    let dark: TraceLensProbe = Arc::new(|pixel| {
+    let dark: TraceLensHit = Arc::new(|pixel| {
         let (hit, confusion) = strip(1, [-6.0, 0.0])(pixel);
         (hit.map(|hit| hit.with_albedo([0.5 * hit.shape as f32; 3])), confusion)
     });
@@ -192,9 +192,9 @@ fn splat_fills_a_smooth_image_from_few_pixels_and_leaves_sharp_pixels_alone() {
     let ramp = |[x, y]: [u32; 2]| [0.5 + 0.004 * x as f32, 0.3 + 0.002 * y as f32, 0.2];
     let mut limits = Limits::spp(1.0);
     limits.min_spp = 0;
-    let render = |probes: &TraceLensProbe| {
-        let film = run(&mut Field(move |pixel, _| ramp(pixel)), &mut sampler(probes), SIZE, &limits);
-        let image = image(&splat(probes), &film);
+    let render = |first_hits: &TraceLensHit| {
+        let film = run(&mut Field(move |pixel, _| ramp(pixel)), &mut sampler(first_hits), SIZE, &limits);
+        let image = image(&splat(first_hits), &film);
         (film, image)
     };
     let (film, image) = render(&smooth);
@@ -214,13 +214,13 @@ fn splat_fills_a_smooth_image_from_few_pixels_and_leaves_sharp_pixels_alone() {
 #[test]
 fn splat_trusts_pixels_with_many_samples_more() {
     // Under a circle of two pixels, every second pixel has 24 samples and the others have one, which is wrong.
-    let probes = plane(2.0, |[x, y]| f64::from((x + y) % 2));
+    let first_hits = plane(2.0, |[x, y]| f64::from((x + y) % 2));
     let is_few = |i: usize| (i % 96 + i / 96) % 2 == 1;
     let mut film = Film::new(frame(SIZE), Needs::none());
     for i in 0..96 * 64 {
         (0..if is_few(i) { 1 } else { 24 }).for_each(|_| film.push(i, 0, [f32::from(u8::from(is_few(i))); 3]));
     }
-    let image = image(&splat(&probes), &film);
+    let image = image(&splat(&first_hits), &film);
     // Shares of the mean count of 12.5: 1 / 13.5 and 24 / 36.5. Weighted alike, half of the pixels would be wrong.
     let middle = image[32 * 96 + 48][0];
     assert!(middle < 0.2, "{middle}");

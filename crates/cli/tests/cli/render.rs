@@ -5,7 +5,7 @@ use dapple_scene::image::read_channels;
 
 const KEYS: &str = "scene sampler points filter seed threads resolution samples spp rays seconds render_s cpu predicted_relmse \
     predicted_relmse_filtered rejected effects without";
-const PHASES: &str = "load bvh cluster probe plan trace filter write";
+const PHASES: &str = "load bvh cluster first_hits plan trace filter write";
 
 /// Positions of the keys in the line, in the order given.
 fn in_order(line: &str, keys: &str) -> bool {
@@ -28,7 +28,7 @@ fn json_holds_the_keys_and_budgets_are_exact() {
     assert_eq!(json["effects"], serde_json::json!(["soft-shadows", "interreflection"]));
     assert!(json["predicted_relmse"].is_null() && json["rejected"] == 0);
     let seconds = |key: &str| json["seconds"][key].as_f64().unwrap();
-    let sum = ["cluster", "probe", "plan", "trace", "filter"].map(seconds).iter().sum::<f64>();
+    let sum = ["cluster", "first_hits", "plan", "trace", "filter"].map(seconds).iter().sum::<f64>();
     assert!((json["render_s"].as_f64().unwrap() - sum).abs() < 1e-9);
     if cfg!(target_os = "linux") {
         assert!(json["cpu"].as_f64().unwrap() > 0.0);
@@ -186,7 +186,9 @@ fn clusters_are_shown_and_charged() {
     let folder = Folder::new();
     let words = "tiny.pbrt --sampler cluster-thesis --filter cluster-gaussian --spp 4 --maps maps -o a.exr -o a.pfm";
     let json = folder.json(words);
-    assert!(json["seconds"]["cluster"].as_f64().unwrap() > 0.0 && json["seconds"]["probe"].as_f64().unwrap() > 0.0);
+    assert!(
+        json["seconds"]["cluster"].as_f64().unwrap() > 0.0 && json["seconds"]["first_hits"].as_f64().unwrap() > 0.0
+    );
     assert!(names_of(&folder, "maps").contains(&"clusters.png".to_owned()));
     let (size, channels) = read(&folder, "a.exr");
     let ids = &channels.iter().find(|c| c.0 == "cluster.Y").expect("a layer of clusters").1;
@@ -195,7 +197,7 @@ fn clusters_are_shown_and_charged() {
     known.sort_by(f32::total_cmp);
     known.dedup();
     assert!(known.len() > 1, "one cluster for all: {known:?}");
-    assert_eq!(folder.header("a.exr", "probe-rays"), (24 * 16).to_string());
+    assert_eq!(folder.header("a.exr", "first-hit-rays"), (24 * 16).to_string());
     assert_eq!(json["rays"].to_string(), folder.header("a.exr", "rays"));
     // The same without clusters has neither.
     folder.done("render tiny.pbrt --sampler uniform --filter none --spp 4 --maps plain -o b.exr");

@@ -1,9 +1,9 @@
-//! Hard cases of clusters, probes and budgets.
+//! Hard cases of clusters, first-hit rays and budgets.
 
 use crate::support::*;
 use dapple_cluster_adaptive::{
-    AreaVectors, BACKGROUND, ClusterSize, ClusterThesis, ClusterThesisOptions, Error, PixelArea, Placement, ProbeHit,
-    ProbeRay, ProbeSource, Probes, RateMap, importance, probe, projected_box_area, rates,
+    AreaVectors, BACKGROUND, ClusterSize, ClusterThesis, ClusterThesisOptions, Error, FirstHitRay, FirstHitSource,
+    FirstHitSurface, FirstHits, PixelArea, Placement, RateMap, first_hits, importance, projected_box_area, rates,
 };
 use dapple_clustering::{Cluster, ClusterParams, Triangles, cluster as cluster_triangles};
 use dapple_conformance::toys::{Field, raised};
@@ -13,19 +13,19 @@ use dapple_low_discrepancy::Random;
 const MAPS: [RateMap; 3] = [RateMap::Identity, RateMap::Root, RateMap::Log];
 
 /// Half of the image sees a unit quad in the plane z = 0 from `degrees` above it, the other half a box.
-fn edge_on(degrees: f64) -> (Probes, Vec<Cluster>, ClusterSize) {
+fn edge_on(degrees: f64) -> (FirstHits, Vec<Cluster>, ClusterSize) {
     let clusters = vec![square(1.0), cluster([0.0; 3], [0.5, 0.5, 0.5])];
     let (sin, cos) = degrees.to_radians().sin_cos();
-    let shoot = |ray: ProbeRay| {
+    let shoot = |ray: FirstHitRay| {
         let quad = ray.pixel[0] < 4;
         let direction = if quad { [cos as f32, 0.0, -sin as f32] } else { [0.0, 0.0, -1.0] };
-        Some(ProbeHit { direction, ..hit(u32::from(!quad)) })
+        Some(FirstHitSurface { direction, ..hit(u32::from(!quad)) })
     };
-    let probes = centres(frame(8, 8), &[0, 1], shoot);
+    let first_hits = centres(frame(8, 8), &[0, 1], shoot);
     let positions = [[0.0; 3], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
     let indices = [[0, 1, 2], [0, 2, 3], [0, 1, 2], [0, 2, 3]];
     let triangles = Triangles::new(&positions, &indices);
-    (probes, clusters, ClusterSize::ProjectedTriangles(AreaVectors::new(&triangles, &[0, 0, 1, 1], 2).unwrap()))
+    (first_hits, clusters, ClusterSize::ProjectedTriangles(AreaVectors::new(&triangles, &[0, 0, 1, 1], 2).unwrap()))
 }
 
 #[test]
@@ -34,11 +34,11 @@ fn edge_on_quads_have_finite_weights_k01() {
         for boxes in [true, false] {
             let options = ClusterThesisOptions::default().map(map).angle(0.0).distance(0.0);
             let at = |degrees: f64| {
-                let (probes, clusters, triangles) = edge_on(degrees);
+                let (first_hits, clusters, triangles) = edge_on(degrees);
                 let size = if boxes { ClusterSize::ProjectedBox } else { triangles };
-                let importance = importance(&probes, &clusters, &size, &options).unwrap();
+                let importance = importance(&first_hits, &clusters, &size, &options).unwrap();
                 assert_eq!(importance.replaced, 0);
-                let counts = planned(&probes, &clusters, size, options, 16 * 64);
+                let counts = planned(&first_hits, &clusters, size, options, 16 * 64);
                 assert!(counts.iter().all(|n| (12..=32).contains(n)), "{counts:?}");
                 (f64::from(importance.per_pixel[0]), f64::from(importance.per_pixel[7]))
             };
@@ -56,9 +56,9 @@ fn edge_on_quads_have_finite_weights_k01() {
 #[test]
 fn clusters_without_any_size_are_replaced_and_counted_k01() {
     let clusters = [square(4.0), cluster([1.0; 3], [1.0; 3]), cluster([f32::NAN; 3], [1.0; 3])];
-    let shoot = |ray: ProbeRay| Some(hit(ray.pixel[0] % 3));
-    let probes = centres(frame(9, 2), &[0, 1, 2], shoot);
-    let got = rates(&probes, &clusters, &ClusterSize::ProjectedBox, PixelArea::One).unwrap();
+    let shoot = |ray: FirstHitRay| Some(hit(ray.pixel[0] % 3));
+    let first_hits = centres(frame(9, 2), &[0, 1, 2], shoot);
+    let got = rates(&first_hits, &clusters, &ClusterSize::ProjectedBox, PixelArea::One).unwrap();
     assert_eq!(got.replaced, 12);
     assert_eq!(got.values, vec![0.25; 18]);
 }
@@ -122,8 +122,8 @@ fn areas_of_random_boxes_match_ray_counts_k08() {
 #[test]
 fn unseen_clusters_take_no_samples_k09() {
     let counts = |clusters: &[Cluster], size: ClusterSize| {
-        let probes = probes(&frame(19, 18), Placement::Jittered(2));
-        planned(&probes, clusters, size, ClusterThesisOptions::default(), 16 * 342 + 5)
+        let first_hits = seen(&frame(19, 18), Placement::Jittered(2));
+        planned(&first_hits, clusters, size, ClusterThesisOptions::default(), 16 * 342 + 5)
     };
     let mut hidden = clusters();
     hidden.push(cluster([-9.0; 3], [9.0; 3]));
@@ -134,8 +134,8 @@ fn unseen_clusters_take_no_samples_k09() {
 }
 
 #[test]
-fn each_probe_belongs_to_one_class_k10() {
-    let nothing = |_: ProbeRay| None;
+fn each_first_hit_belongs_to_one_class_k10() {
+    let nothing = |_: FirstHitRay| None;
     let none = centres(frame(7, 5), &[], nothing);
     assert_eq!(none.class_counts(0).unwrap(), [35]);
     assert!(none.cluster_map().iter().all(|&c| c == BACKGROUND));
@@ -144,13 +144,13 @@ fn each_probe_belongs_to_one_class_k10() {
         assert!(counts.iter().all(|n| (16..=17).contains(n)), "{counts:?}");
     }
     // Four classes meet in many pixels.
-    let mixed = probes(&frame(19, 18), Placement::Jittered(16));
+    let mixed = seen(&frame(19, 18), Placement::Jittered(16));
     let classes = mixed.class_counts(4).unwrap();
     assert_eq!(classes.iter().sum::<u64>(), 16 * 342);
     assert!(classes.iter().all(|&n| n > 0), "{classes:?}");
     let (pixels, several) = (0..342, |i: usize| mixed.of_pixel(i).windows(2).any(|p| p[0].cluster != p[1].cluster));
     assert!(pixels.filter(|&i| several(i)).count() > 20);
-    // Rates by hits add up to one per class: every probe is counted once.
+    // Rates by hits add up to one per class: every first-hit ray is counted once.
     let rates = rates(&mixed, &clusters(), &ClusterSize::Hits, PixelArea::One).unwrap();
     assert!((rates.values.iter().sum::<f64>() / 16.0 - 5.0).abs() < 1e-9);
 }
@@ -158,42 +158,42 @@ fn each_probe_belongs_to_one_class_k10() {
 #[test]
 fn invalid_hits_are_background_and_counted() {
     let bad = [
-        ProbeHit { direction: [0.0; 3], ..hit(0) },
-        ProbeHit { direction: [f32::NAN, 0.0, 1.0], ..hit(0) },
-        ProbeHit { distance: -1.0, ..hit(0) },
-        ProbeHit { distance: f32::INFINITY, ..hit(0) },
-        ProbeHit { normal: [f32::NAN; 3], ..hit(0) },
-        ProbeHit { footprint: -1.0, ..hit(0) },
+        FirstHitSurface { direction: [0.0; 3], ..hit(0) },
+        FirstHitSurface { direction: [f32::NAN, 0.0, 1.0], ..hit(0) },
+        FirstHitSurface { distance: -1.0, ..hit(0) },
+        FirstHitSurface { distance: f32::INFINITY, ..hit(0) },
+        FirstHitSurface { normal: [f32::NAN; 3], ..hit(0) },
+        FirstHitSurface { footprint: -1.0, ..hit(0) },
     ];
-    let shoot = |ray: ProbeRay| bad.get(ray.pixel[0] as usize).copied().or(Some(hit(0)));
-    let probes = centres(frame(8, 1), &[0], shoot);
-    assert_eq!(probes.rejected(), 6);
-    assert_eq!(probes.class_counts(1).unwrap(), [2, 6]);
-    let long = |_: ProbeRay| Some(ProbeHit { direction: [0.0, 3e-30, -4e-30], ..hit(0) });
-    let probes = centres(frame(1, 1), &[0], long);
-    let [probe] = probes.all() else { panic!("one probe") };
-    assert!((probe.direction[1] - 0.6).abs() < 1e-6 && (probe.cosine - 0.8).abs() < 1e-6, "{probe:?}");
+    let shoot = |ray: FirstHitRay| bad.get(ray.pixel[0] as usize).copied().or(Some(hit(0)));
+    let first_hits = centres(frame(8, 1), &[0], shoot);
+    assert_eq!(first_hits.rejected(), 6);
+    assert_eq!(first_hits.class_counts(1).unwrap(), [2, 6]);
+    let long = |_: FirstHitRay| Some(FirstHitSurface { direction: [0.0, 3e-30, -4e-30], ..hit(0) });
+    let first_hits = centres(frame(1, 1), &[0], long);
+    let [first_hit] = first_hits.all() else { panic!("one first hit") };
+    assert!((first_hit.direction[1] - 0.6).abs() < 1e-6 && (first_hit.cosine - 0.8).abs() < 1e-6, "{first_hit:?}");
 }
 
 #[test]
 fn lists_of_the_wrong_length_are_refused_by_name() {
     let at = frame(4, 4);
-    let shoot = |ray: ProbeRay| Some(hit(ray.pixel[0] + 4 * ray.pixel[1]));
-    let refused = probe(&at, Placement::Centre, &Random::new(1), &[0; 6], shoot).unwrap_err();
+    let shoot = |ray: FirstHitRay| Some(hit(ray.pixel[0] + 4 * ray.pixel[1]));
+    let refused = first_hits(&at, Placement::Centre, &Random::new(1), &[0; 6], shoot).unwrap_err();
     assert_eq!(refused, Error::NoLabel { pixel: [2, 1], primitive: 6, labels: 6 }, "the first, row by row");
-    let probes = centres(at, &[7; 16], shoot);
+    let hits = centres(at, &[7; 16], shoot);
     let refused = |r: Result<(), Error>| assert_eq!(r, Err(Error::NoCluster { label: 7, clusters: 7 }));
     for size in [ClusterSize::ProjectedBox, ClusterSize::ScreenBox(LOOK), ClusterSize::Hits] {
-        refused(rates(&probes, &vec![square(1.0); 7], &size, PixelArea::One).map(|_| ()));
+        refused(rates(&hits, &vec![square(1.0); 7], &size, PixelArea::One).map(|_| ()));
     }
-    refused(probes.class_counts(7).map(|_| ()));
-    refused(ClusterThesis::published(Random::new(1), &probes, &[square(1.0); 7]).map(|_| ()));
-    assert!(ClusterThesis::published(Random::new(1), &probes, &[square(1.0); 8]).is_ok());
-    assert!(probe(&at, Placement::Centre, &Random::new(1), &[BACKGROUND; 16], shoot).is_err());
-    // A sampler that probes by itself returns the error with its first plan.
+    refused(hits.class_counts(7).map(|_| ()));
+    refused(ClusterThesis::published(Random::new(1), &hits, &[square(1.0); 7]).map(|_| ()));
+    assert!(ClusterThesis::published(Random::new(1), &hits, &[square(1.0); 8]).is_ok());
+    assert!(first_hits(&at, Placement::Centre, &Random::new(1), &[BACKGROUND; 16], shoot).is_err());
+    // A sampler that traces first-hit rays by itself returns the error with its first plan.
     let plan = |labels: &[u32], clusters: &[Cluster]| {
         let (labels, clusters) = (labels.into(), clusters.into());
-        let source = ProbeSource {
+        let source = FirstHitSource {
             labels,
             clusters,
             shoot: std::sync::Arc::new(shoot),
@@ -201,29 +201,29 @@ fn lists_of_the_wrong_length_are_refused_by_name() {
             described: String::new(),
         };
         let made =
-            ClusterThesis::probing(Random::new(1), source, ClusterSize::ProjectedBox, ClusterThesisOptions::default());
+            ClusterThesis::tracing(Random::new(1), source, ClusterSize::ProjectedBox, ClusterThesisOptions::default());
         first_counts(&mut made.unwrap(), at, 256, [1, 100]).map_err(|e| e.to_string())
     };
     assert!(plan(&[0; 6], &[square(1.0)]).unwrap_err().contains("primitive 6"));
     assert!(plan(&[3; 16], &[square(1.0)]).unwrap_err().contains("label 3"));
     assert!(plan(&[0; 16], &[square(1.0)]).is_ok());
     for k in [0, 257] {
-        assert!(probe(&at, Placement::Jittered(k), &Random::new(1), &[0; 16], shoot).is_err());
+        assert!(first_hits(&at, Placement::Jittered(k), &Random::new(1), &[0; 16], shoot).is_err());
     }
     for bad in [ClusterThesisOptions::default().angle(-1.0), ClusterThesisOptions::default().min(5).max(4)] {
         let size = ClusterSize::ProjectedBox;
-        assert!(ClusterThesis::with_options(Random::new(1), &probes, &[square(1.0); 8], size, bad).is_err());
+        assert!(ClusterThesis::with_options(Random::new(1), &hits, &[square(1.0); 8], size, bad).is_err());
     }
 }
 
 #[test]
 fn equal_importance_gives_counts_that_differ_by_one_a04() {
-    let shoot = |_: ProbeRay| Some(hit(0));
-    let probes = centres(frame(31, 17), &[0], shoot);
+    let shoot = |_: FirstHitRay| Some(hit(0));
+    let first_hits = centres(frame(31, 17), &[0], shoot);
     for map in MAPS {
         for total in [527, 528, 8 * 527 + 100, 100 * 527 - 1] {
             let options = ClusterThesisOptions::default().map(map);
-            let counts = planned(&probes, &[square(1.0)], ClusterSize::ProjectedBox, options, total);
+            let counts = planned(&first_hits, &[square(1.0)], ClusterSize::ProjectedBox, options, total);
             let (least, most) = (counts.iter().min().unwrap(), counts.iter().max().unwrap());
             assert!(most - least <= 1, "{total}: {least} .. {most}");
         }
@@ -231,7 +231,7 @@ fn equal_importance_gives_counts_that_differ_by_one_a04() {
 }
 
 fn published(frame: &Frame) -> ClusterThesis<Random> {
-    ClusterThesis::published(Random::new(1), &probes(frame, Placement::Centre), &clusters()).unwrap()
+    ClusterThesis::published(Random::new(1), &seen(frame, Placement::Centre), &clusters()).unwrap()
 }
 
 #[test]
@@ -253,7 +253,7 @@ fn tiny_budgets_are_met_or_refused_a06() {
     // User-defined bounds.
     let with = |min, max, total| {
         let options = ClusterThesisOptions::default().min(min).max(max);
-        let mut sampler = probing(1, Placement::Centre, ClusterSize::ProjectedBox, options);
+        let mut sampler = tracing(1, Placement::Centre, ClusterSize::ProjectedBox, options);
         first_counts(&mut sampler, at, total, [1, 100])
     };
     assert!(matches!(with(8, 0, 8 * pixels - 1), Err(dapple_core::Error::BudgetTooSmall { .. })));
@@ -295,7 +295,7 @@ fn raised_budgets_keep_the_proportions() {
 fn raised_budgets_stop_at_the_maximum() {
     let at = frame(19, 18);
     let options = ClusterThesisOptions::default().max(8);
-    let mut sampler = probing(1, Placement::Centre, ClusterSize::ProjectedBox, options);
+    let mut sampler = tracing(1, Placement::Centre, ClusterSize::ProjectedBox, options);
     let budgets = [4 * 342, 7 * 342, 20 * 342];
     let film = raised(&mut Field(|_, [u, ..]: [f32; 4]| [u; 3]), &mut sampler, Needs::none(), at, &budgets);
     assert_eq!(film.counts(), vec![8; 342]);
@@ -306,14 +306,14 @@ fn raised_budgets_stop_at_the_maximum() {
 fn scaled_scenes_have_the_same_plan() {
     let at = frame(19, 18);
     let counts = |scale: f32, map, size: &ClusterSize, pixel_area| {
-        let shoot = |ray: ProbeRay| {
-            scene(ray).map(|h| ProbeHit { distance: scale * h.distance, footprint: scale * h.footprint, ..h })
+        let shoot = |ray: FirstHitRay| {
+            scene(ray).map(|h| FirstHitSurface { distance: scale * h.distance, footprint: scale * h.footprint, ..h })
         };
         let scaled = |c: Cluster| Cluster { bounds: c.bounds.map(|p| p.map(|x| scale * x)), ..c };
         let clusters: Vec<Cluster> = clusters().into_iter().map(scaled).collect();
-        let probes = probe(&at, Placement::Jittered(2), &Random::new(1), &LABELS, shoot).unwrap();
+        let first_hits = first_hits(&at, Placement::Jittered(2), &Random::new(1), &LABELS, shoot).unwrap();
         let options = ClusterThesisOptions::default().map(map).pixel(pixel_area);
-        planned(&probes, &clusters, size.clone(), options, 17 * 342)
+        planned(&first_hits, &clusters, size.clone(), options, 17 * 342)
     };
     for map in MAPS {
         for (size, area) in [
@@ -358,21 +358,21 @@ fn a_teapot_in_a_stadium_is_reported_and_costs_little_k04() {
         let report = found.report();
         assert!(report.is_degenerate(), "{report:?}");
         assert_eq!(report.occupied, 2, "{report:?}");
-        let from_above = |ray: ProbeRay| {
+        let from_above = |ray: FirstHitRay| {
             let [x, y] = ray.pixel;
             let direction = [ray.film[0] - 16.0, ray.film[1] - 16.0, -40.0];
-            Some(ProbeHit { direction, distance: 40.0, ..hit(y * 32 + x) })
+            Some(FirstHitSurface { direction, distance: 40.0, ..hit(y * 32 + x) })
         };
-        let probes = centres(frame(32, 32), found.labels(), from_above);
+        let first_hits = centres(frame(32, 32), found.labels(), from_above);
         for size in [ClusterSize::ProjectedBox, ClusterSize::Hits] {
-            let counts = planned(&probes, found.clusters(), size, ClusterThesisOptions::default(), 16 << 10);
+            let counts = planned(&first_hits, found.clusters(), size, ClusterThesisOptions::default(), 16 << 10);
             assert!(loss(&counts) <= 1.05, "{params:?}: {}", loss(&counts));
         }
     }
     let sizes: Vec<Cluster> = (0..64).map(|i| square(if i % 2 == 0 { 1.0 } else { 1.0e4 })).collect();
     let labels: Vec<u32> = (0..1024).map(|i| i % 64).collect();
-    let probes = centres(frame(32, 32), &labels, |ray| Some(hit(ray.pixel[1] * 32 + ray.pixel[0])));
+    let first_hits = centres(frame(32, 32), &labels, |ray| Some(hit(ray.pixel[1] * 32 + ray.pixel[0])));
     let options = ClusterThesisOptions::default().angle(0.0).distance(0.0);
-    let counts = planned(&probes, &sizes, ClusterSize::ProjectedBox, options, 16 << 10);
+    let counts = planned(&first_hits, &sizes, ClusterSize::ProjectedBox, options, 16 << 10);
     assert!(loss(&counts) > 1.05, "{}", loss(&counts));
 }

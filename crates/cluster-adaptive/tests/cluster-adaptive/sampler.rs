@@ -2,8 +2,8 @@
 
 use crate::support::*;
 use dapple_cluster_adaptive::{
-    AreaVectors, ClusterSize, ClusterThesis, ClusterThesisOptions, PixelArea, Placement, ProbeRay, ProbeSource,
-    RateMap, TraceVisibility, probe, visibility_variances,
+    AreaVectors, ClusterSize, ClusterThesis, ClusterThesisOptions, FirstHitRay, FirstHitSource, PixelArea, Placement,
+    RateMap, TraceVisibility, first_hits, visibility_variances,
 };
 use dapple_clustering::Triangles;
 use dapple_conformance::toys::{Field, raised};
@@ -14,14 +14,14 @@ use std::sync::Arc;
 
 #[test]
 fn the_published_combination_conforms() {
-    let published = || probing(1, Placement::Centre, ClusterSize::ProjectedBox, ClusterThesisOptions::default());
+    let published = || tracing(1, Placement::Centre, ClusterSize::ProjectedBox, ClusterThesisOptions::default());
     sampler(|| Box::new(published()));
 }
 
 #[test]
-fn it_conforms_with_probes_made_beforehand() {
+fn it_conforms_with_first_hits_made_beforehand() {
     let make = |frame: &dapple_core::Frame| {
-        let made = ClusterThesis::published(Sobol::new(5), &probes(frame, Placement::Centre), &clusters());
+        let made = ClusterThesis::published(Sobol::new(5), &seen(frame, Placement::Centre), &clusters());
         Box::new(made.unwrap()) as Box<dyn dapple_core::Sampler>
     };
     sampler_on_frames(make, Spending::Exact);
@@ -43,22 +43,22 @@ fn other_combinations_conform() {
         (Placement::Centre, ClusterSize::ScreenBox(LOOK), corrected.min(1).max(0)),
         (Placement::Centre, ClusterSize::ProjectedBox, corrected.angle(3.0).max(64)),
     ] {
-        sampler(|| Box::new(probing(2, placement, size.clone(), options)));
+        sampler(|| Box::new(tracing(2, placement, size.clone(), options)));
     }
 }
 
 #[test]
 fn the_description_has_all_parameters() {
-    let sampler = probing(1, Placement::Jittered(4), ClusterSize::Hits, ClusterThesisOptions::default());
+    let sampler = tracing(1, Placement::Jittered(4), ClusterSize::Hits, ClusterThesisOptions::default());
     let said = dapple_core::Sampler::describe(&sampler);
-    let wanted = "cluster-thesis:probes=4,size=hits,pixel=one,map=root,angle=0.25,distance=0.25,min=0,max=0,lights=0,policy=a-priori";
+    let wanted = "cluster-thesis:rays=4,size=hits,pixel=one,map=root,angle=0.25,distance=0.25,min=0,max=0,lights=0,policy=a-priori";
     assert_eq!(said, wanted);
 }
 
 #[test]
-fn probes_of_another_frame_are_refused() {
-    let probes = probes(&frame(8, 8), Placement::Centre);
-    let mut sampler = ClusterThesis::published(Random::new(1), &probes, &clusters()).unwrap();
+fn first_hits_of_another_frame_are_refused() {
+    let first_hits = seen(&frame(8, 8), Placement::Centre);
+    let mut sampler = ClusterThesis::published(Random::new(1), &first_hits, &clusters()).unwrap();
     let refused = first_counts(&mut sampler, frame(8, 9), 1000, [1, 100]).unwrap_err().to_string();
     assert!(refused.contains("[8, 8]") && refused.contains("[8, 9]"), "{refused}");
     let crop = frame(16, 16).crop(0, 0, 8, 8).unwrap();
@@ -66,20 +66,20 @@ fn probes_of_another_frame_are_refused() {
 }
 
 #[test]
-fn probing_later_is_probing_before() {
+fn tracing_first_hits_later_is_tracing_them_before() {
     let size = frame(19, 18);
-    let mut later = probing(3, Placement::Jittered(2), ClusterSize::ProjectedBox, ClusterThesisOptions::default());
+    let mut later = tracing(3, Placement::Jittered(2), ClusterSize::ProjectedBox, ClusterThesisOptions::default());
     let handle = later.handle();
     assert!(handle.cost().is_none());
     let counts = first_counts(&mut later, size, 16 * 342, [1, 1000]).unwrap();
     let cost = handle.cost().unwrap();
     assert!(cost.rays == 2 * 342 && cost.seconds > 0.0, "{cost:?}");
-    let probes = probes(&size, Placement::Jittered(2));
-    assert_eq!(handle.probes().unwrap().all(), probes.all());
-    assert_eq!(handle.probes().unwrap().cluster_map().len(), 342);
+    let first_hits = seen(&size, Placement::Jittered(2));
+    assert_eq!(handle.first_hits().unwrap().all(), first_hits.all());
+    assert_eq!(handle.first_hits().unwrap().cluster_map().len(), 342);
     let size_of = ClusterSize::ProjectedBox;
     let mut before =
-        ClusterThesis::with_options(Random::new(3), &probes, &clusters(), size_of, ClusterThesisOptions::default())
+        ClusterThesis::with_options(Random::new(3), &first_hits, &clusters(), size_of, ClusterThesisOptions::default())
             .unwrap();
     assert_eq!(first_counts(&mut before, size, 16 * 342, [1, 1000]).unwrap(), counts);
 }
@@ -89,7 +89,7 @@ fn probing_later_is_probing_before() {
 fn counts_do_not_read_radiance_a01() {
     let (at, pixels) = (frame(64, 64), 64 * 64);
     let budgets = [pixels, 3 * pixels + 1, 10 * pixels];
-    let ours = || probing(1, Placement::Centre, ClusterSize::ProjectedBox, ClusterThesisOptions::default());
+    let ours = || tracing(1, Placement::Centre, ClusterSize::ProjectedBox, ClusterThesisOptions::default());
     let dark = raised(&mut Field(|_, _| [0.0; 3]), &mut ours(), Needs::none(), at, &budgets);
     let mut noisy = Field(|[x, y]: [u32; 2], u: [f32; 4]| [if x > y { f32::NAN } else { 100.0 * u[0] }; 3]);
     let bright = raised(&mut noisy, &mut ours(), Needs::none(), at, &budgets);
@@ -105,14 +105,14 @@ fn place(film: [f32; 2]) -> f32 {
     film[0] / (2 * SIDE) as f32 * 4.0 - 2.0
 }
 
-fn cluster_of(ray: &ProbeRay) -> u32 {
+fn cluster_of(ray: &FirstHitRay) -> u32 {
     let [x, y] = ray.film.map(|f| (f / 2.0) as u32 % SIDE);
     y * SIDE + x
 }
 
 /// A lamp from -0.6 to 0.6 above the floor. Half way, a card hides it from one half of the floor.
 fn half_hidden() -> TraceVisibility {
-    Arc::new(|ray: ProbeRay, [_, u, _]: [f32; 3]| 1.2 * u - 0.6 > -place(ray.film))
+    Arc::new(|ray: FirstHitRay, [_, u, _]: [f32; 3]| 1.2 * u - 0.6 > -place(ray.film))
 }
 
 /// The fraction of the lamp that a place on the floor sees.
@@ -121,15 +121,15 @@ fn visible(x: f64) -> f64 {
 }
 
 fn floor_sampler(placement: Placement, lights: u32) -> ClusterThesis<Random> {
-    let source = ProbeSource {
+    let source = FirstHitSource {
         labels: (0..SIDE * SIDE).collect(),
         clusters: vec![square(1.0); (SIDE * SIDE) as usize].into(),
-        shoot: Arc::new(|ray: ProbeRay| Some(hit(cluster_of(&ray)))),
+        shoot: Arc::new(|ray: FirstHitRay| Some(hit(cluster_of(&ray)))),
         placement,
         described: String::new(),
     };
     let options = ClusterThesisOptions::default().min(1).max(1000).lights(lights);
-    ClusterThesis::probing(Random::new(1), source, ClusterSize::Hits, options).unwrap()
+    ClusterThesis::tracing(Random::new(1), source, ClusterSize::Hits, options).unwrap()
 }
 
 /// The mean counts of full light, penumbra and full shadow, and the counts of all.
@@ -156,10 +156,10 @@ fn variances_of_visibility_are_those_of_the_penumbra() {
     let labels: Vec<u32> = (0..SIDE * SIDE).collect();
     let clusters = labels.len();
     for placement in [Placement::Centre, Placement::Jittered(3)] {
-        let shoot = |ray: ProbeRay| (ray.film[1] < 40.0).then(|| hit(cluster_of(&ray)));
+        let shoot = |ray: FirstHitRay| (ray.film[1] < 40.0).then(|| hit(cluster_of(&ray)));
         let points = Random::new(1);
-        let probes = probe(&at, placement, &points, &labels, shoot).unwrap();
-        let of = |rays| visibility_variances(&probes, clusters, &points, rays, &*half_hidden()).unwrap();
+        let first_hits = first_hits(&at, placement, &points, &labels, shoot).unwrap();
+        let of = |rays| visibility_variances(&first_hits, clusters, &points, rays, &*half_hidden()).unwrap();
         let found = of(256);
         for (i, &variance) in found.iter().enumerate() {
             let x = (f64::from(i as u32 % SIDE) + 0.5) / f64::from(SIDE) * 4.0 - 2.0;
@@ -200,9 +200,9 @@ fn shadow_rays_are_counted_and_need_a_function() {
     mean_counts(&mut sampler);
     let traced = 2 * 16 * u64::from(SIDE * SIDE);
     assert_eq!(sampler.handle().cost().unwrap().rays, at.pixels() as u64 + traced);
-    let probes = probes(&frame(8, 8), Placement::Centre);
+    let first_hits = seen(&frame(8, 8), Placement::Centre);
     let options = ClusterThesisOptions::default().lights(4);
-    let made = ClusterThesis::with_options(Random::new(1), &probes, &clusters(), ClusterSize::Hits, options);
+    let made = ClusterThesis::with_options(Random::new(1), &first_hits, &clusters(), ClusterSize::Hits, options);
     assert!(made.is_err());
 }
 
@@ -210,6 +210,6 @@ fn shadow_rays_are_counted_and_need_a_function() {
 fn clusters_that_know_the_lights_conform() {
     sampler(|| {
         let options = ClusterThesisOptions::default().lights(3);
-        Box::new(probing(2, Placement::Jittered(2), ClusterSize::Hits, options).with_visibility(half_hidden()))
+        Box::new(tracing(2, Placement::Jittered(2), ClusterSize::Hits, options).with_visibility(half_hidden()))
     });
 }

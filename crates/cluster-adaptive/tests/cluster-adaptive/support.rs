@@ -2,7 +2,8 @@
 #![allow(unreachable_pub)]
 
 use dapple_cluster_adaptive::{
-    ClusterSize, ClusterThesis, ClusterThesisOptions, Placement, ProbeHit, ProbeRay, ProbeSource, Probes, probe,
+    ClusterSize, ClusterThesis, ClusterThesisOptions, FirstHitRay, FirstHitSource, FirstHitSurface, FirstHits,
+    Placement, first_hits,
 };
 use dapple_clustering::Cluster;
 use dapple_core::plan::{Plan, Progress};
@@ -20,20 +21,20 @@ pub fn square(area: f32) -> Cluster {
 }
 
 /// A hit seen along z, at distance 2, where pixels have size 1.
-pub fn hit(primitive: u32) -> ProbeHit {
-    ProbeHit { primitive, direction: [0.0, 0.0, -1.0], distance: 2.0, normal: [0.0, 0.0, 1.0], footprint: 1.0 }
+pub fn hit(primitive: u32) -> FirstHitSurface {
+    FirstHitSurface { primitive, direction: [0.0, 0.0, -1.0], distance: 2.0, normal: [0.0, 0.0, 1.0], footprint: 1.0 }
 }
 
 /// A scene for every frame: sky above, three clusters of columns, and a floor. The clusters' sizes differ by factors of
 /// hundreds, and one is seen from the side.
-pub fn scene(ray: ProbeRay) -> Option<ProbeHit> {
+pub fn scene(ray: FirstHitRay) -> Option<FirstHitSurface> {
     let [x, y] = ray.film;
     if y < 1.5 && x > 2.5 {
         return None;
     }
     let primitive = if y > 12.0 { 3 } else { (x * 0.3) as u32 % 3 };
     let direction = [0.1 * primitive as f32, 0.0, -1.0];
-    Some(ProbeHit { direction, distance: 1.0 + y, footprint: 0.01 * (1.0 + y), ..hit(primitive) })
+    Some(FirstHitSurface { direction, distance: 1.0 + y, footprint: 0.01 * (1.0 + y), ..hit(primitive) })
 }
 
 pub fn clusters() -> Vec<Cluster> {
@@ -51,20 +52,20 @@ pub fn frame(width: u32, height: u32) -> Frame {
     Frame::new(width, height).unwrap()
 }
 
-pub fn probes(frame: &Frame, placement: Placement) -> Probes {
-    probe(frame, placement, &Random::new(3), &LABELS, scene).unwrap()
+pub fn seen(frame: &Frame, placement: Placement) -> FirstHits {
+    first_hits(frame, placement, &Random::new(3), &LABELS, scene).unwrap()
 }
 
-pub fn probing(
+pub fn tracing(
     seed: u64,
     placement: Placement,
     size: ClusterSize,
     options: ClusterThesisOptions,
 ) -> ClusterThesis<Random> {
     let (labels, clusters) = (LABELS.into(), clusters().into());
-    let probed =
-        ProbeSource { labels, clusters, shoot: std::sync::Arc::new(scene), placement, described: String::new() };
-    ClusterThesis::probing(Random::new(seed), probed, size, options).unwrap()
+    let source =
+        FirstHitSource { labels, clusters, shoot: std::sync::Arc::new(scene), placement, described: String::new() };
+    ClusterThesis::tracing(Random::new(seed), source, size, options).unwrap()
 }
 
 /// A camera at the origin along -z, 90 degrees wide.
@@ -82,23 +83,27 @@ pub fn first_counts(sampler: &mut dyn Sampler, frame: Frame, total: u64, bounds:
     }
 }
 
-/// The counts of a sampler planned from probes, for so many samples in all.
+/// The counts of a sampler planned from first-hit rays, for so many samples in all.
 pub fn planned(
-    probes: &Probes,
+    first_hits: &FirstHits,
     clusters: &[Cluster],
     size: ClusterSize,
     options: ClusterThesisOptions,
     total: u64,
 ) -> Vec<u32> {
-    let mut sampler = ClusterThesis::with_options(Random::new(1), probes, clusters, size, options).unwrap();
-    let counts = first_counts(&mut sampler, *probes.frame(), total, [1, 1000]).unwrap();
+    let mut sampler = ClusterThesis::with_options(Random::new(1), first_hits, clusters, size, options).unwrap();
+    let counts = first_counts(&mut sampler, *first_hits.frame(), total, [1, 1000]).unwrap();
     assert_eq!(sum(&counts), total);
     counts
 }
 
-/// The probes through the centres of a frame's pixels.
-pub fn centres(frame: Frame, labels: &[u32], shoot: impl Fn(ProbeRay) -> Option<ProbeHit> + Sync) -> Probes {
-    probe(&frame, Placement::Centre, &Random::new(1), labels, shoot).unwrap()
+/// The first-hit rays through the centres of a frame's pixels.
+pub fn centres(
+    frame: Frame,
+    labels: &[u32],
+    shoot: impl Fn(FirstHitRay) -> Option<FirstHitSurface> + Sync,
+) -> FirstHits {
+    first_hits(&frame, Placement::Centre, &Random::new(1), labels, shoot).unwrap()
 }
 
 pub fn sum(counts: &[u32]) -> u64 {

@@ -2,8 +2,8 @@
 
 use crate::support::*;
 use dapple_cluster_adaptive::{
-    AreaVectors, ClusterSize, ClusterThesis, ClusterThesisOptions, PixelArea, Placement, ProbeHit, ProbeRay, RateMap,
-    probe, projected_box_area, published_bounds, rates,
+    AreaVectors, ClusterSize, ClusterThesis, ClusterThesisOptions, FirstHitRay, FirstHitSurface, PixelArea, Placement,
+    RateMap, first_hits, projected_box_area, published_bounds, rates,
 };
 use dapple_clustering::{Cluster, Triangles};
 use dapple_conformance::toys::Field;
@@ -16,31 +16,31 @@ type Part = ([f32; 4], f32);
 
 /// The predicted rates of 16 x 16 pixels with these clusters, averaged per pixel: the mean and its standard error.
 fn estimate(parts: &[Part], placement: Placement) -> (f64, f64) {
-    let shoot = |ray: ProbeRay| {
+    let shoot = |ray: FirstHitRay| {
         let [x, y] = [0, 1].map(|k| ray.film[k] - ray.pixel[k] as f32);
         let inside = |[x0, y0, x1, y1]: [f32; 4]| x0 <= x && x < x1 && y0 <= y && y < y1;
         parts.iter().position(|part| inside(part.0)).map(|i| hit(i as u32))
     };
     let clusters: Vec<Cluster> = parts.iter().map(|part| square(part.1)).collect();
     let labels: Vec<u32> = (0..clusters.len() as u32).collect();
-    let probes = probe(&frame(16, 16), placement, &Random::new(77), &labels, shoot).unwrap();
-    let rates = rates(&probes, &clusters, &ClusterSize::ProjectedBox, PixelArea::Footprint).unwrap().values;
+    let first_hits = first_hits(&frame(16, 16), placement, &Random::new(77), &labels, shoot).unwrap();
+    let rates = rates(&first_hits, &clusters, &ClusterSize::ProjectedBox, PixelArea::Footprint).unwrap().values;
     let n = rates.len() as f64;
     let mean = rates.iter().sum::<f64>() / n;
     let variance = rates.iter().map(|r| (r - mean).powi(2)).sum::<f64>() / (n - 1.0);
     (mean, (variance / n).sqrt())
 }
 
-/// 2^16 jittered probes give the true rate within 5 standard errors (false alarm 6e-7 a pixel). The centre's probe is right
+/// 2^16 jittered first-hit rays give the true rate within 5 standard errors (false alarm 6e-7 a pixel). The centre's first-hit ray is right
 /// for a covered pixel and for clusters of equal sizes that tile it. Elsewhere the same test rejects its estimate.
 #[test]
-fn jittered_probes_predict_the_rate_of_any_clusters() {
+fn jittered_rays_predict_the_rate_of_any_clusters() {
     let around = |x: f32, y: f32| ([x, y, x + 0.2, y + 0.2], 0.04);
-    // What the centre's probe says, and the truth.
+    // What the centre's ray says, and the truth.
     let cases: [(&str, &[Part], f64, f64); 9] = [
         ("wholly inside", &[([0.4, 0.4, 0.6, 0.6], 0.04)], 25.0, 1.0),
         ("partly inside, over-estimated", &[([0.0, 0.0, 0.7, 1.0], 4.0)], 0.25, 0.175),
-        ("only a probe that hits over-estimates", &[([0.0, 0.0, 0.4, 1.0], 4.0)], 0.0, 0.1),
+        ("only a ray that hits over-estimates", &[([0.0, 0.0, 0.4, 1.0], 4.0)], 0.0, 0.1),
         ("covering", &[([0.0, 0.0, 1.0, 1.0], 4.0)], 0.25, 0.25),
         (
             "several inside, over-estimated as in the thesis",
@@ -66,7 +66,7 @@ fn jittered_probes_predict_the_rate_of_any_clusters() {
     ];
     for (what, parts, centre, truth) in cases {
         let (found, _) = estimate(parts, Placement::Centre);
-        assert!((found - centre).abs() < 1e-4, "{what}: the centre's probe says {found}, not {centre}");
+        assert!((found - centre).abs() < 1e-4, "{what}: the centre's ray says {found}, not {centre}");
         let (mean, error) = estimate(parts, Placement::Jittered(256));
         assert!((mean - truth).abs() <= 5.0 * error + 1e-4, "{what}: {mean} +- {error}, but {truth}");
         let off = (centre - truth).abs();
@@ -76,12 +76,12 @@ fn jittered_probes_predict_the_rate_of_any_clusters() {
 
 /// If nearly all pixels lie within one cluster, one ray per pixel is enough.
 #[test]
-fn one_probe_suffices_for_mostly_covered_pixels() {
+fn one_first_hit_suffices_for_mostly_covered_pixels() {
     // A border through one pixel column of 100, between clusters of 50 and 200 pixels.
-    let shoot = |ray: ProbeRay| Some(hit(u32::from(ray.film[0] > 40.3)));
+    let shoot = |ray: FirstHitRay| Some(hit(u32::from(ray.film[0] > 40.3)));
     let clusters = [square(50.0), square(200.0)];
-    let probes = centres(frame(100, 1), &[0, 1], shoot);
-    let got = rates(&probes, &clusters, &ClusterSize::ProjectedBox, PixelArea::One).unwrap().values;
+    let first_hits = centres(frame(100, 1), &[0, 1], shoot);
+    let got = rates(&first_hits, &clusters, &ClusterSize::ProjectedBox, PixelArea::One).unwrap().values;
     let truth = |x: usize| match x {
         0..40 => 0.02,
         40 => 0.3 * 0.02 + 0.7 * 0.005,
@@ -104,9 +104,9 @@ fn boxes_overrate_slanted_clusters() {
     let along = |degrees: f32| [degrees.to_radians().sin(), 0.0, -degrees.to_radians().cos()];
     let clusters = [cluster([0.0; 3], [1.0, 1.0, 0.0]), cluster([0.0; 3], [r, 1.0, r])];
     let ratio = |which: u32, degrees: f32| {
-        let shoot = |_: ProbeRay| Some(ProbeHit { direction: along(degrees), ..hit(which) });
-        let probes = centres(frame(1, 1), &[0, 1], shoot);
-        let rate = |size: &ClusterSize| rates(&probes, &clusters, size, PixelArea::One).unwrap().values[0];
+        let shoot = |_: FirstHitRay| Some(FirstHitSurface { direction: along(degrees), ..hit(which) });
+        let first_hits = centres(frame(1, 1), &[0, 1], shoot);
+        let rate = |size: &ClusterSize| rates(&first_hits, &clusters, size, PixelArea::One).unwrap().values[0];
         rate(&ClusterSize::ProjectedTriangles(vectors.clone())) / rate(&ClusterSize::ProjectedBox)
     };
     assert!((ratio(0, 0.0) - 1.0).abs() < 1e-6, "a facing square is its box");
@@ -183,7 +183,7 @@ fn table_4_3_is_met_and_continued() {
 }
 
 /// A floor that fills 3/4 of the image, and an ornament of clusters a millionth as large.
-fn floor_and_ornament(ray: ProbeRay) -> Option<ProbeHit> {
+fn floor_and_ornament(ray: FirstHitRay) -> Option<FirstHitSurface> {
     Some(hit(u32::from(ray.pixel[0] >= 48)))
 }
 
@@ -198,7 +198,7 @@ fn mse(film: &Film) -> f64 {
 fn loss(options: ClusterThesisOptions, noisy: impl Fn(u32) -> bool + Sync) -> f64 {
     let at = frame(64, 64);
     let clusters = [square(1e4), square(1e-2)];
-    let probes = centres(at, &[0, 1], floor_and_ornament);
+    let first_hits = centres(at, &[0, 1], floor_and_ornament);
     let limits = Limits::samples(8 * 64 * 64);
     let (mut ours, mut uniform) = (0.0, 0.0);
     for seed in 0..16 {
@@ -207,7 +207,7 @@ fn loss(options: ClusterThesisOptions, noisy: impl Fn(u32) -> bool + Sync) -> f6
         let mut mse_of = |sampler: &mut dyn Sampler| mse(&Render::new(at, &limits).run(&mut field, sampler).unwrap());
         let size = ClusterSize::ProjectedBox;
         let mut sampler =
-            ClusterThesis::with_options(Random::new(2 * seed), &probes, &clusters, size, options).unwrap();
+            ClusterThesis::with_options(Random::new(2 * seed), &first_hits, &clusters, size, options).unwrap();
         ours += mse_of(&mut sampler);
         uniform += mse_of(&mut Uniform::new(Random::new(2 * seed + 1)));
     }
@@ -236,13 +236,13 @@ fn a_textured_floor_loses_by_mean_over_min() {
 fn only_perspective_sizes_fall_with_distance() {
     let boxes = [[[-1.0, -1.0, -4.0], [1.0, 1.0, -4.0]], [[-1.0, -1.0, -8.0], [1.0, 1.0, -8.0]]];
     let clusters = boxes.map(|[low, high]| cluster(low, high));
-    let shoot = |ray: ProbeRay| {
+    let shoot = |ray: FirstHitRay| {
         let distance = [4.0, 8.0][ray.pixel[0] as usize % 2];
-        Some(ProbeHit { distance, footprint: distance * 2.0 / 64.0, ..hit(ray.pixel[0] % 2) })
+        Some(FirstHitSurface { distance, footprint: distance * 2.0 / 64.0, ..hit(ray.pixel[0] % 2) })
     };
-    let probes = centres(frame(64, 64), &[0, 1], shoot);
+    let first_hits = centres(frame(64, 64), &[0, 1], shoot);
     let ratio = |size: &ClusterSize, area| {
-        let rates = rates(&probes, &clusters, size, area).unwrap().values;
+        let rates = rates(&first_hits, &clusters, size, area).unwrap().values;
         rates[1] / rates[0]
     };
     assert_eq!(ratio(&ClusterSize::ProjectedBox, PixelArea::One), 1.0);

@@ -180,7 +180,7 @@ impl HalfRows<'_> {
         if !recorders.is_empty() {
             self.record(local, (radiance, estimate), recorders);
         }
-        // Most pixels see no lamp, and hosts may leave indirect light out.
+        // Most pixels see no lamp, and hosts may leave indirect lighting out.
         let is_some = |part: [f32; 3], mean: &[f32; 3]| part != [0.0; 3] || *mean != [0.0; 3];
         if let Some(mean) = self.emission.get_mut(local)
             && is_some(estimate.emission, mean)

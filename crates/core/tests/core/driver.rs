@@ -1,7 +1,7 @@
 //! The render loop: the same bits however the work is done, exact budgets, honest failures.
 
 use crate::common::*;
-use dapple_adaptive::{Adaptive, PilotPolicy, Then, VarianceOptions};
+use dapple_adaptive::{Adaptive, PilotPolicy, Sequence, VarianceOptions};
 use dapple_conformance::toys::raised;
 use dapple_core::integrator::TrainingData;
 use dapple_core::limits::{Budget, Schedule};
@@ -246,7 +246,7 @@ fn a_monitor_stops_between_slices_and_leaves_whole_pixels() {
     let whole = stop_after(99, &Limits::samples(3900), &mut uniform(5));
     assert!(!whole.record().interrupted && (0..100).all(|i| whole.moments(i) == film.moments(i)));
     // At the end of an earlier round it is an interruption, at the end of the last it is none.
-    let (steps, mut two_rounds) = (Limits::samples(900), Then::new(uniform(5), 5, uniform(5)).unwrap());
+    let (steps, mut two_rounds) = (Limits::samples(900), Sequence::new(uniform(5), 5, uniform(5)).unwrap());
     let film = stop_after(1, &steps, &mut two_rounds);
     assert_eq!((film.record().interrupted, film.record().samples), (true, 500));
     let film = stop_after(2, &steps, &mut two_rounds);
@@ -341,7 +341,7 @@ fn exhausted_points_are_refused_before_tracing() {
         assert_eq!(discarded.is_ok(), fits, "{spp} discarded samples in two halves");
     }
     // The same over several rounds.
-    let mut two_rounds = Then::new(Uniform::new(points), 40, Uniform::new(points)).unwrap();
+    let mut two_rounds = Sequence::new(Uniform::new(points), 40, Uniform::new(points)).unwrap();
     let later = run(&mut Field(noise), &mut two_rounds, Needs::none(), frame(2, 2), &Limits::samples(4 * 65));
     assert!(matches!(later, Err(Error::SequenceExhausted { requested: 65, .. })));
 }

@@ -6,7 +6,7 @@ use dapple_core::{Film, Frame, Limits, Needs};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-/// A count takes 4 bytes, a mean 24, squared deviations, emission or indirect light 12, features 60, a surface 8, and splats 48.
+/// A count takes 4 bytes, a mean 24, squared deviations, emission or indirect lighting 12, features 60, a surface 8, and splats 48.
 #[test]
 fn bytes_per_pixel_are_those_of_all_planes() {
     let none = Needs::none();

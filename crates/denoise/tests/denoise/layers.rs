@@ -1,4 +1,4 @@
-//! Direct and indirect light, filtered one by one.
+//! Direct and indirect lighting, filtered one by one.
 
 use crate::support::{HALVES, Noise, film, grey, mean, squared_error, wall};
 use dapple_core::{Estimate, Film, Filter, Filtered, FirstHit, Needs};
@@ -20,7 +20,7 @@ fn direct(x: u32) -> f32 {
     if x < 23 { 0.6 } else { 0.2 }
 }
 
-/// A plain wall with direct light of little noise, and indirect light of much noise and the mean 0.5. `reports` scales the indirect
+/// A plain wall with direct light of little noise, and indirect lighting of much noise and the mean 0.5. `reports` scales the indirect
 /// light that samples report.
 fn lit_wall((seed, spp): (u64, usize), reports: f32, direct: impl Fn(u32, &mut Noise) -> f32) -> Film {
     film(
@@ -87,7 +87,7 @@ fn a_film_without_indirect_light_is_filtered_in_one_layer() {
     assert_eq!(layered(Layers::Two, &without).radiance, layered(Layers::One, &with).radiance);
 }
 
-/// Running means of indirect light are rounded, so that a trace is left where all light is indirect. If it counted as direct light,
+/// Running means of indirect lighting are rounded, so that a trace is left where all light is indirect. If it counted as direct light,
 /// a bright sample of direct light would be out of the range of the planes, and stay in its pixel.
 #[test]
 fn a_bright_sample_of_direct_light_is_spread_where_all_other_light_is_indirect() {

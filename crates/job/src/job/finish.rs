@@ -17,7 +17,7 @@ pub struct RenderedImage {
     /// Wall seconds of each phase.
     pub seconds: PhaseSeconds,
     /// The number of rays traced as probes. The film's number of rays does not include them.
-    pub probe_rays: u64,
+    pub first_hit_rays: u64,
     /// Warnings about the samples, the clusters and the filter.
     pub warnings: Vec<Warning>,
 }
@@ -32,7 +32,7 @@ pub struct PhaseSeconds {
     /// Clustering.
     pub cluster: f64,
     /// Tracing probes.
-    pub probe: f64,
+    pub first_hits: f64,
     /// Planning, excluding probes.
     pub plan: f64,
     /// Tracing.
@@ -46,7 +46,7 @@ pub struct PhaseSeconds {
 impl PhaseSeconds {
     /// Wall seconds from clustering to filtering, excluding scene reading, world building and file writing.
     pub fn render(&self) -> f64 {
-        self.cluster + self.probe + self.plan + self.trace + self.filter
+        self.cluster + self.first_hits + self.plan + self.trace + self.filter
     }
 }
 
@@ -103,14 +103,14 @@ impl Job {
                 warnings.push(Warning::ErrorNotReached { predicted, goal });
             }
         }
-        let probes = self.probes.cost().unwrap_or_default();
+        let first_hits = self.first_hits.cost().unwrap_or_default();
         let seconds = PhaseSeconds {
             load: self.prepared.loaded.seconds,
             bvh: self.prepared.build_seconds,
             cluster: self.cluster_seconds,
-            probe: probes.seconds,
-            // Probes are traced when the first round is planned.
-            plan: (record.plan_seconds() - probes.seconds).max(0.0),
+            first_hits: first_hits.seconds,
+            // First-hit rays are traced when the first round is planned.
+            plan: (record.plan_seconds() - first_hits.seconds).max(0.0),
             trace: record.trace_seconds(),
             filter: seconds,
             write: 0.0,
@@ -119,7 +119,7 @@ impl Job {
             let first = (film.record(), self.limits.min_spp);
             warnings.extend(monitor::exceeded(limit, seconds.render(), seconds.filter, first));
         }
-        RenderedImage { film, filtered, filter, seconds, probe_rays: probes.rays, warnings }
+        RenderedImage { film, filtered, filter, seconds, first_hit_rays: first_hits.rays, warnings }
     }
 
     /// Warnings about a clustering grid that is too coarse, and about probes that hit a NaN or infinite position.
@@ -129,7 +129,8 @@ impl Job {
             let (voxels, fullest, triangles) = (report.requested(), report.fullest, report.triangles);
             Warning::DegenerateClusters { voxels, fullest, triangles }
         });
-        let rejected = Some(self.probes.rejected()).filter(|rejected| *rejected > 0).map(Warning::RejectedProbes);
+        let rejected =
+            Some(self.first_hits.rejected()).filter(|rejected| *rejected > 0).map(Warning::RejectedFirstHits);
         degenerate.into_iter().chain(rejected).collect()
     }
 }
@@ -140,8 +141,8 @@ impl RenderedImage {
         self.film.record().samples as f64 / self.film.frame().pixels() as f64
     }
 
-    /// The number of rays traced, probes included.
+    /// The number of rays traced, first-hit rays included.
     pub fn rays(&self) -> u64 {
-        self.film.record().rays + self.probe_rays
+        self.film.record().rays + self.first_hit_rays
     }
 }

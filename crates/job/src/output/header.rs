@@ -41,7 +41,7 @@ pub(super) fn attributes(job: &Job, image: &RenderedImage, cpu: Option<f64>) -> 
         ("samples", record.samples.to_string()),
         ("spp", image.spp().to_string()),
         ("rays", image.rays().to_string()),
-        ("probe-rays", image.probe_rays.to_string()),
+        ("first-hit-rays", image.first_hit_rays.to_string()),
         ("rejected", record.rejected.to_string()),
         ("predicted-relmse", film.predicted_relmse().map_or("unknown".into(), |e| e.to_string())),
         ("predicted-relmse-filtered", record.filtered_relmse.map_or("unknown".into(), |e| e.to_string())),

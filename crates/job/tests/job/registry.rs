@@ -87,6 +87,9 @@ fn aliases_are_understood_and_the_library_has_the_same_defaults() {
     assert_eq!(dapple_adaptive::Adaptive::new(sobol()).describe(), describe("adaptive"));
     assert_eq!(describe("adaptive:epsilon=0.2"), describe("adaptive"));
     assert_eq!(describe("then:spp=3,first=then"), describe("sequence:spp=3,first=sequence"));
+    let thesis =
+        |key: &str| sampler(&format!("cluster-thesis:{key}=2"), sobol(), &inputs()).unwrap().sampler.describe();
+    assert_eq!(thesis("probes"), thesis("rays"));
     let [blend, alias] = ["oidn-blend", "both"].map(|name| refusal(check_filter(&format!("{name}:alpha"))));
     assert!(blend.contains("oidn-blend") && blend == alias, "{alias}");
 }
@@ -178,7 +181,7 @@ fn optional_filters_are_there_or_name_their_feature() {
 /// Also without a world: a program refuses wrong words before it reads a scene.
 #[test]
 fn wrong_cluster_words_are_refused_without_a_world() {
-    let wrong = "probes=0 probes=many size=large map=square angle=-1 distance=NaN min=9,max=8 k=0 k=NaN clamp=0 normals=91 normals=-1 \
+    let wrong = "rays=0 rays=many size=large map=square angle=-1 distance=NaN min=9,max=8 k=0 k=NaN clamp=0 normals=91 normals=-1 \
         sides=3 policy=keep lights=1 lights=1025";
     for words in wrong.split(' ') {
         assert_ne!(refusal(check_sampler(&format!("cluster-thesis:{words}"))), "", "{words}");
@@ -203,8 +206,8 @@ fn every_cluster_choice_renders() {
     let clusters = ["insertion=box,order=input", "insertion=centroid,grouping=connected,order=canonical,sides=2"];
     for size in ["box", "triangles", "screen", "hits"] {
         for (pixel, map) in [("one", "identity"), ("footprint", "root"), ("one", "log")] {
-            for (probes, clusters) in ["centre", "3"].into_iter().zip(clusters) {
-                let words = format!("cluster-thesis:size={size},pixel={pixel},map={map},probes={probes},{clusters}");
+            for (first_hits, clusters) in ["centre", "3"].into_iter().zip(clusters) {
+                let words = format!("cluster-thesis:size={size},pixel={pixel},map={map},rays={first_hits},{clusters}");
                 let mut made = sampler(&words, sobol(), &inputs).unwrap();
                 let frame = dapple_core::Frame::new(9, 7).expect("not empty");
                 let film = dapple_core::Render::new(frame, &dapple_core::Limits::samples(63 * 8))
@@ -212,9 +215,9 @@ fn every_cluster_choice_renders() {
                 let counts = film.unwrap().counts();
                 assert_eq!(counts.iter().sum::<u64>(), 63 * 8, "{words}");
                 assert_ne!(counts.iter().min(), counts.iter().max(), "{words} tells nothing apart");
-                let probes = made.probes.probes().unwrap_or_else(|| panic!("{words}: no probes"));
-                rays += probes.cost().rays;
-                rejected += probes.rejected();
+                let first_hits = made.first_hits.first_hits().unwrap_or_else(|| panic!("{words}: no first-hit rays"));
+                rays += first_hits.cost().rays;
+                rejected += first_hits.rejected();
             }
         }
     }
@@ -279,7 +282,7 @@ fn descriptions_stay_as_files_hold_them() {
         ("cluster-regression:outside=1,layers=2", "cluster-regression:outside=1,layers=2,network=true,fireflies=keep"),
         (
             "cluster-thesis",
-            "cluster-thesis:probes=centre,size=box,pixel=one,map=root,angle=0.25,distance=0.25,min=0,max=0,\
+            "cluster-thesis:rays=centre,size=box,pixel=one,map=root,angle=0.25,distance=0.25,min=0,max=0,\
              lights=0,policy=a-priori",
         ),
     ] {

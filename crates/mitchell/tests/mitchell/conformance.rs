@@ -1,7 +1,7 @@
 //! Both samplers conform.
 
 use crate::support::*;
-use dapple_adaptive::Then;
+use dapple_adaptive::Sequence;
 use dapple_conformance as conformance;
 use dapple_core::samplers::Uniform;
 use dapple_low_discrepancy::Random;
@@ -40,9 +40,11 @@ fn mitchell_conforms_as_the_second_of_two_samplers() {
     let refining = || mitchell(MitchellOptions::default().policy(PilotPolicy::Refined), 1);
     for policy in POLICIES {
         let options = MitchellOptions::default().policy(policy);
-        conformance::sampler(|| Box::new(Then::new(Uniform::new(Random::new(1)), 3, mitchell(options, 1)).unwrap()));
-        conformance::sampler(|| Box::new(Then::new(refining(), 5, mitchell(options, 1)).unwrap()));
+        conformance::sampler(|| {
+            Box::new(Sequence::new(Uniform::new(Random::new(1)), 3, mitchell(options, 1)).unwrap())
+        });
+        conformance::sampler(|| Box::new(Sequence::new(refining(), 5, mitchell(options, 1)).unwrap()));
         let options = MitchellPbrtOptions::default().policy(policy);
-        conformance::sampler(|| Box::new(Then::new(refining(), 5, pbrt(options, 1)).unwrap()));
+        conformance::sampler(|| Box::new(Sequence::new(refining(), 5, pbrt(options, 1)).unwrap()));
     }
 }

@@ -1,10 +1,10 @@
 //! Methods made without a scene.
 
-use dapple_cluster_adaptive::{ProbeHit, ProbeRay};
+use dapple_cluster_adaptive::{FirstHitRay, FirstHitSurface};
 use dapple_core::samplers::Uniform;
 use dapple_core::{Block, Draws, Estimate, Film, FirstHit, Frame, Integrator, Limits, Render, Worker};
 use dapple_registry::{
-    AnyPoints, ClusterProbes, DEFAULT_FILTER, DEFAULT_POINTS, DEFAULT_SAMPLER, FILTERS, HostClusters, POINTS,
+    AnyPoints, ClusterFirstHits, DEFAULT_FILTER, DEFAULT_POINTS, DEFAULT_SAMPLER, FILTERS, HostClusters, POINTS,
     PointSettings, RegistryError, SAMPLERS, check_filter, check_sampler, default_pair, filter, points, sampler,
 };
 
@@ -100,10 +100,10 @@ impl Integrator for Balls {
     }
 }
 
-fn probes() -> ClusterProbes {
+fn first_hits() -> ClusterFirstHits {
     let bounds = [[[2.0, 3.0, 0.0], [12.0, 13.0, 10.0]], [[11.0, 5.0, 0.0], [17.0, 11.0, 6.0]]];
-    ClusterProbes::of_objects(&bounds, |ray: ProbeRay| {
-        ball(ray.film).map(|primitive| ProbeHit {
+    ClusterFirstHits::of_objects(&bounds, |ray: FirstHitRay| {
+        ball(ray.film).map(|primitive| FirstHitSurface {
             primitive,
             direction: [0.0, 0.0, -1.0],
             distance: 10.0,
@@ -115,7 +115,8 @@ fn probes() -> ClusterProbes {
 
 #[test]
 fn a_renderer_without_triangles_gets_clusters_by_the_numbers_of_its_objects() {
-    let clusters = HostClusters { probes: Some(probes()), ..HostClusters::none().with_labels(|shape, _| Some(shape)) };
+    let clusters =
+        HostClusters { first_hits: Some(first_hits()), ..HostClusters::none().with_labels(|shape, _| Some(shape)) };
     let frame = Frame::new(SIZE[0], SIZE[1]).expect("not empty");
     let limits = Limits::samples(16 * frame.pixels() as u64);
     for name in ["cluster-gaussian", "bilateral:outside=0.2", "cluster-regression"] {
@@ -134,12 +135,12 @@ fn a_renderer_without_triangles_gets_clusters_by_the_numbers_of_its_objects() {
     let film = Render::new(frame, &limits).run(&mut Balls, &mut *made.sampler).expect("a film");
     let count = |x: usize, y: usize| film.count(y * SIZE[0] as usize + x);
     assert!(count(14, 8) > count(7, 8), "the small ball gets more samples than the large one");
-    assert_eq!(made.probes.probes().expect("probes").cost().rays, frame.pixels() as u64);
+    assert_eq!(made.first_hits.first_hits().expect("first hits").cost().rays, frame.pixels() as u64);
 }
 
 #[test]
 fn sizes_of_clusters_that_need_more_of_the_scene_name_it() {
-    let clusters = HostClusters { probes: Some(probes()), ..HostClusters::none() };
+    let clusters = HostClusters { first_hits: Some(first_hits()), ..HostClusters::none() };
     for (words, lacks) in [("size=screen", "the camera's matrix"), ("size=triangles", "the scene's triangles")] {
         let error = refusal(sampler(&format!("cluster-thesis:{words}"), sobol(), &clusters));
         assert!(error.contains(lacks), "{error}");
@@ -195,21 +196,25 @@ fn faults_of_nested_descriptions_name_the_parameter_and_the_remedy() {
 }
 
 #[test]
-fn a_sequence_passes_on_the_probes_of_its_samplers() {
-    let clusters = HostClusters { probes: Some(probes()), ..HostClusters::none() };
+fn a_sequence_passes_on_the_first_hits_of_its_samplers() {
+    let clusters = HostClusters { first_hits: Some(first_hits()), ..HostClusters::none() };
     let frame = Frame::new(SIZE[0], SIZE[1]).expect("not empty");
     let pixels = frame.pixels() as u64;
     for (words, rays) in [
         ("sequence:first=cluster-thesis,second=adaptive", pixels),
-        ("sequence:first=uniform,second=cluster-thesis/probes=2", 2 * pixels),
+        ("sequence:first=uniform,second=cluster-thesis/rays=2", 2 * pixels),
         ("sequence:first=cluster-thesis,second=cluster-thesis/probes=2", 3 * pixels),
         ("sequence:first=sequence/first=uniform/spp=2/second=cluster-thesis,spp=5,second=uniform", pixels),
     ] {
         let mut made = sampler(words, sobol(), &clusters).expect("a sampler");
-        assert!(made.probes.cost().is_none());
+        assert!(made.first_hits.cost().is_none());
         let film = Render::new(frame, &Limits::samples(16 * pixels + 7)).run(&mut Balls, &mut *made.sampler);
         assert_eq!(film.expect("a film").record().samples, 16 * pixels + 7, "{words}");
-        assert_eq!((made.probes.cost().map(|cost| cost.rays), made.probes.rejected()), (Some(rays), 0), "{words}");
+        assert_eq!(
+            (made.first_hits.cost().map(|cost| cost.rays), made.first_hits.rejected()),
+            (Some(rays), 0),
+            "{words}"
+        );
     }
 }
 

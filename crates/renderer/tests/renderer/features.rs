@@ -1,5 +1,5 @@
 //! The features that filters read: those of the first rough surface behind mirrors, glass and smooth coats; emission seen
-//! directly; and indirect light, all but what one rough surface or one point in a medium scatters.
+//! directly; and indirect lighting, all but what one rough surface or one point in a medium scatters.
 
 use crate::support::*;
 use dapple_renderer::light::LightSelection;

@@ -199,7 +199,7 @@ fn transport(kind: &str) -> String {
         "bdpt" => ("bdpt", "bidirectional path tracing"),
         "mlt" | "metropolis" => ("metropolis", "Metropolis sampling"),
         "sppm" | "photonmap" => ("photons", "photon mapping"),
-        "igi" => ("instant", "virtual lights"),
+        "igi" => ("instant", "instant radiosity"),
         "ambientocclusion" => ("ambient-occlusion", "ambient occlusion"),
         _ => return "path tracing is used".into(),
     };

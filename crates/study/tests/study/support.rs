@@ -198,7 +198,7 @@ impl Law {
             load: 0.012,
             bvh: 0.02,
             cluster: 0.5 * self.overhead,
-            probe: 0.2 * self.overhead,
+            first_hits: 0.2 * self.overhead,
             plan: 0.3 * self.overhead - filter,
             trace,
             filter,

@@ -12,7 +12,7 @@ use dapple_renderer::{GatherPoint, World};
 use std::collections::BTreeMap;
 
 /// The mean number of probes per cluster, over the clusters that the camera sees.
-const PROBES: u32 = 4;
+const FIRST_HITS: u32 = 4;
 
 /// The common cuts of clusters, one for each side of a cluster.
 #[derive(Clone, Debug)]
@@ -34,18 +34,18 @@ impl CommonCuts {
 impl CutLight<'_> {
     /// Computes the common cuts of clusters from the cuts of probes. Returns them with the number of rays traced.
     pub(super) fn common_cuts(&self, patches: Patches, frame: &Frame) -> (CommonCuts, u64) {
-        let side = f64::from(PROBES * self.options.clusters).sqrt().ceil() as u32;
-        let mut probes: BTreeMap<usize, Vec<[u32; 2]>> = BTreeMap::new();
+        let side = f64::from(FIRST_HITS * self.options.clusters).sqrt().ceil() as u32;
+        let mut first_hits: BTreeMap<usize, Vec<[u32; 2]>> = BTreeMap::new();
         for pixel in grid(frame, side) {
             let side = |vertex: &GatherPoint<'_>| patches.side_at(self.world, vertex.at, vertex.back);
             if let Some(key) = self.at_first_hit(pixel, side) {
-                probes.entry(key).or_default().push(pixel);
+                first_hits.entry(key).or_default().push(pixel);
             }
         }
-        let probes: Vec<(usize, Vec<[u32; 2]>)> = probes.into_iter().collect();
-        let cuts: Vec<(Vec<NodeId>, u64)> = parallel::map(probes.len(), |k| self.common_cut(&probes[k].1));
+        let first_hits: Vec<(usize, Vec<[u32; 2]>)> = first_hits.into_iter().collect();
+        let cuts: Vec<(Vec<NodeId>, u64)> = parallel::map(first_hits.len(), |k| self.common_cut(&first_hits[k].1));
         let (mut starts, mut nodes, mut rays) = (vec![0], Vec::new(), u64::from(side * side));
-        for ((key, _), (cut, more)) in probes.iter().zip(cuts) {
+        for ((key, _), (cut, more)) in first_hits.iter().zip(cuts) {
             starts.resize(key + 1, nodes.len() as u32);
             nodes.extend(cut);
             rays += more;

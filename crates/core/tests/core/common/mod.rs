@@ -5,7 +5,7 @@ pub use dapple_conformance::toys::{Field, Independent, Learner, Points, ToyFilte
 pub use dapple_conformance::{bits, on_threads};
 pub use dapple_core::point_set::mix;
 
-use dapple_adaptive::Then;
+use dapple_adaptive::Sequence;
 use dapple_core::integrator::TrainingData;
 use dapple_core::limits::Schedule;
 use dapple_core::render::{Control, Monitor, Status};
@@ -55,7 +55,7 @@ pub fn uniform(seed: u64) -> Uniform<Independent> {
 
 /// Uniform sampling in three rounds, of which the first two end at these samples per pixel.
 pub fn three_rounds(seed: u64, [first, second]: [u32; 2]) -> impl Sampler {
-    Then::new(uniform(seed), first, Then::new(uniform(seed), second, uniform(seed)).unwrap()).unwrap()
+    Sequence::new(uniform(seed), first, Sequence::new(uniform(seed), second, uniform(seed)).unwrap()).unwrap()
 }
 
 pub fn frame(width: u32, height: u32) -> Frame {

@@ -1,4 +1,4 @@
-//! First-hit probes: the clusters that pixels see.
+//! First-hit rays: the clusters that pixels see.
 
 use crate::Error;
 pub use dapple_core::integrator::BACKGROUND;
@@ -17,7 +17,7 @@ pub enum Placement {
 }
 
 impl Placement {
-    /// Returns the number of probes per pixel.
+    /// Returns the number of first-hit rays per pixel.
     pub const fn per_pixel(self) -> u32 {
         match self {
             Self::Centre => 1,
@@ -35,10 +35,10 @@ impl std::fmt::Display for Placement {
     }
 }
 
-/// A first-hit probe's ray, which the caller traces.
+/// A ray from the camera to the first hit, which the caller traces.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ProbeRay {
-    /// Column and row of the probe's pixel in the full image.
+pub struct FirstHitRay {
+    /// Column and row of the first-hit ray's pixel in the full image.
     pub pixel: [u32; 2],
     /// The ray's point on the film, inside `pixel`, in pixels of the full image from its upper left corner.
     pub film: [f32; 2],
@@ -50,9 +50,9 @@ pub struct ProbeRay {
     pub sample: SampleId,
 }
 
-/// The first surface on a probe's ray.
+/// The first surface on a first-hit ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ProbeHit {
+pub struct FirstHitSurface {
     /// The index of the primitive in the list of labels.
     pub primitive: u32,
     /// The ray's direction, from the eye to the hit; its length may be any number above 0.
@@ -66,10 +66,10 @@ pub struct ProbeHit {
     pub footprint: f32,
 }
 
-/// The cluster and geometry that one probe hit. Without a hit, the cluster is [`BACKGROUND`] and all else is zero.
+/// The cluster and geometry that one first-hit ray hit. Without a hit, the cluster is [`BACKGROUND`] and all else is zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Probe {
-    /// The index of the cluster that the probe hit, or [`BACKGROUND`].
+pub struct ClusterHit {
+    /// The index of the cluster that the first-hit ray hit, or [`BACKGROUND`].
     pub cluster: u32,
     /// Unit direction of the ray.
     pub direction: [f32; 3],
@@ -81,12 +81,12 @@ pub struct Probe {
     pub footprint: f32,
 }
 
-impl Probe {
+impl ClusterHit {
     const MISS: Self = Self { cluster: BACKGROUND, direction: [0.0; 3], cosine: 0.0, distance: 0.0, footprint: 0.0 };
 
     /// Creates the record of a hit on `cluster`; `None` if the hit has NaN, infinite or negative lengths, or no direction.
-    fn new(cluster: u32, hit: &ProbeHit) -> Option<Self> {
-        let ProbeHit { direction, distance, normal, footprint, .. } = *hit;
+    fn new(cluster: u32, hit: &FirstHitSurface) -> Option<Self> {
+        let FirstHitSurface { direction, distance, normal, footprint, .. } = *hit;
         // In f64, since squares of small components leave the range of f32.
         let length = dot(direction, direction).sqrt();
         let fine = length > 0.0 && length.is_finite() && distance >= 0.0 && footprint >= 0.0;
@@ -107,24 +107,24 @@ pub(crate) fn dot(a: [f32; 3], b: [f32; 3]) -> f64 {
 
 /// The cost of tracing probes, which is part of the cost of every image planned from them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct ProbeCost {
+pub struct FirstHitsCost {
     /// The number of rays traced.
     pub rays: u64,
     /// The wall-clock seconds of tracing.
     pub seconds: f64,
 }
 
-/// The first-hit probes of a frame; 28 bytes per probe.
+/// The first-hit rays of a frame; 28 bytes each.
 #[derive(Clone, Debug)]
-pub struct Probes {
+pub struct FirstHits {
     frame: Frame,
     placement: Placement,
-    probes: Vec<Probe>,
+    first_hits: Vec<ClusterHit>,
     rejected: u64,
-    cost: ProbeCost,
+    cost: FirstHitsCost,
 }
 
-/// Traces the probes of `frame`, in parallel by rows, and labels their hits: `labels` holds one cluster per primitive.
+/// Traces the first-hit rays of `frame`, in parallel by rows, and labels their hits: `labels` holds one cluster per primitive.
 ///
 /// Coordinates come from `points`, as samples of [`streams::PROBE`]; [`Placement::Centre`] needs none. The result does not
 /// depend on threads or their order, as long as `shoot` is a pure function.
@@ -136,22 +136,22 @@ pub struct Probes {
 ///
 /// [`Error::NoLabel`] for a hit whose primitive has no label (the first, row by row); [`Error::NoCluster`] if a label is
 /// [`BACKGROUND`]; [`Error::OutOfRange`] for 0 or more than 256 probes per pixel.
-pub fn probe(
+pub fn first_hits(
     frame: &Frame,
     placement: Placement,
     points: &dyn PointSet,
     labels: &[u32],
-    shoot: impl Fn(ProbeRay) -> Option<ProbeHit> + Sync,
-) -> Result<Probes, Error> {
+    shoot: impl Fn(FirstHitRay) -> Option<FirstHitSurface> + Sync,
+) -> Result<FirstHits, Error> {
     let clock = Clock::of_machine();
     let k = placement.per_pixel();
     if !(1..=256).contains(&k) || u64::from(k) > points.capacity() {
         let allowed = "use 1 to 256, and no more than the point set has";
-        return Err(Error::range("probes per pixel", k, allowed));
+        return Err(Error::range("first-hit rays per pixel", k, allowed));
     }
     let width = frame.size()[0] as usize * k as usize;
-    let mut probes = vec![Probe::MISS; frame.pixels() * k as usize];
-    let trace = |(row, out): (usize, &mut [Probe])| -> Result<u64, Error> {
+    let mut first_hits = vec![ClusterHit::MISS; frame.pixels() * k as usize];
+    let trace = |(row, out): (usize, &mut [ClusterHit])| -> Result<u64, Error> {
         let [x0, y0] = frame.origin();
         let mut rejected = 0;
         for (x, slots) in out.chunks_exact_mut(k as usize).enumerate() {
@@ -164,8 +164,8 @@ pub fn probe(
                 if label == BACKGROUND {
                     return Err(Error::NoCluster { label, clusters: BACKGROUND as usize });
                 }
-                match Probe::new(label, &hit) {
-                    Some(probe) => *slot = probe,
+                match ClusterHit::new(label, &hit) {
+                    Some(first_hit) => *slot = first_hit,
                     None => rejected += 1,
                 }
             }
@@ -173,30 +173,30 @@ pub fn probe(
         Ok(rejected)
     };
     // Collected row by row, so that the first error does not depend on the number of threads.
-    let rows: Vec<Result<u64, Error>> = parallel::map_parts(probes.chunks_mut(width).enumerate(), trace);
+    let rows: Vec<Result<u64, Error>> = parallel::map_parts(first_hits.chunks_mut(width).enumerate(), trace);
     let rejected = rows.into_iter().sum::<Result<u64, Error>>()?;
-    let cost = ProbeCost { rays: probes.len() as u64, seconds: clock.seconds() };
-    Ok(Probes { frame: *frame, placement, probes, rejected, cost })
+    let cost = FirstHitsCost { rays: first_hits.len() as u64, seconds: clock.seconds() };
+    Ok(FirstHits { frame: *frame, placement, first_hits, rejected, cost })
 }
 
-pub(crate) fn ray(pixel: [u32; 2], index: u64, placement: Placement, points: &dyn PointSet) -> ProbeRay {
-    let sample = SampleId::new(pixel, streams::PROBE, index);
+pub(crate) fn ray(pixel: [u32; 2], index: u64, placement: Placement, points: &dyn PointSet) -> FirstHitRay {
+    let sample = SampleId::new(pixel, streams::FIRST_HITS, index);
     let u = match placement {
         Placement::Centre => [0.5; 4],
         Placement::Jittered(_) => points.block(sample, 0),
     };
     // Far from the origin, a sum may round up to the next pixel.
     let place = |k: usize| (pixel[k] as f32 + u[k]).min((pixel[k] as f32 + 1.0).next_down());
-    ProbeRay { pixel, film: [place(0), place(1)], lens: [u[2], u[3]], sample }
+    FirstHitRay { pixel, film: [place(0), place(1)], lens: [u[2], u[3]], sample }
 }
 
-impl Probes {
-    /// The frame that was probed.
+impl FirstHits {
+    /// The frame whose first hits these are.
     pub fn frame(&self) -> &Frame {
         &self.frame
     }
 
-    /// The placement of each pixel's probes.
+    /// The placement of each pixel's first-hit rays.
     pub fn placement(&self) -> Placement {
         self.placement
     }
@@ -207,19 +207,19 @@ impl Probes {
         self.cost.seconds += seconds;
     }
 
-    /// All probes, pixel by pixel and row by row, with [`Placement::per_pixel`] probes per pixel.
-    pub fn all(&self) -> &[Probe] {
-        &self.probes
+    /// All first-hit rays, pixel by pixel and row by row, with [`Placement::per_pixel`] first-hit rays per pixel.
+    pub fn all(&self) -> &[ClusterHit] {
+        &self.first_hits
     }
 
-    /// The probes of the `i`-th pixel of the window.
+    /// The first-hit rays of the `i`-th pixel of the window.
     ///
     /// # Panics
     ///
     /// Panics if there is no such pixel.
-    pub fn of_pixel(&self, i: usize) -> &[Probe] {
+    pub fn of_pixel(&self, i: usize) -> &[ClusterHit] {
         let k = self.placement.per_pixel() as usize;
-        &self.probes[i * k..(i + 1) * k]
+        &self.first_hits[i * k..(i + 1) * k]
     }
 
     /// The number of rejected hits: those with NaN, infinite or negative lengths, or no direction.
@@ -228,27 +228,27 @@ impl Probes {
     }
 
     /// The number of rays and the seconds that probing used.
-    pub fn cost(&self) -> ProbeCost {
+    pub fn cost(&self) -> FirstHitsCost {
         self.cost
     }
 
-    /// The cluster that each pixel's first probe hit, or [`BACKGROUND`], row by row: for colour maps and filters.
+    /// The cluster of each pixel's first first-hit ray, or [`BACKGROUND`], row by row: for colour maps and filters.
     pub fn cluster_map(&self) -> Vec<u32> {
-        self.probes.iter().step_by(self.placement.per_pixel() as usize).map(|p| p.cluster).collect()
+        self.first_hits.iter().step_by(self.placement.per_pixel() as usize).map(|p| p.cluster).collect()
     }
 
-    /// The number of probes that hit each cluster, and last the number that hit nothing. The numbers add up to all
-    /// probes.
+    /// The number of first-hit rays that hit each cluster, and last the number that hit nothing. The numbers add up to all
+    /// first-hit rays.
     ///
     /// # Errors
     ///
-    /// [`Error::NoCluster`] if a probe has a cluster that is not below `clusters`.
+    /// [`Error::NoCluster`] if a first-hit ray has a cluster that is not below `clusters`.
     pub fn class_counts(&self, clusters: usize) -> Result<Vec<u64>, Error> {
         let mut counts = vec![0; clusters + 1];
-        for probe in &self.probes {
-            let class = if probe.cluster == BACKGROUND { clusters } else { probe.cluster as usize };
-            if class > clusters || (class == clusters && probe.cluster != BACKGROUND) {
-                return Err(Error::NoCluster { label: probe.cluster, clusters });
+        for first_hit in &self.first_hits {
+            let class = if first_hit.cluster == BACKGROUND { clusters } else { first_hit.cluster as usize };
+            if class > clusters || (class == clusters && first_hit.cluster != BACKGROUND) {
+                return Err(Error::NoCluster { label: first_hit.cluster, clusters });
             }
             counts[class] += 1;
         }
