@@ -1,7 +1,7 @@
 //! The cost of a plan on one thread, excluding the caller's rays. Divide by 2^18 for the cost per pixel.
 //!
-//! With one probe per pixel, in callgrind's instructions per pixel (x86-64, release): probing 160, importance 285, counts 250.
-//! This is about 75 ns in total. A jittered probe needs 260 more for its coordinates.
+//! With one first-hit ray per pixel, in callgrind's instructions per pixel (x86-64, release): tracing first-hit rays 160,
+//! importance 285, counts 250. This is about 75 ns in total. A jittered first-hit ray needs 260 more for its coordinates.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use dapple_cluster_adaptive::{

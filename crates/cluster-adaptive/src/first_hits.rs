@@ -4,15 +4,15 @@ use crate::Error;
 pub use dapple_core::integrator::BACKGROUND;
 use dapple_core::{Clock, Frame, PointSet, SampleId, parallel, point_set::streams};
 
-/// The position of a pixel's first-hit probes on pixel and lens.
+/// The position of a pixel's first-hit rays on pixel and lens.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Placement {
-    /// One probe, through the centres of pixel and lens [Lan 2016, 2.6]. The predicted sampling rate is wrong for pixels that
-    /// see more than one cluster.
+    /// One first-hit ray, through the centres of pixel and lens [Lan 2016, 2.6]. The predicted sampling rate is wrong for
+    /// pixels that see more than one cluster.
     #[default]
     Centre,
-    /// This many probes, 1 to 256, spread over pixel and lens by a point set. The expectation of each probe's predicted
-    /// sampling rate is correct for any pixel.
+    /// This many first-hit rays, 1 to 256, spread over pixel and lens by a point set. The expectation of each first-hit ray's
+    /// predicted sampling rate is correct for any pixel.
     Jittered(u32),
 }
 
@@ -105,7 +105,7 @@ pub(crate) fn dot(a: [f32; 3], b: [f32; 3]) -> f64 {
     f64::from(a[0]) * f64::from(b[0]) + f64::from(a[1]) * f64::from(b[1]) + f64::from(a[2]) * f64::from(b[2])
 }
 
-/// The cost of tracing probes, which is part of the cost of every image planned from them.
+/// The cost of tracing first-hit rays, which is part of the cost of every image planned from them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FirstHitsCost {
     /// The number of rays traced.
@@ -129,13 +129,13 @@ pub struct FirstHits {
 /// Coordinates come from `points`, as samples of [`streams::PROBE`]; [`Placement::Centre`] needs none. The result does not
 /// depend on threads or their order, as long as `shoot` is a pure function.
 ///
-/// Each probe ends in exactly one class: a cluster, or the background. A hit with NaN, infinite or negative lengths, or without
-/// direction, counts as a miss; [`Probes::rejected`] counts such hits.
+/// Each first-hit ray ends in exactly one class: a cluster, or the background. A hit with NaN, infinite or negative lengths, or
+/// without direction, counts as a miss; [`Probes::rejected`] counts such hits.
 ///
 /// # Errors
 ///
 /// [`Error::NoLabel`] for a hit whose primitive has no label (the first, row by row); [`Error::NoCluster`] if a label is
-/// [`BACKGROUND`]; [`Error::OutOfRange`] for 0 or more than 256 probes per pixel.
+/// [`BACKGROUND`]; [`Error::OutOfRange`] for 0 or more than 256 first-hit rays per pixel.
 pub fn first_hits(
     frame: &Frame,
     placement: Placement,
@@ -227,7 +227,7 @@ impl FirstHits {
         self.rejected
     }
 
-    /// The number of rays and the seconds that probing used.
+    /// The number of rays and the seconds that tracing first-hit rays used.
     pub fn cost(&self) -> FirstHitsCost {
         self.cost
     }

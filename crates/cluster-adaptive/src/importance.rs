@@ -31,7 +31,7 @@ impl RateMap {
         match self {
             Self::Identity => x,
             Self::Root => x.sqrt(),
-            // The median is 0 only if half of all probes have a footprint of 0.
+            // The median is 0 only if half of all first-hit rays have a footprint of 0.
             Self::Log if median > 0.0 => (x / median).ln_1p(),
             Self::Log => x.sqrt(),
         }
@@ -55,10 +55,10 @@ pub struct Importance {
 ///
 /// `I_p = share_p / <share> + angle * a_p / <a> + distance * z_p / <z>`
 ///
-/// Here `share` is the mean over the pixel's probes of `f(SP / SC)`, for pixel area `SP` and cluster size `SC`. `a` is the mean
-/// of `1 - |n . d|`, with `d` the ray and `n` the cluster's mean normal (the surface's normal if the cluster's normals cancel).
-/// `z` is the mean distance to the hit, and `< >` denotes the mean over the image. A term whose mean is 0 is left out. Probes
-/// without a hit add 0 to each term, except to the share with [`ClusterSize::Hits`].
+/// Here `share` is the mean over the pixel's first-hit rays of `f(SP / SC)`, for pixel area `SP` and cluster size `SC`. `a` is
+/// the mean of `1 - |n . d|`, with `d` the ray and `n` the cluster's mean normal (the surface's normal if the cluster's normals
+/// cancel). `z` is the mean distance to the hit, and `< >` denotes the mean over the image. A term whose mean is 0 is left out.
+/// First-hit rays without a hit add 0 to each term, except to the share with [`ClusterSize::Hits`].
 ///
 /// Importance has no unit: scaling a scene changes it only by rounding of coordinates. (The published
 /// [`PixelArea::One`](crate::PixelArea::One) is an area in world units. It is the same for all pixels and cancels.) Values are
@@ -100,7 +100,7 @@ fn plus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 
-/// `1 - |cos|` of the angle between the probe's ray and the mean normal of its cluster, or the surface's normal if the
+/// `1 - |cos|` of the angle between the first-hit ray and the mean normal of its cluster, or the surface's normal if the
 /// cluster's normals cancel. 0 without a hit.
 fn obliquity(first_hit: &ClusterHit, clusters: &[Cluster]) -> f64 {
     if first_hit.cluster == BACKGROUND {
@@ -121,7 +121,7 @@ fn median(first_hits: &FirstHits, rates: &[f64]) -> f64 {
     }
 }
 
-/// The caller's function that traces a shadow ray from the first hit of a probe ray to a random point on the lights.
+/// The caller's function that traces a shadow ray from the first hit of a first-hit ray to a random point on the lights.
 ///
 /// Three numbers in `[0, 1)` select a light and a point on it. The function returns `true` if the point is visible, and `false`
 /// if it is occluded or if there is no hit or light. It must be pure.
@@ -136,8 +136,8 @@ const STEPS: [f64; 3] = [0.819_172_513_396_164_4, 0.671_043_606_703_789_3, 0.549
 /// The variance `v (1 - v)`, 0 to 1/4, of the lights' visibility over each of `clusters` clusters. `v` is the fraction of
 /// shadow rays that reach a light.
 ///
-/// Each cluster that a probe hit gets `rays` shadow rays, from the hits of evenly spread probes. Random numbers have a fixed
-/// seed. Clusters without a hit have variance 0. `points` is the point set of the probes.
+/// Each cluster that a first-hit ray hit gets `rays` shadow rays, from the hits of evenly spread first-hit rays. Random numbers
+/// have a fixed seed. Clusters without a hit have variance 0. `points` is the point set of the first-hit rays.
 ///
 /// # Errors
 ///
@@ -149,7 +149,7 @@ pub fn visibility_variances(
     rays: u32,
     is_visible: &(dyn Fn(FirstHitRay, [f32; 3]) -> bool + Sync),
 ) -> Result<Vec<f32>, Error> {
-    // The indices of the probes, sorted by cluster.
+    // The indices of the first-hit rays, sorted by cluster.
     let counts = first_hits.class_counts(clusters)?;
     let mut ends: Vec<usize> =
         counts[..clusters].iter().scan(0, |end, &n| Some(std::mem::replace(end, *end + n as usize))).collect();
@@ -191,8 +191,8 @@ fn ray_of(first_hits: &FirstHits, i: usize, points: &dyn PointSet) -> FirstHitRa
 }
 
 impl Importance {
-    /// Multiplies each pixel's importance by the mean over its first-hit rays of `1 + variances[cluster]`. First-hit rays without a hit count
-    /// as 1.
+    /// Multiplies each pixel's importance by the mean over its first-hit rays of `1 + variances[cluster]`. First-hit rays
+    /// without a hit count as 1.
     pub(crate) fn raise(&mut self, first_hits: &FirstHits, variances: &[f32]) {
         let k = first_hits.placement().per_pixel() as usize;
         let factor = |cluster: u32| 1.0 + variances.get(cluster as usize).map_or(0.0, |&v| f64::from(v));

@@ -14,7 +14,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// The caller's function that traces a first-hit ray and returns its first hit, if any. It must be pure.
 pub type TraceFirstHit = Arc<dyn Fn(FirstHitRay) -> Option<FirstHitSurface> + Send + Sync>;
 
-/// The inputs for a sampler that traces its probes before the first plan: labels, clusters and a ray tracer.
+/// The inputs for a sampler that traces its first-hit rays before the first plan: labels, clusters and a ray tracer.
 #[derive(Clone)]
 pub struct FirstHitSource {
     /// The cluster number of each primitive.
@@ -29,26 +29,27 @@ pub struct FirstHitSource {
     pub described: String,
 }
 
-/// A handle to the first-hit probes of a sampler, for their cost and for maps. It remains usable after the sampler is boxed.
-/// The default handle belongs to a sampler without probes.
+/// A handle to the first-hit rays of a sampler, for their cost and for maps. It remains usable after the sampler is boxed.
+/// The default handle belongs to a sampler without first-hit rays.
 #[derive(Clone, Debug, Default)]
 pub struct FirstHitsHandle(Vec<Arc<Mutex<Option<Arc<FirstHits>>>>>);
 
 impl FirstHitsHandle {
-    /// Joins handles for a sampler that consists of several: the probes of this handle's sampler, then those of `others`.
+    /// Joins handles for a sampler that consists of several: the first-hit rays of this handle's sampler, then those of
+    /// `others`.
     #[must_use]
     pub fn joined(mut self, others: Self) -> Self {
         self.0.extend(others.0);
         self
     }
 
-    /// The first-hit probes that the sampler traced last; `None` before the first plan. For [joined](ProbesHandle::joined)
+    /// The first-hit rays that the sampler traced last; `None` before the first plan. For [joined](ProbesHandle::joined)
     /// samplers, the first one that has traced any counts.
     pub fn first_hits(&self) -> Option<Arc<FirstHits>> {
         self.each().next()
     }
 
-    /// The cost of the first-hit probes that the sampler traced last, summed over joined samplers; `None` before the first
+    /// The cost of the first-hit rays that the sampler traced last, summed over joined samplers; `None` before the first
     /// plan.
     pub fn cost(&self) -> Option<FirstHitsCost> {
         let add = |a: FirstHitsCost, b: FirstHitsCost| FirstHitsCost {
@@ -88,14 +89,14 @@ impl Prior {
 
 /// The sampler of [Lan 2016]: few samples for large clusters, many for small ones.
 ///
-/// First-hit probes find the cluster that each pixel sees. The pixel's importance (see [`importance()`]) depends on the ratio
+/// First-hit rays find the cluster that each pixel sees. The pixel's importance (see [`importance()`]) depends on the ratio
 /// of the pixel's area to the cluster's projected area. Every pixel gets a minimum. The rest of the budget is distributed in
 /// proportion to importance, up to a maximum; the excess is redistributed to the other pixels ([`share`]).
 ///
-/// *Guarantees*: the budget is spent exactly. Counts depend on geometry alone, not on radiance, and probes never contribute to
-/// the image. The image is thus unbiased for every budget, or sequence of budgets, that is known beforehand. (A limit on the
-/// *error* stops depending on the samples, and has its own bias.) A raised budget keeps the proportions as far as the samples
-/// already spent allow. Equal importance gives counts that differ by at most 1.
+/// *Guarantees*: the budget is spent exactly. Counts depend on geometry alone, not on radiance, and first-hit rays never
+/// contribute to the image. The image is thus unbiased for every budget, or sequence of budgets, that is known beforehand. (A
+/// limit on the *error* stops depending on the samples, and has its own bias.) A raised budget keeps the proportions as far as
+/// the samples already spent allow. Equal importance gives counts that differ by at most 1.
 ///
 /// *Weaknesses*: equal samples per cluster do not minimise the error; light, texture and gloss are ignored. With the published
 /// parameters, the MSE exceeds that of uniform counts if most of the error lies in large clusters, such as a textured floor, by
@@ -113,8 +114,8 @@ pub struct ClusterThesis<P> {
 }
 
 impl<P: PointSet> ClusterThesis<P> {
-    /// Creates the sampler with the size measure and parameters of [Lan 2016], planned from these probes. It works only for the
-    /// frame of the probes.
+    /// Creates the sampler with the size measure and parameters of [Lan 2016], planned from these first-hit rays. It works only
+    /// for the frame of the first-hit rays.
     ///
     /// # Errors
     ///
@@ -123,8 +124,8 @@ impl<P: PointSet> ClusterThesis<P> {
         Self::with_options(points, first_hits, clusters, ClusterSize::ProjectedBox, ClusterThesisOptions::default())
     }
 
-    /// Creates the sampler with any size measure and parameters, planned from these probes. It works only for the frame of the
-    /// probes.
+    /// Creates the sampler with any size measure and parameters, planned from these first-hit rays. It works only for the frame
+    /// of the first-hit rays.
     ///
     /// # Errors
     ///
@@ -146,13 +147,13 @@ impl<P: PointSet> ClusterThesis<P> {
         Ok(Self { points, size, options, placement, source: None, visible: None, handle, prior })
     }
 
-    /// Creates the sampler with any size measure and parameters. It traces its probes at the first plan for a frame, which need
-    /// not be known in advance. [`ClusterThesis::handle`] reports their cost.
+    /// Creates the sampler with any size measure and parameters. It traces its first-hit rays at the first plan for a frame,
+    /// which need not be known in advance. [`ClusterThesis::handle`] reports their cost.
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`] for a weight below 0, a maximum below the minimum, or 0 or more than 256 probes per pixel. Wrong
-    /// labels and clusters are errors of the first plan.
+    /// [`Error::OutOfRange`] for a weight below 0, a maximum below the minimum, or 0 or more than 256 first-hit rays per pixel.
+    /// Wrong labels and clusters are errors of the first plan.
     pub fn tracing(
         points: P,
         source: FirstHitSource,
@@ -174,12 +175,12 @@ impl<P: PointSet> ClusterThesis<P> {
         Self { visible: Some(visible), ..self }
     }
 
-    /// A handle to the probes that the sampler traces. It stays empty if the probes were passed in.
+    /// A handle to the first-hit rays that the sampler traces. It stays empty if the first-hit rays were passed in.
     pub fn handle(&self) -> FirstHitsHandle {
         self.handle.clone()
     }
 
-    /// The sampling weights of the frame's pixels. Traces the frame's probes first if necessary.
+    /// The sampling weights of the frame's pixels. Traces the frame's first-hit rays first if necessary.
     fn weights(&mut self, frame: &Frame) -> Result<&[f64], Error> {
         if self.prior.as_ref().is_none_or(|p| p.frame != *frame) {
             let Some(source) = &self.source else {
@@ -202,7 +203,7 @@ impl<P: PointSet> ClusterThesis<P> {
             let clusters = source.clusters.len();
             importance
                 .raise(&first_hits, &visibility_variances(&first_hits, clusters, &self.points, rays, &**visible)?);
-            // Each shadow ray needs a probe's ray too.
+            // Each shadow ray needs a first-hit ray too.
             let seen = first_hits.class_counts(clusters)?[..clusters].iter().filter(|&&n| n > 0).count() as u64;
             first_hits.add_cost(2 * u64::from(rays) * seen, clock.seconds());
         }

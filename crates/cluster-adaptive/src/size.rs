@@ -1,4 +1,4 @@
-//! The size of a cluster, by its box or by its triangles, and the sampling rate that its probes predict.
+//! The size of a cluster, by its box or by its triangles, and the sampling rate that its first-hit rays predict.
 
 use crate::Error;
 use crate::first_hits::{BACKGROUND, ClusterHit, FirstHits};
@@ -12,14 +12,14 @@ pub enum ClusterSize {
     /// ly lz |dx|`, in world units [Lan 2016, 2.3]. `lx`, `ly` and `lz` are the box's edges.
     #[default]
     ProjectedBox,
-    /// The sum of the areas of the cluster's triangles, projected along the probe's ray, in world units [Lan 2016, 3.2.2 a]. A
-    /// box may be much larger than its triangles.
+    /// The sum of the areas of the cluster's triangles, projected along the first-hit ray, in world units [Lan 2016, 3.2.2 a].
+    /// A box may be much larger than its triangles.
     ProjectedTriangles(AreaVectors),
     /// The film area of the cluster's box in perspective, in pixels: [`projected_box_area`] with this world-to-clip matrix. The
     /// projected box of [Lan 2016, 2.3] ignores perspective.
     ScreenBox([[f32; 4]; 4]),
-    /// The number of probes that hit the cluster, divided by the probes per pixel. This is the number of pixels that the
-    /// cluster covers, with occlusion and perspective. The background counts as a cluster.
+    /// The number of first-hit rays that hit the cluster, divided by the first-hit rays per pixel. This is the number of pixels
+    /// that the cluster covers, with occlusion and perspective. The background counts as a cluster.
     Hits,
 }
 
@@ -60,8 +60,8 @@ pub struct Rates {
     /// not negative; 0 for a first-hit ray without a hit. Only proportions matter, except with [`PixelArea::Footprint`],
     /// [`ClusterSize::ScreenBox`] and [`ClusterSize::Hits`], where a cluster of `n` pixels gives `1 / n`.
     pub values: Vec<f64>,
-    /// The number of probes whose cluster has no size (a point, a line, or corners that are not finite). Their rate is the
-    /// largest rate of the other probes.
+    /// The number of first-hit rays whose cluster has no size (a point, a line, or corners that are not finite). Their rate is
+    /// the largest rate of the other first-hit rays.
     pub replaced: usize,
 }
 
@@ -69,10 +69,10 @@ pub struct Rates {
 /// before `f`].
 ///
 /// The thesis estimates the pixel's true rate `R sum_i Scc_i / Sc_i` with one ray, as `R SP / SC`. The sum is over the clusters
-/// that the pixel sees, and `Scc_i` is the part of cluster `i` in it. A probe through the pixel's centre is correct if one
-/// cluster fills the pixel. A probe placed uniformly in the pixel hits cluster `i` with probability `Scc_i / SP`, so its
-/// expectation is the true rate for any pixel. The mean over [`Placement::Jittered`](crate::Placement::Jittered) probes is thus
-/// unbiased.
+/// that the pixel sees, and `Scc_i` is the part of cluster `i` in it. A first-hit ray through the pixel's centre is correct if
+/// one cluster fills the pixel. A first-hit ray placed uniformly in the pixel hits cluster `i` with probability `Scc_i / SP`,
+/// so its expectation is the true rate for any pixel. The mean over [`Placement::Jittered`](crate::Placement::Jittered)
+/// first-hit rays is thus unbiased.
 ///
 /// # Errors
 ///

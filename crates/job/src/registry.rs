@@ -24,7 +24,7 @@ pub struct MadeSampler {
     pub sampler: Box<dyn Sampler>,
     /// The clusters; `None` if it uses none.
     pub clusters: Option<Arc<WorldClusters>>,
-    /// The probes that the sampler traces for its first plan; stays empty if it traces none.
+    /// The first-hit rays that the sampler traces for its first plan; stays empty if it traces none.
     pub first_hits: FirstHitsHandle,
     /// A handle to the samples that the sampler places itself; `None` if it places none.
     pub placed: Option<PlacedHandle>,

@@ -1,4 +1,4 @@
-//! The clusters, probes and sample coordinates that samplers and filters take from a renderer.
+//! The clusters, first-hit rays and sample coordinates that samplers and filters take from a renderer.
 
 use crate::RegistryError;
 #[cfg(feature = "classics")]
@@ -9,7 +9,7 @@ use dapple_core::FirstHit;
 use dapple_denoise::ClusterLookup;
 use std::sync::Arc;
 
-/// Clusters of a scene, first-hit probes, and the meaning of sample coordinates, for the methods that use them.
+/// Clusters of a scene, first-hit rays, and the meaning of sample coordinates, for the methods that use them.
 ///
 /// A renderer implements this trait for its scene, or fills [`HostClusters`]. Any input may be missing. Without clusters,
 /// `cluster-regression` and `bilateral` work on features alone, and `cluster-gaussian` and `cluster-thesis` cannot be created.
@@ -22,7 +22,7 @@ pub trait ClusterInputs {
     /// [`ClusterInputError`] if there is no scene yet, or clustering failed.
     fn labels(&self, params: &ClusterParams) -> Result<Option<ClusterLookup>, ClusterInputError>;
 
-    /// Clusters made with `params`, and the function that traces probes; `None` if there are none.
+    /// Clusters made with `params`, and the function that traces first-hit rays; `None` if there are none.
     ///
     /// # Errors
     ///
@@ -44,8 +44,8 @@ pub trait ClusterInputs {
         Ok(None)
     }
 
-    /// The function that traces shadow rays from the hits of probes, for `cluster-thesis` with `lights` above 0; `None` by
-    /// default.
+    /// The function that traces shadow rays from the hits of first-hit rays, for `cluster-thesis` with `lights` above 0; `None`
+    /// by default.
     ///
     /// # Errors
     ///
@@ -115,13 +115,14 @@ pub struct ClusterFirstHits {
     pub labels: Arc<[u32]>,
     /// The clusters.
     pub clusters: Arc<[Cluster]>,
-    /// The function that traces a probe ray and returns its first hit, and the index in `labels` of the primitive that was hit.
+    /// The function that traces a first-hit ray and returns its first hit, and the index in `labels` of the primitive that was
+    /// hit.
     pub shoot: TraceFirstHit,
 }
 
 impl ClusterFirstHits {
-    /// Probes of a scene in which each object (sphere, instance, distance field) is one cluster. `bounds` holds the smallest
-    /// and largest corner of each object's bounding box. `shoot` returns the object's index in `bounds` as
+    /// First-hit rays of a scene in which each object (sphere, instance, distance field) is one cluster. `bounds` holds the
+    /// smallest and largest corner of each object's bounding box. `shoot` returns the object's index in `bounds` as
     /// [`ProbeHit::primitive`].
     pub fn of_objects(
         bounds: &[[[f32; 3]; 2]],
@@ -142,8 +143,8 @@ impl ClusterFirstHits {
 
 /// A function that traces the ray through the centres of a pixel and of the lens. The pixel is given in the full image.
 ///
-/// It returns the first hit, and the radius in pixels of the circle of confusion there: negative in front of the plane in focus,
-/// 0 without a lens. It must be pure.
+/// It returns the first hit, and the radius in pixels of the circle of confusion there: negative in front of the plane in
+/// focus, 0 without a lens. It must be pure.
 pub type TraceLensHit = Arc<dyn Fn([u32; 2]) -> (Option<FirstHit>, f32) + Send + Sync>;
 
 /// The tracer of first hits through the centre of the lens, for the sampler `fourier-dof` and the filter `splat`.

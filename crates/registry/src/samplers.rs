@@ -27,7 +27,7 @@ pub type MakeSampler = fn(&Parameters, AnyPoints, &dyn ClusterInputs) -> Result<
 pub struct MadeSampler {
     /// The sampler.
     pub sampler: Box<dyn Sampler>,
-    /// The probes that the sampler traces for its first plan; stays empty if it traces none.
+    /// The first-hit rays that the sampler traces for its first plan; stays empty if it traces none.
     pub first_hits: FirstHitsHandle,
     /// A handle to the samples that the sampler places itself; `None` if it places none.
     #[cfg(feature = "classics")]

@@ -206,7 +206,7 @@ pub struct Run {
     /// The total number of samples requested; a method with a stopping rule may use fewer.
     #[serde(default)]
     pub asked: u64,
-    /// The total number of samples traced, excluding probe rays.
+    /// The total number of samples traced, excluding first-hit rays.
     pub samples: u64,
     /// The mean number of samples traced per pixel.
     pub spp: f64,

@@ -1,5 +1,5 @@
 //! Paths from the lights: emission, specular and rough scattering, and passage through media. Also utilities that several
-//! integrators share: camera rays that probe the world, shadow rays, and checks for unsupported effects.
+//! integrators share: first-hit rays, shadow rays, and checks for unsupported effects.
 
 use dapple_core::{Block, Draws, Frame, HostNumbers, SampleId, integrator::Pass, parallel, point_set::streams};
 use dapple_geometry::spawn_ray;
@@ -23,7 +23,7 @@ const STRIDE: u32 = 2;
 /// The largest number of hits of a path, passed surfaces included.
 const MOST_HITS: u32 = 10_000;
 
-/// Returns the random numbers of a camera ray that only probes the scene.
+/// Returns the random numbers of a first-hit ray.
 pub(crate) fn pilot_draws(pixel: [u32; 2]) -> Draws<'static> {
     Draws::new(&HostNumbers, SampleId::new(pixel, streams::FIRST_HITS, 0))
 }
@@ -35,7 +35,7 @@ pub(crate) fn grid(frame: &Frame, side: u32) -> impl Iterator<Item = [u32; 2]> {
     (0..side * side).map(move |i| [at(i % side, width), at(i / side, height)])
 }
 
-/// Returns the first hit of a probing camera ray through a pixel, and the ray's direction.
+/// Returns the first hit of a ray through a pixel, and the ray's direction.
 pub(crate) fn first_hit(world: &World, pixel: [u32; 2]) -> Option<(Interaction<'_>, Vec3)> {
     let (ray, time) = world.camera_ray(&pilot_draws(pixel));
     Some((world.closest_hit(&ray, time)?, ray.direction))

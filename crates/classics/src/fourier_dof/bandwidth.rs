@@ -244,7 +244,8 @@ struct Surface {
 }
 
 impl Surface {
-    /// The surface that a probe found. A hit with NaN or infinite values counts as a miss, and radii are at most `largest`.
+    /// The surface that a first-hit ray found. A hit with NaN or infinite values counts as a miss, and radii are at most
+    /// `largest`.
     fn new((hit, confusion): (Option<FirstHit>, f32), largest: f32) -> Self {
         let none = FirstHit::new([0.0; 3], [0.0; 3], 0.0).with_albedo([0.0; 3]).with_roughness(0.0);
         let hit = hit.filter(|hit| {

@@ -16,7 +16,7 @@ pub struct RenderedImage {
     pub filter: String,
     /// Wall seconds of each phase.
     pub seconds: PhaseSeconds,
-    /// The number of rays traced as probes. The film's number of rays does not include them.
+    /// The number of rays traced as first-hit rays. The film's number of rays does not include them.
     pub first_hit_rays: u64,
     /// Warnings about the samples, the clusters and the filter.
     pub warnings: Vec<Warning>,
@@ -31,9 +31,9 @@ pub struct PhaseSeconds {
     pub bvh: f64,
     /// Clustering.
     pub cluster: f64,
-    /// Tracing probes.
+    /// Tracing first-hit rays.
     pub first_hits: f64,
-    /// Planning, excluding probes.
+    /// Planning, excluding first-hit rays.
     pub plan: f64,
     /// Tracing.
     pub trace: f64,
@@ -122,7 +122,7 @@ impl Job {
         RenderedImage { film, filtered, filter, seconds, first_hit_rays: first_hits.rays, warnings }
     }
 
-    /// Warnings about a clustering grid that is too coarse, and about probes that hit a NaN or infinite position.
+    /// Warnings about a clustering grid that is too coarse, and about first-hit rays that hit a NaN or infinite position.
     fn clusters_warnings(&self) -> Vec<Warning> {
         let report = self.clusters().and_then(|clusters| clusters.report()).filter(|report| report.is_degenerate());
         let degenerate = report.map(|report| {

@@ -1,7 +1,7 @@
 //! Equal-time runs: each method gets the time that the baseline takes at one budget.
 //!
 //! 1. A method's time is modelled as `fixed + rate * samples`, from medians over seeds at the nearest budget. `fixed` is the
-//! time of clustering, probe rays and filter.
+//! time of clustering, first-hit rays and filter.
 //! 2. The model is solved for the number of samples that takes the baseline's median time with `time_of` spp.
 //! 3. The time of the first seed's run is compared with the time of the baseline's equal-time run. If it differs by more than 5
 //! %, the run is repeated. If both times differ, the number of samples is corrected once, from the run whose time is nearer.

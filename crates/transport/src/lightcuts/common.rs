@@ -11,20 +11,20 @@ use dapple_core::{Frame, parallel};
 use dapple_renderer::{GatherPoint, World};
 use std::collections::BTreeMap;
 
-/// The mean number of probes per cluster, over the clusters that the camera sees.
+/// The mean number of first-hit rays per cluster, over the clusters that the camera sees.
 const FIRST_HITS: u32 = 4;
 
 /// The common cuts of clusters, one for each side of a cluster.
 #[derive(Clone, Debug)]
 pub(super) struct CommonCuts {
     patches: Patches,
-    /// The start index in `nodes` of each side's cut. Sides that no probe hit have an empty cut.
+    /// The start index in `nodes` of each side's cut. Sides that no first-hit ray hit have an empty cut.
     starts: Vec<u32>,
     nodes: Vec<NodeId>,
 }
 
 impl CommonCuts {
-    /// Returns the common cut at a surface point; empty if no probe hit that side of its cluster.
+    /// Returns the common cut at a surface point; empty if no first-hit ray hit that side of its cluster.
     pub(super) fn at(&self, world: &World, vertex: &GatherPoint<'_>) -> &[NodeId] {
         let key = self.patches.side_at(world, vertex.at, vertex.back);
         &self.nodes[self.starts[key] as usize..self.starts[key + 1] as usize]
@@ -32,7 +32,7 @@ impl CommonCuts {
 }
 
 impl CutLight<'_> {
-    /// Computes the common cuts of clusters from the cuts of probes. Returns them with the number of rays traced.
+    /// Computes the common cuts of clusters from the cuts of first-hit rays. Returns them with the number of rays traced.
     pub(super) fn common_cuts(&self, patches: Patches, frame: &Frame) -> (CommonCuts, u64) {
         let side = f64::from(FIRST_HITS * self.options.clusters).sqrt().ceil() as u32;
         let mut first_hits: BTreeMap<usize, Vec<[u32; 2]>> = BTreeMap::new();
