@@ -90,7 +90,7 @@ fn limit(given: Option<u64>) -> MemoryLimit {
     given.map_or_else(MemoryLimit::of_machine, MemoryLimit::given)
 }
 
-/// Filters the merged film of shards, or of a plan whose samples are all traced, and writes the image files.
+/// Filters the merged film of parts, or of a plan whose samples are all traced, and writes the image files.
 pub(crate) fn merge(
     film: impl FnOnce(&mut Job) -> std::result::Result<Traced, JobError>,
     spec: &RenderSpec,
@@ -165,7 +165,7 @@ pub(crate) struct Show<'a> {
     pub(crate) progress_every: Option<f64>,
 }
 
-/// The estimated memory of a render, which is unknown for merged shards, and the processor seconds before it.
+/// The estimated memory of a render, which is unknown for merged parts, and the processor seconds before it.
 type Before<'a> = (Option<&'a MemoryEstimate>, Option<f64>);
 
 impl<'a> From<&'a RenderArgs> for Show<'a> {
@@ -185,7 +185,7 @@ impl<'a> From<&'a RenderArgs> for Show<'a> {
 }
 
 impl Show<'_> {
-    /// Returns the image files to write; an empty list for a shard.
+    /// Returns the image files to write; an empty list for a part.
     fn files(&self, loaded: &LoadedScene) -> Result<OutputFiles> {
         let files = match self.outputs {
             [] => OutputFiles::defaults(&name(&loaded.scene), &loaded.spec.sampler),
@@ -282,7 +282,7 @@ struct Report<'a> {
     job: &'a Job,
     image: &'a RenderedImage,
     cpu: Option<f64>,
-    /// The estimated memory of the render; `None` for merged shards, which other machines rendered.
+    /// The estimated memory of the render; `None` for merged parts, which other machines rendered.
     expected: Option<&'a MemoryEstimate>,
 }
 

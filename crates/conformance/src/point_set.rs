@@ -7,7 +7,7 @@ use rayon::prelude::*;
 ///
 /// * Range: every coordinate is in `[0, 1)`, also at the last index, the last block and far pixels.
 /// * Purity: the same bits in forward, backward and interleaved order, on several threads, in pairs of blocks, and in
-///   batches of any size.
+///   any number at a time.
 /// * Uniformity: mean and variance of each coordinate over pixels are those of uniform numbers, and values come close
 ///   to both 0 and 1.
 /// * Independence: pixels at five lags, streams, and blocks up to number 4000 are uncorrelated, also in the order in
@@ -204,7 +204,7 @@ fn pairs(points: &dyn PointSet) {
     }
 }
 
-/// Checks that a pixel's samples do not depend on batches, or on other reads in between.
+/// Checks that a pixel's samples do not depend on how many are read at a time, or on other reads in between.
 fn batches(points: &dyn PointSet) {
     let n = points.capacity().min(64);
     let whole: Vec<_> = (0..n).map(|i| points.block(id([5, 5], 0, i), 1)).collect();
@@ -215,7 +215,7 @@ fn batches(points: &dyn PointSet) {
                 assert_eq!(
                     points.block(id([5, 5], 0, index), 1),
                     whole[index as usize],
-                    "{}: sample {index} changed when it was read in another batch",
+                    "{}: sample {index} changed when it was read after another number of samples",
                     points.describe()
                 );
             }

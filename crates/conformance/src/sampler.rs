@@ -24,7 +24,7 @@ pub enum Spending {
 /// * the budget is spent exactly, also if the render loop raises it later;
 /// * every pixel's count lies between floor and ceiling, and every plan is valid;
 /// * images have no NaN or infinity;
-/// * the image's bits do not depend on threads, tiles, slices or task order, and a second run repeats them;
+/// * the image's bits do not depend on threads, tiles, calls of the monitor or task order, and a second run repeats them;
 /// * a render resumed from any snapshot ends with the same bits ([`Sampler::save`]);
 /// * the sampler's description begins with its name, and neither changes.
 ///
@@ -336,7 +336,7 @@ fn resumes(make: Make<'_>, frame: Frame, scene: Scene) {
         let film = resumed(bytes, &unsliced, 1 + i % 3);
         assert!(
             bits(&film) == whole,
-            "{case}: resumed after slice {i} it gives other bits; save() must return all state"
+            "{case}: resumed after call {i} of the monitor it gives other bits; save() must return all state"
         );
     }
     let later = resumed(&keeper.end, &Limits::samples(43 * pixels), 2);

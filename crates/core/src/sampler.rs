@@ -5,7 +5,7 @@ use crate::plan::{Plan, Progress, SamplerMemory};
 use crate::{Error, Film, Frame, Limits, Needs, PointSet, film::Recorder};
 use std::sync::Arc;
 
-/// A render's sample budget, spent and total, at the time a round (a batch of samples) is planned.
+/// A render's sample budget, spent and total, at the time a round is planned.
 ///
 /// ```
 /// use dapple_core::plan::BudgetLeft;
@@ -169,7 +169,7 @@ pub trait Sampler: Send {
     /// The point set that supplies the samples' random numbers.
     fn points(&self) -> &dyn PointSet;
 
-    /// Plans the next round (batch of samples). Fills `plan`, whose counts are 0, and returns [`Progress::Trace`], or
+    /// Plans the next round, the samples until the next call. Fills `plan`, whose counts are 0, and returns [`Progress::Trace`], or
     /// returns [`Progress::Done`] if no more samples are wanted. The film is empty in round 0.
     ///
     /// A plan may have at most `seen.budget.left()` samples. A sampler that spends the budget exactly plans until

@@ -46,7 +46,7 @@ fn message(name: &str, section: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// A message of runs of rows. All runs of a process are one message, so that a process that sends meets one that receives:
+/// A message of rows. All rows of a process are one message, so that a process that sends meets one that receives:
 /// messages of MPI may wait for that.
 fn rows_message<'a>(runs: impl IntoIterator<Item = &'a Vec<u8>>) -> Vec<u8> {
     let mut bytes = container::begin(0);
@@ -54,13 +54,13 @@ fn rows_message<'a>(runs: impl IntoIterator<Item = &'a Vec<u8>>) -> Vec<u8> {
     bytes
 }
 
-/// The runs of rows of each part of a stage. Runs of a part lie apart, so that parts take about equal times where some rows
+/// The number of ranges of rows of each part of a stage. They lie apart, so that parts take about equal times where some rows
 /// of an image cost more than others.
 const RUNS: u32 = 8;
 
-/// The rows of a stage that part `index` of `parts` traces, as runs from the top. Follows from the plan alone.
+/// The rows of a stage that part `index` of `parts` traces, as ranges from the top. Follows from the plan alone.
 pub fn rows_of_part(session: &Session<'_>, stage: &Stage, index: u32, parts: u32) -> Vec<Range<u32>> {
-    // An integrator that prepares for each of several passes would do so again for each run.
+    // An integrator that prepares for each of several passes would do so again for each range.
     let runs = if stage.passes() > 1 { 1 } else { RUNS };
     let runs = session.deal(stage, parts.saturating_mul(runs));
     runs.into_iter().skip(index as usize).step_by(parts as usize).collect()
@@ -70,7 +70,7 @@ pub fn rows_of_part(session: &Session<'_>, stage: &Stage, index: u32, parts: u32
 /// the end of the stage before.
 ///
 /// The session may be a new one, or one resumed from a snapshot of any render of the same settings, by however many processes.
-/// `monitor` is called after each stage and at the end, `stop` between slices of this process's own rows.
+/// `monitor` is called after each stage and at the end, `stop` while this process traces its own rows.
 ///
 /// # Errors
 ///

@@ -24,7 +24,7 @@ use std::time::Instant;
 pub struct LoadOptions {
     /// The largest memory of the render; scene files longer than this are not read.
     pub limit: MemoryLimit,
-    /// If `true`, hashes every byte read. Checkpoints and shards need this digest.
+    /// If `true`, hashes every byte read. Checkpoints and parts need this digest.
     pub digest: bool,
 }
 
@@ -88,7 +88,7 @@ impl LoadedScene {
     }
 
     /// Uses `scene` instead of reading the scene named in the description. The result has no digest, so the render can
-    /// write no checkpoints or shards.
+    /// write no checkpoints or parts.
     ///
     /// # Errors
     ///
@@ -106,7 +106,7 @@ impl LoadedScene {
         check_capacity(spec, frame)?;
         if let Some(shard) = spec.shard.filter(|shard| shard.of() > frame.size()[1]) {
             let rows = frame.size()[1];
-            let why = format!("a window of {rows} rows has {rows} shards at most");
+            let why = format!("a window of {rows} rows has {rows} parts at most");
             return Err(JobError::NoShard { shard, why });
         }
         let memory = MemoryEstimate::of_scene(&scene, &frame);
@@ -329,7 +329,7 @@ pub fn check_integrator(request: &str) -> Result<(), IntegratorError> {
 /// The integrator of a render, `NAME` or `NAME:key=value,…`, and the caustics that call for photons, if they do.
 ///
 /// The default takes photons for a scene with [caustics that paths find by chance only](Effects::found_by_chance). Motion
-/// blur and shards leave it with path tracing, since photons have no time and a shard would trace those of the whole image.
+/// blur and parts leave it with path tracing, since photons have no time and a part would trace those of the whole image.
 pub(crate) fn chosen_integrator(spec: &RenderSpec, scene: &Scene) -> (String, Option<CalledEffect>) {
     if spec.integrator != DEFAULT_INTEGRATOR {
         return (spec.integrator.clone(), None);

@@ -204,7 +204,7 @@ impl MemoryEstimate {
     }
 
     /// The memory of a prepared render. `files` is the peak in bytes for writing a file, besides film and image. `keeps` states
-    /// that the film is also encoded as bytes, for a checkpoint or shard. `light` and `training` are the bytes of light that the
+    /// that the film is also encoded as bytes, for a checkpoint or part. `light` and `training` are the bytes of light that the
     /// integrator prepares and of what it learns, at most. `self` is the estimate from the scene.
     pub(crate) fn of_render(&self, memory: &ImageMemory, files: u64, keeps: bool, [light, training]: [u64; 2]) -> Self {
         let [now, most] = resident().unwrap_or([self.scene, 0]);
@@ -238,7 +238,7 @@ impl MemoryEstimate {
         self
     }
 
-    /// Counts the film only once if it is in memory already, as that of merged shards is.
+    /// Counts the film only once if it is in memory already, as that of merged parts is.
     #[must_use]
     pub fn with_film_in_memory(self) -> Self {
         Self { scene: self.scene.saturating_sub(self.film), ..self }

@@ -21,7 +21,7 @@ pub const DEFAULT_INTEGRATOR: &str = "auto";
 
 /// A description of a render: all settings that decide the pixels of an image.
 ///
-/// Shards and checkpoints store the description as JSON, and `dapple render --spec FILE` reads it. Paths are text, or a list of bytes where they are not UTF-8.
+/// Parts and checkpoints store the description as JSON, and `dapple render --spec FILE` reads it. Paths are text, or a list of bytes where they are not UTF-8.
 /// Fields that are missing from the JSON have the values of [`RenderSpec::new`]; unknown fields are refused. The fields that most
 /// renders set have functions of their names.
 ///
@@ -83,7 +83,7 @@ pub struct RenderSpec {
     pub without: Vec<Effect>,
     /// If `true`, unsupported directives of a scene are warnings instead of errors.
     pub allow_unsupported: bool,
-    /// The shard (a run of rows of the image) to render; `None` renders the whole image.
+    /// The part of the image's rows to render; `None` renders the whole image.
     #[serde(with = "names::shard", skip_serializing_if = "Option::is_none")]
     pub shard: Option<Shard>,
 }
@@ -280,9 +280,9 @@ impl RenderSpec {
     }
 
     /// The rule in effect for selecting one of several lights: [`light_selection`](Self::light_selection) if it is set.
-    /// The default is [`LightSelection::Learned`] for a whole image and [`LightSelection::Power`] for a shard.
+    /// The default is [`LightSelection::Learned`] for a whole image and [`LightSelection::Power`] for a part.
     ///
-    /// A shard cannot use learned selection, because training needs samples of the whole image.
+    /// A part cannot use learned selection, because training needs samples of the whole image.
     pub fn selection(&self) -> LightSelection {
         let default = if self.shard.is_some() { LightSelection::Power } else { LightSelection::Learned };
         self.light_selection.unwrap_or(default)
@@ -353,11 +353,11 @@ impl RenderSpec {
         fine("integrator", check_integrator(&self.integrator))?;
         let learned = self.shard.is_some() && self.selection() == LightSelection::Learned;
         refuse(learned, "light_selection", || {
-            "learned light selection needs samples of the whole image, and cannot be sharded; use power, or render in stages"
+            "learned light selection needs samples of the whole image, and cannot be rendered in parts; use power, or render in stages"
                 .into()
         })?;
         let open = self.shard.is_some() && matches!(self.budget, BudgetSpec::Error(_) | BudgetSpec::Seconds(_));
-        refuse(open, self.budget.field(), || "a shard needs a number of samples; give spp".into())
+        refuse(open, self.budget.field(), || "a part needs a number of samples; give spp".into())
     }
 
     /// Checks the budget, and the bounds of samples per pixel.
@@ -418,7 +418,7 @@ fn is_above_zero(x: f64) -> bool {
     x.is_finite() && x > 0.0
 }
 
-/// A part of an image that one of several machines renders.
+/// A part of the rows of a stage, traced by one of several machines.
 ///
 /// ```
 /// let shard: dapple_job::Shard = "2/4".parse()?;
@@ -432,12 +432,12 @@ pub struct Shard {
 }
 
 impl Shard {
-    /// The shard's number, from 0.
+    /// The part's number, from 0.
     pub const fn index(&self) -> u32 {
         self.index
     }
 
-    /// The number of shards of the image.
+    /// The number of parts of the image.
     pub const fn of(&self) -> u32 {
         self.of
     }
@@ -451,7 +451,7 @@ impl FromStr for Shard {
         let parse = |(i, n): (&str, &str)| Some((i.parse::<u32>().ok()?.checked_sub(1)?, n.parse().ok()?));
         match text.split_once('/').and_then(parse).filter(|(index, of)| index < of) {
             Some((index, of)) => Ok(Self { index, of }),
-            None => Err(format!("\"{text}\" is not a shard I/N, the I-th of N; examples are 1/4 and 4/4")),
+            None => Err(format!("\"{text}\" is not a part I/N, the I-th of N; examples are 1/4 and 4/4")),
         }
     }
 }
@@ -480,7 +480,7 @@ mod names {
         }
     }
 
-    /// Serialisation of a shard as `I/N`, with I from 1.
+    /// Serialisation of a part as `I/N`, with I from 1.
     pub(super) mod shard {
         use super::Shard;
         use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};

@@ -1,4 +1,4 @@
-//! Rounds of a session, cut into tiles.
+//! Rounds of a session, divided into tiles.
 
 use super::budget::Stopwatch;
 use super::feature_samples::Turn;
@@ -175,8 +175,8 @@ impl<'s> Round<'s> {
         self.submit(tile)
     }
 
-    /// Traces the rest of the round in batches of at most `most` samples, for renderers that trace waves of rays. `trace` returns a
-    /// result for each sample of a batch, in the same order.
+    /// Traces the rest of the round, at most `most` samples at a time, for renderers that trace waves of rays. `trace` returns a
+    /// result for each sample, in the same order.
     ///
     /// # Errors
     ///

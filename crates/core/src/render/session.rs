@@ -340,7 +340,7 @@ impl<'a> Session<'a> {
         Ok(stopped == Stopped::AtEnd)
     }
 
-    /// Calls the monitor between two slices. Its time is not the render's.
+    /// Calls the monitor. Its time is not the render's.
     fn show<T>(&mut self, monitor: &mut dyn Monitor, show: impl FnOnce(&mut dyn Monitor, &Status<'_>) -> T) -> T {
         let seconds = self.clock.seconds();
         let view = self.view(seconds);
@@ -359,7 +359,7 @@ impl<'a> Session<'a> {
         answer
     }
 
-    /// Shows the state of the session to a monitor, as a render does after a slice.
+    /// Shows the state of the session to a monitor, as a render does while it traces.
     pub fn show_to(&mut self, monitor: &mut dyn Monitor) -> Control {
         self.show(monitor, |monitor, status| monitor.slice(status))
     }

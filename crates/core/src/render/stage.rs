@@ -230,7 +230,7 @@ impl Session<'_> {
 }
 
 impl Render<'_> {
-    /// Traces rows that [`Session::rows_of`] has cut out, to the end of their stage. Returns them for [`Session::join`]; `None`
+    /// Traces rows of [`Session::rows_of`], to the end of their stage. Returns them for [`Session::join`]; `None`
     /// if the monitor stopped it.
     ///
     /// The integrator learns the training passes that `ready` lacks, and is prepared unless it is for this pass.

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// The sections that traced runs of rows are, in the order of tracing.
+/// The sections of traced rows, in the order of tracing.
 pub const ROWS: &str = "rows";
 /// The section that the header is, after those of the state.
 const HEADER: &str = "header";
@@ -136,7 +136,7 @@ impl StateFile {
         self.bytes
     }
 
-    /// The traced runs of rows in it.
+    /// The traced rows in it, in the order of tracing.
     pub fn rows(&self) -> impl Iterator<Item = &[u8]> {
         let found = sections(&self.bytes).unwrap_or_default();
         found.into_iter().filter(|(name, _)| *name == ROWS).map(|(_, section)| section)
@@ -175,7 +175,7 @@ impl StateFile {
     }
 }
 
-/// An error of writing or reading a checkpoint or shard file. Each message names the file and the remedy.
+/// An error of writing or reading a checkpoint or part file. Each message names the file and the remedy.
 #[non_exhaustive]
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
@@ -200,7 +200,7 @@ pub enum Error {
     Missing {
         /// The path of the missing file.
         path: PathBuf,
-        /// The name of the file's kind: `checkpoint` or `shard`.
+        /// The name of the file's kind: `checkpoint`, `plan` or `part`.
         kind: &'static str,
     },
     /// A file that the system cannot read.

@@ -1,4 +1,4 @@
-//! Renders by many machines: plan files and the rows that machines trace of them, shards, and processes that run together.
+//! Renders by many machines: plan files, the parts that machines trace of a stage, and processes that run together.
 
 use super::checkpoints::Watched;
 use super::identity::{PART, PLAN, SPEC, common, compared, joined, same_render};
@@ -21,7 +21,7 @@ pub struct PlanFile {
     file: StateFile,
 }
 
-/// Files of traced rows: those of a plan's stage, or the shards of an image.
+/// The parts of a stage, as files of traced rows: of a plan's stage, or of the only one of a render without a plan.
 pub struct RowsFiles {
     /// The description of the render.
     pub spec: RenderSpec,
@@ -71,12 +71,12 @@ impl RowsFiles {
         let first = files.first().filter(|_| troubles.is_empty());
         let Some((_, first)) = first else { return Err(JobError::Shards(troubles)) };
         let spec = RenderSpec::from_json(first.identity.value(SPEC).unwrap_or_default())?;
-        // Shards have another default light selection than whole images.
+        // Parts have another default light selection than whole images.
         let spec = RenderSpec { light_selection: Some(spec.selection()), shard: None, ..spec };
         Ok(Self { spec, files })
     }
 
-    /// The plan file of which they are rows, as it was named then; `None` for shards.
+    /// The plan file of which they are rows, as it was named then; `None` without a plan.
     pub fn plan(&self) -> Option<PathBuf> {
         let plan = self.files.first().and_then(|(_, file)| file.identity.value(PLAN));
         plan.map(of_text)
@@ -109,12 +109,12 @@ impl Job {
         Ok(StateFile::new(StateKind::Plan, identity, session.snapshot()).into_bytes())
     }
 
-    /// Traces a part of the rows of a plan's stage, or of the only stage of a render without a plan (a shard). Returns the
+    /// Traces a part of a plan's stage, or of the only stage of a render without a plan. Returns the
     /// bytes of a file; `None` if the monitor stopped it.
     ///
     /// # Errors
     ///
-    /// As [`Job::run`]; [`JobError::OtherRender`] for a plan of another render, [`JobError::NoShard`] for a shard of a render
+    /// As [`Job::run`]; [`JobError::OtherRender`] for a plan of another render, [`JobError::NoShard`] without a plan, for a render
     /// with more than one stage.
     pub fn trace_part(
         &mut self,
@@ -181,11 +181,11 @@ impl Job {
         }
     }
 
-    /// The film of all shards of an image.
+    /// The film of all parts of the only stage of a render without a plan.
     ///
     /// # Errors
     ///
-    /// [`JobError::Shards`] for shards that do not make an image together.
+    /// [`JobError::Shards`] for parts that do not make an image together.
     pub fn merge(&mut self, shards: &RowsFiles) -> Result<Traced, JobError> {
         self.check_rows(shards)?;
         let (mut session, mut integrator) = self.open(None)?;
@@ -263,7 +263,7 @@ impl Job {
         Ok(serve(trace, processes)?)
     }
 
-    /// Traces rows that a session has cut out.
+    /// Traces rows of a session.
     fn traced(
         &mut self,
         rows: &[u8],
@@ -301,14 +301,14 @@ impl Job {
     }
 }
 
-/// A file of traced runs of rows.
+/// A file of traced rows.
 fn rows_file(kind: StateKind, identity: &Identity, runs: &[Vec<u8>]) -> StateFile {
     let mut bytes = container::begin(runs.iter().map(Vec::len).sum());
     runs.iter().for_each(|run| container::append(&mut bytes, ROWS, run));
     StateFile::new(kind, identity.clone(), bytes)
 }
 
-/// Refuses shards of a render that has more than one stage.
+/// Refuses a part without a plan of a render that has more than one stage.
 fn only_stage(session: &Session<'_>, stage: &Stage, integrator: &dyn Integrator, shard: Shard) -> Result<(), JobError> {
     let all = session.samples_left();
     if session.samples_in(stage) == all && !integrator.wants_training() {
