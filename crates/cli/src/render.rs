@@ -90,7 +90,7 @@ fn limit(given: Option<u64>) -> MemoryLimit {
     given.map_or_else(MemoryLimit::of_machine, MemoryLimit::given)
 }
 
-/// Filters the merged film of shards, or of a plan whose samples are all traced, and writes the image files.
+/// Filters the merged film of parts, or of a plan whose samples are all traced, and writes the image files.
 pub(crate) fn merge(
     film: impl FnOnce(&mut Job) -> std::result::Result<Traced, JobError>,
     spec: &RenderSpec,
@@ -185,7 +185,7 @@ impl<'a> From<&'a RenderArgs> for Show<'a> {
 }
 
 impl Show<'_> {
-    /// Returns the image files to write; an empty list for a shard.
+    /// Returns the image files to write; an empty list for a part.
     fn files(&self, loaded: &LoadedScene) -> Result<OutputFiles> {
         let files = match self.outputs {
             [] => OutputFiles::defaults(&name(&loaded.scene), &loaded.spec.sampler),
@@ -283,7 +283,7 @@ struct Report<'a> {
     job: &'a Job,
     image: &'a RenderedImage,
     cpu: Option<f64>,
-    /// The estimated memory of the render; `None` for merged shards, which other machines rendered.
+    /// The estimated memory of the render; `None` for merged parts, which other machines rendered.
     expected: Option<&'a MemoryEstimate>,
 }
 

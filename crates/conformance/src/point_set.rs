@@ -203,7 +203,7 @@ fn pairs(points: &dyn PointSet) {
     }
 }
 
-/// Checks that a pixel's samples do not depend on batches, or on other reads in between.
+/// Checks that a pixel's samples do not depend on how many are read at a time, or on other reads in between.
 fn batches(points: &dyn PointSet) {
     let n = points.capacity().min(64);
     let whole: Vec<_> = (0..n).map(|i| points.block(id([5, 5], 0, i), 1)).collect();
@@ -214,7 +214,7 @@ fn batches(points: &dyn PointSet) {
                 assert_eq!(
                     points.block(id([5, 5], 0, index), 1),
                     whole[index as usize],
-                    "{}: sample {index} changed when it was read in another batch",
+                    "{}: sample {index} changed when it was read after another number of samples",
                     points.describe()
                 );
             }

@@ -336,7 +336,7 @@ fn resumes(make: Make<'_>, frame: Frame, scene: Scene) {
         let film = resumed(bytes, &unsliced, 1 + i % 3);
         assert!(
             bits(&film) == whole,
-            "{case}: resumed after slice {i}, it gives a different result; save() must return all state"
+            "{case}: resumed after call {i} of the monitor, it gives a different result; save() must return all state"
         );
     }
     let later = resumed(&keeper.end, &Limits::samples(43 * pixels), 2);

@@ -42,7 +42,7 @@
 //!
 //! # Guarantees
 //!
-//! * The image does not depend on the number of threads, on tiles, or on the division of a round into slices.
+//! * The image does not depend on the number of threads, on tiles, or on the division of a round into stages and parts.
 //! * Sample counts add up to the budget exactly, or an [`Error`] gives the reason.
 //! * A sample that is NaN, infinite or negative is rejected: it counts as a black sample, and can be replayed.
 //!

@@ -42,8 +42,7 @@ pub enum InvalidSample {
 pub struct Schedule {
     /// Rows of pixels per task, at least 1; 1 by default. Rounded up to a multiple of 16 in training passes.
     pub tile_rows: u32,
-    /// Samples per pixel in a slice, the work between two calls of the monitor. 0, the default, makes slices of about
-    /// 0.2 seconds.
+    /// Samples per pixel between two calls of the monitor. 0, the default, takes those of about 0.2 seconds.
     pub slice_spp: u32,
     /// The seed of a random permutation of tasks, for tests. 0, the default, keeps tasks in order.
     pub shuffle: u64,
@@ -59,8 +58,7 @@ impl Schedule {
     setters! {
         /// Sets the rows of pixels per task.
         with_tile_rows(tile_rows: u32);
-        /// Sets the samples per pixel in a slice, the work between two calls of the monitor; 0 makes slices of about 0.2
-        /// seconds.
+        /// Sets the samples per pixel between two calls of the monitor; 0 takes those of about 0.2 seconds.
         with_slice_spp(slice_spp: u32);
         /// Sets the seed of a random permutation of tasks; 0 keeps tasks in order.
         with_shuffle(shuffle: u64);

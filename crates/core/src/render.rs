@@ -51,9 +51,9 @@ use std::sync::Arc;
 /// }
 ///
 /// let frame = Frame::new(16, 9)?;
-/// let mut slices = 0;
+/// let mut calls = 0;
 /// let mut progress = |_: &Status<'_>| {
-///     slices += 1;
+///     calls += 1;
 ///     Control::Continue
 /// };
 /// let film = Render::new(frame, &Limits::samples(8 * 16 * 9))
@@ -62,7 +62,7 @@ use std::sync::Arc;
 ///     .run(&mut Ramp, &mut Uniform::new(Centre))?;
 /// assert_eq!(film.record().samples, 8 * 16 * 9);
 /// assert_eq!(film.moments(3).variance(), Some([0.0; 3]));
-/// assert!(slices > 0);
+/// assert!(calls > 0);
 /// # Ok::<(), dapple_core::Error>(())
 /// ```
 #[must_use = "nothing is rendered before `run` or `resume`"]
@@ -90,7 +90,7 @@ impl<'a> Render<'a> {
         self
     }
 
-    /// Sets the monitor that is called between slices of tracing (about 0.2 seconds each).
+    /// Sets the monitor that is called after about 0.2 seconds of tracing each.
     pub fn monitor(mut self, monitor: &'a mut dyn Monitor) -> Self {
         self.monitor = Some(monitor);
         self

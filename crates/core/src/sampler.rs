@@ -5,7 +5,7 @@ use crate::plan::{Plan, Progress, SamplerMemory};
 use crate::{Error, Film, Frame, Limits, Needs, PointSet, film::Recorder};
 use std::sync::Arc;
 
-/// A render's sample budget, spent and total, at the time a round (a batch of samples) is planned.
+/// A render's sample budget, spent and total, at the time a round is planned.
 ///
 /// ```
 /// use dapple_core::plan::BudgetLeft;

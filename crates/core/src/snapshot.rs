@@ -1,4 +1,4 @@
-//! Snapshots: the state of a render between two slices, as bytes.
+//! Snapshots: the state of a render between two calls of its monitor, as bytes.
 
 use crate::film::{Beside, Half, LampEdges, REJECTED_LISTED, Splats, Spread};
 use crate::film::{Record, Rejected};
@@ -83,7 +83,7 @@ impl View<'_> {
     }
 }
 
-/// The state of a render between two slices, with everything needed to resume it.
+/// The state of a render between two calls of its monitor, with everything needed to resume it.
 ///
 /// [`Status::snapshot`](crate::render::Status::snapshot) makes the bytes, and [`Render::resume`](crate::Render::resume)
 /// continues from them. This crate does no file I/O: a [`Monitor`](crate::render::Monitor) stores the bytes. Reading checks
@@ -111,7 +111,7 @@ impl View<'_> {
 /// let frame = Frame::new(8, 6)?;
 /// let limits = Limits::samples(4 * 8 * 6).with_schedule(Schedule::default().with_slice_spp(1));
 ///
-/// // Stop after the first slice of one sample per pixel.
+/// // Stop after the first sample of each pixel.
 /// let mut saved = Vec::new();
 /// let mut stop = |status: &Status<'_>| {
 ///     saved = status.snapshot();

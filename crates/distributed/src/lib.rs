@@ -61,7 +61,7 @@ const RUNS: u32 = 8;
 
 /// The rows of a stage that part `index` of `parts` traces, as runs from the top. Depends on the plan only.
 pub fn rows_of_part(session: &Session<'_>, stage: &Stage, index: u32, parts: u32) -> Vec<Range<u32>> {
-    // An integrator that prepares for each of several passes would do so again for each run.
+    // An integrator that prepares for each of several passes would do so again for each range.
     let runs = if stage.passes() > 1 { 1 } else { RUNS };
     let runs = session.deal(stage, parts.saturating_mul(runs));
     runs.into_iter().skip(index as usize).step_by(parts as usize).collect()

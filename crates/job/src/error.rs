@@ -71,7 +71,7 @@ pub enum JobError {
         /// The suggested remedy.
         advice: &'static str,
     },
-    /// A checkpoint or a shard that cannot be read or written.
+    /// A checkpoint or a part that cannot be read or written.
     #[error(transparent)]
     Checkpoint(#[from] checkpoint::Error),
     /// An existing checkpoint file that the render would overwrite without resuming from it.
@@ -80,10 +80,10 @@ pub enum JobError {
         /// The path of the existing checkpoint file.
         path: PathBuf,
     },
-    /// A checkpoint or shard file made by a render with other settings.
+    /// A checkpoint or part file made by a render with other settings.
     #[error("{}", other_render(path, differences))]
     OtherRender {
-        /// The checkpoint or shard file.
+        /// The checkpoint or part file.
         path: PathBuf,
         /// The settings that differ, one phrase for each.
         differences: Vec<String>,
@@ -96,18 +96,18 @@ pub enum JobError {
         /// The error of decoding the snapshot.
         source: dapple_core::Error,
     },
-    /// Shard files that cannot be read or do not belong together: one message per problem.
+    /// Part files that cannot be read or do not belong together: one message per problem.
     #[error("{}", .0.join("\n"))]
     Shards(Vec<String>),
     /// The message of a panic in the integrator.
     #[error("{0}")]
     Panicked(String),
-    /// An image that cannot be rendered as shards (runs of rows, one file for each machine).
-    #[error("shard {shard}: {why}")]
+    /// An image that cannot be rendered in parts without a plan.
+    #[error("part {shard}: {why}")]
     NoShard {
-        /// The shard that was requested.
+        /// The part that was requested.
         shard: Shard,
-        /// The reason why the image cannot be sharded.
+        /// The reason why the image cannot be rendered in parts.
         why: String,
     },
     /// A plan from which no image can be made yet, because samples are left to trace.
@@ -121,8 +121,8 @@ pub enum JobError {
         "the description does not match the prepared scene, resolution or light selection; prepare the scene again"
     )]
     OtherWorld,
-    /// A checkpoint or shard of a scene that was read without a digest (hash of its files).
-    #[error("checkpoints and shards need a digest of the scene; load the scene with LoadOptions::digest")]
+    /// A checkpoint or part of a scene that was read without a digest (hash of its files).
+    #[error("checkpoints and parts need a digest of the scene; load the scene with LoadOptions::digest")]
     NoDigest,
     /// Image files that cannot be written: one message per file.
     #[error("{}", .0.join("\n"))]

@@ -24,7 +24,7 @@ use std::time::Instant;
 pub struct LoadOptions {
     /// The memory limit of the render; scene files larger than this are not read.
     pub limit: MemoryLimit,
-    /// If `true`, hashes every byte read. Checkpoints and shards need this digest.
+    /// If `true`, hashes every byte read. Checkpoints and parts need this digest.
     pub digest: bool,
 }
 
@@ -88,7 +88,7 @@ impl LoadedScene {
     }
 
     /// Uses `scene` instead of reading the scene named in the description. The result has no digest, so the render can
-    /// write no checkpoints or shards.
+    /// write no checkpoints or parts.
     ///
     /// # Errors
     ///
@@ -106,7 +106,7 @@ impl LoadedScene {
         check_capacity(spec, frame)?;
         if let Some(shard) = spec.shard.filter(|shard| shard.of() > frame.size()[1]) {
             let rows = frame.size()[1];
-            let why = format!("a window of {rows} rows has at most {rows} shards");
+            let why = format!("a window of {rows} rows has at most {rows} parts");
             return Err(JobError::NoShard { shard, why });
         }
         let memory = MemoryEstimate::of_scene(&scene, &frame);

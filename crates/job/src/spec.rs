@@ -280,9 +280,9 @@ impl RenderSpec {
     }
 
     /// The rule in effect for selecting one of several lights: [`light_selection`](Self::light_selection) if it is set.
-    /// The default is [`LightSelection::Learned`] for a whole image and [`LightSelection::Power`] for a shard.
+    /// The default is [`LightSelection::Learned`] for a whole image and [`LightSelection::Power`] for a part.
     ///
-    /// A shard cannot use learned selection, because training needs samples of the whole image.
+    /// A part cannot use learned selection, because training needs samples of the whole image.
     pub fn selection(&self) -> LightSelection {
         let default = if self.shard.is_some() { LightSelection::Power } else { LightSelection::Learned };
         self.light_selection.unwrap_or(default)
@@ -355,11 +355,11 @@ impl RenderSpec {
         fine("integrator", check_integrator(&self.integrator))?;
         let learned = self.shard.is_some() && self.selection() == LightSelection::Learned;
         refuse(learned, "light_selection", || {
-            "learned light selection needs samples of the whole image, and cannot be sharded; use power, or render in stages"
+            "learned light selection needs samples of the whole image, and cannot be rendered in parts; use power, or render in stages"
                 .into()
         })?;
         let open = self.shard.is_some() && matches!(self.budget, BudgetSpec::Error(_) | BudgetSpec::Seconds(_));
-        refuse(open, self.budget.field(), || "a shard needs a fixed number of samples; give spp".into())
+        refuse(open, self.budget.field(), || "a part needs a fixed number of samples; give spp".into())
     }
 
     /// Checks the budget, and the bounds of samples per pixel.
@@ -422,7 +422,7 @@ fn is_above_zero(x: f64) -> bool {
     x.is_finite() && x > 0.0
 }
 
-/// A part of an image that one of several machines renders.
+/// A part of the rows of a stage, traced by one of several machines.
 ///
 /// ```
 /// let shard: dapple_job::Shard = "2/4".parse()?;
@@ -436,12 +436,12 @@ pub struct Shard {
 }
 
 impl Shard {
-    /// The shard's number, from 0.
+    /// The part's number, from 0.
     pub const fn index(&self) -> u32 {
         self.index
     }
 
-    /// The number of shards of the image.
+    /// The number of parts of the image.
     pub const fn of(&self) -> u32 {
         self.of
     }
@@ -455,7 +455,7 @@ impl FromStr for Shard {
         let parse = |(i, n): (&str, &str)| Some((i.parse::<u32>().ok()?.checked_sub(1)?, n.parse().ok()?));
         match text.split_once('/').and_then(parse).filter(|(index, of)| index < of) {
             Some((index, of)) => Ok(Self { index, of }),
-            None => Err(format!("\"{text}\" is not a shard; write I/N with I from 1 to N, such as 1/4 or 4/4")),
+            None => Err(format!("\"{text}\" is not a part; write I/N with I from 1 to N, such as 1/4 or 4/4")),
         }
     }
 }
@@ -484,7 +484,7 @@ mod names {
         }
     }
 
-    /// Serialisation of a shard as `I/N`, with I from 1.
+    /// Serialisation of a part as `I/N`, with I from 1.
     pub(super) mod shard {
         use super::Shard;
         use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};

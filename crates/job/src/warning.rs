@@ -119,8 +119,8 @@ pub enum Warning {
         /// The name of the layer.
         layer: String,
     },
-    /// A shard whose file is not written, because its render was stopped.
-    #[error("shard {0} was stopped, and is not written")]
+    /// A part whose file is not written, because its render was stopped.
+    #[error("part {0} was stopped, and is not written")]
     ShardStopped(crate::Shard),
 }
 

@@ -202,10 +202,10 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "FILE", help_heading = "Interruption")]
     pub(crate) resume: Option<PathBuf>,
 
-    /// Render part I of N (from 1): every N-th run of rows of the image, for `dapple merge`; -o names a .part file
+    /// Render part I of N (from 1), rows from all over the image, for `dapple merge`; -o names a .part file
     ///
     /// Needs --spp and a sampler that plans without looking at samples (uniform, cluster-thesis), so that every machine
-    /// makes the same plan. With --from, any sampler. --checkpoint keeps the runs of rows that are finished.
+    /// makes the same plan. With --from, any sampler. --checkpoint keeps the rows that are finished.
     #[arg(long, value_name = "I/N", help_heading = "Interruption")]
     #[arg(conflicts_with_all = ["maps", "features", "json", "time", "error", "preview", "view"])]
     pub(crate) shard: Option<Shard>,

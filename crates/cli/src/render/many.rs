@@ -74,8 +74,7 @@ pub(super) fn first_plan(spec: &RenderSpec, output: &Path, options: &PlanOptions
 /// Joins the parts of a plan, and writes the next plan.
 fn next_plan(parts: &[PathBuf], from: Option<&Path>, output: &Path, options: &PlanOptions) -> Result<Outcome> {
     let rows = RowsFiles::read(parts)?;
-    let named =
-        || rows.plan().ok_or_else(|| Failure::new("these are shards of an image; dapple merge makes the image"));
+    let named = || rows.plan().ok_or_else(|| Failure::new("these parts have no plan; dapple merge makes the image"));
     let from = &*from.map_or_else(named, |from| Ok(from.to_owned()))?;
     keep(output, parts.iter().map(|part| ("a part", part.as_path())).chain([("--from", from)]))?;
     let plan = PlanFile::read(from)?;
@@ -92,7 +91,7 @@ fn next_plan(parts: &[PathBuf], from: Option<&Path>, output: &Path, options: &Pl
     Ok(Outcome::Done)
 }
 
-/// Traces a part of a plan, or of an image without a plan (a shard).
+/// Traces a part of a plan's stage, or of the only stage of a render without a plan.
 pub(super) fn part(args: &RenderArgs, shard: Shard) -> Result<Outcome> {
     let plan = args.from.as_deref().map(PlanFile::read).transpose()?;
     let spec = match &plan {
@@ -118,7 +117,7 @@ pub(super) fn part(args: &RenderArgs, shard: Shard) -> Result<Outcome> {
     write_file(&output, &bytes).map_err(Failure::new)?;
     drop(progress);
     if !args.quiet {
-        let next = if plan.is_some() { "plan joins all parts" } else { "merge makes the image of all shards" };
+        let next = if plan.is_some() { "plan joins all parts" } else { "merge makes the image of all parts" };
         tell(format!("{}: part {shard}; dapple {next}", output.display()))?;
     }
     Ok(Outcome::Done)
@@ -279,15 +278,15 @@ pub(crate) fn plan(args: &PlanArgs) -> Result<Outcome> {
 /// A function that loads the film of shards or of a plan into a job.
 type Film = Box<dyn FnOnce(&mut Job) -> std::result::Result<Traced, JobError>>;
 
-/// Make an image from shards that several machines rendered, or from the last plan of a render in stages
+/// Make an image from parts that several machines rendered, or from the last plan of a render in stages
 ///
-/// The image has the same bits as a render on one machine with the same arguments; shards are rendered with
-/// --light-selection power. The scene is read again, from the path in the files or from --scene.
+/// The image has the same bits as a render on one machine with the same arguments; parts without a plan are
+/// rendered with --light-selection power. The scene is read again, from the path in the files or from --scene.
 #[derive(clap::Args)]
 #[command(after_help = include_str!("../help/merge.txt").trim_end())]
 pub(crate) struct MergeArgs {
-    /// The files of all shards, in any order; or one .plan file, when `dapple plan` has reported that it is done
-    #[arg(value_name = "SHARD", required = true)]
+    /// The files of all parts, in any order; or one .plan file, when `dapple plan` has reported that it is done
+    #[arg(value_name = "PART", required = true)]
     shards: Vec<PathBuf>,
 
     /// Image file to write: .exr, .pfm or .png; may be repeated [default: as for dapple render]
@@ -355,7 +354,7 @@ fn check_fits(shards: &[PathBuf], limit: MemoryLimit) -> Result<()> {
     if let Some(limit) = limit.bytes().filter(|limit| needed > *limit) {
         let (needed, limit) = (size(needed), size(limit));
         return Err(Failure::new(format!(
-            "merging these shards takes {needed}, but the limit is {limit}; raise --memory"
+            "merging these parts takes {needed}, but the limit is {limit}; raise --memory"
         )));
     }
     Ok(())

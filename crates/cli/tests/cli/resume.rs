@@ -1,4 +1,4 @@
-//! Renders that are killed, stopped and resumed, and images made in shards, as their user meets them (X01, X04 to X08).
+//! Renders that are killed, stopped and resumed, and images made in parts, as their user meets them (X01, X04 to X08).
 
 use crate::common::{Folder, Said, signal};
 use std::time::{Duration, Instant};
@@ -227,7 +227,7 @@ fn shards_make_the_image_of_one_machine_x07() {
         let names: Vec<String> = (1..=of).rev().map(|i| format!("{i}.shard")).collect();
         for (i, name) in names.iter().enumerate() {
             let out = folder.done(&format!("{words} --threads {} --shard {}/{of} -o {name}", 1 + i % 2, of - i));
-            assert!(out.contains("dapple merge makes the image of all shards"), "{out}");
+            assert!(out.contains("dapple merge makes the image of all parts"), "{out}");
         }
         let all = names.join(" ");
         let json = folder.line(&format!("merge {all} --json -o all.exr -o all.pfm -o all.png"));
@@ -240,7 +240,7 @@ fn shards_make_the_image_of_one_machine_x07() {
     }
 }
 
-/// Shards that do not fit are refused before they are read, and a filter that does not fit before it runs.
+/// Parts that do not fit are refused before they are read, and a filter that does not fit before it runs.
 #[test]
 fn a_merge_that_does_not_fit_is_refused() {
     let folder = Folder::new();
@@ -249,7 +249,7 @@ fn a_merge_that_does_not_fit_is_refused() {
         folder.done(&format!("{words} --shard {shard}"));
     }
     let merge = "merge tiny-1-of-2.part tiny-2-of-2.part -o a.pfm";
-    for (limit, what) in [("16", "merging these shards takes "), ("60", "creating the image takes ")] {
+    for (limit, what) in [("16", "merging these parts takes "), ("60", "creating the image takes ")] {
         folder.says(&format!("{merge} --memory {limit}M"), 1, &[what, &format!("the limit is {limit}.0 MiB")]);
     }
     assert!(!folder.names().contains(&"a.pfm".to_owned()));
@@ -280,10 +280,10 @@ fn shards_that_make_no_image_x07() {
     assert!(!folder.path("p.pfm").exists());
     for (other, status, expected) in [
         ("--shard 1/2 --sampler variance", 1, "or render in stages (dapple plan)"),
-        ("--shard 1/17 --sampler uniform", 1, "a window of 16 rows has at most 16 shards"),
+        ("--shard 1/17 --sampler uniform", 1, "a window of 16 rows has at most 16 parts"),
         ("--shard 1/2 --sampler uniform --light-choice cells", 2, "needs samples of the whole image"),
-        ("--shard 0/2", 2, "is not a shard; write I/N"),
-        ("--shard 3/2", 2, "is not a shard; write I/N"),
+        ("--shard 0/2", 2, "is not a part; write I/N"),
+        ("--shard 3/2", 2, "is not a part; write I/N"),
         ("--shard 1/2 --time 3", 2, "cannot be used with"),
         ("--shard 1/2 -o a.png", 2, "a .part file"),
         ("-o a.part", 2, "needs --shard I/N"),

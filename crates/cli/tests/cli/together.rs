@@ -17,7 +17,7 @@ fn a_program_without_mpi_refuses_to_be_one_of_several() {
         let said = Said::of(command.env(name, processes).output().expect("it runs"));
         assert!(said.status == Some(1) && said.err.contains("--features mpi"), "{}", said.err);
         assert!(said.err.contains(&format!("{processes} processes")), "{}", said.err);
-        // One process of a launcher is alone, and a shard renders its own part.
+        // One process of a launcher is alone, and so is one with --shard.
         let one = folder.command("render tiny.pbrt --spp 1 -q -o a.pfm").env(name, "1").output().expect("it runs");
         assert!(one.status.success());
         std::fs::remove_file(folder.path("a.pfm")).expect("the image");

@@ -40,7 +40,7 @@ pub struct Rejected {
     pub reason: RejectedReason,
 }
 
-/// The sample count and timings of one round: a batch of samples that are planned together.
+/// The sample count and timings of one round: the samples that are planned together.
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RoundRecord {

@@ -2,7 +2,7 @@
 
 use crate::{Film, snapshot::View};
 
-/// The state of a render between two slices of tracing (about 0.2 seconds each), passed to a [`Monitor`].
+/// The state of a render, passed to a [`Monitor`] after about 0.2 seconds of tracing each.
 #[non_exhaustive]
 #[derive(Clone, Copy)]
 pub struct Status<'a> {
@@ -86,7 +86,7 @@ pub enum Control {
 /// }
 /// ```
 pub trait Monitor {
-    /// Called after each slice of tracing (about 0.2 seconds). The returned value decides whether the render continues.
+    /// Called after about 0.2 seconds of tracing each. The returned value decides whether the render continues.
     fn slice(&mut self, status: &Status<'_>) -> Control;
 
     /// Called once at the end, unless the render was stopped. A render resumed from a snapshot taken here may have

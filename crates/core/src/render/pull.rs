@@ -1,4 +1,4 @@
-//! Rounds of a session, cut into tiles.
+//! Rounds of a session, divided into tiles.
 
 use super::budget::Stopwatch;
 use super::feature_samples::Turn;

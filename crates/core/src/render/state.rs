@@ -35,7 +35,7 @@ pub(crate) struct Cursor {
     pub(crate) row: u32,
 }
 
-/// A round (a batch of planned samples) that is partly traced.
+/// A round that is partly traced.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct OpenRound {
     pub(crate) plan: Plan,

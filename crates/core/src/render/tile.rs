@@ -222,7 +222,7 @@ impl<'r> Tile<'r> {
         }
     }
 
-    /// Adds the results of a batch of samples, in the order of the samples.
+    /// Adds the results of several samples, in the order of the samples.
     ///
     /// If the numbers of results and samples differ, [`Round::submit`](crate::Round::submit) reports the mistake.
     pub fn add_all<E: Into<Estimate>>(&mut self, samples: &[Draws<'_>], estimates: impl IntoIterator<Item = E>) {
@@ -232,7 +232,7 @@ impl<'r> Tile<'r> {
         samples.iter().zip(estimates).for_each(|(sample, estimate)| self.add(sample, estimate));
         if wanted != given {
             let what = format!(
-                "a batch has {wanted} samples and {given} results{}; return one result per sample",
+                "{wanted} samples have {given} results{}; return one result per sample",
                 if given > wanted { " or more" } else { "" }
             );
             self.fault.get_or_insert(what);

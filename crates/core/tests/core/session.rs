@@ -222,9 +222,9 @@ fn wrong_uses_of_tiles_are_refused_and_named() {
     let other = round.tile([4, 4, 8, 8]).unwrap();
     assert!(message(&|tile| tile.add(&first(&other), [1.0; 3])).contains("belongs to another tile"));
     let few = |tile: &mut Tile<'_>| tile.add_all(&[first(tile)], Vec::<[f32; 3]>::new());
-    assert!(message(&few).contains("a batch has 1 samples and 0 results"));
+    assert!(message(&few).contains("1 samples have 0 results"));
     let endless = |tile: &mut Tile<'_>| tile.add_all(&[], std::iter::repeat([1.0; 3]));
-    assert!(message(&endless).contains("a batch has 0 samples and 1 results or more"));
+    assert!(message(&endless).contains("0 samples have 1 results or more"));
 
     let unfinished = round.tile([0, 0, 4, 4]).unwrap();
     assert!(round.submit(unfinished).unwrap_err().to_string().contains("results of 16 of its samples are missing"));

@@ -175,7 +175,7 @@ impl StateFile {
     }
 }
 
-/// An error of writing or reading a checkpoint or shard file. Each message names the file and the remedy.
+/// An error of writing or reading a checkpoint or part file. Each message names the file and the remedy.
 #[non_exhaustive]
 #[derive(Debug, thiserror::Error)]
 pub enum Error {

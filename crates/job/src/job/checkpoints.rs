@@ -93,7 +93,7 @@ impl Checkpoints {
     }
 }
 
-/// A [`Monitor`] that passes calls to a job's monitor. Between slices (parts of a render) it writes checkpoints, and warns
+/// A [`Monitor`] that passes calls to a job's monitor. It writes checkpoints, and warns
 /// about a time limit that cannot be met.
 pub(super) struct Watched<'m> {
     monitor: &'m mut dyn JobMonitor,

@@ -6,9 +6,9 @@ use crate::checkpoint::Identity;
 use dapple_scene::PixelFilter;
 use std::path::Path;
 
-/// The name of the identity pair that holds the shard, `I/N`; its value differs between shards of one image.
+/// The name of the identity pair that holds the option `shard`, `I/N`; its value differs between parts of one image.
 pub(super) const SHARD: &str = "shard";
-/// The name of the identity pair that holds the filter. Only shards have this pair: a checkpoint may be finished with
+/// The name of the identity pair that holds the filter. Only parts have this pair: a checkpoint may be finished with
 /// another filter.
 pub(super) const FILTER: &str = "filter";
 /// The name of the identity pair that holds the render's description as JSON; it is never compared.
@@ -63,7 +63,7 @@ pub(super) fn compared(identity: &Identity) -> Identity {
     without(identity, &[SPEC, PLAN])
 }
 
-/// The pairs of an identity that must be equal in all shards of one image.
+/// The pairs of an identity that must be equal in all parts of one image.
 pub(super) fn common(identity: &Identity) -> Identity {
     without(identity, &[SPEC, SHARD, PART])
 }

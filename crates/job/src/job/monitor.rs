@@ -6,7 +6,7 @@ use dapple_core::render::{Control, Monitor, NoMonitor, Status};
 
 /// An observer of a job's run.
 pub trait JobMonitor {
-    /// Called between two slices. The returned value decides whether the render continues.
+    /// Called after about 0.2 seconds of tracing each. The returned value decides whether the render continues.
     fn slice(&mut self, status: &Status<'_>) -> Control;
 
     /// Called when all samples are traced, unless the render was stopped.

@@ -72,7 +72,7 @@ impl RowsFiles {
         let first = files.first().filter(|_| troubles.is_empty());
         let Some((_, first)) = first else { return Err(JobError::Shards(troubles)) };
         let spec = RenderSpec::from_json(first.identity.value(SPEC).unwrap_or_default())?;
-        // Shards have another default light selection than whole images.
+        // Parts have another default light selection than whole images.
         let spec = RenderSpec { light_selection: Some(spec.selection()), shard: None, ..spec };
         Ok(Self { spec, files })
     }
@@ -115,7 +115,7 @@ impl Job {
     ///
     /// # Errors
     ///
-    /// As [`Job::run`]; [`JobError::OtherRender`] for a plan of another render, [`JobError::NoShard`] for a shard of a render
+    /// As [`Job::run`]; [`JobError::OtherRender`] for a plan of another render, [`JobError::NoShard`] without a plan, for a render
     /// with more than one stage.
     pub fn trace_part(
         &mut self,

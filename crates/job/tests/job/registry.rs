@@ -240,7 +240,7 @@ fn clusters_are_made_once_for_each_set_of_parameters() {
     assert!(filter("bilateral", &inputs).unwrap().clusters.is_none());
 }
 
-/// Checkpoints, shards and EXR headers hold these texts.
+/// Checkpoints, parts and EXR headers hold these texts.
 #[test]
 fn descriptions_stay_as_files_hold_them() {
     const CLUSTERS: &str = "k=9,clamp=32,normals=10,insertion=box,grouping=greedy,order=input,sides=1";

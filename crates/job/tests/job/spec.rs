@@ -59,7 +59,7 @@ fn unknown_fields_and_wrong_values_are_named() {
         (r#"{"version": 1, "scene": "teapot", "sampel": 1}"#, "unknown field `sampel`"),
         (r#"{"version": 1, "scene": "teapot", "without": ["fog"]}"#, "unknown effect \"fog\""),
         (r#"{"version": 1, "scene": "teapot", "light_selection": "best"}"#, "unknown variant `best`"),
-        (r#"{"version": 1, "scene": "teapot", "shard": "3/2"}"#, "\"3/2\" is not a shard"),
+        (r#"{"version": 1, "scene": "teapot", "shard": "3/2"}"#, "\"3/2\" is not a part"),
         (r#"{"version": 1, "scene": "teapot", "sampler": "nonesuch"}"#, "sampler: there is no sampler \"nonesuch\""),
         (
             r#"{"version": 1, "scene": "teapot", "integrator": "nonesuch"}"#,
@@ -67,8 +67,11 @@ fn unknown_fields_and_wrong_values_are_named() {
         ),
         (r#"{"version": 1, "scene": "teapot", "min_spp": 5, "max_spp": 2}"#, "min_spp: 5 is above"),
         (r#"{"version": 1, "scene": "teapot", "budget": {"spp": -1.0}}"#, "spp: -1 is not a finite number above zero"),
-        (r#"{"version": 1, "scene": "teapot", "shard": "1/2", "light_selection": "learned"}"#, "cannot be sharded"),
-        (r#"{"version": 1, "scene": "teapot", "shard": "1/2", "budget": {"seconds": 3.0}}"#, "a shard needs"),
+        (
+            r#"{"version": 1, "scene": "teapot", "shard": "1/2", "light_selection": "learned"}"#,
+            "cannot be rendered in parts",
+        ),
+        (r#"{"version": 1, "scene": "teapot", "shard": "1/2", "budget": {"seconds": 3.0}}"#, "a part needs"),
     ];
     for (json, expected) in cases {
         let error = RenderSpec::from_json(json).expect_err(json).to_string();

@@ -41,7 +41,7 @@ fn merged_shards_have_the_bits_of_one_machine() {
     assert_eq!(image.filtered.radiance, whole);
 }
 
-/// Counts that depend on samples of other machines are no shards.
+/// Counts that depend on samples of other machines are no parts.
 #[test]
 fn a_sampler_that_reads_samples_has_no_shards() {
     let shard: Shard = "1/2".parse().expect("a shard");
