@@ -11,7 +11,7 @@ use std::fmt;
 dapple_core::options! {
     /// The parameters of [`ClusterGaussian`] besides its kernel.
     pub struct ClusterGaussianOptions {
-        /// Weight of a pixel of another cluster relative to one of the same.
+        /// Weight of a pixel of another cluster, relative to one of the same; 1 ignores clusters.
         ///
         /// The table shows relMSE over that of the best `outside` of each image and budget, as geometric means
         /// (`tests/denoise/filters.rs`: five synthetic images at 8 to 64 spp).
@@ -26,7 +26,7 @@ dapple_core::options! {
         /// noise.
         pub outside: f64 = 0.05,
             |w| (0.0..=1.0).contains(&w), "0 (nothing crosses a border) to 1 (clusters do not matter)";
-        /// First hits that tell a pixel's clusters, 1 (published) to 8.
+        /// First hits per pixel whose clusters are compared, 1 (published) to 8.
         ///
         /// Without effect on a filter with a map of clusters.
         pub hits: u8 = 1, |hits| hits > 0 && usize::from(hits) <= MOST_VOTES, "1 to 8 first hits per pixel";
