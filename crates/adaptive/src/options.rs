@@ -36,7 +36,7 @@ dapple_core::options! {
         pub epsilon: f64 = 0.2, |epsilon| epsilon > 0.0 && epsilon.is_finite(), "a number above zero";
         /// Maximum samples per pixel, as a multiple of the mean.
         pub cap: f64 = 8.0 => "8", |cap| cap >= 1.0 && cap.is_finite(), "at least 1";
-        /// Weight of the filter's error map (by=...) in its geometric mean with the pixel's own variance, 0 to 1.
+        /// Weight of a filter's error map (see by) in its geometric mean with the pixel's own variance, 0 to 1.
         pub mix: f64 = 0.5, |mix| (0.0..=1.0).contains(&mix), "a share from 0 to 1";
         /// Use adaptive counts only if their predicted error is at most this fraction of uniform sampling's; inf: always.
         ///

@@ -29,7 +29,7 @@ dapple_core::options! {
         pub density: f64 = 0.015625, |density| density > 0.0 && density <= 1.0, "above 0 and at most 1";
         /// Weight of normals, relative to albedo, in the contrast over the lens.
         pub normals: f64 = 0.25, |weight| weight >= 0.0 && weight.is_finite(), "a weight of 0 or more";
-        /// Lower bound on the standard deviation over the lens; it stands for all other noise.
+        /// Lower bound on the standard deviation over the lens, for noise from other sources.
         ///
         /// It stands for all noise that is not the lens'.
         pub floor: f64 = 0.3, |floor| floor > 0.0 && floor <= 1.0, "above 0 and at most 1";

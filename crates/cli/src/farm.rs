@@ -99,7 +99,7 @@ const HELP: &[(&str, &str)] = &[
     ("seed", "Seed of all random numbers; the same seed gives the same image on any number of machines"),
     ("memory", "Memory limit of each task, such as 2G, 500M or a number of bytes [default: the machine's memory]"),
     ("threads", "Number of threads of each task; 0 is one per core"),
-    ("quiet", "Do not print the next step"),
+    ("quiet", "Print only warnings and errors"),
 ];
 
 /// Options of `dapple render` that concern one process.

@@ -28,7 +28,7 @@ dapple_core::options! {
         pub min: u32 = 0;
         /// Maximum samples per pixel; 0: Lan's table 4-3.
         pub max: u32 = 0;
-        /// Shadow rays per cluster to random points on lights, which find penumbras; 0 ignores lights (published).
+        /// Shadow rays per cluster to random points on lights, so that penumbras get more samples; 0 ignores lights (published).
         ///
         /// The importance of a cluster is multiplied by `1 + v (1 - v)`, where `v` is the fraction of its shadow rays that
         /// reach a light. Penumbras get up to a quarter more. [Lan 2016] asks for it as future work and gives no formula.

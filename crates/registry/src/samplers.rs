@@ -244,8 +244,12 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
 
 const THEN: &[Parameter] = &[
     Parameter::new("first", "uniform", "First sampler; write / instead of : and , (cluster-thesis/k=9/clamp=16)."),
-    Parameter::new("spp", "4", "Mean number of samples per pixel that the first sampler takes at most."),
-    Parameter::new("second", "adaptive", "Second sampler, in the same form; write // in samplers nested in it."),
+    Parameter::new("spp", "4", "Mean number of samples per pixel of the first sampler, at most."),
+    Parameter::new(
+        "second",
+        "adaptive",
+        "Second sampler, written like the first; write // for : and , of a sampler inside it.",
+    ),
 ];
 const BY: &[Parameter] = &[Parameter::new(
     "by",
@@ -261,7 +265,7 @@ const PROBES: &[Parameter] = &[
     Parameter::new(
         "size",
         "box",
-        "Cluster size: area of its projected box (published) or triangles, screen (box in perspective), hits (pixels covered).",
+        "Cluster size: box (projected bounding box, published), triangles (projected), screen (box in perspective), hits (pixels covered).",
     ),
 ];
 const A_PRIORI: &[Parameter] = &[Parameter::new(

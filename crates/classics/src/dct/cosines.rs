@@ -25,7 +25,7 @@ dapple_core::options! {
     pub struct CosineOptions {
         /// Cosine terms per sample of a block, at most one per pixel; 0.5 as published.
         pub share: f64 = 0.5, |share| share > 0.0 && share <= 1.0, "above 0 and at most 1";
-        /// Smoothness (frequency^2) regularisation of the fit.
+        /// Weight of the smoothness (frequency^2) regularisation of the fit.
         pub lambda: f64 = 1e-3 => "0.001", |l| (1e-6..=1e6).contains(&l), "1e-6 to 1e6";
         /// Scale on which radiance is fitted: linear, or log (ln(1 + x): less ringing, but too dark in noise).
         pub scale: CosineScale = CosineScale::Linear => "linear";

@@ -13,7 +13,7 @@ dapple_core::options! {
     /// 0.61 over the radius of the circle of confusion, the first zero of the disk's transfer function. A break in front of the
     /// plane in focus has the bandwidth of its own circle on all pixels in that circle.
     pub struct LensBandwidthOptions {
-        /// Degrees between normals, or out of the tangent plane to the next hit, that count as a discontinuity.
+        /// Angle in degrees, between normals or out of the tangent plane, that counts as a discontinuity.
         pub angle: f64 = 10.0 => "10", |angle| angle > 0.0 && angle < 90.0, "above 0 and below 90 degrees";
         /// Albedo difference of neighbouring pixels that counts as a discontinuity.
         pub contrast: f64 = 0.1, |contrast| contrast > 0.0 && contrast <= 1.0, "above 0 and at most 1";

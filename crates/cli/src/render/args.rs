@@ -189,7 +189,7 @@ pub(crate) struct RenderArgs {
 
     /// Write checkpoints to this file, at intervals and at the end, for --resume FILE
     ///
-    /// A crash never destroys it: each checkpoint is written under a temporary name, then renamed. FILE.previous is the
+    /// A crash never destroys the file: each checkpoint is written under a temporary name, then renamed. FILE.previous is the
     /// checkpoint before it; FILE.lock excludes other processes. An existing checkpoint is overwritten only if the
     /// render resumes from it.
     #[arg(long, value_name = "FILE", help_heading = "Interruption")]
