@@ -108,7 +108,7 @@ class Race:
         return math.exp(mean(logs))
 
 
-BESIDE = {"none": "alone", "cluster-regression": "with the default filter"}
+BESIDE = {"none": "unfiltered", "cluster-regression": "with the default filter"}
 
 
 def kind_of(method):
@@ -165,9 +165,9 @@ class Row:
 
     def verdict(self):
         value, low, high, _ = self.figures["time"]
-        if self.too_slow > 0:
-            return f"too slow on {self.too_slow} of {self.scenes} scenes"
-        return "wins" if high < 1.0 else "loses" if low > 1.0 else "undecided"
+        figure = [f"{value:.3g} [{low:.3g}, {high:.3g}]"] if value is not None else []
+        slow = [f"too slow for 1 spp on {self.too_slow} of {self.scenes} scenes"] if self.too_slow > 0 else []
+        return ", ".join(figure + slow)
 
     def text(self, what):
         value, low, high, _ = self.figures[what]
@@ -178,7 +178,7 @@ class Row:
 
 
 def verdicts(rows, path, new):
-    """One line per method: its error over uniform sampling's at equal time. Lines that no new row concerns stay as they are."""
+    """One line per method: its error relative to uniform sampling at equal time. Lines that no new row concerns stay as they are."""
     concerned = {kind_of(method)[:2] for method in new}
     with open(path) as file:
         kept = {tuple(line.split("\t")[:2]): line for line in file}
@@ -188,13 +188,11 @@ def verdicts(rows, path, new):
         if row.method == BASE or (kind == "sampler" and filter not in BESIDE and row.base not in rows):
             continue
         beside = BESIDE.get(filter, f"with {filter}") + " " if kind == "sampler" else ""
-        value, low, high, _ = row.figures["time"]
-        figure = f"{value:.3g} [{low:.3g}, {high:.3g}], " if value is not None else ""
-        texts.setdefault((kind, description), []).append(f"{beside}{figure}{row.verdict()}")
+        texts.setdefault((kind, description), []).append(f"{beside}{row.verdict()}")
     with open(path, "w") as out:
         for (kind, description), parts in texts.items():
-            base = {"sampler": "uniform sampling's", "points": "sobol's", "filter": "the unfiltered image's"}[kind]
-            line = f"{kind}\t{description}\tsRGB MSE over {base} at equal time: {'; '.join(parts)}\n"
+            base = {"sampler": "uniform sampling", "points": "sobol", "filter": "the unfiltered image"}[kind]
+            line = f"{kind}\t{description}\tsRGB MSE relative to {base} at equal time (below 1 is better, [95 % interval]): {'; '.join(parts)}\n"
             out.write(line if (kind, description) in concerned else kept.get((kind, description), line))
 
 

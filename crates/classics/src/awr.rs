@@ -12,15 +12,15 @@ use std::collections::BinaryHeap;
 dapple_core::options! {
     /// The parameters of [`Awr`].
     pub struct AwrOptions {
-        /// Wavelets: cdf97 or cdf53 (Cohen, Daubechies and Feauveau) or haar.
+        /// Wavelets: cdf97 or cdf53 (smooth, by Cohen, Daubechies and Feauveau), or haar (blocks).
         pub basis: Basis = Basis::Cdf97 => "cdf97";
-        /// Number of levels.
+        /// Number of wavelet levels.
         pub levels: usize = 5, |levels| levels <= 8, "0 to 8";
         /// Samples per pixel before counts adapt.
         pub pilot: u32 = 4, |pilot| pilot >= 2, "a variance needs 2 samples or more";
-        /// Rounds after the pilot, which share the rest of the budget equally.
+        /// Rounds after the pilot, each with an equal share of the remaining budget.
         pub rounds: u32 = 4, |rounds| (1..=1024).contains(&rounds), "1 to 1024";
-        /// Use in the image of the samples that decide counts: keep (biased, as published), the only one.
+        /// keep: planning samples stay in the image (biased, as published); no other choice.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
             |policy| policy == PilotPolicy::Keep, "keep; there is no other";
     }

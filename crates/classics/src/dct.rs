@@ -18,15 +18,15 @@ use std::sync::Arc;
 dapple_core::options! {
     /// The parameters of [`Dct`].
     pub struct DctOptions {
-        /// Pilot samples in each 2x2 pixels, more if pixels have a floor; the defaults here are not in the paper.
+        /// Pilot samples per 2x2 pixels; more if --min-spp requires them.
         pub pilot: u32 = 1, |n| (1..=1024).contains(&n), "1 to 1024 samples";
-        /// Growth of a block's number of samples after which its cosines are fitted anew.
+        /// A block's cosines are fitted again once its samples have grown by this fraction.
         pub growth: f64 = 0.5, |growth| (0.01..=4.0).contains(&growth), "0.01 to 4";
-        /// 1 weighs errors by the eye's sensitivity to their frequency, in JPEG's tables; 0 weighs all alike.
+        /// 1: weight errors by the eye's sensitivity to their frequency (JPEG's tables); 0: weight all equally.
         pub visible: u8 = 1, |visible| visible <= 1, "0 or 1";
-        /// Exponent by which luminance masks errors; 0 masks none.
+        /// Exponent of the masking of errors by luminance; 0: no masking.
         pub masking: f64 = 0.65, |exponent| (0.0..=4.0).contains(&exponent), "0 to 4";
-        /// Use in the image of the samples that decide where others lie: keep (biased, as published), the only one.
+        /// keep: planning samples stay in the image (biased, as published); no other choice.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
             |policy| policy == PilotPolicy::Keep, "keep; there is no other";
     }

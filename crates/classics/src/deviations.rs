@@ -12,19 +12,19 @@ use dapple_denoise::Gaussian;
 dapple_core::options! {
     /// The parameters of [`VarianceThreshold`]. The defaults are those of Mitsuba's `adaptive` integrator.
     pub struct VarianceThresholdOptions {
-        /// Half the width of a pixel's confidence interval, relative to its mean, at which the pixel stops.
+        /// A pixel stops when half the width of its confidence interval is below this fraction of its mean.
         pub threshold: f64 = 0.05, |t| t > 0.0 && t.is_finite(), "a relative error above 0";
-        /// Probability that the interval misses the expectation of normally distributed samples.
+        /// Probability that the interval misses the true mean, for normally distributed samples.
         pub alpha: f64 = 0.05, |alpha| (1e-6..=0.5).contains(&alpha), "a probability from 1e-6 to 0.5";
-        /// Samples per pixel before any pixel stops; with mode=budget at most a quarter of the mean, but at least 2.
+        /// Minimum samples per pixel before any pixel stops; with mode=budget at most a quarter of the mean, at least 2.
         pub min: u32 = 8, |min| min >= 2, "one sample has no variance: 2 or more";
-        /// Largest number of samples of a pixel, as a multiple of the mean number.
+        /// Maximum samples per pixel, as a multiple of the mean.
         pub cap: f64 = 32.0 => "32", |cap| cap >= 1.0 && cap.is_finite(), "at least 1";
-        /// Additional samples per round of each pixel that continues.
+        /// Samples per round for each pixel that has not stopped.
         pub step: u32 = 4, |step| step != 0, "at least one sample";
         /// Stopping rule: budget (widest intervals first, until spent) or threshold (the budget is an upper bound).
         pub mode: Stopping = Stopping::Budget => "budget";
-        /// Use in the image of the samples that decide when a pixel stops: keep (biased, as published), the only one.
+        /// keep: planning samples stay in the image (biased, as published); no other choice.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
             |policy| policy == PilotPolicy::Keep, "keep; there is no other";
     }
@@ -97,15 +97,15 @@ dapple_core::options! {
     pub struct UpperConfidenceOptions {
         /// Samples per pixel before counts adapt.
         pub pilot: u32 = 4, |pilot| pilot >= 2, "one sample has no deviation: 2 or more";
-        /// Scale of the bonus, in units of the image's pooled deviation.
+        /// Weight of the bonus for uncertainty, in units of the image's pooled deviation.
         pub bonus: f64 = 0.5, |bonus| bonus >= 0.0 && bonus.is_finite(), "0 or above";
-        /// Factor k in ln(1/delta) = k ln(budget), where delta is the probability of a wrong bound.
+        /// The bounds fail with probability delta, where ln(1/delta) = confidence x ln(budget).
         pub confidence: f64 = 4.0 => "4", |k| k > 0.0 && k.is_finite(), "above 0";
-        /// Number added to the squared mean in the weight of a pixel, 1 / sqrt(mean^2 + epsilon).
+        /// Added to the squared mean in a pixel's weight, 1 / sqrt(mean^2 + epsilon).
         pub epsilon: f64 = 0.01, |epsilon| epsilon > 0.0 && epsilon.is_finite(), "a number above zero";
-        /// Share of the budget that is spent before bounds are computed again.
+        /// Fraction of the budget that is spent between updates of the bounds.
         pub step: f64 = 0.12, |step| (0.01..=1.0).contains(&step), "a share from 0.01 to 1";
-        /// Use of pilot samples in the image: keep (biased, as published), the only one.
+        /// keep: planning samples stay in the image (biased, as published); no other choice.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
             |policy| policy == PilotPolicy::Keep, "keep; there is no other";
     }
@@ -184,23 +184,23 @@ dapple_core::options! {
     /// The parameters of [`Ears`]. Clamps, outliers and epsilon are as published; pilot, rounds and radius are not in the
     /// paper.
     pub struct EarsOptions {
-        /// Samples per pixel before counts adapt; 0 takes 4, or a quarter of the mean budget if that is more.
+        /// Samples per pixel before counts adapt; 0: 4, or a quarter of the mean spp if larger.
         pub pilot: u32 = 0, |pilot| pilot != 1, "two samples or more have a variance; 0 chooses";
-        /// Rounds for the rest of the budget; each is planned from the samples before it.
+        /// Rounds after the pilot, each planned from all samples before it.
         pub rounds: u32 = 3, |rounds| (1..=64).contains(&rounds), "1 to 64";
-        /// Radius of the window over which variances and costs are pooled, 2 radius + 1 pixels wide and high.
+        /// Radius in pixels of the window over which variances and costs are pooled.
         pub radius: u32 = 2, |radius| radius <= 64, "at most 64 pixels";
-        /// Smallest splitting factor.
+        /// Minimum splitting factor.
         pub least: f64 = 0.05, |least| least > 0.0 && least <= 1.0, "above 0 and at most 1";
-        /// Largest splitting factor.
+        /// Maximum splitting factor.
         pub most: f64 = 20.0 => "20", |most| most >= 1.0 && most.is_finite(), "at least 1";
-        /// Number of pixels with the largest variance that the variance of the image leaves out.
+        /// Number of highest-variance pixels excluded from the variance of the image.
         ///
         /// At most a tenth of the pixels are left out.
         pub outliers: u32 = 10;
-        /// Number added to the denoised pixel to which deviations are relative.
+        /// Added to the denoised value in relative deviations.
         pub epsilon: f64 = 0.01, |epsilon| epsilon > 0.0 && epsilon.is_finite(), "a number above zero";
-        /// Use of pilot samples in the image: keep (biased), the only one.
+        /// keep: planning samples stay in the image (biased); no other choice.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
             |policy| policy == PilotPolicy::Keep, "keep; there is no other";
     }

@@ -14,27 +14,27 @@ use std::sync::Arc;
 dapple_core::options! {
     /// The parameters of [`Divergence`]. All defaults are Dapple's.
     pub struct DivergenceOptions {
-        /// Score: kl, chi2, hellinger, geometric (Rigau 2003), entropy, tsallis, fuzzy (after Xu 2008) or gh (after Cui 2009).
+        /// Score: f-divergence (kl, chi2, hellinger, gh), entropy of radiance (entropy, tsallis, fuzzy) or of first hits (geometric).
         pub by: DivergenceScore = DivergenceScore::Hellinger => "hellinger";
-        /// Index of the Tsallis entropy for by=tsallis: 0.5, 1 or 2.
+        /// With by=tsallis: index of the entropy, 0.5, 1 or 2.
         pub q: f64 = 2.0 => "2", |q| [0.5, 1.0, 2.0].contains(&q), "0.5, 1 or 2, whose sums a film records";
-        /// Deviation at which a sample's membership is one half, in means, for by=fuzzy.
+        /// With by=fuzzy: deviation, as a multiple of the mean, at which membership is 0.5.
         pub k: f64 = 1.0 => "1", |k| (0.001..=1000.0).contains(&k), "0.001 to 1000";
-        /// Exponent of the divergence for by=gh; 0.5 gives Hellinger's, 1 the total variation.
+        /// With by=gh: exponent of the divergence; 0.5 is Hellinger's, 1 the total variation.
         pub a: f64 = 1.0 => "1", |a| a > 0.0 && a <= 1.0, "above 0 and at most 1";
-        /// Samples per pixel before counts adapt, 2 to 128; with mode=budget at most half of the mean.
+        /// Samples per pixel before counts adapt, 2 to 128; with mode=budget at most half of the mean spp.
         pub pilot: u32 = 8, |pilot| (2..=128).contains(&pilot), "2 to 128 samples";
-        /// Additional samples per round of each pixel above the threshold, for mode=threshold.
+        /// With mode=threshold: samples per round for each pixel above the threshold.
         pub step: u32 = 8, |step| step != 0, "at least one sample";
-        /// Score above which a pixel is refined, for mode=threshold; 0 takes kappa times the mean score of the pilot.
+        /// With mode=threshold: score above which a pixel is refined; 0: kappa times the pilot's mean score.
         pub threshold: f64 = 0.0 => "0", |t| t >= 0.0 && t.is_finite(), "0 or above; 0 chooses";
-        /// Factor on the mean score, if the threshold is chosen.
+        /// Factor on the pilot's mean score, used when threshold=0.
         pub kappa: f64 = 1.0 => "1", |kappa| kappa > 0.0 && kappa.is_finite(), "above 0";
-        /// Largest number of samples of a pixel, as a multiple of the mean number.
+        /// Maximum samples per pixel, as a multiple of the mean.
         pub cap: f64 = 8.0 => "8", |cap| cap >= 1.0 && cap.is_finite(), "at least 1";
-        /// Stopping rule: budget (counts by scores, until spent) or threshold (the budget is an upper bound).
+        /// Stopping rule: budget (counts follow scores, until spent) or threshold (the budget is an upper bound).
         pub mode: Stopping = Stopping::Budget => "budget";
-        /// Use in the image of the samples that decide counts: keep (biased, as published), the only one.
+        /// keep: planning samples stay in the image (biased, as published); no other choice.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
             |policy| policy == PilotPolicy::Keep, "keep; there is no other";
     }

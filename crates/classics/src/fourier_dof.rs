@@ -25,15 +25,15 @@ pub type TraceLensHit = Arc<dyn Fn([u32; 2]) -> (Option<FirstHit>, f32) + Send +
 dapple_core::options! {
     /// The parameters of [`FourierDof`].
     pub struct FourierDofOptions {
-        /// Least share of pixels with samples where the image is smooth; the default is not in the paper.
+        /// Minimum fraction of pixels that get samples, in smooth areas.
         pub density: f64 = 0.015625, |density| density > 0.0 && density <= 1.0, "above 0 and at most 1";
-        /// Weight of normals beside the albedo in the contrast over the lens; the default is not in the paper.
+        /// Weight of normals, relative to albedo, in the contrast over the lens.
         pub normals: f64 = 0.25, |weight| weight >= 0.0 && weight.is_finite(), "a weight of 0 or more";
-        /// Least standard deviation over the lens that counts assume; the default is not in the paper.
+        /// Lower bound on the standard deviation over the lens, for noise from other sources.
         ///
         /// It covers all noise that does not come from the lens.
         pub floor: f64 = 0.3, |floor| floor > 0.0 && floor <= 1.0, "above 0 and at most 1";
-        /// 1 also samples scenes without a lens, by the bandwidth of their surfaces alone.
+        /// 1: also sample scenes without a lens, by the bandwidth of their surfaces alone; 0: refuse them.
         pub force: u8 = 0, |force| force <= 1, "0 or 1";
     }
 }
@@ -167,9 +167,9 @@ impl<P: PointSet> Sampler for FourierDof<P> {
 dapple_core::options! {
     /// The parameters of [`Splat`].
     pub struct SplatOptions {
-        /// Standard deviation of a pixel's Gaussian, times its bandwidth; not in the paper.
+        /// Standard deviation of the kernel in pixels = width / bandwidth.
         pub width: f64 = 0.25, |width| width > 0.0 && width <= 1.0, "above 0 and at most 1";
-        /// Half the side of the square that a pixel's Gaussian covers, times its bandwidth; not in the paper.
+        /// Half-width of the kernel in pixels = reach / bandwidth.
         pub reach: f64 = 1.0 => "1", |reach| reach > 0.0 && reach <= 2.0, "above 0 and at most 2";
     }
 }

@@ -10,13 +10,13 @@ use std::sync::atomic::{AtomicU32, Ordering};
 dapple_core::options! {
     /// The parameters of [`Gem`], the sampler.
     pub struct GemOptions {
-        /// Share of false stops on white noise, at each step from one scale to the next.
+        /// False-positive rate of scale selection: chance, on pure noise, of stopping at each step.
         pub gamma: f64 = 0.2, |gamma| gamma > 0.0 && gamma <= 0.5, "above 0 and at most 0.5";
         /// Samples per pixel before counts adapt.
         pub pilot: u32 = 4, |pilot| pilot >= 2, "a variance needs 2 samples or more";
-        /// Rounds after the pilot, which share the rest of the budget equally.
+        /// Rounds after the pilot, each with an equal share of the remaining budget.
         pub rounds: u32 = 8, |rounds| (1..=1024).contains(&rounds), "1 to 1024";
-        /// Use in the image of the samples that decide counts: keep (biased, as published), the only one.
+        /// keep: planning samples stay in the image (biased, as published); no other choice.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
             |policy| policy == PilotPolicy::Keep, "keep; there is no other";
     }
@@ -25,7 +25,7 @@ dapple_core::options! {
 dapple_core::options! {
     /// The parameters of [`GemFilter`].
     pub struct GemFilterOptions {
-        /// Share of false stops on white noise, at each step from one scale to the next.
+        /// False-positive rate of scale selection: chance, on pure noise, of stopping at each step.
         pub gamma: f64 = 0.2, |gamma| gamma > 0.0 && gamma <= 0.5, "above 0 and at most 0.5";
     }
 }

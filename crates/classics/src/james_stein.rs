@@ -21,9 +21,9 @@ dapple_core::choices!(NoiseEstimate { Halves = "halves", Samples = "samples" });
 dapple_core::options! {
     /// The parameters of [`JamesStein`].
     pub struct JamesSteinOptions {
-        /// Width of the window in pixels over which the shrinkage is estimated, an odd number from 3 to 63.
+        /// Width in pixels of the window over which the shrinkage is estimated, an odd number from 3 to 63.
         pub window: usize = 15, |w| w % 2 == 1 && (3..=63).contains(&w), "an odd number from 3 to 63";
-        /// Estimate of the noise, pooled over the window: halves (their difference), or samples (their variance).
+        /// Noise estimate, pooled over the window: halves (difference of half-buffers) or samples (sample variance).
         pub noise: NoiseEstimate = NoiseEstimate::Halves => "halves";
     }
 }

@@ -9,26 +9,26 @@ use dapple_core::{Error, Film, Filtered, plan::PilotPolicy, point_set::mix};
 dapple_core::options! {
     /// The parameters of [`Mdas`].
     pub struct MdasOptions {
-        /// Share of the largest error down to which boxes get samples in a round.
+        /// Each round refines all cells whose error exceeds this fraction of the largest.
         ///
         /// 0.025 is the default in a program by one of the authors [Meister and Hachisuka 2022].
         pub alpha: f64 = 0.025, |alpha| alpha > 0.0 && alpha <= 1.0, "above 0 and at most 1";
-        /// Candidates of which the one farthest from the box's samples becomes a sample.
+        /// Best-candidate trials per sample.
         pub candidates: u32 = 4, |n| (1..=64).contains(&n), "1 to 64 candidates";
-        /// Samples in a box before it is cut.
+        /// Samples in a cell before it is split.
         pub leaf: u32 = 4, |n| (1..=64).contains(&n), "1 to 64 samples";
-        /// Side of a pixel, where the ranges of lens, time and light are 1.
+        /// Pixel size relative to lens, time and light ranges, which are scaled to 1.
         ///
         /// The paper scales the image differently, but that scale was not available; the default is not in the paper.
         pub pixel: f64 = 0.5, |pixel| pixel > 0.0 && pixel.is_finite(), "a finite number above 0";
-        /// Samples per pixel of the pilot; the default is not in the paper.
+        /// Pilot samples per pixel.
         ///
         /// The published grid has four samples in a cell, here 2x2 pixels: pilot=1. What these samples miss is found late or
         /// never, since boxes without contrast get hardly any samples.
         pub pilot: u32 = 4, |n| n >= 1, "at least one sample";
-        /// 1 also samples scenes with random numbers outside the domain, whose noise then looks like detail.
+        /// 1: also sample scenes with other random dimensions, whose noise is mistaken for detail; 0: refuse them.
         pub force: u8 = 0, |force| force <= 1, "0 or 1";
-        /// Use in the image of the samples that decide where others lie: keep (biased, as published), the only one.
+        /// keep: planning samples stay in the image (biased, as published); no other choice.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
             |policy| policy == PilotPolicy::Keep, "keep; there is no other";
     }
@@ -37,9 +37,9 @@ dapple_core::options! {
 dapple_core::options! {
     /// The parameters of [`MdasBoxes`].
     pub struct MdasBoxesOptions {
-        /// Samples in a box before it is cut.
+        /// Samples in a cell before it is split.
         pub leaf: u32 = 4, |n| (1..=64).contains(&n), "1 to 64 samples";
-        /// Side of a pixel, where the ranges of lens, time and light are 1; as in the sampler mdas.
+        /// Pixel size relative to lens, time and light ranges, which are scaled to 1; as in sampler mdas.
         pub pixel: f64 = 0.5, |pixel| pixel > 0.0 && pixel.is_finite(), "a finite number above 0";
     }
 }

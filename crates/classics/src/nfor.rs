@@ -10,11 +10,11 @@ use regression::{Data, Guide, Kernel, nl_average, regress};
 dapple_core::options! {
     /// The parameters of [`Nfor`]. Defaults are those of the authors' pseudo-code.
     pub struct NforOptions {
-        /// Pixels to each side whose colours are fitted, 1 to 12.
+        /// Regression window radius in pixels, 1 to 12.
         pub window: usize = 9, |window| (1..=12).contains(&window), "1 to 12 pixels to each side";
-        /// Pixels compared to each side, 0 to 4.
+        /// Patch radius in pixels, 0 to 4.
         pub patch: usize = 3, |patch| patch <= 4, "0 to 4 pixels to each side";
-        /// Second pass over the result of the first.
+        /// true: a second pass filters the result of the first; false: one pass.
         pub second: bool = true => "true";
     }
 }

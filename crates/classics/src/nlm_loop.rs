@@ -21,15 +21,15 @@ dapple_core::choices!(HalfVariance { Halves = "halves", Samples = "samples" });
 dapple_core::options! {
     /// The parameters of [`NlmLoopFilter`].
     pub struct NlmLoopFilterOptions {
-        /// Pixels searched to each side.
+        /// Search radius in pixels.
         pub window: usize = 10, |window| window <= 10, "0 to 10 pixels to each side";
-        /// Pixels compared to each side.
+        /// Patch radius in pixels.
         pub patch: usize = 3, |patch| patch <= 5, "0 to 5 pixels to each side";
-        /// Differences are measured in this many standard deviations.
+        /// Damping of colour differences; larger filters more.
         pub k: f64 = 0.45, |k| (1e-3..=1e3).contains(&k), "0.001 to 1000 standard deviations";
-        /// Factor on the noise that is subtracted from squared differences.
+        /// Factor on the noise variance that is subtracted from squared differences.
         pub alpha: f64 = 1.0 => "1", |alpha| (0.0..=4.0).contains(&alpha), "0 to 4";
-        /// Variance of pixel means: halves (their difference, smoothed) or samples (for independent points).
+        /// Variance of pixel means: halves (smoothed difference of half-buffers) or samples (for independent points).
         pub variance: HalfVariance = HalfVariance::Halves => "halves";
     }
 }
@@ -39,19 +39,19 @@ dapple_core::options! {
     pub struct NlmLoopOptions {
         /// Samples per pixel before counts adapt.
         pub pilot: u32 = 4, |pilot| pilot >= 4, "each of the two halves needs two samples";
-        /// Rounds after the pilot, which share the rest of the budget equally.
+        /// Rounds after the pilot, each with an equal share of the remaining budget.
         pub rounds: u32 = 3, |rounds| (1..=1024).contains(&rounds), "1 to 1024";
-        /// Pixels searched to each side.
+        /// Search radius in pixels.
         pub window: usize = 7, |window| window <= 10, "0 to 10 pixels to each side";
-        /// Pixels compared to each side.
+        /// Patch radius in pixels.
         pub patch: usize = 3, |patch| patch <= 5, "0 to 5 pixels to each side";
-        /// Differences are measured in this many standard deviations.
+        /// Damping of colour differences; larger filters more.
         pub k: f64 = 0.45, |k| (1e-3..=1e3).contains(&k), "0.001 to 1000 standard deviations";
-        /// Factor on the noise that is subtracted from squared differences.
+        /// Factor on the noise variance that is subtracted from squared differences.
         pub alpha: f64 = 0.5, |alpha| (0.0..=4.0).contains(&alpha), "0 to 4";
-        /// Variance of pixel means: halves (their difference, smoothed) or samples (for independent points).
+        /// Variance of pixel means: halves (smoothed difference of half-buffers) or samples (for independent points).
         pub variance: HalfVariance = HalfVariance::Halves => "halves";
-        /// Use in the image of the samples that decide counts: keep (biased, as published), the only one.
+        /// keep: planning samples stay in the image (biased, as published); no other choice.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
             |policy| policy == PilotPolicy::Keep, "keep; there is no other";
     }

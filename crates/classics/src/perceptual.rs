@@ -9,23 +9,23 @@ use dapple_core::{Error, Film, film::luminance};
 dapple_core::options! {
     /// The parameters of [`Perceptual`].
     pub struct PerceptualOptions {
-        /// Visible difference, in just noticeable differences, below which a pixel has converged.
+        /// With mode=threshold: a pixel stops below this many just noticeable differences.
         ///
         /// Only [`Stopping::Threshold`] uses it.
         pub threshold: f64 = 1.0 => "1", |t| t > 0.0 && t.is_finite(), "above 0";
         /// Pixels per degree of visual angle, as for FLIP.
         pub ppd: f64 = 67.0 => "67", |ppd| (1.0..=1000.0).contains(&ppd), "1 to 1000 pixels per degree";
-        /// Contrast sensitivity at 4 cycles per degree, its largest value.
+        /// Peak contrast sensitivity, at 4 cycles per degree.
         pub sensitivity: f64 = 100.0 => "100", |s| s > 0.0 && s.is_finite(), "above 0";
-        /// Luminance to which the eye has adapted; 0 takes the mean of the image.
+        /// Luminance to which the eye has adapted; 0: the mean of the image.
         pub adapt: f64 = 0.0 => "0", |adapt| adapt >= 0.0 && adapt.is_finite(), "0 or above; 0 chooses";
         /// Samples per pixel before counts adapt.
         pub pilot: u32 = 4, |pilot| pilot >= 2, "a variance needs 2 samples or more";
-        /// Rounds after the pilot, which share the rest of the budget equally.
+        /// Rounds after the pilot, each with an equal share of the remaining budget.
         pub rounds: u32 = 4, |rounds| (1..=1024).contains(&rounds), "1 to 1024";
-        /// Stopping rule: budget (all of it, by visible difference) or threshold (the budget is an upper bound).
+        /// Stopping rule: budget (most visible differences first, until spent) or threshold (the budget is an upper bound).
         pub mode: Stopping = Stopping::Budget => "budget";
-        /// Use in the image of the samples that decide counts: keep (biased, as published), the only one.
+        /// keep: planning samples stay in the image (biased, as published); no other choice.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
             |policy| policy == PilotPolicy::Keep, "keep; there is no other";
     }

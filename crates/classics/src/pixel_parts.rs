@@ -11,15 +11,15 @@ use dapple_core::{Error, Film, Filtered, film::luminance, point_set::mix};
 dapple_core::options! {
     /// The parameters of [`Hierarchical`].
     pub struct HierarchicalOptions {
-        /// Samples of a part from which it is split.
+        /// Split a cell once it has this many samples.
         pub split: u32 = 4, |n| (2..=64).contains(&n), "2 to 64 samples";
-        /// Samples per pixel of the pilot.
+        /// Pilot samples per pixel.
         pub pilot: u32 = 4, |n| n >= 1, "at least one sample";
-        /// Term of the denominator of relative variances.
+        /// Added to the squared mean in relative variances.
         ///
         /// Variances are divided by `mean^2 + epsilon` of the part. In the paper, they are absolute.
         pub epsilon: f64 = 0.01 => "0.01", |e| e > 0.0 && e.is_finite(), "a finite number above 0";
-        /// Use in the image of the samples that decide where others lie: keep (biased, as published), the only one.
+        /// keep: planning samples stay in the image (biased, as published); no other choice.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
             |policy| policy == PilotPolicy::Keep, "keep; there is no other";
     }
@@ -112,17 +112,17 @@ pub type Hierarchical<P> = TreeSampler<P, HierarchicalOptions>;
 dapple_core::options! {
     /// The parameters of [`Subdivision`].
     pub struct SubdivisionOptions {
-        /// Contrast of red above which a part is split; the three defaults are those of Mitchell 1987.
+        /// Contrast of red above which a quadrant is split; the three defaults are those of Mitchell 1987.
         pub red: f64 = 0.4, |red| red > 0.0 && red <= 1.0, "a threshold of contrast lies in (0, 1]";
-        /// Contrast of green above which a part is split.
+        /// Contrast of green above which a quadrant is split.
         pub green: f64 = 0.3, |green| green > 0.0 && green <= 1.0, "a threshold of contrast lies in (0, 1]";
-        /// Contrast of blue above which a part is split.
+        /// Contrast of blue above which a quadrant is split.
         pub blue: f64 = 0.6, |blue| blue > 0.0 && blue <= 1.0, "a threshold of contrast lies in (0, 1]";
-        /// Splits on the way from a pixel to its smallest part.
+        /// Maximum subdivision depth.
         pub depth: u32 = 4, |depth| (1..=10).contains(&depth), "1 to 10 splits";
-        /// Stopping rule: budget (largest contrast times area first, until spent) or threshold (an upper bound).
+        /// Stopping rule: budget (largest contrast x area first, until spent) or threshold (the budget is an upper bound).
         pub mode: Stopping = Stopping::Budget => "budget";
-        /// Use in the image of the samples that decide where others lie: keep (biased, as published), the only one.
+        /// keep: planning samples stay in the image (biased, as published); no other choice.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
             |policy| policy == PilotPolicy::Keep, "keep; there is no other";
     }
@@ -247,9 +247,9 @@ pub type Subdivision<P> = TreeSampler<P, SubdivisionOptions>;
 dapple_core::options! {
     /// The parameters of [`TreeMean`].
     pub struct TreeMeanOptions {
-        /// Parts: quadrants (of the pixel, as subdivision has them) or contrast (of all axes, as hierarchical has them).
+        /// Must match the sampler: quadrants for subdivision, contrast (split along any dimension) for hierarchical.
         pub tree: PartRule = PartRule::Quadrants => "quadrants";
-        /// Samples of a part from which it is split, with tree=contrast.
+        /// With tree=contrast: split a cell once it has this many samples.
         pub split: u32 = 4, |n| (2..=64).contains(&n), "2 to 64 samples";
     }
 }

@@ -10,7 +10,7 @@ use std::array;
 dapple_core::options! {
     /// The parameters of [`Staged`].
     pub struct StagedOptions {
-        /// Side of the last box in pixels; at 1 each pixel is made of its own samples.
+        /// Side of the final box in pixels; at 1, each pixel uses only its own samples.
         pub width: f64 = 1.0 => "1", |width| (1.0..=8.0).contains(&width), "1 to 8 pixels";
     }
 }

@@ -12,11 +12,11 @@ use dapple_core::{Error, Film, Filtered, Needs, filter::ImagePlanes, parallel};
 dapple_core::options! {
     /// The parameters of [`SureFilter`].
     pub struct SureFilterOptions {
-        /// Pixels searched to each side, 0 to 20.
+        /// Search radius in pixels, 0 to 20.
         pub window: usize = 20, |window| window <= 20, "0 to 20 pixels to each side";
-        /// Search 5 pixels to each side at most: 14 times fewer pairs of pixels than with 20.
+        /// true: limit the search radius to 5 pixels, with 14 times fewer pixel pairs than 20.
         pub fast: bool = false => "false";
-        /// Standard deviation in pixels of the kernel that smooths estimated errors before the best filter is chosen.
+        /// Standard deviation in pixels of the kernel that smooths error estimates before the best filter is chosen.
         pub smooth: f64 = 4.0 => "4", |sigma| sigma > 0.0 && sigma <= 8.0, "above 0 and at most 8 pixels";
     }
 }
@@ -129,17 +129,17 @@ fn chosen(planes: &Planes, all: &[OfPixel], i: usize, spatial: &[f64]) -> Chosen
 dapple_core::options! {
     /// The parameters of [`Sure`]. Except for the number of rounds, the defaults are those of the authors' code.
     pub struct SureOptions {
-        /// Samples per pixel before counts adapt; at most half of the mean budget.
+        /// Samples per pixel before counts adapt; at most half of the mean spp.
         pub pilot: u32 = 8, |pilot| pilot != 0, "at least one sample";
-        /// Rounds for the rest of the budget, each planned from the samples before it.
+        /// Rounds after the pilot, each planned from all samples before it.
         pub rounds: u32 = 1, |rounds| (1..=16).contains(&rounds), "1 to 16";
-        /// Pixels searched to each side, 0 to 20.
+        /// Search radius in pixels, 0 to 20.
         pub window: usize = 10, |window| window <= 20, "0 to 20 pixels to each side";
-        /// Standard deviation in pixels of the kernel that smooths estimated errors.
+        /// Standard deviation in pixels of the kernel that smooths error estimates.
         pub smooth: f64 = 4.0 => "4", |sigma| sigma > 0.0 && sigma <= 8.0, "above 0 and at most 8 pixels";
-        /// Largest number of samples of a pixel.
+        /// Maximum samples per pixel.
         pub cap: u32 = 1024, |cap| cap != 0, "at least one sample";
-        /// Use of pilot samples in the image: keep (biased, as published), the only one.
+        /// keep: planning samples stay in the image (biased, as published); no other choice.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
             |policy| policy == PilotPolicy::Keep, "keep; there is no other";
     }

@@ -11,7 +11,7 @@ use samples::{At, Axes, Near, Tree, covers, divide, join_small, surrounds};
 dapple_core::options! {
     /// The parameters of [`Tlfr`].
     pub struct TlfrOptions {
-        /// Points of the light field in each pixel whose colours are reconstructed; powers of two are best.
+        /// Reconstruction points per pixel; powers of two are best.
         pub points: u32 = 128, |n| (1..=65_536).contains(&n), "1 to 65536 points";
     }
 }

@@ -256,11 +256,11 @@ pub(crate) fn high_band(size: [usize; 2], level: usize, band: usize) -> [std::op
 dapple_core::options! {
     /// The parameters of [`Wavelet`].
     pub struct WaveletOptions {
-        /// Wavelets: cdf97 or cdf53 (Cohen, Daubechies and Feauveau) or haar.
+        /// Wavelets: cdf97 or cdf53 (smooth, by Cohen, Daubechies and Feauveau), or haar (blocks).
         pub basis: Basis = Basis::Cdf97 => "cdf97";
-        /// Number of levels.
+        /// Number of wavelet levels.
         pub levels: usize = 5, |levels| (1..=10).contains(&levels), "1 to 10";
-        /// Coefficients shrink by this many standard errors; 0 keeps the image.
+        /// Coefficients shrink by this many standard errors; 0 leaves the image unchanged.
         pub gamma: f64 = 1.0 => "1", |gamma| (0.0..=100.0).contains(&gamma), "0 to 100 standard errors";
     }
 }

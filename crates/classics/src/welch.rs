@@ -24,19 +24,19 @@ dapple_core::choices!(TestDegrees { Welch = "welch", Counts = "counts" });
 dapple_core::options! {
     /// The parameters of [`Welch`]. Defaults are those of the authors' code.
     pub struct WelchOptions {
-        /// Radius of the circle of pixels that may join, in pixels.
+        /// Radius of the neighbourhood in pixels.
         pub radius: u32 = 20, |radius| radius <= 32, "at most 32 pixels";
-        /// Standard deviation of the weight by distance, in pixels.
+        /// Standard deviation of the distance weight, in pixels.
         pub sigma: f64 = 10.0 => "10", |sigma| sigma > 0.0 && sigma.is_finite(), "above 0 pixels";
-        /// Standard deviation of the weight by albedo.
+        /// Standard deviation of the albedo weight.
         pub albedo: f64 = 0.02, |sigma| sigma > 0.0 && sigma.is_finite(), "above 0";
-        /// Standard deviation of the weight by normals.
+        /// Standard deviation of the normal weight.
         pub normal: f64 = 0.1, |sigma| sigma > 0.0 && sigma.is_finite(), "above 0";
-        /// Probability with which a channel's test separates pixels of equal expectation.
+        /// Significance level of the per-channel test.
         pub level: f64 = 0.005, |level| (1e-6..=0.5).contains(&level), "a probability from 1e-6 to 0.5";
-        /// Degrees of freedom of the test: welch (unequal variances), or counts (both counts minus 2, as published).
+        /// Degrees of freedom of the test: welch (unequal variances) or counts (sum of both counts minus 2, as published).
         pub df: TestDegrees = TestDegrees::Welch => "welch";
-        /// Factor on variances of means; below 1 for low-discrepancy points, whose means vary less than their samples show.
+        /// Factor on variances of means; below 1 suits low-discrepancy points, whose means vary less.
         pub shrink: f64 = 1.0 => "1", |shrink| shrink > 0.0 && shrink <= 1.0, "above 0 and at most 1";
     }
 }

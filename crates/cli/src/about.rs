@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
 pub(crate) struct ListArgs {
-    /// Describe only this one: what it is, its source, and its parameters with their defaults
+    /// Describe only this one: title, source, weakness, results and parameters with their defaults
     #[arg(value_name = "NAME")]
     name: Option<String>,
 }
@@ -95,7 +95,7 @@ pub(crate) fn filters(args: &ListArgs) -> Result<Outcome> {
     for (name, feature) in NOT_BUILT.iter().filter(|_| args.name.is_none()) {
         tell(format!("{name:<19}not in this build; build dapple with the feature \"{feature}\""))?;
     }
-    if args.name.is_none() {
+    if args.name.as_ref().is_none_or(|name| name == "best") {
         tell(format!("{:<19}here {}, since Open Image Denoise is {}", "best", registry::best_filter(), found()))?;
     }
     Ok(Outcome::Done)
@@ -137,9 +137,12 @@ fn list<T>(
             list_parameters(&method.parameters)
         })?,
         Some(name) => {
-            check(name).map_err(Failure::new)?;
             let plain = name.split(':').next().unwrap_or_default().trim();
             let found = all.iter().find(|method| method.name == plain || method.aliases.contains(&plain));
+            // A filter is described even if its library is missing.
+            if found.is_none() || name.contains(':') {
+                check(name).map_err(Failure::new)?;
+            }
             found.map_or(Ok(()), |method| describe(option, method))?;
         }
     }
@@ -159,12 +162,11 @@ fn describe(option: &str, method: &Described) -> Result<()> {
     for (description, result) in registry::verdicts(option, method.name) {
         tell(format!("result of {description}: {result}"))?;
     }
-    let example = match method.parameters.first() {
-        Some(Parameter { name, default, .. }) => format!("{}:{name}={default}", method.name),
-        None => method.name.to_owned(),
-    };
-    tell(format!("use: dapple render scene.pbrt --{option} {example}"))?;
-    tell(if method.parameters.is_empty() { "no parameters" } else { "parameters and their defaults:" })?;
+    let usage = format!("use: dapple render scene.pbrt --{option} {}", method.name);
+    if method.parameters.is_empty() {
+        return tell(format!("{usage}\nno parameters"));
+    }
+    tell(format!("{usage}[:key=value,…]\nparameters and their defaults:"))?;
     list_parameters(&method.parameters)
 }
 
@@ -180,6 +182,7 @@ fn list_parameters(parameters: &[&Parameter]) -> Result<()> {
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  dapple schemas\n  dapple schemas render > render.schema.json")]
 pub(crate) struct SchemasArgs {
+    /// Print this schema
     #[arg(value_name = "NAME")]
     name: Option<String>,
 }
@@ -208,13 +211,14 @@ pub(crate) fn schemas(args: &SchemasArgs) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Print the completions of a shell
+/// Print the completion script for a shell
 #[derive(clap::Args)]
 #[command(after_help = "Examples:
   dapple completions bash > ~/.local/share/bash-completion/completions/dapple
   dapple completions zsh > ~/.zfunc/_dapple
   dapple completions fish > ~/.config/fish/completions/dapple.fish")]
 pub(crate) struct CompletionsArgs {
+    /// Shell that will load the script
     #[arg(value_name = "SHELL")]
     shell: Shell,
 }
@@ -225,11 +229,11 @@ pub(crate) struct CompletionsArgs {
   dapple man render | man -l -
   dapple man -o ~/.local/share/man/man1")]
 pub(crate) struct ManArgs {
-    /// The command, such as render
+    /// Command, such as render; without it, the page of the program
     #[arg(value_name = "COMMAND")]
     command: Option<String>,
 
-    /// Write the pages of all commands to this folder instead
+    /// Write all pages to this folder instead of printing one
     #[arg(short, long = "output", value_name = "DIR", conflicts_with = "command")]
     output: Option<PathBuf>,
 }

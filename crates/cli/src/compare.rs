@@ -10,9 +10,8 @@ use std::path::{Path, PathBuf};
 
 /// Compare an image with its reference
 ///
-/// Reads EXR (its main layer), PFM, Radiance HDR, PNG, JPEG and TGA; integer values are decoded as sRGB, and colours of
-/// other chromaticities converted to Rec. 709. Pixels of EXR files are paired by their data windows,
-/// in the same view. Errors
+/// Reads EXR (its main layer), PFM, Radiance HDR, PNG, JPEG and TGA. Integer values are decoded as sRGB; other colour
+/// spaces are converted to Rec. 709. EXR pixels are aligned by data window; views of the same name are compared. Errors
 /// are of linear values, unless they are labelled "display" or "sRGB". FLIP estimates the difference that
 /// a viewer sees on a display 0.7 m wide with 3840 pixels across, from 0.7 m.
 #[derive(clap::Args)]

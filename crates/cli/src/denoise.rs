@@ -14,31 +14,36 @@ use std::path::PathBuf;
 
 /// Denoise an image of any renderer: an OpenEXR file with its variance, or two renders with different seeds
 ///
-/// Layers are found by the names that pbrt-v4, Cycles, Mitsuba, Arnold, RenderMan and Dapple give them: the image, its
-/// variance and sample counts, and as guides normal, albedo, position or depth of what each pixel shows, in the view
-/// layer of the image. Two files need no variance.
+/// Layers are found by the names that pbrt-v4, Cycles, Mitsuba, Arnold, RenderMan and Dapple give them: image, variance,
+/// sample counts, and as guides the normal, albedo, position or depth of the first hit, from the same view layer as the
+/// image. With two files no variance layer is needed.
 #[derive(clap::Args)]
 #[command(after_help = include_str!("help/denoise.txt").trim_end())]
 pub(crate) struct DenoiseArgs {
-    /// OpenEXR file to denoise, in all its views; with a second one, two renders of the same image with different seeds
+    /// One OpenEXR file (all views are denoised), or two renders of the same image with different seeds
     #[arg(value_name = "IN", num_args = 1..=2, required = true)]
     inputs: Vec<PathBuf>,
 
-    /// Image file to write: .exr (the first input with its image denoised, and the estimated error), .pfm or .png (the
-    /// image alone, in Rec. 709); may be repeated. Inputs are never replaced
+    /// Image file to write: .exr, .pfm or .png; may be repeated. Inputs are never replaced
+    ///
+    /// .exr: a copy of the first input with the denoised image and an added layer for the estimated error. .pfm and .png:
+    /// the image alone, in Rec. 709.
     #[arg(short, long = "output", visible_alias = "outfile", value_name = "OUT", required = true)]
     outputs: Vec<PathBuf>,
 
-    /// Name of a layer in the files, such as normal=nn; may be repeated. Kinds: color, variance (of a sample),
-    /// variance-of-mean, second-moment, count, normal, albedo, position, depth, coverage, emission, id
+    /// Name of a layer in the files: KIND=NAME, such as normal=shading.n; may be repeated
+    ///
+    /// Kinds: color, variance (of one sample), variance-of-mean (of the pixel value), second-moment (mean of squared
+    /// samples), count (samples per pixel), normal, albedo, position, depth, coverage, emission (of lights seen directly),
+    /// id (of objects or materials).
     #[arg(long = "layer", value_name = "KIND=NAME", value_parser = layer)]
     layers: Vec<(LayerKind, String)>,
 
-    /// Samples per pixel of each file [default: by its layers or header]
+    /// Samples per pixel of each file [default: read from its layers or header]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     spp: Option<u32>,
 
-    /// The variance layer holds the variance of the pixel's mean, not of one sample
+    /// Treat a layer of kind variance as kind variance-of-mean
     #[arg(long)]
     variance_of_mean: bool,
 
@@ -46,12 +51,13 @@ pub(crate) struct DenoiseArgs {
     #[arg(long, visible_alias = "denoiser", value_name = "NAME[:…]", value_parser = filter)]
     filter: Option<String>,
 
-    /// Light of fireflies, with the default filter: keep (in their pixels), drop, or spread. A firefly has the light of 880 pixels
-    /// around it, and one half of the samples alone has seen it
+    /// What the default filter does with the light of fireflies: keep it in place, drop it, or spread it over neighbours
+    ///
+    /// A firefly is a pixel as bright as 880 pixels around it together that appears in only one half of the samples.
     #[arg(long, value_name = "PLACE", value_parser = fireflies, default_value = FireflyLight::default().name(), conflicts_with = "filter")]
     fireflies: FireflyLight,
 
-    /// Exposure of PNG files in stops; each doubles the brightness
+    /// Exposure of PNG images in stops; each stop doubles the brightness
     #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true)]
     exposure: f32,
 
@@ -60,7 +66,7 @@ pub(crate) struct DenoiseArgs {
     #[arg(value_parser = clap::value_parser!(u16).range(..=1024))]
     threads: u16,
 
-    /// Print one line of JSON
+    /// Print one line of JSON instead of text
     #[arg(long)]
     json: bool,
 }

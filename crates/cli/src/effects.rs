@@ -26,9 +26,9 @@ const LONGEST: u32 = 192;
 /// their share of the image
 ///
 /// Each effect is left out in turn: the image is rendered alternately with and without it, with --seeds seeds. The cost
-/// is a share of the tracing time, at equal samples per pixel. The share of the image is given in two ways: the mean radiance
-/// that is lost without the effect, and the relMSE of the image without it, from which noise is subtracted. The light of paths beyond the scene's
-/// depth limit is measured, too. Each value has the half width of its 95 % interval.
+/// is a share of the tracing time, at equal samples per pixel. The share of the image is given in two ways: the mean
+/// radiance that is lost without the effect, and the relMSE of the image without it, corrected for noise. The light of
+/// paths beyond the scene's depth limit is measured, too. Values have ± 95 % confidence intervals.
 #[derive(clap::Args)]
 #[command(after_help = include_str!("help/effects.txt").trim_end())]
 pub(crate) struct EffectsArgs {
@@ -49,7 +49,7 @@ pub(crate) struct EffectsArgs {
     #[arg(value_parser = clap::value_parser!(u32).range(1..))]
     spp: u32,
 
-    /// Number of seeds; each effect is rendered once with and once without it per seed
+    /// Number of seeds; per seed, the image is rendered once with and once without each effect
     #[arg(long, value_name = "N", default_value_t = 4, conflicts_with = "list")]
     #[arg(value_parser = clap::value_parser!(u32).range(4..=64))]
     seeds: u32,
@@ -58,7 +58,7 @@ pub(crate) struct EffectsArgs {
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u16).range(..=1024))]
     threads: u16,
 
-    /// Print warnings about unsupported features of the scene instead of refusing it
+    /// Ignore unsupported scene features with a warning instead of stopping
     #[arg(long)]
     allow_unsupported: bool,
 

@@ -19,7 +19,7 @@ use systems::{Files, quoted};
 ///
 /// Nothing is started. DIR gets render.json (the description of the render), stage.sh (the commands of every task), and
 /// the scheduler's own files. All machines need DIR and the scene at the same path, and `dapple` in their PATH or its
-/// path in the variable DAPPLE. Tasks that are done are skipped, so that a job which failed is submitted again as it is.
+/// path in the variable DAPPLE. Resubmit a failed job unchanged; finished tasks are skipped.
 #[derive(Args)]
 pub(crate) struct FarmOptions {
     /// Scheduler or render farm
@@ -31,17 +31,19 @@ pub(crate) struct FarmOptions {
     #[arg(value_parser = clap::value_parser!(u32).range(1..=10_000))]
     parts: u32,
 
-    /// Image file to make at the end: .exr, .pfm or .png, in DIR unless absolute; may be repeated [default: image.exr]
+    /// Image file to write at the end: .exr, .pfm or .png, in DIR unless absolute; may be repeated [default: image.exr]
     #[arg(long = "image", value_name = "FILE", value_parser = image(), help_heading = "Job")]
     images: Vec<PathBuf>,
 
-    /// Number of times that a task is tried
+    /// Attempts per task
     #[arg(long, value_name = "N", default_value_t = 3, help_heading = "Job")]
     #[arg(value_parser = clap::value_parser!(u32).range(1..=100))]
     tries: u32,
 
-    /// Largest number of stages of a render whose sampler or light selection learns from samples (openjd, opencue); stages
-    /// that are not needed do nothing [default: by --spp]
+    /// Number of stages to schedule for samplers or light selection that learn from samples (openjd, opencue)
+    /// [default: derived from --spp]
+    ///
+    /// Unneeded stages exit at once.
     #[arg(long, value_name = "N", help_heading = "Job")]
     #[arg(value_parser = clap::value_parser!(u32).range(1..=1000))]
     stages: Option<u32>,
@@ -80,6 +82,26 @@ pub(crate) struct FarmArgs {
     refused: Option<&'static str>,
 }
 
+/// Options of `dapple render` with another help text in a job.
+const HELP: &[(&str, &str)] = &[
+    (
+        "outputs",
+        "Folder for the job's files; it may exist, and files of an earlier job with the same arguments are kept",
+    ),
+    (
+        "light_selection",
+        "How a light (or part of an environment map) is chosen: by power, uniform, or learned from samples [default: learned]",
+    ),
+    (
+        "spec",
+        "Read the description of the render from this JSON file, in place of SCENE and the options of Method, Budget, Bounds and Image",
+    ),
+    ("seed", "Seed of all random numbers; the same seed gives the same image on any number of machines"),
+    ("memory", "Memory limit of each task, such as 2G, 500M or a number of bytes [default: the machine's memory]"),
+    ("threads", "Number of threads of each task; 0 is one per core"),
+    ("quiet", "Print only warnings and errors"),
+];
+
 /// Options of `dapple render` that concern a single process, so that a job refuses them.
 const REFUSED: &str = "maps features preview view preview_every progress_every layers half checkpoint checkpoint_every resume \
     shard from print_spec json exposure";
@@ -90,13 +112,14 @@ impl Args for FarmArgs {
         let (short, long) = (about.get_about().cloned(), about.get_long_about().cloned());
         let command = RenderArgs::augment_args(FarmOptions::augment_args(command));
         let command = command.mut_arg("outputs", |output| {
-            let help =
-                "Folder for the job's files; it may exist, and files of an earlier job with the same arguments stay";
-            let output = output.value_parser(clap::value_parser!(PathBuf)).value_name("DIR").required(true);
-            output.help(help).long_help(help)
+            output.value_parser(clap::value_parser!(PathBuf)).value_name("DIR").required(true)
         });
         let mut command = command.after_help(include_str!("help/farm.txt").trim_end());
-        for id in REFUSED.split(' ') {
+        for (id, help) in HELP {
+            command = command.mut_arg(id, |argument| argument.help(*help).long_help(*help));
+        }
+        // A job refuses a time budget, with a reason of its own.
+        for id in REFUSED.split(' ').chain(["time"]) {
             command = command.mut_arg(id, |argument| argument.hide(true));
         }
         match (short, long) {

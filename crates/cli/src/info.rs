@@ -12,10 +12,10 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// Print the contents of a scene, the effects that it uses and the estimated memory of a render; or those of an image
+/// Print the contents of a scene, the effects that it uses and the estimated memory of a render; or the properties of an image
 ///
-/// Of an image, the size, the channels and the bits of each value are printed; of an EXR file, the parts, views, windows,
-/// chromaticities, compression and layers.
+/// For images, prints size, channels and bits per value; for EXR files also parts, views, windows, chromaticities,
+/// compression and layers.
 #[derive(clap::Args)]
 #[command(
     after_help = "Examples:\n  dapple info scene.pbrt\n  dapple info model.obj\n  dapple info image.exr\n  dapple info terrain"
@@ -26,7 +26,7 @@ pub(crate) struct InfoArgs {
     /// (.exr, .png, .jpg, .tga, .hdr, .pfm)
     #[arg(value_name = "SCENE", default_value = bundled::DEFAULT)]
     scene: PathBuf,
-    /// Print warnings about unsupported features of the scene instead of refusing it
+    /// Ignore unsupported scene features with a warning instead of stopping
     #[arg(long)]
     allow_unsupported: bool,
 }

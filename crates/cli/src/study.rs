@@ -23,7 +23,7 @@ use std::time::Duration;
 /// slowdown of the machine affects all of them. Each finished run is a line of runs.jsonl in the folder DIR, beside
 /// report.html. The same command resumes a stopped or killed study.
 ///
-/// The first method is that of `dapple render` without options: its sampler, points, filter and light selection.
+/// By default, the first method is that of `dapple render`: its sampler, points, filter and light selection.
 ///
 /// The pixel filter of all images is a box one pixel wide. References are rendered once, with a point set that no
 /// method uses, in two halves whose difference estimates the reference's own error.
@@ -34,10 +34,10 @@ pub(crate) struct StudyArgs {
     #[arg(value_name = "FILE.toml")]
     plan: Option<PathBuf>,
 
-    /// Set a key of the plan; may be repeated. VALUE has the syntax of TOML, or is text without quotes
+    /// Set a key of the plan; may be repeated. VALUE is TOML, or text without quotes
     ///
-    /// A single value is a list of one, and a dot leads into a table. A resolution and lights also replace those of
-    /// single scenes.
+    /// Single values are accepted where a list is expected; use dots for nested keys (a.b=1). Setting resolution or
+    /// lights overrides per-scene values.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     sets: Vec<String>,
 
@@ -49,7 +49,7 @@ pub(crate) struct StudyArgs {
     #[arg(long, value_name = "DIR")]
     references: Option<PathBuf>,
 
-    /// Write the report and the tables in the folder of --output anew, without runs
+    /// Regenerate report and tables from the runs already in --output; render nothing
     #[arg(long, conflicts_with_all = ["plan", "sets"])]
     report_only: bool,
 

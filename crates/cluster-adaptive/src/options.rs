@@ -9,26 +9,26 @@ dapple_core::options! {
     /// The defaults are those of the thesis where it states them. It states no formula for `map` and no values for the two
     /// weights; the default 0.25 of the weights is a guess.
     pub struct ClusterThesisOptions {
-        /// Pixel area, if clusters are measured by box or triangles: one (published) or footprint.
+        /// Pixel size, for size=box or triangles: one (1 for every pixel, published) or footprint (its area at the hit).
         pub pixel: PixelArea = PixelArea::One => "one";
-        /// Map from the ratio of pixel to cluster size to a sampling rate: identity, root or log.
+        /// Function that turns pixel size / cluster size into a sampling rate: identity, root (square root) or log.
         pub map: RateMap = RateMap::Root => "root";
-        /// Weight of a large angle between normal and ray; the cluster's size weighs 1.
+        /// Weight of grazing angles between surface and ray; the cluster size has weight 1.
         ///
         /// 0 leaves the angle out.
         pub angle: f64 = 0.25, |weight| weight >= 0.0 && weight.is_finite(), "a weight of 0 or more";
-        /// Weight of the distance to the hit; the cluster's size weighs 1.
+        /// Weight of the distance to the hit; the cluster size has weight 1.
         ///
         /// 0 leaves the distance out.
         pub distance: f64 = 0.25, |weight| weight >= 0.0 && weight.is_finite(), "a weight of 0 or more";
-        /// Least samples per pixel (with --time and --error use --min-spp instead); 0 takes Lan's table 4-3.
+        /// Minimum samples per pixel (with --time or --error use --min-spp); 0: Lan's table 4-3.
         ///
         /// [`published_bounds`] is this table. The minimum also applies if the budget is raised later, so under a time limit it
         /// may be refused. Set the floor of the limit instead.
         pub min: u32 = 0;
-        /// Largest number of samples of a pixel; 0 takes Lan's table 4-3.
+        /// Maximum samples per pixel; 0: Lan's table 4-3.
         pub max: u32 = 0;
-        /// Shadow rays per cluster towards random points of the lights; 0 knows no light (published).
+        /// Shadow rays per cluster to random points on lights, so that penumbras get more samples; 0 ignores lights (published).
         ///
         /// The importance of a cluster is multiplied by `1 + v (1 - v)`, where `v` is the fraction of its shadow rays that
         /// reach a light. Penumbras get up to a quarter more. [Lan 2016] suggests this as future work, without a formula.

@@ -24,14 +24,14 @@ const BESIDE: [f32; 2] = [0.5, 0.4];
 dapple_core::options! {
     /// The parameters of [`ClusterRegression`].
     pub struct ClusterRegressionOptions {
-        /// Weight of a pixel of another cluster relative to one of the same; 1: no clusters.
+        /// Weight of a pixel of another cluster, relative to one of the same; 1 ignores clusters.
         pub outside: f64 = 0.2,
             |w| (0.0..=1.0).contains(&w), "0 (nothing crosses a border) to 1 (clusters do not matter)";
-        /// Parts of the light that are filtered one by one: 2 (direct and indirect), 1, or auto (2 from 2 spp on).
+        /// Light filtered separately: 2 (direct and indirect), 1 (all together) or auto (2 from 2 spp on).
         pub layers: Layers = Layers::Auto => "auto";
-        /// If false, the image stays that of the regressions, which the network learns from (tools/train).
+        /// true: the trained network improves the image of the regressions; false: regressions only.
         pub network: bool = true => "true";
-        /// Light of fireflies (as much as 880 pixels around have): keep (in their pixels), drop or spread (as all light).
+        /// Light of fireflies (as bright as 880 pixels around): keep (in their pixels), drop or spread (over neighbours).
         pub fireflies: FireflyLight = FireflyLight::Keep => "keep";
     }
 }

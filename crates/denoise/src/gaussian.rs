@@ -15,7 +15,7 @@ dapple_core::options! {
         ///
         /// The standard deviation is `sqrt(0.5 / alpha)` pixels.
         pub alpha: f64 = 0.5, |alpha| alpha > 0.0 && alpha.is_finite(), "a finite number above 0; 0.5 is usual";
-        /// Half its width in pixels.
+        /// Kernel radius in pixels.
         pub radius: f64 = 4.0 => "4",
             |radius| radius > 0.0 && radius <= 64.0, "above 0 and at most 64 pixels, from the centre to the edge";
     }

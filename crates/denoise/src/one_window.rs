@@ -14,13 +14,13 @@ use dapple_core::{Error, Film, Filter, Filtered, Frame, Needs, filter::FilterMem
 dapple_core::options! {
     /// The parameters of [`NlMeans`]: `k` and patches as published, and smaller windows.
     pub struct NlMeansOptions {
-        /// Pixels searched to each side, 0 to 7.
+        /// Search radius in pixels, 0 to 7.
         pub window: usize = REACH => "7", |window| window <= REACH, "0 to 7 pixels to each side";
-        /// Pixels compared to each side, 0 to 3.
+        /// Patch radius in pixels, 0 to 3.
         pub patch: usize = 3, |patch| patch <= 3, "0 to 3 pixels to each side";
-        /// Differences are measured in this many standard deviations.
+        /// Damping of colour differences; larger filters more.
         pub k: f64 = 0.45, |k| (1e-3..=1e3).contains(&k), "0.001 to 1000 standard deviations";
-        /// The same for features (normal, albedo and depth); none: only colours count (published).
+        /// Like k, for normal, albedo and depth differences; none uses colour only (published).
         ///
         /// With features, colours are divided by albedo before they are compared.
         pub features: Option<f64> = None => "none",
@@ -129,16 +129,16 @@ impl Filter for NlMeans {
 dapple_core::options! {
     /// The parameters of [`Bilateral`].
     pub struct BilateralOptions {
-        /// Pixels averaged to each side, 0 to 7.
+        /// Window radius in pixels, 0 to 7.
         pub window: usize = REACH => "7", |window| window <= REACH, "0 to 7 pixels to each side";
-        /// The spatial weight is exp(-falloff r^2).
+        /// The spatial weight is exp(-falloff r^2), with the distance r in pixels.
         pub falloff: f64 = 0.03,
             |falloff| (0.0..=100.0).contains(&falloff), "0 (a flat window) to 100, per square pixel";
-        /// Differences of colours are measured in this many standard deviations.
+        /// Tolerance of colour differences in standard deviations; larger filters more.
         pub colour: f64 = 0.8, |k| (1e-3..=1e3).contains(&k), "0.001 to 1000 standard deviations";
-        /// The same for features: normal, albedo and depth.
+        /// Like colour, for normal, albedo and depth differences.
         pub features: f64 = 1.0 => "1", |k| (1e-3..=1e3).contains(&k), "0.001 to 1000 standard deviations";
-        /// Weight of a pixel of another cluster relative to one of the same; 1: no clusters.
+        /// Weight of a pixel of another cluster, relative to one of the same; 1 ignores clusters.
         pub outside: f64 = 1.0 => "1",
             |w| (0.0..=1.0).contains(&w), "0 (nothing crosses a border) to 1 (clusters do not matter)";
     }

@@ -9,11 +9,11 @@ use dapple_core::{Error, Film};
 dapple_core::options! {
     /// The parameters of [`Mitchell`], the contrast-adaptive sampler.
     pub struct MitchellOptions {
-        /// Samples per pixel before refinement; 0 with additional=0 takes Lan's table 4-2 for the mean budget.
+        /// Samples per pixel before refinement; set together with additional, or leave both 0: Lan's table 4-2 for this spp.
         ///
         /// [`Rates::for_mean`] is this table [Lan 2016]. It is read again when the mean budget has doubled.
         pub initial: u32 = 0;
-        /// Additional samples per refined pixel; 0 with initial=0 takes Lan's table 4-2 for the mean budget.
+        /// Additional samples per refined pixel; set together with initial.
         pub additional: u32 = 0;
         /// Contrast of red above which a pixel is refined.
         ///
@@ -23,7 +23,7 @@ dapple_core::options! {
         pub green: f64 = 0.3, |green| green > 0.0 && green <= 1.0, "a threshold of contrast lies in (0, 1]";
         /// Contrast of blue above which a pixel is refined.
         pub blue: f64 = 0.6, |blue| blue > 0.0 && blue <= 1.0, "a threshold of contrast lies in (0, 1]";
-        /// Radius of the window in which contrast is measured, 2 radius + 1 pixels wide and high.
+        /// Radius in pixels of the window in which contrast is measured.
         ///
         /// 1 is Mitchell's neighbourhood of 3x3 pixels; 0 is the pixel alone.
         pub radius: u32 = 1, |radius| radius <= 64, "at most 64 pixels";
@@ -34,7 +34,7 @@ dapple_core::options! {
         /// at most one. With [`Stopping::Threshold`], pixels above the threshold are refined once. With either rule, at most
         /// one pixel gets only part of the additional samples.
         pub mode: Stopping = Stopping::Budget => "budget";
-        /// Use of pilot samples: keep or refined (both biased), or discard (unbiased).
+        /// Pilot samples: keep (biased), refined (refined pixels lose theirs; more biased) or discard (unbiased).
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
             |policy| !matches!(policy, PilotPolicy::Cross | PilotPolicy::Neighbours), "one of keep, refined, discard";
     }

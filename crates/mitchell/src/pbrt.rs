@@ -31,7 +31,7 @@ dapple_core::options! {
         ///
         /// If rounding makes `min` and `max` equal, `max` is doubled.
         pub max: u32 = 32;
-        /// Relative deviation in luminance above which a pixel is refined.
+        /// Deviation of a sample's luminance from the pixel mean, relative to it, above which a pixel is refined.
         ///
         /// A sample's deviation is measured from the mean of its pixel's pilot samples.
         pub threshold: f64 = 0.5, |t| t > 0.0 && t.is_finite(), "a relative deviation above 0";
@@ -39,10 +39,10 @@ dapple_core::options! {
         ///
         /// The rule works as in [`MitchellOptions::mode`](crate::MitchellOptions::mode), with deviation instead of contrast.
         pub mode: Stopping = Stopping::Budget => "budget";
-        /// Use of pilot samples: refined (published, biased), keep (biased) or discard (unbiased).
+        /// Pilot samples: refined (refined pixels lose theirs; published, biased), keep (biased) or discard (unbiased).
         pub policy: PilotPolicy = PilotPolicy::Refined => "refined",
             |policy| !matches!(policy, PilotPolicy::Cross | PilotPolicy::Neighbours), "one of refined, keep, discard";
-        /// Test by which a pixel is refined: contrast (luminance), shapeid (shape or primitive), or shape.
+        /// Refine if pilot samples differ in: contrast (luminance), shape (object hit) or shapeid (object or triangle hit).
         ///
         /// With shapeid and shape, the threshold has no effect, and pixels are ranked by their number of differing pairs.
         pub test: PbrtTest = PbrtTest::Contrast => "contrast";

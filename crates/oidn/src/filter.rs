@@ -11,7 +11,7 @@ use std::ffi::CStr;
 dapple_core::options! {
     /// The parameters of [`Oidn`].
     pub struct OidnOptions {
-        /// Denoise albedo and normals first, each in a separate run: true or false.
+        /// true: denoise albedo and normals first; false: use them as they are.
         pub prefilter: bool = true;
     }
 }

@@ -25,7 +25,7 @@ pub type MakeFilter = fn(&Parameters, &dyn ClusterInputs) -> Result<Box<dyn Filt
 pub const FILTERS: &[Entry<MakeFilter>] = &[
     Entry::new(
         "none",
-        "each pixel the mean of its own samples",
+        "each pixel is the mean of its own samples",
         "none: the mean of the samples",
         "all noise stays",
         &[],
@@ -35,29 +35,29 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
         "gaussian",
         "a Gaussian over pixel means",
         "none: a Gaussian over pixels, as in textbooks",
-        "blurs edges, textures and shadows alike; its bias stays with any number of samples",
+        "blurs edges, textures and shadows alike; bias does not vanish with more samples",
         &[GaussianOptions::PARAMETERS],
         |p, _| Ok(Box::new(Gaussian::with_options(p.options()?)?)),
     ),
     Entry::new(
         "cluster-gaussian",
-        "the Gaussian, in which pixels of other clusters weigh less (Lan 2016)",
+        "the Gaussian, with less weight on pixels of other clusters (Lan 2016)",
         "Lan, Implementation and Optimization of Monte Carlo Ray Tracing, 2016 (docs/THESIS.md)",
-        "blurs textures and shadows within a cluster; its bias stays with any number of samples",
+        "blurs textures and shadows within a cluster; bias does not vanish with more samples",
         &[GaussianOptions::PARAMETERS, ClusterGaussianOptions::PARAMETERS, CLUSTERING],
         cluster_gaussian,
     ),
     Entry::new(
         "nlm",
-        "non-local means with two halves (Rousselle 2012)",
+        "non-local means with two half-buffers (Rousselle 2012)",
         "Rousselle, Knaus and Zwicker, Adaptive Rendering with Non-Local Means Filtering, 2012",
-        "noise of few samples hides which pixels are alike; needs two halves of the samples, each less even than both",
+        "strong noise hides which pixels are similar; each half-buffer is less well distributed than the whole set",
         &[NlMeansOptions::PARAMETERS],
         |p, _| Ok(Box::new(NlMeans::with_options(p.options()?)?)),
     ),
     Entry::new(
         "bilateral",
-        "cross-bilateral: near, of a similar surface and colour, in the same cluster",
+        "cross-bilateral filter on distance, colour, features and cluster",
         "Eisemann and Durand 2004; Petschnigg et al. 2004; with clusters by Dapple",
         "one width for all pixels: blurs soft shadows and reflections where normals, albedo and depth are alike",
         &[BilateralOptions::PARAMETERS, CLUSTERING],
@@ -65,36 +65,35 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
     ),
     Entry::new(
         "cluster-regression",
-        "regression on features and clusters in passes, the best of them by estimated error, and a small trained network (the default)",
+        "regressions on features and clusters, the best by estimated error, then a small trained network (the default)",
         "Dapple, after Moon et al. 2014, Bitterli et al. 2016 and Isik et al. 2021 (docs/results/learned.md)",
-        "takes as long as tens of samples of a simple scene; detail that no feature shows blurs; blotches on smooth walls at \
-                       few samples",
+        "takes as long as tens of samples of a simple scene; blurs detail that no feature shows; blotches on smooth walls at few samples",
         &[ClusterRegressionOptions::PARAMETERS, CLUSTERING],
         cluster_regression,
     ),
     #[cfg(feature = "classics")]
     Entry::classic(
         "sure",
-        "a bank of cross non-local means, chosen per pixel by Stein's estimate of the error (Li 2012)",
+        "several cross non-local means, the best per pixel by Stein's estimate of the error (Li 2012)",
         "Li, Wu and Chuang, SURE-based Optimization for Adaptive Sampling and Reconstruction, 2012",
-        "assumes Gaussian noise: fireflies look exact; 41x41 windows are slow",
+        "assumes Gaussian noise, so fireflies look exact; 41x41 windows are slow",
         &[SureFilterOptions::PARAMETERS],
         |p, _| Ok(Box::new(SureFilter::with_options(p.options()?)?)),
     ),
     #[cfg(feature = "classics")]
     Entry::classic(
         "mdas-boxes",
-        "samples over image, lens, time and light in boxes, weighted by the boxes' volumes; for mdas",
+        "reconstruction for sampler mdas: cells weighted by volume",
         "Meister and Hachisuka, multidimensional adaptive sampling on GPUs, JCGT 11(2), 2022",
-        "blurs by up to a pixel at few samples; the noise of paths outside the domain stays",
+        "blurs by up to a pixel at few samples; noise from other dimensions stays",
         &[MdasBoxesOptions::PARAMETERS],
         crate::classics::of_samples::<MdasBoxesOptions>,
     ),
     #[cfg(feature = "classics")]
     Entry::classic(
         "splat",
-        "Gaussians as wide as lens and surfaces allow, over pixels with samples; for fourier-dof (after Soler 2009)",
-        "after Soler et al., Fourier Depth of Field, 2009",
+        "reconstruction for sampler fourier-dof: Gaussians sized by local bandwidth (after Soler 2009)",
+        "after Soler et al., Fourier Depth of Field, 2009; defaults: Dapple",
         "blurs shadows and reflections on smooth surfaces; slow if all pixels of a smooth image have samples",
         &[SplatOptions::PARAMETERS, LensBandwidthOptions::PARAMETERS],
         crate::classics::splat,
@@ -102,43 +101,43 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
     #[cfg(feature = "classics")]
     Entry::classic(
         "tlfr",
-        "samples moved over lens and time, for defocus and motion blur (Lehtinen 2011)",
+        "samples reprojected over lens and time, for defocus and motion blur (Lehtinen 2011)",
         "Lehtinen et al., Temporal Light Field Reconstruction for Rendering Distribution Effects, 2011",
-        "reflections do not move with their surface; noise from outside lens and time stays; as slow as tens of samples",
+        "misplaces reflections; noise from other dimensions stays; takes as long as tens of samples",
         &[TlfrOptions::PARAMETERS],
         crate::classics::of_samples::<TlfrOptions>,
     ),
     #[cfg(feature = "classics")]
     Entry::classic(
         "james-stein",
-        "another filter's image, taken as far as its difference from the samples is noise (Gu 2022)",
+        "blends another filter's result with the unfiltered image (James-Stein shrinkage; Gu 2022)",
         "Gu, Iglesias-Guitian and Moon, Neural James-Stein Combiner, 2022, without the network",
-        "the filter sees half of the samples; dark pixels beside bright noisy ones are shrunk too far",
+        "the filter sees only half of the samples; dark pixels beside bright noisy ones get too much of it",
         &[OF, JamesSteinOptions::PARAMETERS],
         james_stein,
     ),
     #[cfg(feature = "classics")]
     Entry::classic(
         "welch",
-        "the mean of pixels that Welch's test cannot tell apart (after Sakai 2024)",
+        "mean of the pixels that Welch's t-test cannot tell apart (after Sakai 2024)",
         "Sakai et al., A Statistical Approach to Monte Carlo Denoising, 2024",
-        "few samples cannot tell pixels apart, which are then joined; nets look noisier than they are",
+        "few samples cannot tell pixels apart, so it blurs; overestimates the variance of low-discrepancy samples",
         &[WelchOptions::PARAMETERS],
         |p, _| Ok(Box::new(Welch::with_options(p.options()?)?)),
     ),
     #[cfg(feature = "classics")]
     Entry::classic(
         "nfor",
-        "regression on features in windows weighted by colour, the better of two bandwidths, twice (Bitterli 2016)",
+        "two passes of regression on features, each with the better of two bandwidths (Bitterli 2016)",
         "Bitterli et al., Nonlinearly Weighted First-order Regression for Denoising Monte Carlo Renderings, 2016",
-        "as slow as tens of samples per pixel; nets look noisier than they are, which widens the weights",
+        "takes as long as tens of samples per pixel; overestimates the variance of low-discrepancy samples",
         &[NforOptions::PARAMETERS],
         |p, _| Ok(Box::new(Nfor::with_options(p.options()?)?)),
     ),
     #[cfg(feature = "classics")]
     Entry::classic(
         "tree-mean",
-        "parts of a pixel weighted by their area or volume; for subdivision and hierarchical",
+        "cells of a pixel weighted by area or volume; for samplers subdivision and hierarchical",
         "Kajiya, The Rendering Equation, 1986; Whitted, An Improved Illumination Model for Shaded Display, 1980",
         "the plain mean is better for well-distributed points of equal counts",
         &[TreeMeanOptions::PARAMETERS],
@@ -147,16 +146,16 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
     #[cfg(feature = "classics")]
     Entry::classic(
         "dct",
-        "cosines fitted to the samples of 8x8 pixels, half as many as samples (after Bolin and Meyer 1995)",
-        "after Bolin and Meyer, A Frequency Based Ray Tracer, SIGGRAPH 1995",
-        "blocks show, and cosines ring at edges and around lamps",
+        "cosines fitted to 8x8 pixels, half as many as samples (after Bolin and Meyer 1995)",
+        "after Bolin and Meyer, A Frequency Based Ray Tracer, SIGGRAPH 1995; defaults except share: Dapple",
+        "visible blocks; ringing at edges and around lights",
         &[CosineOptions::PARAMETERS],
         crate::classics::of_samples::<CosineOptions>,
     ),
     #[cfg(feature = "classics")]
     Entry::classic(
         "staged",
-        "means over cells of 1/8, 1/4 and 1/2 pixel, so that clumps of samples count little (after Mitchell 1987)",
+        "means of means over cells of 1/8, 1/4 and 1/2 pixel, so that clumps of samples count less (after Mitchell 1987)",
         "after Mitchell, Generating Antialiased Images at Low Sampling Densities, 1987",
         "the plain mean is better for well-distributed points of equal counts; wider boxes blur",
         &[StagedOptions::PARAMETERS],
@@ -169,7 +168,7 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
             "oidn",
             "Intel Open Image Denoise, a neural network; its library is found at run time",
             "Intel Open Image Denoise (openimagedenoise.org)",
-            "no estimate of its error; single bright pixels lose their light; other versions and processors give other bits",
+            "does not estimate its error; removes the light of single bright pixels; results differ between versions and processors",
             &[OidnOptions::PARAMETERS],
             |p, _| Ok(Box::new(oidn(p)?)),
         )
@@ -190,25 +189,25 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
     #[cfg(feature = "classics")]
     Entry::classic(
         "gem",
-        "a Gaussian over pixel means, of the scale with the least estimated error (Rousselle 2011)",
+        "per pixel the Gaussian with the least estimated error (Rousselle 2011)",
         "Rousselle, Knaus and Zwicker, Adaptive Sampling and Reconstruction using Greedy Error Minimization, 2011",
-        "round kernels that know no features: textures and edges of shadows blur at few samples",
+        "round kernels without features blur textures and shadow edges at few samples",
         &[GemFilterOptions::PARAMETERS],
         |p, _| Ok(Box::new(GemFilter::with_options(p.options()?)?)),
     ),
     #[cfg(feature = "classics")]
     Entry::classic(
         "nlm-loop",
-        "non-local means as in the authors' program: 21x21 pixels, pairs of opposite ones (Rousselle 2012)",
+        "original NLM program: 21x21 window, symmetric weights (Rousselle 2012)",
         "Rousselle, Knaus and Zwicker, Adaptive Rendering with Non-Local Means Filtering, 2012",
-        "no features, and the time of tens of samples; nlm is faster",
+        "no features; takes as long as tens of samples; nlm is faster",
         &[NlmLoopFilterOptions::PARAMETERS],
         |p, _| Ok(Box::new(NlmLoopFilter::with_options(p.options()?)?)),
     ),
     #[cfg(feature = "classics")]
     Entry::classic(
         "wavelet",
-        "wavelet coefficients, shrunk by their standard error (after Overbeck 2009)",
+        "wavelet coefficients shrunk by their standard error (after Overbeck 2009)",
         "after Overbeck, Donner and Ramamoorthi, Adaptive Wavelet Rendering, 2009",
         "ringing and blotches at few samples; texture of low contrast vanishes",
         &[WaveletOptions::PARAMETERS],
@@ -220,7 +219,7 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
 const OF: &[crate::Parameter] = &[crate::Parameter::new(
     "of",
     "gaussian",
-    "The filter, with / for : and , (gaussian/alpha=2). It must not need halves.",
+    "Filter to blend; write / instead of : and , (gaussian/alpha=2). It must not need half-buffers.",
 )];
 
 #[cfg(feature = "classics")]

@@ -93,22 +93,26 @@ const CLUSTERING: &[Parameter] = &[
     Parameter::new(
         "k",
         "9",
-        "Voxels along the longest axis: k times the cube root of the triangles; 3, 9, 30 in the thesis.",
+        "Voxels along the longest axis: k times the cube root of the number of triangles; the thesis uses 3, 9 and 30.",
     ),
-    Parameter::new("clamp", "32", "The most voxels along an axis."),
-    Parameter::new("normals", "10", "Degrees within which normals are alike."),
+    Parameter::new("clamp", "32", "Maximum voxels per axis."),
+    Parameter::new("normals", "10", "Maximum angle in degrees between similar normals."),
     Parameter::new(
         "insertion",
         "box",
-        "A triangle's voxels: box (all that its box overlaps, the last one wins) or centroid.",
+        "Voxel that groups a triangle: box (the last that its bounding box overlaps, published) or centroid (that of its centroid).",
     ),
-    Parameter::new("grouping", "greedy", "Within a voxel: greedy, or connected (cut into connected pieces)."),
+    Parameter::new(
+        "grouping",
+        "greedy",
+        "Clusters within a voxel: greedy (by similar normals, published) or connected (then split into connected pieces).",
+    ),
     Parameter::new(
         "order",
         "input",
-        "The order of triangles: input (published) or canonical (independent of their order).",
+        "Triangle order: input (as in the file, published) or canonical (by normal, so that file order does not matter).",
     ),
-    Parameter::new("sides", "1", "Normals of 1 side, or of 2: opposite ones are alike."),
+    Parameter::new("sides", "1", "1: opposite normals differ (published); 2: opposite normals are similar."),
 ];
 
 fn clustering(p: &Parameters) -> Result<ClusterParams, RegistryError> {

@@ -18,17 +18,17 @@ pub type MakePoints = fn(&Parameters, PointSettings) -> Result<AnyPoints, Regist
 pub const POINTS: &[Entry<MakePoints>] = &[
     Entry::new(
         "sobol",
-        "Owen-scrambled Sobol' pairs, any prefix is good (the default)",
+        "Owen-scrambled Sobol' points, well distributed for any count (the default)",
         "Sobol' 1967; directions: Joe and Kuo 2008; scrambling: Owen 1997, by hashing: Burley 2020",
-        "errors of neighbouring pixels are independent, so noise has all frequencies; counts between powers of two are less even",
+        "white noise: neighbouring pixels have independent errors; counts between powers of two are less even",
         &[],
         |_, s| Ok(Box::new(Sobol::new(s.seed))),
     ),
     Entry::new(
         "lowdiscrepancy",
-        "pbrt-v2's scrambled and shuffled (0,2) points, made for a given count",
+        "pbrt-v2's scrambled and shuffled (0,2)-sequences, for a count known in advance",
         "Kollig and Keller, Efficient Multidimensional Sampling, 2002, as in pbrt, version 2",
-        "the count must be known beforehand: fewer samples are as good as random ones, more begin a new net",
+        "fewer samples than the count are as good as random ones, more start a new low-discrepancy set",
         &[CountOptions::PARAMETERS],
         |p, s| Ok(Box::new(p.made(LowDiscrepancy::new(s.seed, count(p, s)?))?)),
     ),
@@ -36,15 +36,15 @@ pub const POINTS: &[Entry<MakePoints>] = &[
         "halton",
         "scrambled Halton points",
         "Halton, On the Efficiency of Certain Quasi-random Sequences of Points, 1960; scrambling: Owen 1997",
-        "points take 9.5 times as long as those of sobol; coordinates of large bases are uneven at few samples",
+        "computing points takes 9.5 times as long as for sobol; high dimensions are uneven at few samples",
         &[],
         |_, s| Ok(Box::new(Halton::new(s.seed))),
     ),
     Entry::new(
         "stratified",
-        "jittered cells",
+        "one jittered sample in each cell of a grid",
         "none: one jittered sample per cell, as in textbooks",
-        "the count must be known beforehand; error falls more slowly than that of nets",
+        "the count must be known in advance; error falls more slowly than with low-discrepancy sets",
         &[StratifiedOptions::PARAMETERS],
         stratified,
     ),
@@ -52,49 +52,48 @@ pub const POINTS: &[Entry<MakePoints>] = &[
         "random",
         "independent random numbers (PCG), the baseline",
         "O'Neill, PCG: A Family of Simple Fast Space-Efficient Random Number Generators, 2014",
-        "nothing keeps samples apart, so error falls slowest of all sets",
+        "samples clump, so error falls slowest of all sets",
         &[],
         |_, s| Ok(Box::new(Random::new(s.seed))),
     ),
     Entry::new(
         "zsobol",
-        "one Sobol' sequence dealt to the pixels along a Morton curve",
+        "one Sobol' sequence dealt out to pixels along a Morton curve, for screen-space blue noise",
         "Ahmed and Wonka, Screen-Space Blue-Noise Diffusion of Monte Carlo Sampling Error via Hierarchical Ordering of \
              Pixels, 2020, as in pbrt, version 4",
-        "counts must be known beforehand; with adaptive counts, pixels do not share errors",
+        "the count must be known in advance; with adaptive counts the blue-noise property is lost",
         &[CountOptions::PARAMETERS],
         |p, s| Ok(Box::new(p.made(ZSobol::new(s.seed, count(p, s)?))?)),
     ),
     Entry::new(
         "blue-noise",
-        "another set, shifted in each pixel so that errors are blue noise over the image",
+        "any point set, shifted per pixel so that errors form screen-space blue noise",
         "Georgiev and Fajardo, Blue-Noise Dithered Sampling, 2016; tile: Ulichney 1993; shifts: Cranley and Patterson 1976; \
              optimised keys: after Heitz et al., A Low-Discrepancy Sampler that Distributes Monte Carlo Errors as a Blue Noise \
              in Screen Space, 2019",
-        "shifts break nets, so single pixels have more error than with sobol (not with keys=optimised); \
-                   nothing gained at many samples",
+        "shifts break stratification: more error per pixel than sobol (not with keys=optimised); no gain at many samples",
         &[&[INNER], BlueNoiseOptions::PARAMETERS],
         blue_noise,
     ),
     Entry::new(
         "pmj02",
-        "progressive multi-jittered (0,2) points, with blue noise across pixels",
+        "progressive multi-jittered (0,2) points, shifted per pixel so that errors form screen-space blue noise",
         "Christensen et al., Progressive Multi-Jittered Sample Sequences, 2018, as in pbrt, version 4",
-        "shifts break nets, so single pixels have more error than with sobol; sequences end at 1024 samples",
+        "shifts break stratification: more error per pixel than sobol; sequences end at 1024 samples",
         &[Pmj02Options::PARAMETERS],
         pmj02,
     ),
     Entry::new(
         "lattice",
-        "extensible rank-1 lattices with random shifts",
-        "Korobov 1959; extensible: Hickernell et al. 2000; the multiplier is our own search's",
-        "aliases on edges along the lattice's directions; gains on periodic functions only",
+        "extensible rank-1 lattices with a random shift per pixel",
+        "Korobov 1959; extensible: Hickernell et al. 2000; multiplier: Dapple's search",
+        "may alias on edges along the lattice's directions; error is proven to fall faster for periodic functions only",
         &[],
         |_, s| Ok(Box::new(Lattice::new(s.seed))),
     ),
     Entry::new(
         "diffused",
-        "positions spread over pixels, everything else as sobol",
+        "positions in the pixel chosen jointly with neighbouring pixels; other dimensions as in sobol",
         "after Mitchell, Generating Antialiased Images at Low Sampling Densities, 1987",
         "gains at one to a few samples per pixel, and for the position in the pixel only",
         &[],
@@ -102,9 +101,9 @@ pub const POINTS: &[Entry<MakePoints>] = &[
     ),
     Entry::new(
         "mitchell-1991",
-        "positions, lens points and times chosen together over pixels",
+        "positions in the pixel, lens points and times chosen jointly with neighbouring pixels",
         "after Mitchell, Spectrally Optimal Sampling for Distribution Ray Tracing, 1991",
-        "a finite pattern: nothing gained at many samples, where sobol wins",
+        "a finite pattern: no gain at many samples, where sobol is better",
         &[],
         |_, s| Ok(Box::new(Mitchell1991::new(s.seed))),
     ),
@@ -113,7 +112,7 @@ pub const POINTS: &[Entry<MakePoints>] = &[
 dapple_core::options! {
     /// The parameters of `lowdiscrepancy` and `zsobol`.
     struct CountOptions {
-        /// Samples per pixel, rounded up to a power of two; 0 takes the mean budget, else 16.
+        /// Samples per pixel, rounded up to a power of two; 0: the mean spp if it is known, otherwise 16.
         pub count: u64 = 0;
     }
 }
@@ -130,7 +129,7 @@ dapple_core::choices!(Pixels { BlueNoise = "blue-noise", Independent = "independ
 dapple_core::options! {
     /// The parameters of `pmj02`.
     struct Pmj02Options {
-        /// Neighbouring pixels: blue-noise (their errors differ) or independent.
+        /// Points of neighbouring pixels: blue-noise (shifted so that errors differ) or independent (own random sequences).
         pub pixels: Pixels = Pixels::BlueNoise => "blue-noise";
     }
 }
@@ -147,18 +146,18 @@ dapple_core::choices!(Keys { Shifts = "shifts", Optimised = "optimised" });
 dapple_core::options! {
     /// The parameters of `blue-noise`.
     struct BlueNoiseOptions {
-        /// Each pixel's keys: shifts modulo 1, or optimised XOR keys that keep the nets of sobol.
+        /// How pixels differ: shifts (added modulo 1), or optimised (XOR keys that keep sobol's stratification).
         pub keys: Keys = Keys::Shifts => "shifts";
     }
 }
 
 const INNER: Parameter =
-    Parameter::new("of", "sobol", "The set that is shifted, without parameters or with one: stratified:strata=4.");
+    Parameter::new("of", "sobol", "Point set to shift, without parameters or with one: stratified:strata=4.");
 
 dapple_core::options! {
     /// The parameters of `stratified`.
     struct StratifiedOptions {
-        /// Cells along each axis; 0 takes the root of the mean budget, else 4.
+        /// Cells along each axis; 0: the square root of the mean spp if it is known, otherwise 4.
         pub strata: u32 = 0;
     }
 }

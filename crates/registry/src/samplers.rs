@@ -49,9 +49,9 @@ impl<S: Sampler + 'static> From<S> for MadeSampler {
 pub const SAMPLERS: &[Entry<MakeSampler>] = &[
     Entry::new(
         "variance",
-        "pooled variance of a pilot, Neyman counts on a ladder",
-        "Dapple; counts in proportion to deviations: Neyman 1934",
-        "light that the pilot misses gets few samples; gains no more than the unevenness of noise allows",
+        "Neyman allocation (counts in proportion to the standard deviation) from pooled pilot variance",
+        "Dapple; allocation: Neyman 1934",
+        "light that the pilot misses gets few samples; little gain if noise is evenly distributed",
         &[VarianceOptions::PARAMETERS],
         |p, points, _| Ok(Adaptive::variance_with_options(points, p.options()?)?.into()),
     ),
@@ -59,7 +59,7 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
         "uniform",
         "the same count for every pixel",
         "none: the baseline",
-        "as many samples where there is no noise as where all of it is",
+        "wastes samples where there is no noise",
         &[],
         |_, points, _| Ok(Uniform::new(points).into()),
     ),
@@ -67,79 +67,78 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
         aliases: &["cluster"],
         ..Entry::new(
             "adaptive",
-            "counts by error: the pooled variance of a pilot, or a filter's error map (the default)",
+            "counts follow the estimated error: pooled pilot variance, or a filter's error map (the default)",
             "Dapple (docs/results/adaptive.md); counts: Neyman 1934; error maps of filters: Rousselle et al. 2012",
-            "settings suit the default filter: without a filter, `variance` leaves less error",
+            "settings suit the default filter; without a filter, `variance` leaves less error",
             &[BY, AdaptiveOptions::PARAMETERS],
             adaptive,
         )
     },
     Entry::new(
         "mitchell",
-        "contrast of a pilot, two rates (Mitchell 1987)",
+        "two sampling levels, chosen by the contrast of a pilot (Mitchell 1987)",
         "Mitchell, Generating Antialiased Images at Low Sampling Densities, SIGGRAPH 1987",
-        "contrast takes edges and textures for noise; two rates cannot follow how large noise is",
+        "mistakes edges and textures for noise; two levels cannot follow how large noise is",
         &[MitchellOptions::PARAMETERS],
         |p, points, _| Ok(Mitchell::with_options(points, p.options()?)?.into()),
     ),
     Entry::new(
         "mitchell-pbrt",
-        "pbrt-v2's variant: samples that deviate from the pixel's mean or hit different shapes, two rates",
+        "pbrt-v2's variant: more samples for pixels whose pilot samples differ in luminance or in the shape hit",
         "pbrt, version 2: src/samplers/adaptive.cpp, by Pharr and Humphreys, 2010",
-        "pixels that are refined lose their first samples; noise in four samples refines pixels at random",
+        "refined pixels lose their pilot samples; with four of these, noise refines pixels at random",
         &[MitchellPbrtOptions::PARAMETERS],
         |p, points, _| Ok(MitchellPbrt::with_options(points, p.options()?)?.into()),
     ),
     Entry::new(
         "cycles",
-        "the stopping rule of Blender's Cycles: pixels whose two halves differ go on",
+        "the stopping rule of Blender's Cycles: keep sampling pixels whose two halves differ",
         "Blender's Cycles: kernel/film/adaptive_sampling.h",
-        "pixels whose two halves agree by chance stop for ever, which biases them",
+        "pixels whose two halves agree by chance stop too early, which biases them",
         &[CyclesOptions::PARAMETERS],
         |p, points, _| Ok(Cycles::with_options(points, p.options()?)?.into()),
     ),
     Entry::new(
         "cluster-thesis",
-        "few samples where large clusters are seen, many where small ones are (Lan 2016), unbiased",
+        "fewer samples on large groups of similar triangles (clusters), more on small ones (Lan 2016), unbiased",
         "Lan, Implementation and Optimization of Monte Carlo Ray Tracing, 2016 (docs/THESIS.md)",
-        "geometry alone makes the counts: textures, materials and caustics have no part; clusters and first-hit rays cost as much as \
-                   tens of samples of a simple scene",
+        "ignores textures, materials and caustics; clusters and first-hit rays cost as much as tens of samples of a simple scene",
         &[PROBES, ClusterThesisOptions::PARAMETERS, A_PRIORI, CLUSTERING],
         cluster_thesis,
     ),
     #[cfg(feature = "classics")]
     Entry::classic(
         "gem",
-        "samples for the pixels with the largest error under a Gaussian of selected scale (Rousselle 2011)",
+        "more samples where the best Gaussian per pixel still has most error (Rousselle 2011)",
         "Rousselle, Knaus and Zwicker, Adaptive Sampling and Reconstruction using Greedy Error Minimization, 2011",
-        "counts suit Gaussians; filters that know features leave other errors",
+        "counts do not suit feature-guided filters",
         &[GemOptions::PARAMETERS],
         |p, points, _| Ok(Gem::with_options(points, p.options()?)?.into()),
     ),
     #[cfg(feature = "classics")]
     Entry::classic(
         "nlm-loop",
-        "counts by the difference of two halves after non-local means (Rousselle 2012)",
+        "counts follow the difference of two half-buffers after non-local means (Rousselle 2012)",
         "Rousselle, Knaus and Zwicker, Adaptive Rendering with Non-Local Means Filtering, 2012",
-        "the filter runs once per round, and costs as much time as many samples of a simple scene",
+        "filters in each round, which takes as long as many samples of a simple scene",
         &[NlmLoopOptions::PARAMETERS],
         |p, points, _| Ok(NlmLoop::with_options(points, p.options()?)?.into()),
     ),
     #[cfg(feature = "classics")]
     Entry::classic(
         "awr",
-        "samples for blocks of pixels by the variance of their wavelets (after Overbeck 2009)",
+        "more samples for blocks of pixels whose wavelet coefficients are noisy (after Overbeck 2009)",
         "after Overbeck, Donner and Ramamoorthi, Adaptive Wavelet Rendering, 2009",
-        "counts suit wavelet shrinkage; filters that know features leave other errors",
+        "counts suit wavelet shrinkage, not feature-guided filters",
         &[AwrOptions::PARAMETERS],
         |p, points, _| Ok(Awr::with_options(points, p.options()?)?.into()),
     ),
     #[cfg(feature = "classics")]
     Entry::classic(
         "perceptual",
-        "samples where noise is visible: contrast sensitivity and masking (after Bolin and Meyer 1998)",
+        "more samples where noise is visible: contrast sensitivity and masking (after Bolin and Meyer 1998)",
         "after Bolin and Meyer, A Perceptually Based Adaptive Sampling Algorithm, SIGGRAPH 1998",
-        "few samples in busy texture and in the dark: loses by squared error; FLIP is its metric",
+        "few samples in busy texture and in the dark: more squared error than uniform counts; FLIP is its metric",
         &[PerceptualOptions::PARAMETERS],
         |p, points, _| Ok(Perceptual::with_options(points, p.options()?)?.into()),
     ),
@@ -147,9 +146,9 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
         aliases: &["then"],
         ..Entry::new(
             "sequence",
-            "one sampler for the first samples, then another, which sees them as its pilot",
+            "one sampler for the first samples, then another, which uses them as its pilot",
             "Lan, Implementation and Optimization of Monte Carlo Ray Tracing, 2016, as future work (docs/THESIS.md)",
-            "a first stage that puts samples in the wrong place takes them from the second",
+            "a poor first sampler wastes budget",
             &[SEQUENCE],
             sequence,
         )
@@ -157,81 +156,81 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
     #[cfg(feature = "classics")]
     Entry::classic(
         "variance-threshold",
-        "samples until the confidence interval of the pixel's mean is narrow (after Kajiya 1986)",
+        "keep sampling until the confidence interval of the pixel's mean is narrow (after Kajiya 1986)",
         "Kajiya, The Rendering Equation, SIGGRAPH 1986; interval and defaults: Mitsuba's adaptive integrator",
-        "pixels whose first samples agree stop for ever; variances are not pooled",
+        "pixels whose first samples agree stop too early; variances are not pooled",
         &[VarianceThresholdOptions::PARAMETERS],
         |p, points, _| Ok(VarianceThreshold::with_options(points, p.options()?)?.into()),
     ),
     #[cfg(feature = "classics")]
     Entry::classic(
         "mdas",
-        "samples placed over image, lens, time and light where boxes of them differ; filter with mdas-boxes",
-        "Hachisuka et al., Multidimensional Adaptive Sampling and Reconstruction for Ray Tracing, 2008; boxes: Meister and Hachisuka 2022",
-        "noise of paths outside the domain looks like detail; a pilot of four samples per box misses what is small",
+        "samples in image x lens x time x light space, refined where cells vary (Hachisuka 2008); filter with mdas-boxes",
+        "Hachisuka et al., Multidimensional Adaptive Sampling and Reconstruction for Ray Tracing, 2008; boxes: Meister and Hachisuka 2022; defaults of pilot and pixel: Dapple",
+        "noise from other dimensions is mistaken for detail; a pilot of four samples per cell misses small features",
         &[MdasOptions::PARAMETERS],
         crate::classics::mdas,
     ),
     #[cfg(feature = "classics")]
     Entry::classic(
         "fourier-dof",
-        "few pixels where the lens blurs, many samples where its light varies (after Soler 2009); filter with splat",
-        "after Soler et al., Fourier Depth of Field, 2009",
-        "knows no effect but the lens; shadows and noise of lights have no part in its counts",
+        "sparse pixels in defocused areas, more lens samples where radiance varies over the lens (after Soler 2009); filter with splat",
+        "after Soler et al., Fourier Depth of Field, 2009; defaults: Dapple",
+        "accounts for defocus only, not for shadows or noisy lights",
         &[FourierDofOptions::PARAMETERS, LensBandwidthOptions::PARAMETERS],
         crate::classics::fourier_dof,
     ),
     #[cfg(feature = "classics")]
     Entry::classic(
         "dct",
-        "samples where cosines fitted to blocks leave visible errors (after Bolin and Meyer 1995); filter with dct",
-        "after Bolin and Meyer, A Frequency Based Ray Tracer, SIGGRAPH 1995",
-        "noise looks like detail; counts suit cosines, and filters that know features leave other errors",
+        "more samples where cosines fitted to 8x8 pixels leave visible errors (after Bolin and Meyer 1995); filter with dct",
+        "after Bolin and Meyer, A Frequency Based Ray Tracer, SIGGRAPH 1995; defaults except share: Dapple",
+        "mistakes noise for detail; counts do not suit feature-guided filters",
         &[DctOptions::PARAMETERS, CosineOptions::PARAMETERS],
         crate::classics::dct,
     ),
     #[cfg(feature = "classics")]
     Entry::classic(
         "ucb",
-        "counts by an upper bound of each pixel's deviation (after Carpentier and Munos 2011)",
+        "counts follow an upper confidence bound of each pixel's deviation (after Carpentier and Munos 2011)",
         "Carpentier and Munos, Finite Time Analysis of Stratified Sampling for Monte Carlo, NIPS 2011",
-        "the bonus moves counts towards uniform ones; variances are not pooled",
+        "the bonus for uncertainty makes counts more uniform; variances are not pooled",
         &[UpperConfidenceOptions::PARAMETERS],
         |p, points, _| Ok(UpperConfidence::with_options(points, p.options()?)?.into()),
     ),
     #[cfg(feature = "classics")]
     Entry::classic(
         "subdivision",
-        "parts of pixels split where samples contrast (after Whitted 1980); filter with tree-mean",
+        "pixels split into quadrants where samples differ (after Whitted 1980); filter with tree-mean",
         "Whitted, An Improved Illumination Model for Shaded Display, 1980",
-        "misses what four samples miss; noise keeps all parts of a pixel alive",
+        "misses what four samples miss; noise forces splitting everywhere",
         &[SubdivisionOptions::PARAMETERS],
         crate::classics::placing::<SubdivisionOptions>,
     ),
     #[cfg(feature = "classics")]
     Entry::classic(
         "ears",
-        "counts by error per ray: the splitting factor at the camera (after Rath 2022)",
+        "counts follow the error per ray (EARS splitting at the camera; after Rath 2022)",
         "Rath et al., EARS: Efficiency-Aware Russian Roulette and Splitting, 2022",
-        "rays are not time; the published gains come from later vertices of a path",
+        "ray count is only a proxy for time; the published gains come from later path vertices",
         &[EarsOptions::PARAMETERS],
         |p, points, _| Ok(Ears::with_options(points, p.options()?)?.into()),
     ),
     #[cfg(feature = "classics")]
     Entry::classic(
         "sure",
-        "samples where the best filter of a bank still errs, by Stein's estimate (Li 2012)",
+        "more samples where the best of several filters still has most error, by Stein's estimate (Li 2012)",
         "Li, Wu and Chuang, SURE-based Optimization for Adaptive Sampling and Reconstruction, 2012",
-        "assumes Gaussian noise: fireflies look exact; planning costs as much as filtering",
+        "assumes Gaussian noise, so fireflies look exact; planning takes as long as filtering",
         &[SureOptions::PARAMETERS],
         |p, points, _| Ok(Sure::with_options(points, p.options()?)?.into()),
     ),
     #[cfg(feature = "classics")]
     Entry::classic(
         "divergence",
-        "counts by f-divergences or entropies of each pixel's samples (after Rigau 2003)",
+        "counts follow f-divergences or entropies of each pixel's samples (after Rigau 2003)",
         "Rigau, Feixas and Sbert, Refinement Criteria Based on f-Divergences, and Entropy-based Adaptive Sampling, 2003; \
-             fuzzy: Xu et al. 2008, not read; gh: Cui 2009, not read",
+             fuzzy: Xu et al. 2008; gh: Cui 2009 (neither text was available)",
         "scores of single pixels are as noisy as their variances, which `variance` pools",
         &[DivergenceOptions::PARAMETERS],
         |p, points, _| Ok(Divergence::with_options(points, p.options()?)?.into()),
@@ -239,34 +238,45 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
     #[cfg(feature = "classics")]
     Entry::classic(
         "hierarchical",
-        "hierarchical integration of pixels (after Kajiya 1986); filter with tree-mean:tree=contrast",
+        "sample-space cells split where samples differ (after Kajiya 1986); filter with tree-mean:tree=contrast",
         "Kajiya, The Rendering Equation, 1986",
-        "a well-distributed point set of known count beats it",
+        "a well-distributed point set of known count is better",
         &[HierarchicalOptions::PARAMETERS],
         crate::classics::placing::<HierarchicalOptions>,
     ),
 ];
 
 const SEQUENCE: &[Parameter] = &[
-    Parameter::new("first", "uniform", "The first sampler, with / for : and , (cluster-thesis/k=9/clamp=16)."),
-    Parameter::new("spp", "4", "Samples per pixel that the first sampler spends at most, on average."),
-    Parameter::new("second", "adaptive", "The second sampler, with / for : and , (// in a sampler inside that one)."),
+    Parameter::new("first", "uniform", "First sampler; write / instead of : and , (cluster-thesis/k=9/clamp=16)."),
+    Parameter::new("spp", "4", "Mean number of samples per pixel of the first sampler, at most."),
+    Parameter::new(
+        "second",
+        "adaptive",
+        "Second sampler, written like the first; write // for : and , of a sampler inside it.",
+    ),
 ];
 const BY: &[Parameter] = &[Parameter::new(
     "by",
     "variance",
-    "The error that counts follow: variance (of the pilot); with policy=keep also that of nlm, bilateral or cluster-regression.",
+    "Error estimate that sets counts: pilot variance, or (with policy=keep) the error map of nlm, bilateral or cluster-regression.",
 )];
 const PROBES: &[Parameter] = &[
-    Parameter::new("rays", "centre", "First-hit rays per pixel: centre (one, published), or so many jittered ones."),
+    Parameter::new(
+        "rays",
+        "centre",
+        "First-hit rays per pixel: centre (one, published), or a number of jittered rays.",
+    ),
     Parameter::new(
         "size",
         "box",
-        "A cluster's size: box (projected box, published), triangles, screen (box in perspective), hits.",
+        "Cluster size: box (projected bounding box, published), triangles (projected), screen (box in perspective), hits (pixels covered).",
     ),
 ];
-const A_PRIORI: &[Parameter] =
-    &[Parameter::new("policy", "a-priori", "Counts are planned from geometry alone: unbiased.")];
+const A_PRIORI: &[Parameter] = &[Parameter::new(
+    "policy",
+    "a-priori",
+    "a-priori: counts are planned from geometry alone (unbiased); no other choice.",
+)];
 
 fn adaptive(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs) -> Result<MadeSampler, RegistryError> {
     let sampler = p.made(Adaptive::with_options(points, p.options()?))?;

@@ -16,9 +16,9 @@ use weights::Contribution;
 dapple_core::options! {
     /// The parameters of [`Bdpt`].
     pub struct BdptOptions {
-        /// The largest number of scattering events on a path; 0 for the scene's own.
+        /// Maximum number of scattering events on a path; 0: the scene's limit.
         pub depth: u32 = 0;
-        /// Also connect light paths with the camera (0 or 1). They find caustics, but light other pixels than the sample's own.
+        /// 1: light paths also connect to the camera and contribute to other pixels (finds caustics); 0: they do not.
         pub splat: u32 = 1, |splat| splat <= 1, "0 or 1";
     }
 }

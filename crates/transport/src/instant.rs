@@ -19,10 +19,9 @@ use glam::Vec3;
 dapple_core::options! {
     /// The parameters of the integrator `instant`: instant radiosity [Keller 1997].
     pub struct InstantOptions {
-        /// Paths from the lights per pass and half of the samples.
+        /// Light paths per pass, for each of the two sample halves.
         pub paths: u32 = 64, |paths| (1..=1 << 20).contains(&paths), "1 to 1048576";
-        /// The largest factor between virtual light and surface, cosines over squared distance, in units of the scene's
-        /// radius; paths trace on what is above. With inf there is no bound.
+        /// Clamp on the geometry term (cosines / distance^2, in scene radii); path tracing adds the clamped rest. inf: none.
         pub clamp: f64 = 10.0, |clamp| clamp > 0.0, "above 0";
     }
 }

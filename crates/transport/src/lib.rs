@@ -28,37 +28,37 @@ use std::sync::LazyLock;
 pub const ENTRIES: &[IntegratorEntry] = &[
     entry::<PhotonOptions>(
         "photons",
-        "path tracing beside photons, which find light of small lamps through glass and mirrors",
+        "path tracing plus progressive photon mapping for caustics (light of small lights through glass and mirrors)",
         "Jensen 1996; passes after Knaus and Zwicker 2011",
         photons::make,
     ),
     entry::<LightcutOptions>(
         "lightcuts",
-        "direct light of many lights by cuts through trees of them, then path tracing",
+        "direct light of many lights, grouped into clusters up to an error bound (lightcuts); path tracing for the rest",
         "Walter et al. 2005; clusters after Wang et al. 2011",
         lightcuts::make,
     ),
     entry::<InstantOptions>(
         "instant",
-        "instant radiosity (Keller 1997): indirect lighting from virtual lights, which paths from the lamps leave behind",
+        "instant radiosity: indirect lighting from virtual point lights (Keller 1997)",
         "Keller 1997",
         instant::make,
     ),
     entry::<RadiosityOptions>(
         "radiosity",
-        "indirect lighting of diffuse surfaces from patches: clusters of their triangles, lit by paths from the lamps",
+        "diffuse indirect lighting from radiosity patches (clusters of triangles), lit by particles from the lights",
         "Goral et al. 1984; particles after Pattanaik and Mudur 1992; clusters of Lan 2016",
         radiosity::make,
     ),
     entry::<BdptOptions>(
         "bdpt",
-        "bidirectional path tracing: paths from the camera and from a light, connected in all ways",
+        "bidirectional path tracing: paths from camera and light, connected in all ways",
         "Lafortune and Willems 1993; Veach and Guibas 1994; weights: Veach and Guibas 1995",
         Bdpt::parse,
     ),
     entry::<MetropolisOptions>(
         "metropolis",
-        "Markov chains over bidirectional paths, beside direct light",
+        "primary-sample-space MLT over bdpt paths; direct light is sampled separately",
         "Veach and Guibas 1997; Kelemen et al. 2002",
         Metropolis::parse,
     ),

@@ -23,15 +23,15 @@ use tree::{LightTree, Node, PointLight, SETS, luminance};
 dapple_core::options! {
     /// The parameters of the integrator `lightcuts`.
     pub struct LightcutOptions {
-        /// The largest error bound of a group, as a share of the estimate.
+        /// Maximum error bound of a light cluster, as a fraction of the estimate.
         pub error: f32 = 0.02, |error| error >= 0.0 && error.is_finite(), "0 or above";
-        /// The largest number of groups in a cut.
+        /// Maximum number of light clusters in a cut.
         pub cut: u32 = 1000, |cut| cut >= 1, "1 or above";
-        /// Points of all area lights together; each has at least one.
+        /// Number of point lights that stand for all area lights; each area light has at least one.
         pub points: u32 = 1024, |points| (1..=1 << 24).contains(&points), "1 to 16777216";
-        /// Directions of each environment.
+        /// Number of directional lights that stand for each environment map.
         pub sky: u32 = 4096, |sky| (1..=1 << 24).contains(&sky), "1 to 16777216";
-        /// The desired number of clusters of surfaces whose points share the start of their cuts; 0 starts from all lights.
+        /// Number of surface clusters, each with one initial cut for all its points; 0: every cut starts at the root.
         pub clusters: u32 = 0, |clusters| clusters <= 1 << 16, "0 to 65536";
     }
 }

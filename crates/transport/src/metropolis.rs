@@ -13,13 +13,13 @@ use glam::Vec3;
 dapple_core::options! {
     /// The parameters of [`Metropolis`].
     pub struct MetropolisOptions {
-        /// The largest number of scattering events on a path; 0 for the scene's own.
+        /// Maximum number of scattering events on a path; 0: the scene's limit.
         pub depth: u32 = 0;
-        /// The number of mutations of a chain.
+        /// Mutations per chain.
         pub length: u32 = 256, |length| length >= 1, "at least 1";
-        /// Independent samples from which chains start, per mutation.
+        /// Bootstrap samples per mutation.
         pub seeds: f64 = 0.25, |seeds| seeds > 0.0 && seeds <= 16.0, "above 0, at most 16";
-        /// The probability of a large step, which replaces all random numbers.
+        /// Probability of a large step, which replaces all random numbers.
         pub large: f64 = 0.3, |large| large > 0.0 && large <= 1.0, "above 0, at most 1";
     }
 }

@@ -32,17 +32,17 @@ dapple_core::choices!(PhotonScope { Caustics = "caustics", All = "all" });
 dapple_core::options! {
     /// The parameters of the integrator `photons`.
     pub struct PhotonOptions {
-        /// The light that photons carry: caustics (of small lamps), or all indirect lighting.
+        /// Light that photons carry: caustics (of small lights), or all (all indirect lighting).
         pub what: PhotonScope = PhotonScope::Caustics => "caustics", |_what| true, "\"caustics\" or \"all\"";
-        /// Photons per pass and half of the samples; 0 takes one per pixel.
+        /// Photons per pass, for each of the two sample halves; 0: one per pixel.
         pub photons: u32 = 0, |photons| photons <= 1 << 24, "0 to 16777216";
-        /// The radius of the first pass, in units of the scene file; 0 takes a pixel at the median first hit.
+        /// Lookup radius of the first pass, in units of the scene file; 0: the size of a pixel at the median hit distance.
         pub radius: f64 = 0.0, |radius| radius >= 0.0 && radius.is_finite(), "0 or above";
-        /// The speed at which radii stay large, from 0 (fast, noisy) to 1 (no shrinking, biased).
+        /// Radius reduction per pass: 0 shrinks fastest (noisy), 1 never shrinks (biased).
         pub alpha: f64 = 0.667, |alpha| (0.0..=1.0).contains(&alpha), "0 to 1";
-        /// With what=caustics: the largest solid angle of a small lamp in sr, from the distance of the scene's radius.
+        /// With what=caustics: maximum solid angle in sr of a small light, seen from one scene radius away.
         pub small: f64 = 0.05, |small| small >= 0.0, "0 or above";
-        /// With what=all: rough surfaces that a path leaves before photons end it.
+        /// With what=all: non-specular bounces traced before the photon map is queried (0: direct lookup).
         pub gather: u32 = 0, |gather| gather <= 1, "0 or 1";
     }
 }

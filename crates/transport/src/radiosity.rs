@@ -17,11 +17,11 @@ use glam::{DVec3, Vec3};
 dapple_core::options! {
     /// The parameters of the integrator `radiosity`.
     pub struct RadiosityOptions {
-        /// The desired number of patches. More make less bias, and need more particles.
+        /// Desired number of patches; more reduce bias, but need more particles.
         pub patches: u32 = 4096, |patches| (1..=1 << 20).contains(&patches), "1 to 1048576";
-        /// Particles per pass and half of the samples; 0 takes one per pixel.
+        /// Particles per pass, for each of the two sample halves; 0: one per pixel.
         pub particles: u32 = 0, |particles| particles <= 1 << 24, "0 to 16777216";
-        /// Diffuse surfaces that a path leaves before patches end it: 0 shows patches, 1 gathers their light.
+        /// Diffuse bounces traced before patches are read: 0 shows the patches, 1 is final gathering.
         pub gather: u32 = 1, |gather| gather <= 1, "0 or 1";
     }
 }

@@ -13,19 +13,19 @@ dapple_core::options! {
     /// `g`. The lens limits the bandwidth to 0.61 over the radius of the circle of confusion, the first zero of the disk's
     /// transfer function. A break in front of the focal plane determines the bandwidth of all pixels in its own circle.
     pub struct LensBandwidthOptions {
-        /// Degrees of a turn of the normal, or of a step out of the tangent plane, that is a break; not in the paper.
+        /// Angle in degrees, between normals or out of the tangent plane, that counts as a discontinuity.
         pub angle: f64 = 10.0 => "10", |angle| angle > 0.0 && angle < 90.0, "above 0 and below 90 degrees";
-        /// Step of the albedo between neighbouring pixels that is a break; not in the paper.
+        /// Albedo difference of neighbouring pixels that counts as a discontinuity.
         pub contrast: f64 = 0.1, |contrast| contrast > 0.0 && contrast <= 1.0, "above 0 and at most 1";
-        /// Roughness below which reflections are breaks everywhere; not in the paper.
+        /// Roughness below which every pixel counts as a discontinuity, because of its reflections.
         pub mirror: f64 = 0.1, |mirror| (0.0..=1.0).contains(&mirror), "0 to 1";
-        /// Pixels around each pixel over which differences are averaged; not in the paper.
+        /// Radius in pixels of the window over which albedo and normal differences are averaged.
         pub window: u32 = 8, |window| (1..=64).contains(&window), "1 to 64 pixels";
-        /// Bandwidth through a circle of confusion of one pixel; the first zero of the disk's transfer.
+        /// Maximum bandwidth in cycles per pixel at a defocus radius of 1 pixel; 0.61 is the first zero of the disk's spectrum.
         pub zero: f64 = 0.61, |zero| zero > 0.0 && zero <= 4.0, "above 0 and at most 4";
-        /// Least bandwidth in cycles per pixel; not in the paper.
+        /// Minimum bandwidth in cycles per pixel.
         pub least: f64 = 0.015625, |least| (0.001..=0.5).contains(&least), "0.001 to 0.5 cycles per pixel";
-        /// Growth per pixel of the inverse bandwidth, which keeps reconstruction from reaching across edges; not in the paper.
+        /// Maximum growth of 1 / bandwidth per pixel, so that kernels do not reach across edges.
         pub growth: f64 = 1.0 => "1", |growth| growth > 0.0 && growth <= 64.0, "above 0 and at most 64";
     }
 }

@@ -17,8 +17,8 @@ use std::path::{Path, PathBuf};
 ///
 /// SCENE is a pbrt file (v4, v3 or v2), a model (.gltf, .glb, .obj, .ply, .stl; Dapple adds a camera and a light), or the name of a
 /// bundled scene: teapot (the default), terrain, cornell, furnace, plates, lens, motion, glass, room, grass, door, tea,
-/// cabin, many-lights, caustic, chess, zone-plate, penumbra. All settings are checked, and all outputs tested to be writable,
-/// before rendering begins.
+/// cabin, many-lights, caustic, chess, zone-plate, penumbra. Settings and output paths are
+/// checked before rendering begins.
 #[derive(Args)]
 #[command(after_help = include_str!("../help/render.txt").trim_end())]
 pub(crate) struct RenderArgs {
@@ -28,17 +28,18 @@ pub(crate) struct RenderArgs {
 
     /// Image file to write: .exr (all layers, settings in the header), .pfm or .png; may be repeated
     ///
-    /// A .plan file plans the first stage of a render on many machines, and traces nothing; `dapple plan --help` tells more.
+    /// A .plan file plans the first stage of a render on many machines, and traces nothing; see `dapple plan --help`.
     ///
     /// Without this option, NAME.exr and NAME.png are written to the current folder, and the sample map
-    /// NAME-samples.png unless the sampler is uniform. NAME is that of the file's Film, else the scene's. Existing files are replaced.
+    /// NAME-samples.png unless the sampler is uniform. NAME is the file name in the scene's Film, otherwise the name of the
+    /// scene file. Existing files are replaced.
     #[arg(short, long = "output", visible_alias = "outfile", value_name = "OUT", value_parser = output())]
     pub(crate) outputs: Vec<PathBuf>,
 
     /// Sampler (how many samples each pixel gets); `dapple samplers` lists all
     ///
-    /// Errors are relative to the squared radiance plus `epsilon`; a smaller one gives dark pixels more samples. The
-    /// default suits the default filter; with `--filter none`, use `adaptive:epsilon=0.01`.
+    /// The default minimises squared error / (radiance² + epsilon); a smaller epsilon sends more samples to dark pixels. It suits
+    /// the default filter; with `--filter none`, use `adaptive:epsilon=0.01`.
     #[arg(long, value_name = "NAME[:key=value,…]", default_value = dapple_job::DEFAULT_SAMPLER, value_parser = sampler)]
     #[arg(help_heading = "Method")]
     pub(crate) sampler: String,
@@ -48,18 +49,22 @@ pub(crate) struct RenderArgs {
     #[arg(help_heading = "Method")]
     pub(crate) points: String,
 
-    /// Filter (the denoiser); `best` is `oidn-blend` where Open Image Denoise is found, `none` makes each pixel the mean of its own
-    /// samples. `dapple filters` lists all
+    /// Filter (the denoiser); `dapple filters` lists all
+    ///
+    /// `none` makes each pixel the mean of its own samples. `best` is the mean of the default filter and Open Image
+    /// Denoise; without that library, it is the default filter.
     #[arg(long, visible_alias = "denoiser", value_name = "NAME[:…]", value_parser = filter)]
     #[arg(default_value = dapple_job::DEFAULT_FILTER, help_heading = "Method")]
     pub(crate) filter: String,
 
-    /// Integrator (how the radiance of a sample is computed); `dapple integrators` lists all. auto is photons if the scene has caustics that path tracing finds by chance only, else path
+    /// Integrator (how the radiance of a sample is computed); `dapple integrators` lists all
+    ///
+    /// `auto` is `photons` if the scene has caustics that path tracing finds only by chance, otherwise `path`.
     #[arg(long, value_name = "NAME", default_value = dapple_job::DEFAULT_INTEGRATOR, value_parser = integrator)]
     #[arg(help_heading = "Method")]
     pub(crate) integrator: String,
 
-    /// Pixel filter (pbrt's PixelFilter): that of the scene file, or a box one pixel wide
+    /// Pixel filter (pbrt's PixelFilter)
     #[arg(long, value_name = "SHAPE", default_value = "scene", help_heading = "Method", value_parser = pixel_filter())]
     pub(crate) pixel_filter: PixelFilterSpec,
 
@@ -67,53 +72,54 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Method")]
     pub(crate) seed: u64,
 
-    /// Take exactly this mean number of samples per pixel [default: the scene file's number, else 16]
+    /// Take exactly this mean number of samples per pixel [default: read from the scene file, otherwise 16]
     #[arg(short = 's', long, value_name = "MEAN", value_parser = above_zero, group = "budget")]
     #[arg(help_heading = "Budget (one of)")]
     #[arg(allow_negative_numbers = true)]
     pub(crate) spp: Option<f64>,
 
-    /// Render until the predicted relMSE of the image is at most this value, or every pixel has --max-spp samples. With
-    /// as many samples, --spp gives a slightly more accurate image
+    /// Render until the predicted relMSE of the image is at most this value, or every pixel has --max-spp samples
+    ///
+    /// For the same number of samples, --spp gives a slightly lower error.
     #[arg(long, value_name = "RELMSE", value_parser = above_zero, group = "budget", help_heading = "Budget (one of)")]
     #[arg(allow_negative_numbers = true)]
     pub(crate) error: Option<f64>,
 
-    /// Image that --error concerns; a filter without an estimate of its own error (oidn, both) leaves it with the
-    /// unfiltered image
+    /// Image whose error --error limits
+    ///
+    /// With filters that do not estimate their error (oidn and its blend), it is always the unfiltered image.
     #[arg(long, value_name = "IMAGE", default_value = "filtered", requires = "error", help_heading = "Bounds")]
     #[arg(value_parser = error_of())]
     pub(crate) error_of: ErrorOf,
 
     /// Render for about this many seconds, filter included; reading the scene and writing files take extra time
     ///
-    /// If one sample per pixel takes longer, a warning states the time needed as soon as the first rows show it. The image has at least
-    /// that sample.
+    /// At least one sample per pixel is always taken. If that alone exceeds the time, a warning with the estimated time
+    /// appears after the first rows.
     #[arg(long, value_name = "SECONDS", value_parser = seconds, group = "budget", help_heading = "Budget (one of)")]
     #[arg(allow_negative_numbers = true)]
     pub(crate) time: Option<f64>,
 
-    /// Smallest number of samples per pixel
+    /// Minimum number of samples per pixel
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Bounds")]
     pub(crate) min_spp: u32,
 
-    /// Largest number of samples per pixel [default: no bound; with --error, 16384]
+    /// Maximum number of samples per pixel [default: no bound; with --error, 16384]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), help_heading = "Bounds")]
     pub(crate) max_spp: Option<u32>,
 
-    /// Largest number of scattering events between camera and light [default: the scene's limit]
+    /// Maximum number of scattering events between camera and light [default: the scene's limit]
     #[arg(long, value_name = "N", help_heading = "Image")]
     pub(crate) max_depth: Option<u32>,
 
-    /// Rule by which light sampling selects one of several lights, or a part of an environment map: power, uniform or
-    /// learned [default: learned; with --shard, power]
+    /// How a light (or part of an environment map) is chosen: by power, uniform, or learned from samples [default: learned; with --shard, power]
     #[arg(long, alias = "light-choice", value_name = "HOW", value_parser = light_selection)]
     #[arg(help_heading = "Method")]
     pub(crate) light_selection: Option<LightSelection>,
 
-    /// Leave out an effect that the scene uses, or several separated by commas; `dapple effects` lists a scene's effects
+    /// Leave out effects that the scene uses, separated by commas; `dapple effects` lists a scene's effects
     ///
-    /// The image then differs and costs less. A warning and the header of EXR files name the effect.
+    /// The image then differs and costs less. A warning and the header of EXR files name the effects.
     #[arg(long, value_name = "EFFECT", value_delimiter = ',', help_heading = "Image")]
     pub(crate) without: Vec<Effect>,
 
@@ -123,7 +129,7 @@ pub(crate) struct RenderArgs {
 
     /// Render only this window of the image, in pixels; X1 and Y1 are excluded [default: the scene's crop window]
     ///
-    /// A crop is planned, lit and filtered from its own samples.
+    /// Sample counts, learned light selection and denoising use only samples inside the crop.
     #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = crop, help_heading = "Image")]
     pub(crate) crop: Option<[u32; 4]>,
 
@@ -137,9 +143,9 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "DIR", help_heading = "Image")]
     pub(crate) maps: Option<PathBuf>,
 
-    /// Record albedo, normal, depth and coverage of first hits for any filter, as layers of the EXR files
+    /// Record albedo, normal, depth and coverage of first hits with any filter, as layers of the EXR files
     ///
-    /// The default filter records them anyway. The image stays the same; other denoisers read these layers.
+    /// The default filter records them anyway. Other denoisers read these layers; the image stays the same.
     #[arg(long, help_heading = "Image")]
     pub(crate) features: bool,
 
@@ -152,24 +158,25 @@ pub(crate) struct RenderArgs {
 
     /// Show the image so far in a viewer, with layers of samples per pixel (count) and predicted squared error (error)
     ///
-    /// tev (https://github.com/Tom94/tev) must be running; without HOST and PORT it listens at 127.0.0.1:14158.
+    /// tev (https://github.com/Tom94/tev) must be running. Dapple connects to 127.0.0.1:14158 by default.
     #[arg(long, value_name = "tev[:HOST[:PORT]]", help_heading = "While it renders")]
     pub(crate) view: Option<Address>,
 
-    /// Seconds between two images of --preview and --view [default: 2]
+    /// Seconds between updates of --preview and --view [default: 2]
     #[arg(long, value_name = "SECONDS", value_parser = above_zero, help_heading = "While it renders")]
     #[arg(allow_negative_numbers = true)]
     pub(crate) preview_every: Option<f64>,
 
-    /// Print progress as plain lines at this interval [default: a bar on a terminal, elsewhere a line every 10 s]
+    /// Seconds between lines of progress [default: a bar on a terminal, elsewhere a line every 10 s]
     #[arg(long, value_name = "SECONDS", value_parser = above_zero, help_heading = "While it renders")]
     #[arg(allow_negative_numbers = true)]
     pub(crate) progress_every: Option<f64>,
 
     /// Layers of EXR files besides the image, separated by commas, or none [default: all that the render has]
     ///
-    /// A (coverage, as alpha), Z (distance along the camera's axis), unfiltered, variance, count, error, cluster, albedo,
-    /// normal, depth, coverage. A, Z and the last four are recorded if named, as by --features.
+    /// unfiltered, variance, count, error, cluster, albedo, normal, depth (path length to the first hit), coverage,
+    /// A (coverage, as alpha), Z (distance along the camera's axis). Naming albedo, normal, depth, coverage, A or Z records
+    /// it, as --features does.
     #[arg(long, value_name = "NAME,…", value_delimiter = ',', value_parser = layer, help_heading = "Image")]
     #[arg(conflicts_with = "features")]
     pub(crate) layers: Option<Vec<EachLayer>>,
@@ -182,14 +189,13 @@ pub(crate) struct RenderArgs {
 
     /// Write checkpoints to this file, at intervals and at the end, for --resume FILE
     ///
-    /// Each checkpoint is written to a temporary file, then renamed, so that a crash never destroys it. The previous
-    /// checkpoint is kept as FILE.previous, and FILE.lock excludes other processes. An existing checkpoint is
-    /// overwritten only if the render resumes from it.
+    /// A crash never destroys the file: each checkpoint is written under a temporary name, then renamed. FILE.previous is the
+    /// checkpoint before it; FILE.lock excludes other processes. An existing checkpoint is overwritten only if the
+    /// render resumes from it.
     #[arg(long, value_name = "FILE", help_heading = "Interruption")]
     pub(crate) checkpoint: Option<PathBuf>,
 
-    /// Seconds between checkpoints [default: 60, or longer to keep checkpoints under 1 % of the time; the first is
-    /// written after 1 s]
+    /// Seconds between checkpoints [default: 60, or more if checkpoints would take over 1 % of the time; the first after 1 s]
     #[arg(long, value_name = "SECONDS", value_parser = above_zero, help_heading = "Interruption")]
     #[arg(allow_negative_numbers = true)]
     pub(crate) checkpoint_every: Option<f64>,
@@ -197,30 +203,29 @@ pub(crate) struct RenderArgs {
     /// Resume from this checkpoint, and keep writing to it; the image has the same bits as without interruption
     ///
     /// Repeat the arguments of the interrupted render. The budget may be larger, and the filter may differ if the
-    /// checkpoint holds the data that it needs. A missing FILE is an error, unless --checkpoint names it too: the
-    /// render then starts afresh, so that one command can be repeated until it is done.
+    /// checkpoint holds the data that it needs. A missing FILE is an error. With the same FILE in --checkpoint and
+    /// --resume, the first run starts new and later runs continue.
     #[arg(long, value_name = "FILE", help_heading = "Interruption")]
     pub(crate) resume: Option<PathBuf>,
 
-    /// Render part I of N (from 1), rows from all over the image, for `dapple merge`; -o names a .part file
+    /// Render part I of N (from 1), every N-th band of rows, for `dapple merge`; -o names a .part file
     ///
-    /// Needs --spp and a sampler that plans without looking at samples (uniform, cluster-thesis), so that every machine
-    /// makes the same plan. With --from, any sampler. --checkpoint keeps the rows that are finished.
+    /// Needs --spp and a sampler whose counts do not depend on the samples (uniform, cluster-thesis); with --from, any
+    /// sampler. --checkpoint keeps finished bands.
     #[arg(long, value_name = "I/N", help_heading = "Interruption")]
     #[arg(conflicts_with_all = ["maps", "features", "json", "time", "error", "preview", "view"])]
     pub(crate) shard: Option<Shard>,
 
-    /// Trace part --shard I/N of this plan, with the plan's settings; -o names a .part file, for `dapple plan`
+    /// Render part I/N of this plan file, with --shard I/N; -o names a .part file, for `dapple plan`
     ///
-    /// It works with every sampler and with learned light selection. SCENE and the options of
-    /// Method, Budget, Bounds and Image are those of the plan.
+    /// Scene and settings come from the plan; do not repeat them. Any sampler and learned light selection work.
     #[arg(long, value_name = "PLAN", requires = "shard", help_heading = "Interruption")]
     #[arg(conflicts_with_all = ["maps", "features", "json", "time", "error", "preview", "view"])]
     pub(crate) from: Option<PathBuf>,
 
-    /// Read the description of the render from this JSON file; it replaces SCENE and the options of Method, Budget,
-    /// Bounds and Image (except --exposure, --maps,
-    /// --features, --layers and --half)
+    /// Read the description of the render from this JSON file, in place of SCENE and the options of Method, Budget, Bounds and Image
+    ///
+    /// --exposure, --maps, --features, --layers and --half still apply.
     #[arg(long, value_name = "FILE", help_heading = "Description")]
     pub(crate) spec: Option<PathBuf>,
 
@@ -230,8 +235,7 @@ pub(crate) struct RenderArgs {
 
     /// Memory limit, such as 2G, 500M or a number of bytes; larger renders are refused [default: the machine's memory]
     ///
-    /// The summary prints the estimate: scene, film and sampler, plus the largest of three phases: planning, filtering
-    /// and file writing.
+    /// The summary prints the estimate: scene + film + sampler + the peak of planning, filtering or writing.
     #[arg(long, value_name = "SIZE", value_parser = size)]
     pub(crate) memory: Option<u64>,
 
@@ -240,7 +244,7 @@ pub(crate) struct RenderArgs {
     #[arg(value_parser = clap::value_parser!(u16).range(..=1024))]
     pub(crate) threads: u16,
 
-    /// Render without unsupported features of the scene, with warnings, instead of refusing it
+    /// Ignore unsupported scene features with a warning instead of stopping
     #[arg(long)]
     pub(crate) allow_unsupported: bool,
 
@@ -248,7 +252,7 @@ pub(crate) struct RenderArgs {
     #[arg(long)]
     pub(crate) json: bool,
 
-    /// Show no progress and no summary; warnings are still printed, and the line of --json
+    /// Show no progress and no summary; warnings and the --json line are still printed
     #[arg(short, long)]
     pub(crate) quiet: bool,
 }

@@ -226,26 +226,26 @@ fn worker(args: &RenderArgs, spec: &RenderSpec, stop: Stop) -> Result<Job> {
 
 /// Plan the next stage of a render on many machines, from the parts of the stage before
 ///
-/// Samplers and light selection that learn from samples need those of the whole image between two stages. A stage is a
-/// training pass of the light selection, or the rest of a round of the sampler. `dapple render --from PLAN --shard I/N`
-/// traces the parts of a stage, in any order and on any machines. After the last stage this command reports "done", and
-/// `dapple merge PLAN` makes the image, with the bits of a render on one machine.
+/// Samplers and light selection that learn from samples need all samples of a stage before the next one. A stage is a
+/// training pass of the light selection, or the remaining samples of the sampler's round. `dapple render --from PLAN
+/// --shard I/N` renders the parts of a stage, in any order, on any machines. After the last stage this command prints
+/// "done", and `dapple merge PLAN` makes the image, with the same bits as a render on one machine.
 #[derive(clap::Args)]
 #[command(after_help = include_str!("../help/plan.txt").trim_end())]
 pub(crate) struct PlanArgs {
-    /// The files of all parts of a stage, in any order
+    /// Files of all parts of a stage, in any order
     #[arg(value_name = "PART", required_unless_present = "spec")]
     parts: Vec<PathBuf>,
 
-    /// The plan to write, a .plan file
+    /// Plan to write: a .plan file
     #[arg(short, long, value_name = "PLAN")]
     output: PathBuf,
 
-    /// The plan that the parts were traced from [default: the one that the first part names]
+    /// Plan that the parts belong to [default: the plan recorded in the first part]
     #[arg(long, value_name = "PLAN", requires = "parts")]
     from: Option<PathBuf>,
 
-    /// Plan the first stage of the render that this JSON file describes; without parts
+    /// Create the first plan from this JSON description (see `dapple render --print-spec`); takes no PART
     #[arg(long, value_name = "FILE", conflicts_with_all = ["parts", "from"])]
     spec: Option<PathBuf>,
 
@@ -278,14 +278,14 @@ pub(crate) fn plan(args: &PlanArgs) -> Result<Outcome> {
 /// A function that loads the film of shards or of a plan into a job.
 type Film = Box<dyn FnOnce(&mut Job) -> std::result::Result<Traced, JobError>>;
 
-/// Make an image from parts that several machines rendered, or from the last plan of a render in stages
+/// Make an image from parts that several machines rendered, or from the final .plan of a multi-stage render
 ///
-/// The image has the same bits as a render on one machine with the same arguments; parts without a plan are
-/// rendered with --light-selection power. The scene is read again, from the path in the files or from --scene.
+/// The image has the same bits as a render on one machine with the same arguments; for parts without a plan,
+/// these include their default `--light-selection power`. The scene is read again, from the path in the files or from --scene.
 #[derive(clap::Args)]
 #[command(after_help = include_str!("../help/merge.txt").trim_end())]
 pub(crate) struct MergeArgs {
-    /// The files of all parts, in any order; or one .plan file, when `dapple plan` has reported that it is done
+    /// Files of all parts, in any order; or the .plan file for which `dapple plan` printed "done"
     #[arg(value_name = "PART", required = true)]
     shards: Vec<PathBuf>,
 
@@ -311,11 +311,11 @@ pub(crate) struct MergeArgs {
     threads: u16,
 
     /// Print one line of JSON instead of the summary; values are totals over all machines, except "cpu", the CPU
-    /// seconds of the merging
+    /// seconds of the merge itself
     #[arg(long)]
     json: bool,
 
-    /// Show no summary; warnings are still printed, and the line of --json
+    /// Show no summary; warnings and the --json line are still printed
     #[arg(short, long)]
     quiet: bool,
 }

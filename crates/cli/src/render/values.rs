@@ -22,7 +22,7 @@ fn choice<T: Copy + Send + Sync + 'static>(
 
 /// The parser of `--pixel-filter`.
 pub(crate) fn pixel_filter() -> impl TypedValueParser<Value = PixelFilterSpec> {
-    let scene = ("scene", "The pixel filter in the scene file", PixelFilterSpec::Scene);
+    let scene = ("scene", "The scene file's pixel filter", PixelFilterSpec::Scene);
     choice([scene, ("box", "A box one pixel wide", PixelFilterSpec::Box)])
 }
 

@@ -122,11 +122,11 @@ fn points_are_printed() {
 fn a_method_is_described_by_name() {
     let folder = Folder::new();
     let out = folder.done("samplers mitchell");
-    assert!(out.starts_with("mitchell: contrast of a pilot"), "{out}");
+    assert!(out.starts_with("mitchell: two sampling levels, chosen by the contrast of a pilot"), "{out}");
     for part in [
         "source: Mitchell, Generating Antialiased",
-        "result of mitchell: sRGB MSE over ",
-        "--sampler mitchell:initial=0",
+        "result of mitchell: sRGB MSE relative to ",
+        "--sampler mitchell[:key=value,…]\n",
         "\n  red=0.4 ",
     ] {
         assert!(out.contains(part), "{part}: {out}");

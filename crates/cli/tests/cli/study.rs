@@ -67,12 +67,13 @@ fn a_study_is_made_with_one_command() {
 }
 
 /// Keys of the plan in the help whose values are examples.
-const EXAMPLES: [&str; 8] = ["scenes", "only", "methods", "resolution", "max_depth", "[[external]]", "name", "command"];
+const EXAMPLES: [&str; 7] = ["only", "methods", "resolution", "max_depth", "[[external]]", "name", "command"];
 
 #[test]
 fn the_plan_in_the_help_has_the_defaults() {
     let help = Folder::new().done("study --help");
-    let (_, plan) = help.split_once("here with its default or an example:\n").expect("a plan");
+    let (_, plan) =
+        help.split_once("Values are defaults, except those of lines marked \"example\":\n").expect("a plan");
     let (plan, _) = plan.split_once("\n\n").expect("its end");
     let is_default = |line: &&str| !EXAMPLES.iter().any(|key| line.trim_start().starts_with(key));
     let lines: Vec<&str> = plan.lines().filter(is_default).collect();

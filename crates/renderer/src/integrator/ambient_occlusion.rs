@@ -12,7 +12,7 @@ use dapple_geometry::spawn_ray;
 dapple_core::options! {
     /// The parameters of [`AmbientOcclusion`].
     pub struct AmbientOcclusionOptions {
-        /// The largest distance of an occluder, in units of the scene file.
+        /// Maximum distance of an occluder, in units of the scene file.
         pub distance: f64 = f64::INFINITY => "inf", |distance| distance > 0.0, "above 0";
     }
 }

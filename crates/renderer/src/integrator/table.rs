@@ -10,14 +10,14 @@ const INTEGRATORS: &[IntegratorEntry] = &[
     IntegratorEntry {
         name: "path",
         source: "Kajiya, The Rendering Equation, 1986; multiple importance sampling: Veach and Guibas 1995",
-        about: "path tracing with next-event estimation and multiple importance sampling (the default, unless caustics call for photons)",
+        about: "path tracing with next-event estimation and multiple importance sampling (the default, unless the scene needs photons)",
         parameters: &[],
         make: |_, world| Ok(integrator(world)),
     },
     IntegratorEntry {
         name: "ambient-occlusion",
-        source: "none: the open share of the hemisphere, as in textbooks",
-        about: "the open share of the hemisphere above each surface, without lights and materials",
+        source: "none: as in textbooks",
+        about: "unoccluded fraction of the hemisphere above each surface, without lights and materials",
         parameters: AmbientOcclusionOptions::PARAMETERS,
         make: AmbientOcclusion::parse,
     },
