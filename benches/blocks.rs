@@ -52,7 +52,7 @@ fn blocks(criterion: &mut Criterion) {
             });
         });
     }
-    // The reference, with a seed per pixel and block as its documentation advises for padding.
+    // The reference implementation, with a seed per pixel and block, as its documentation advises for padding.
     type Reference = (&'static str, fn(u32, u32) -> f32);
     let references: [Reference; 2] = [
         ("sobol_burley::sample_4d", |index, seed| sobol_burley::sample_4d(index, 0, seed).iter().sum()),

@@ -37,7 +37,7 @@ fn on_one_thread<T: Send>(work: impl FnOnce() -> T + Send) -> T {
     rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a pool").install(work)
 }
 
-/// The same work through the same interfaces without Dapple's loop: dynamic calls, and a sum per pixel.
+/// The same dynamic calls and a sum per pixel, without Dapple's loop.
 fn direct(integrator: &dyn Integrator, points: &dyn PointSet) -> f64 {
     let mut observed = Worker::default();
     let mut total = 0.0;

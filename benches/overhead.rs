@@ -1,7 +1,7 @@
-//! The cost of a session per sample beyond the host's own loop: its random numbers, `Tile::add` and `Round::submit`.
+//! The cost per sample that a session adds to the host's own loop: random numbers, `Tile::add` and `Round::submit`.
 //!
 //! `cargo bench -p dapple-benches --bench overhead` prints nanoseconds on one thread, with the statistics that the default pair
-//! records. The goal is under 20 ns. `--test` runs it once at a small size.
+//! records. The goal is under 20 ns. With `--test`, it runs once at a small size.
 
 #![expect(clippy::print_stdout, reason = "the program prints its result")]
 

@@ -7,7 +7,8 @@
 //!
 //! The first method is the default of `dapple render`; all methods use its default light selection.
 //!
-//! Each iteration renders with its own seed, so that criterion measures the scatter of errors and reports only larger changes.
+//! Each iteration renders with its own seed, so that criterion measures the variation of errors and reports only larger
+//! changes.
 //!
 //! `relMSE` is the squared error divided by (squared reference + 0.01), averaged over iterations. The reference has independent
 //! points and other seeds. It is rendered when the bench starts.

@@ -28,7 +28,7 @@ fn world(name: &str, side: u32) -> Arc<World> {
     Arc::new(World::with_resolution(&scene, [side; 2]).expect("a sound scene"))
 }
 
-/// Triangles per second, of `cluster` alone and of a first call that includes copying the world's triangles.
+/// Clustered triangles per second, for `cluster` alone and for a call that also copies the world's triangles.
 fn clustering(criterion: &mut Criterion) {
     let world = world("terrain", 64);
     let triangles = WorldTriangles::of(&world);
@@ -53,7 +53,7 @@ fn film(world: &Arc<World>, sampler: &str, filter: &str, side: u32, spp: u64) ->
     Render::new(frame, &limits).needs(needs).run(&mut *integrator(world), &mut *sampler).expect("a film")
 }
 
-/// Samples per second, including planning and clustering.
+/// Samples per second of renders, including planning and clustering.
 fn renders(criterion: &mut Criterion) {
     let (side, spp) = if is_test() { (8, 4) } else { (64, 16) };
     for name in ["cornell", "teapot", "terrain"] {
@@ -62,14 +62,14 @@ fn renders(criterion: &mut Criterion) {
         group.sample_size(10);
         group.throughput(Throughput::Elements(spp * u64::from(side * side)));
         for sampler in SAMPLERS {
-            // Clusters are made each time: they are part of the cost.
+            // Each iteration makes new clusters, which are part of the cost.
             group.bench_function(sampler, |b| b.iter(|| film(&world, sampler, "none", side, spp)));
         }
         group.finish();
     }
 }
 
-/// Pixels per second.
+/// Pixels per second of filters.
 fn filters(criterion: &mut Criterion) {
     let side = if is_test() { 16 } else { 128 };
     let world = world("teapot", side);

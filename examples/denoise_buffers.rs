@@ -1,11 +1,11 @@
-//! The error of images denoised from buffers, for different contents of the buffers: halves, variance and features.
+//! The error of images denoised from different buffers: halves, variances and features.
 //!
 //! ```sh
 //! cargo run --release --example denoise_buffers -- --full
 //! ```
 //!
-//! Figures are sRGB MSE (0 to 255) against references, at 16 samples per pixel, with the noise of the references subtracted.
-//! Prints Markdown. Without `--full`, a small version runs in seconds.
+//! Figures are sRGB MSE (0 to 255) at 16 samples per pixel, less the noise of the reference images. Prints Markdown. Without
+//! `--full`, a small version runs in seconds.
 
 #![expect(clippy::print_stdout, reason = "a program whose table is its result")]
 
@@ -172,7 +172,7 @@ fn main() -> Result<()> {
         let apart = |a: &[[f32; 3]], b: &[[f32; 3]]| -> Result<f64> {
             Ok(compare(Pixels::new(size, a)?, Pixels::new(size, b)?)?.srgb8_mse)
         };
-        // The noise of the reference is a fourth of the squared difference of its halves.
+        // The noise of the reference is a quarter of the squared difference of its halves.
         let noise = 0.25 * apart(&a, &b)?;
         let error = |image: &[[f32; 3]]| -> Result<f64> { Ok(apart(image, &reference)? - noise) };
         let mut errors = vec![error(&noisy.image())?];

@@ -7,9 +7,9 @@
 //! Everything from [`V3`] on is the foreign renderer: vectors, scene, ray tracer, integrator and image files. It passes three
 //! things to Dapple: slices of triangles, a closure that finds first hits, and an [`Integrator`].
 //!
-//! The program renders uniformly and cluster-adaptively with equally many samples, filters both images and prints their
-//! errors. It writes `image.ppm`, `samples.ppm` (white = many samples) and `clusters.ppm` to the given folder, or else
-//! to a temporary one.
+//! The program renders with uniform and with cluster-adaptive sampling at the same number of samples, filters both images and
+//! prints their errors. It writes `image.ppm`, `samples.ppm` (white = many samples) and `clusters.ppm` to the given folder,
+//! else to a temporary one.
 
 #![expect(clippy::print_stdout, reason = "the program prints its result")]
 
@@ -96,7 +96,7 @@ fn main() -> Result<()> {
 }
 
 /// Renders an image with a mean of exactly `spp` samples per pixel. This program's filters need only means and counts, which
-/// are always recorded. The needs of other filters would be passed to [`Render`] here.
+/// are always recorded. For other filters, pass their needs to [`Render`] here.
 fn image(scene: &mut Scene, sampler: &mut dyn Sampler, spp: u64) -> Result<Film> {
     let frame = Frame::new(SIZE[0], SIZE[1])?;
     let limits = Limits::samples(spp * frame.pixels() as u64);
@@ -226,8 +226,8 @@ struct Scene {
     positions: Vec<V3>,
     triangles: Vec<[u32; 3]>,
     materials: Vec<u32>,
-    /// The triangles in the order of the tree's leaves. The children `2 i + 1` and `2 i + 2` of node `i` have half of its
-    /// triangles each.
+    /// The triangles in the order of the tree's leaves. Each of the children `2 i + 1` and `2 i + 2` of node `i` has half of
+    /// its triangles.
     order: Vec<u32>,
     boxes: Vec<[V3; 2]>,
 }

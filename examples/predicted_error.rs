@@ -1,13 +1,13 @@
-//! The calibration of a render's own error estimate, and of `--error`.
+//! The calibration of a render's error estimate, and of `--error`.
 //!
 //! ```sh
 //! docs/results/make predicted-error
 //! ```
 //!
-//! Errors are estimated from two independently scrambled halves. An estimate has one degree of freedom for each pixel and
-//! channel, and is pooled over square blocks of pixels. Its 95 % interval uses Student's t with as many degrees of freedom as
-//! the block has pixels. The interval should contain the reference in 95 % of pixels and channels, and be as narrow as
-//! possible. Prints Markdown (`docs/results/to_csv.py` converts it to CSV). Without `--full`, a small version runs in seconds.
+//! Errors are estimated from two independently scrambled halves. Each pixel and channel gives one degree of freedom; estimates
+//! are pooled over square blocks of pixels. The 95 % interval uses Student's t with one degree of freedom per pixel of the
+//! block. It should contain the reference in 95 % of pixels and channels, and be narrow. Prints Markdown
+//! (`docs/results/to_csv.py` converts it to CSV). Without `--full`, a small version runs in seconds.
 
 #![expect(clippy::print_stdout, reason = "a program whose table is its result")]
 
@@ -140,8 +140,8 @@ impl Course {
         Ok(format!("{:.2} [{:.2}, {:.2}] | {}", ratio.value, ratio.low, ratio.high, cells.join(" | ")))
     }
 
-    /// Three sums over pixels and channels: those whose interval contains the reference, all, and the ratios of the interval's
-    /// half width to 1.96 times the block's root mean squared error.
+    /// Three sums over pixels and channels: the intervals that contain the reference, all intervals, and the ratios of an
+    /// interval's half width to 1.96 times the block's root mean squared error.
     fn covered(&self, film: &Film, side: u32) -> Result<[f64; 3]> {
         let [width, height] = self.frame.size();
         let mut found = [0.0; 3];

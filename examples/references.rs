@@ -1,4 +1,4 @@
-//! Comparison of published scenes with pbrt-v4's images of them: ratios of means and of block means, and pairs of images.
+//! Comparison of Dapple's and pbrt-v4's images of published scenes: ratios of means and of block means, and pairs of images.
 //!
 //! ```sh
 //! cargo run --release --example references -- --full [--images DIR] [SCENE]... > table.md
@@ -32,7 +32,7 @@ const SCENES: [(&str, u64); 8] = [
     ("veach-bidir", 256),
     ("water-caustic", 64),
 ];
-/// The number of replicates; their scatter gives the noise of Dapple's images.
+/// The number of replicates. Their variance gives the noise of Dapple's images.
 const SEEDS: u64 = 8;
 /// The side of a block in pixels.
 const BLOCK: u32 = 10;
@@ -46,7 +46,7 @@ fn main() -> Result<()> {
             "--images" => images = Some(PathBuf::from(arguments.next().ok_or("--images needs a folder")?)),
             name if SCENES.iter().any(|(known, _)| *known == name) => wanted.push(argument),
             other if Path::new(other).is_dir() => {}
-            other => return Err(format!("unknown scene \"{other}\"; the constant SCENES lists all scenes").into()),
+            other => return Err(format!("unknown scene \"{other}\"; use one of the constant SCENES").into()),
         }
     }
     let folder = std::env::var("DAPPLE_SCENES").unwrap_or_else(|_| "../shared/scenes".into());

@@ -8,8 +8,8 @@
 //!
 //! A price is the time with the safeguard divided by the time without it, measured in alternating pairs in one process on one
 //! thread. It is given as a median with an interval of at least 95 % confidence for any distribution of noise (order
-//! statistics). Film, loading and checkpoints are timed separately and compared with a whole render. Failures are counted, so
-//! their numbers are the same on every machine.
+//! statistics). Film, loading and checkpoints are timed separately and compared with a whole render. Failures are counts, which
+//! are equal on every machine.
 
 #![allow(clippy::print_stdout, clippy::print_stderr, missing_docs, unreachable_pub, reason = "a program")]
 
@@ -35,10 +35,10 @@ pub type Result<T> = std::result::Result<T, Box<dyn std::error::Error + Send + S
 fn main() -> Result<()> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let has = |name: &str| arguments.iter().any(|argument| argument == name);
-    // `cargo test -p dapple-benches --benches` runs each bench once, without `--bench`; `cargo bench -- --test` asks for the same.
+    // `cargo test -p dapple-benches --benches` runs each bench once, without `--bench`; so does `cargo bench -- --test`.
     let quick = has("--quick") || has("--test") || !has("--bench");
     let programs = arguments.iter().position(|argument| argument == "--overflow-checks");
-    // First, since another program may fail.
+    // The other programs run first, since they may fail.
     let checked = match programs.and_then(|at| arguments.get(at + 1..at + 3)) {
         Some([with, without]) => Some(overflow_checks(Path::new(without), Path::new(with), quick)?),
         _ => None,
@@ -61,8 +61,8 @@ pub struct Row {
     pub breaks: Vec<Break>,
 }
 
-/// An input, the visible defect, and the numbers of failures among `of` trials (rays, pixels, samples or images), without and
-/// with the safeguard.
+/// An input, its visible defect, and the failures among `of` trials (rays, pixels, samples or images), without and with the
+/// safeguard.
 #[derive(Debug)]
 pub struct Break {
     input: String,
@@ -153,7 +153,7 @@ fn pairs(count: usize, pair: impl FnMut(usize) -> Result<f64>) -> Result<Ratio> 
     Ok(Ratio::of((0..count).map(pair).collect::<Result<_>>()?))
 }
 
-/// Runs both, `with` first if `number` is even. Drift of the machine thus affects both equally.
+/// Runs both functions, `with` first if `number` is even, so that drift of the machine affects both equally.
 pub fn in_turn<T>(
     number: usize,
     with: impl FnOnce() -> Result<T>,
@@ -176,7 +176,7 @@ fn seconds<T>(work: impl FnOnce() -> T) -> f64 {
 
 /// The ratio of the time `whole` to the time without the safeguard, which takes `part` longer than its replacement.
 pub fn of_whole(whole: f64, part: f64) -> f64 {
-    // On a machine that stalls between two clock readings, the part may seem as long as the whole.
+    // If the machine stalls between two clock readings, the part may seem as long as the whole.
     whole / (whole - part).max(0.01 * whole)
 }
 
@@ -238,8 +238,7 @@ impl Image {
         format!("rendering {} ({width}x{height}, {} spp, one thread)", Self::NAME, self.spp)
     }
 
-    /// The price of the first step instead of the second for each sample, relative to a whole render, and the difference in
-    /// nanoseconds.
+    /// The price of the first step over the second, relative to a whole render, and the difference in nanoseconds per sample.
     fn of_render(&self, count: usize, runs: usize, part: [Part<'_>; 2]) -> Result<(Ratio, f64)> {
         let mut rng = Pcg64Mcg::seed_from_u64(5);
         let samples: Vec<[f32; 3]> =

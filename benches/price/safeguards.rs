@@ -85,7 +85,7 @@ struct View {
     seen: Vec<Hit>,
 }
 
-/// The hits in the renderer's space, and the hits in the file's space, as in a renderer without recentring.
+/// The hits in the renderer's space, and the hits in the file's space, where a renderer without recentring works.
 fn views(scene: &Scene) -> Result<(View, Vec<Hit>)> {
     const SIDE: u32 = 64;
     let world = World::with_resolution(scene, [SIDE; 2])?;
@@ -115,7 +115,7 @@ fn views(scene: &Scene) -> Result<(View, Vec<Hit>)> {
     Ok((View { world, seen }, raw))
 }
 
-/// A pixel as in many small renderers: sums and sums of squares in f32.
+/// A pixel with sums and sums of squares in f32, as in many small renderers.
 #[derive(Clone, Copy, Default)]
 struct Sums {
     count: u32,
@@ -284,7 +284,7 @@ fn holes() -> Result<Break> {
     Ok(Break { input, seen, of: (side * side) as u64, without: wrong(&mean), with: wrong(&|i| film.mean(i)) })
 }
 
-/// Independent halves, without which errors of low-discrepancy samples cannot be estimated reliably.
+/// Independent halves, which are needed for reliable error estimates with low-discrepancy samples.
 pub(crate) fn halves(count: usize, image: &Image) -> Result<Row> {
     let price = pairs(count, |number| {
         let [with, without] =
@@ -420,7 +420,7 @@ impl Monitor for Middle<'_> {
     }
 }
 
-/// Kills a render halfway. Counts the samples that are traced again after resuming, and adds the number of pixels that differ.
+/// Stops a render halfway and resumes it. Counts the samples that are traced again plus the pixels that differ.
 fn killed(image: &Image, store: &Store) -> Result<Break> {
     let stopped = Middle::new(store, true).render(image)?.record().samples;
     let whole = image.render(Needs::none(), &mut NoMonitor)?;

@@ -1,6 +1,6 @@
 #![allow(dead_code, reason = "shared by a bench and examples, each of which uses a part")]
-//! Scenes and rays of the benches: a box of 36 triangles, a displaced sphere of 70,000 in a room and a terrain of a
-//! million; primary, bounce and shadow rays.
+//! Scenes of the benches (a box of 36 triangles, a displaced sphere of 70,000 in a room, a terrain of a million), and their
+//! primary, bounce and shadow rays.
 
 use dapple_geometry::{Geometry, Mesh, Ray, Shape, spawn_ray, spawn_ray_to};
 use glam::{DVec3, Vec3};

@@ -41,8 +41,8 @@ impl Mesh {
 
     /// Sets the vertex normals of a height field (z up) to the area-weighted mean of the adjoining triangles' normals.
     ///
-    /// Each mean is then tilted upwards if needed, so that it points to the outer side of each of these triangles. On sharp
-    /// ridges, the mean alone would not.
+    /// On sharp ridges, a mean can point to the inner side of an adjoining triangle. It is then tilted upwards until it does
+    /// not.
     pub(crate) fn smooth_normals(&mut self) {
         const LEAST_COSINE: f64 = 0.05;
         let mut sums = vec![[0.0; 3]; self.positions.len()];
@@ -83,8 +83,8 @@ impl Mesh {
         part
     }
 
-    /// Encodes the mesh as a binary little-endian PLY file: x y z nx ny nz as f32, and vertex indices as u16 if these
-    /// suffice, else u32.
+    /// Encodes the mesh as a binary little-endian PLY file: x y z nx ny nz as f32, and vertex indices as u16 if possible, else
+    /// u32.
     pub(crate) fn ply(&self) -> Vec<u8> {
         // With u32, about half of the file would be indices. Terrain is cut into parts that fit u16.
         let short = self.positions.len() <= usize::from(u16::MAX) + 1;
@@ -137,8 +137,8 @@ pub(crate) fn lat_long_pfm(width: usize, height: usize, radiance: impl Fn([f64; 
 pub(crate) fn tga<const N: usize>([width, height]: [u16; 2], pixel: impl Fn(u16, u16) -> [u8; N]) -> Vec<u8> {
     // True colour, or grey.
     let kind = if N == 1 { 3 } else { 2 };
-    // Field by field: no id, no palette, the kind, palette and origin all 0, size, bits per pixel, and the descriptor: from
-    // the top left, with 8 bits of opacity or none.
+    // The fields: no id, no palette, the kind, palette and origin all 0, size, bits per pixel, and the descriptor (rows from
+    // the top left; 8 bits of opacity or none).
     let mut bytes = vec![0, 0, kind, 0, 0, 0, 0, 0, 0, 0, 0, 0];
     bytes.extend(width.to_le_bytes());
     bytes.extend(height.to_le_bytes());

@@ -4,9 +4,9 @@
 //! cargo run --example generate_scenes -- [FOLDER]
 //! ```
 //!
-//! These are meshes, images, and the scene files with many repeated objects, `grass` and `many-lights`. The handwritten first
-//! part of these two is kept. All other scene files are written by hand. The bytes are the same on every machine: all
-//! arithmetic is `+ - * /` and `sqrt` on `f64`, whose rounding IEEE 754 defines, and Rust neither fuses nor reorders these
+//! These are meshes, images, and the two scene files with many repeated objects, `grass` and `many-lights`. The handwritten
+//! first part of these scene files is kept; all other scene files are written by hand. The bytes are the same on every machine:
+//! all arithmetic is `+ - * /` and `sqrt` on `f64`, whose rounding IEEE 754 defines, and Rust neither fuses nor reorders these
 //! operations. A test compares the committed files with the result.
 
 mod arithmetic;

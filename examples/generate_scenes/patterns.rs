@@ -4,7 +4,7 @@ use super::arithmetic::{mix_bits, sin_cos};
 use super::files::tga;
 use std::fmt::Write;
 
-/// The handwritten first part of a scene file, up to the line `first`, which begins the generated part.
+/// The handwritten first part of a scene file, up to the line `first`, where the generated part begins.
 fn head(text: &str, first: &str) -> String {
     text.split_once(first).map_or(text, |(head, _)| head).to_owned()
 }
@@ -24,7 +24,7 @@ fn random(kind: u64, number: u64, use_of_it: u64) -> f64 {
     (mix_bits(x) >> 11) as f64 / (1u64 << 53) as f64
 }
 
-/// Returns the pbrt shape of a tuft: blades of three triangles each that grow near the origin and bend outwards.
+/// Returns the pbrt shape of a tuft: blades of three triangles each, which grow near the origin and bend outwards.
 fn tuft(kind: u64) -> String {
     let (mut points, mut indices) = (String::new(), String::new());
     for blade in 0..BLADES {
@@ -33,7 +33,7 @@ fn tuft(kind: u64) -> String {
         let out = [cos, sin];
         let [root, height, bend] = [0.09 * u(1), 0.22 + 0.22 * u(2), 0.03 + 0.16 * u(3) * u(3)];
         let width = 0.004 + 0.003 * u(4);
-        // Each blade is turned about itself, so that some are seen flat and some on edge.
+        // Each blade is rotated about its axis, so that some blades face the camera and some are seen on edge.
         let [turn_sin, turn_cos] = sin_cos(u(5));
         let side = [turn_cos * width, turn_sin * width];
         let mut point = |along: f64, across: f64| {

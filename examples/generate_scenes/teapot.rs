@@ -28,8 +28,7 @@ const LID: [Ring; 7] = [
     [1.3, 0.728, 2.4],
 ];
 
-/// The profile of the body, in the form of `LID`: rim, upper body, lower body, and the bottom, a later addition to Newell's
-/// teapot.
+/// The profile of the body, as in `LID`: rim, upper body, lower body, and the bottom (not part of Newell's original).
 const BODY: [Ring; 13] = [
     [1.4, 0.784, 2.4],
     [1.3375, 0.749, 2.53125],
@@ -155,7 +154,7 @@ fn add_part(mesh: &mut Mesh, part: &Part) {
     let down = part.len() * STEPS;
     let mut above: Vec<u32> = Vec::new();
     for row in 0..=down {
-        // The last row ends the last piece; every other row lies in the piece that it begins or is inside of.
+        // A row between two pieces belongs to the second one; the last row belongs to the last piece.
         let piece = (row / STEPS).min(part.len() - 1);
         let s = (row - piece * STEPS) as f64 / STEPS as f64;
         let ring: Vec<_> = (0..around)
@@ -164,7 +163,7 @@ fn add_part(mesh: &mut Mesh, part: &Part) {
         let patch = &part[piece][0];
         let at_tip = row == 0 && is_point(&patch[0]) || row == down && is_point(&patch[3]);
         let here: Vec<u32> = if at_tip {
-            // Tangents around the ring vanish at a tip. The surface of revolution is flat there.
+            // Tangents around the ring vanish at a tip. The surface of revolution is horizontal there.
             let up = if row == 0 { 1.0 } else { -1.0 };
             vec![mesh.add(patch[if row == 0 { 0 } else { 3 }][0], [0.0, 0.0, up]); around]
         } else {

@@ -73,7 +73,7 @@ fn ground() -> Mesh {
 }
 
 /// Returns the material of a triangle: rock where steep, snow where high, else grass, with borders perturbed by noise. The
-/// slope is taken from the smoothed ground, so that neighbouring triangles agree.
+/// slope is measured on the smoothed ground, so that neighbouring triangles get the same material.
 fn cover(mesh: &Mesh, triangle: [u32; 3]) -> &'static str {
     let [a, b, c] = mesh.corners(triangle);
     let [x, y, z]: [f64; 3] = std::array::from_fn(|axis| (a[axis] + b[axis] + c[axis]) / 3.0);
@@ -99,7 +99,7 @@ fn sky(direction: [f64; 3]) -> [f64; 3] {
 pub(crate) fn assets() -> Assets {
     let ground = ground();
     let part = |name| (format!("terrain/{name}.ply"), ground.part(|triangle| cover(&ground, triangle) == name).ply());
-    // All columns of the sky are alike; eight make an image that no reader finds odd.
+    // All columns of the sky are equal; eight columns suit readers that reject very narrow images.
     let sky = ("terrain/sky.pfm".to_owned(), lat_long_pfm(8, 256, sky));
     ["grass", "rock", "snow"].map(part).into_iter().chain([sky]).collect()
 }

@@ -139,7 +139,7 @@ const LAMP: (V3, [f32; 2], Rgb) = ([0.35, 0.999, 0.4], [0.3, 0.3], [14.0, 11.0, 
 /// The nearest wall on a ray.
 fn hit(from: V3, to: V3) -> Option<Hit> {
     let walls = BOXES.iter().filter_map(|&([low, high], colour)| {
-        // The ray is in the box after it has entered on all axes, and before it leaves on one.
+        // A ray is inside the box from its last entry on the three axes to its first exit.
         let [a, b]: [V3; 2] = [low, high].map(|side| from_fn(|i| (side[i] - from[i]) / to[i]));
         let enter = (0..3).map(|i| (a[i].min(b[i]), i)).max_by(|a, b| a.0.total_cmp(&b.0))?;
         let leave = (0..3).map(|i| (a[i].max(b[i]), i)).min_by(|a, b| a.0.total_cmp(&b.0))?;

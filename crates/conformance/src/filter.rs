@@ -11,7 +11,7 @@ use dapple_core::{Error, Film, Filter, Filtered, Frame, Limits, Needs, Render, S
 /// samples, and fireflies of 10^30 (whose square exceeds `f32`). The checks are:
 ///
 /// * a constant image stays constant;
-/// * radiance is finite; errors are not negative, and are finite in films whose pixels all have samples;
+/// * radiance is finite; error estimates are not negative, and are finite if all pixels have samples;
 /// * the image and the error map have the size of the frame;
 /// * results are bit-identical for any number of threads;
 /// * a film without the statistics that the filter needs is refused with
@@ -111,7 +111,7 @@ fn finite_and_repeatable(filter: &dyn Filter, scene: Scene, counts: Counts, fram
         let is_known = |e: &f32| e.is_finite() || matches!(counts, Counts::Sparse);
         assert!(error.iter().all(is_known), "{case}: the error of a pixel with samples is infinite");
     }
-    // How work is shared out does not depend on the colours, but for outliers; one pixel is not shared out.
+    // The division of work among threads depends only on size and outliers; a single pixel is not divided.
     let threads: &[usize] = match scene {
         Scene::Noise if frame.pixels() > 1 => &[1, 2, 7],
         Scene::Firefly if frame.pixels() > 7 => &[3],

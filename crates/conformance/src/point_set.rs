@@ -8,19 +8,19 @@ use rayon::prelude::*;
 /// * Range: every coordinate is in `[0, 1)`, also at the last index, the last block and far pixels.
 /// * Purity: bit-identical numbers in forward, backward and interleaved order, on several threads, in pairs of blocks, and in
 ///   batches of any size.
-/// * Uniformity: over pixels, each coordinate has the mean and variance of uniform numbers, and comes close to both 0 and 1.
-/// * Independence: pixels at five distances, streams, and blocks up to number 4000 are uncorrelated. Blocks must also order a
-///   pixel's samples differently. Sets that couple neighbouring pixels ([`PointSet::couples_pixels`]) are tested on pixels 1009
-///   columns and rows apart.
+/// * Uniformity: over pixels, each coordinate has the mean and variance of uniform numbers, and reaches close to 0 and 1.
+/// * Independence: pixels at five distances are uncorrelated, and so are streams, and blocks up to number 4000. Blocks must
+///   also order a pixel's samples differently. Sets that couple neighbouring pixels ([`PointSet::couples_pixels`]) are tested
+///   on pixels 1009 columns and rows apart.
 /// * Distinctness: no two samples of a pixel are equal, at the start, past 2^31 and 2^32 and at the end.
 /// * `preferred_count(n)` is at least `n`, never decreases with `n`, and is its own preferred count.
 /// * `describe` is not empty and does not change.
 ///
 /// # Precision
 ///
-/// Statistical bounds are at 4.5 standard errors, which independent numbers exceed with probability 6.8e-6 each. Over all
-/// comparisons, a correct point set fails by chance with probability 0.01. Because inputs are fixed, it then always fails: try
-/// another seed.
+/// Statistical bounds are at 4.5 standard errors. Independent numbers exceed each bound with probability 6.8e-6. Over all
+/// comparisons, a correct point set fails by chance with probability 0.01. Because inputs are fixed, it then fails every time;
+/// try another seed.
 ///
 /// Stratification and convergence are not checked here; test them in the point set's own crate.
 ///
@@ -121,8 +121,8 @@ fn range(points: &dyn PointSet) {
     });
 }
 
-/// Checks that samples of a pixel differ. Random pairs are equal with probability 2^-48, in about 10^7 comparisons, so
-/// false alarms are rare.
+/// Checks that samples of a pixel differ. False alarms are rare: there are about 10^7 comparisons, and random pairs are equal
+/// with probability 2^-48.
 fn distinct(points: &dyn PointSet) {
     let last = points.capacity() - 1;
     let mut indices: Vec<u64> = critical_indices(points)
@@ -151,7 +151,7 @@ fn distinct(points: &dyn PointSet) {
     }
 }
 
-/// Checks that samples are bit-identical when read in four orders and from several threads.
+/// Checks that samples read in four orders and from several threads are bit-identical.
 fn purity(points: &dyn PointSet) {
     let most = points.capacity().min(16);
     let names: Vec<(SampleId, u32)> = (0..most)
@@ -161,7 +161,7 @@ fn purity(points: &dyn PointSet) {
     let forward: Vec<_> = names.iter().map(read).collect();
     let mut backward: Vec<_> = names.iter().rev().map(read).collect();
     backward.reverse();
-    // A step of 7 visits every name once if it does not divide their number.
+    // A step of 7 visits every name once if 7 does not divide the number of names.
     let len = names.len();
     let step = if len.is_multiple_of(7) { 1 } else { 7 };
     let mut interleaved = vec![[0; 4]; len];
@@ -249,7 +249,7 @@ fn uniform(points: &dyn PointSet) {
                 assert!(mean.abs() < BOUND, "{what}: the mean over pixels is {mean:.1} standard errors from 1/2");
                 let variance = (square[k] - n / 12.0) / (n / 180.0).sqrt();
                 assert!(variance.abs() < BOUND, "{what}: the variance is {variance:.1} standard errors from 1/12");
-                // All n miss an end by more than 20/n with probability e^-20.
+                // The probability that all n numbers are farther than 20/n from an end is e^-20.
                 let end = (20.0 / n) as f32;
                 assert!(least[k] < end && most[k] > 1.0 - end, "{what}: only {} to {} is reached", least[k], most[k]);
             }
@@ -281,7 +281,7 @@ fn pixels_are_independent(points: &dyn PointSet) {
     let side = 96_u32;
     let lags = [[1, 0], [0, 1], [1, 1], [16, 0], [64, 0]];
     BLOCKS.par_iter().enumerate().for_each(|(number, &block)| {
-        // Each block at one of two indices; the first ones at both.
+        // Each block is tested at one of two indices, the first two blocks at both.
         let indices = [0, 3].into_iter().enumerate().filter(|(k, _)| number < 2 || number % 2 == *k);
         for index in indices.map(|(_, index)| index).filter(|i| *i < points.capacity()) {
             let wide = side + 64;
@@ -340,7 +340,7 @@ fn blocks_are_independent(points: &dyn PointSet) {
         let mut order = [0.0_f64; 16];
         for p in 0..side * side {
             let mut within = [0.0_f64; 16];
-            // The order needs more samples, of fewer pixels.
+            // The order of samples is tested with more samples on fewer pixels.
             let samples = if p % 16 == 0 { n } else { 1 };
             for index in 0..samples {
                 let [a, b] = [s, t].map(|block| points.block(far_id(points, [p % side, p / side], 0, index), block));

@@ -37,8 +37,8 @@ pub fn sampler(make: impl Fn() -> Box<dyn Sampler>) {
     sampler_on_frames(|_| make(), Spending::Exact);
 }
 
-/// Checks a sampler that stops at a threshold, created by `make`: as [`sampler`] does, but it may spend less than the
-/// budget.
+/// Checks a sampler that stops at a threshold, created by `make`. The checks are those of [`sampler`], except that it may spend
+/// less than the budget.
 ///
 /// # Panics
 ///
@@ -57,7 +57,7 @@ pub fn sampler_on_frames(make: impl Fn(&Frame) -> Box<dyn Sampler>, spending: Sp
     check(&make, spending);
 }
 
-/// A function that creates samplers. It is a trait object, so that the checks are compiled only once.
+/// A function that creates samplers, as a trait object, so that the checks are compiled only once.
 type Make<'a> = &'a dyn Fn(&Frame) -> Box<dyn Sampler>;
 
 /// The frame of most checks: wider than the edge of [`Scene::Edge`], with two surfaces.
@@ -80,7 +80,7 @@ fn check(make: Make<'_>, spending: Spending) {
     impossible(make, frame([5, 4]));
 }
 
-/// Synthetic scenes without geometry, as extreme as any scene given to a sampler or filter.
+/// Synthetic scenes without geometry, with values as extreme as in any real scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Scene {
     Black,
@@ -142,7 +142,7 @@ pub(crate) fn frame(size: [u32; 2]) -> Frame {
     Frame::new(size[0], size[1]).expect("a frame of the checks")
 }
 
-/// All statistics of a film as 64-bit words. Films with equal words are bit-identical except for timings.
+/// All statistics of a film as 64-bit integers. Films with equal words are bit-identical except for timings.
 pub fn bits(film: &Film) -> Vec<u64> {
     let record = film.record();
     let mut bits = vec![record.samples, record.rays, record.blocks, record.rejected];
@@ -215,7 +215,7 @@ fn within(make: Make<'_>, spending: Spending, scene: Scene, frame: Frame, limits
     Some(film)
 }
 
-/// Checks that a film has as many samples as its budget, and each pixel's count is within its bounds.
+/// Checks that a film's number of samples matches the budget, and that each pixel's count is within the limits.
 fn is_within(film: &Film, spending: Spending, limits: &Limits, total: u64, case: &str) {
     let (frame, spent) = (film.frame(), film.record().samples);
     match spending {
@@ -227,8 +227,8 @@ fn is_within(film: &Film, spending: Spending, limits: &Limits, total: u64, case:
     assert_eq!(taken, spent, "{case}: the pixels' counts do not add up to the samples spent");
     for i in pixels {
         let count = film.count(i);
-        assert!(count >= u64::from(limits.min_spp), "{case}: {count} samples in pixel {i} are below the floor");
-        assert!(count <= u64::from(limits.max_spp), "{case}: {count} samples in pixel {i} are above the ceiling");
+        assert!(count >= u64::from(limits.min_spp), "{case}: {count} samples in pixel {i} are below min_spp");
+        assert!(count <= u64::from(limits.max_spp), "{case}: {count} samples in pixel {i} are above max_spp");
         assert!(film.mean(i).iter().all(|v| v.is_finite() && *v >= 0.0), "{case}: pixel {i} is {:?}", film.mean(i));
     }
 }
@@ -257,11 +257,11 @@ fn keeps_bounds(make: Make<'_>, spending: Spending, frame: Frame, scene: Scene) 
     ] {
         let mut limits = Limits::samples(total);
         (limits.min_spp, limits.max_spp) = (min_spp, max_spp);
-        // A sampler cannot both meet the floor and discard samples: it must refuse or discard less. `within` checks the
-        // floor.
+        // A sampler cannot both discard samples and reach the minimum: it must refuse, or discard less. `within` checks the
+        // minimum.
         within(make, spending, scene, frame, &limits, total);
     }
-    // Fewer samples than pixels, as the floor is 0.
+    // Fewer samples than pixels are possible, as the minimum is 0.
     let mut limits = Limits::samples(pixels / 3);
     limits.min_spp = 0;
     within(make, spending, scene, frame, &limits, pixels / 3);
@@ -276,7 +276,7 @@ fn same_bits(make: Make<'_>, frame: Frame, scene: Scene) {
     };
     let reference = film(1, &limits);
     assert!(film(1, &limits) == reference, "{scene:?}: a second run gives a different result");
-    // The other scenes differ in what is planned, not in how it is shared out.
+    // The other scenes differ in their plans, not in the division of work among threads.
     let thorough = scene == Scene::Edge;
     let (threads, schedules): (&[usize], &[(u32, u32, u64)]) = match thorough {
         true => (&[2, 3, 7], &[(7, 1, 0), (16, 13, 1), (64, 0, 2), (1, 13, 0xfeed)]),
@@ -330,7 +330,7 @@ fn resumes(make: Make<'_>, frame: Frame, scene: Scene) {
         film.unwrap_or_else(|e| panic!("{case}: it cannot be resumed: {e}"))
     };
     let unsliced = Limits::samples(21 * pixels + 5);
-    // Every slice in one scene; in the others every fourth one, and the end.
+    // Tests every slice of one scene; in the others, every fourth slice and the end.
     let step = if scene == Scene::Edge { 1 } else { 4 };
     for (i, bytes) in keeper.slices.iter().enumerate().step_by(step).chain([(keeper.slices.len(), &keeper.end)]) {
         let film = resumed(bytes, &unsliced, 1 + i % 3);

@@ -8,7 +8,7 @@
 //! | a mean is *proven* close to a value | [`Mean::equals`] |
 //! | one of two methods has less error at equal budget | `ratio_interval` and `log_log_fit` of dapple-metrics |
 //! | error estimates are calibrated | [`Calibration`] |
-//! | adaptive counts do not bias the image | [`kept`], [`refined`], [`Bernoulli`], [`Naive`], [`count_trend`] |
+//! | adaptive counts do not bias the image | [`kept`], [`refined`], [`Bernoulli`], [`BiasedSampler`], [`count_trend`] |
 //! | two images are bit-identical | [`bits`](crate::bits), and the checks of samplers and filters |
 //!
 //! Seeds are fixed. The probability of any false alarm in a family of tests is at most [`FAMILY`]: each test runs at the level

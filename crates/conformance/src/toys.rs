@@ -21,7 +21,7 @@ use dapple_core::{
     SampleId, Sampler, Snapshot, Worker,
 };
 
-/// Independent points: four numbers from a hash of seed, sample and block.
+/// Independent points: the four numbers are a hash of seed, sample and block.
 #[derive(Clone, Copy, Debug)]
 pub struct Independent {
     /// The seed.
@@ -54,7 +54,7 @@ impl PointSet for Independent {
     }
 }
 
-/// A point set made of a closure of sample and block.
+/// A point set made of a closure that receives sample and block.
 pub struct Points<F>(pub F);
 
 impl<F: Fn(SampleId, u32) -> [f32; 4] + Send + Sync> PointSet for Points<F> {
@@ -67,7 +67,7 @@ impl<F: Fn(SampleId, u32) -> [f32; 4] + Send + Sync> PointSet for Points<F> {
     }
 }
 
-/// An integrator made of a closure of the random numbers and the worker.
+/// An integrator made of a closure that receives the random numbers and the worker.
 pub struct Traced<F>(pub F);
 
 impl<F: Fn(&Draws<'_>, &mut Worker) -> Estimate + Sync> Integrator for Traced<F> {
@@ -76,7 +76,7 @@ impl<F: Fn(&Draws<'_>, &mut Worker) -> Estimate + Sync> Integrator for Traced<F>
     }
 }
 
-/// An integrator made of a closure of the pixel and four random numbers. Half of the radiance is indirect lighting.
+/// An integrator made of a closure that receives the pixel and four random numbers. Half of the radiance is indirect lighting.
 pub struct Field<F>(pub F);
 
 impl<F: Fn([u32; 2], [f32; 4]) -> [f32; 3] + Sync> Integrator for Field<F> {
@@ -145,7 +145,7 @@ impl<F: FnMut(&Feedback<'_>, &mut Plan) -> Progress + Send> Sampler for ToySampl
     }
 }
 
-/// A sampler of one round with these counts.
+/// A sampler of one round with these sample counts.
 pub fn one_round(
     points: Independent,
     retention: Retention,
@@ -159,7 +159,7 @@ pub fn one_round(
     ToySampler { points, needs: Needs::none(), plan }
 }
 
-/// A filter made of a closure of the film.
+/// A filter made of a closure that receives the film.
 pub struct ToyFilter<F> {
     /// The filter's name.
     pub name: &'static str,

@@ -36,7 +36,7 @@ fn a_sound_set_is_accepted() {
     dapple_conformance::point_set(&Points(sound));
 }
 
-/// A point set whose second block of two is the next one.
+/// A point set that returns the wrong second block when two blocks are read together.
 struct Mispaired;
 
 impl PointSet for Mispaired {
@@ -61,7 +61,7 @@ fn blocks_that_differ_when_read_together_are_rejected() {
 
 type Block = fn(SampleId, u32) -> [f32; 4];
 
-/// Point sets with one fault each, and what the checks say of it.
+/// Point sets with one fault each, and part of the message about the fault.
 const FAULTS: [(&str, Block); 6] = [
     // Rounding to nearest reaches 1.0 once in 2^25 numbers; here at one index, so that the check meets it.
     ("not in [0, 1)", |id, block| if id.index == 5 && block == 3 { [0.5, 1.0, 0.5, 0.5] } else { sound(id, block) }),
@@ -91,8 +91,8 @@ fn a_scramble_shared_by_pixels_is_rejected() {
     let points =
         |id: SampleId, block| sound(SampleId::new([id.pixel[0] & !63, id.pixel[1]], id.stream, id.index), block);
     rejected(&Points(points), "standard errors from");
-    // Each repetition is shifted by a quarter, so that moments over the image stay right and only the comparison of
-    // pixels fails.
+    // Each repetition is shifted by a quarter, so that moments over the image stay correct and only the comparison of pixels
+    // fails.
     for (period, apart) in [(2, "pixels (1, 0) apart"), (64, "pixels (64, 0) apart")] {
         let points = |id: SampleId, block| {
             let (first, repetition) = if period == 2 {

@@ -1,7 +1,7 @@
-//! The statistical tests themselves: each passes true claims at its rate, refutes false ones with its power, and
-//! rejects its negative control.
+//! Tests of the statistical tests: each accepts true claims at its level, refutes false ones with its power, and rejects its
+//! negative control.
 //!
-//! All data is made up, and all seeds are fixed. Bounds on rates are 5 standard deviations of the binomial: 6e-7 each.
+//! All data is synthetic, and all seeds are fixed. Bounds on rates are 5 standard deviations of the binomial: 6e-7 each.
 
 use dapple_adaptive::{Adaptive, PilotPolicy, VarianceOptions};
 use dapple_conformance::statistics::*;
@@ -20,7 +20,7 @@ impl Noise {
         ((mix(self.0) >> 11) as f64 + 0.5) / (1u64 << 53) as f64
     }
 
-    /// Mean 0, variance 1 [after Box and Muller 1958].
+    /// A normal number with mean 0 and variance 1 [after Box and Muller 1958].
     fn normal(&mut self) -> f64 {
         (-2.0 * self.uniform().ln()).sqrt() * (std::f64::consts::TAU * self.uniform()).cos()
     }
@@ -36,8 +36,8 @@ fn is_rate(seen: usize, all: usize, p: f64) -> bool {
     (seen as f64 - n * p).abs() < 5.0 * (n * p * (1.0 - p)).sqrt() + 1.0
 }
 
-/// A path in a closed furnace of albedo 1/2 and emission 1/2, whose expectation is 1. It continues with probability
-/// 1/2, so `k` bounces give `(k + 1) / 2`. The share `leak` of the light is lost at each.
+/// A path in a closed furnace of albedo 1/2 and emission 1/2, whose expectation is 1. It continues with probability 1/2, so `k`
+/// bounces give `(k + 1) / 2`. Each bounce loses the fraction `leak` of the light.
 fn furnace(noise: &mut Noise, leak: f64) -> f64 {
     let (mut light, mut throughput) = (0.0, 1.0);
     loop {
@@ -70,7 +70,7 @@ fn tails_agree_with_known_values() {
     for p in [1e-9, 1e-3, 0.2] {
         assert!((adjusted(sidak(p, 1000), 1000) / p - 1.0).abs() < 1e-9);
     }
-    // Deviates about as probable as t.
+    // Standard normal deviates with about the probability of t.
     let test = |t: f64, v: f64| MeanTest { difference: t, standard_error: 1.0, degrees_of_freedom: v };
     for (t, v) in [(0.5, 15.0), (2.0, 15.0), (5.0, 30.0), (9.0, 15.0)] {
         let (z, p) = (test(t, v).z(), test(t, v).p());
@@ -91,7 +91,7 @@ fn means_are_tested_at_their_level_and_power() {
     }
     assert!(is_rate(false_alarms, 2000, 0.01), "{false_alarms}");
     assert!(is_rate(welch, 2000, 0.01), "{welch}");
-    // The power is as computed, if it is neither 0 nor 1.
+    // The observed power agrees with the computed one if that is neither 0 nor 1.
     let mut seen = 0;
     for _ in 0..2000 {
         let a: Mean = (0..16).map(|_| noise.normal() + 1.0).collect();
@@ -148,7 +148,7 @@ fn made_up(seed: u64, edit: impl Fn(usize, &mut [f64; 3])) -> Vec<Vec<[f64; 3]>>
 fn images_are_tested_at_their_level() {
     let nothing = |_: usize, _: &mut [f64; 3]| {};
     let exact: Vec<[f64; 3]> = (0..PIXELS).map(|i| [1.0 + 0.02 * (i % WIDTH) as f64; 3]).collect();
-    // Sound images raise no alarm at a family's level, and few at 5 %.
+    // Correct images raise no alarm at a family's level, and few at 5 %.
     let mut low = [0; 2];
     for seed in 0..30 {
         let two = images(WIDTH, &made_up(2 * seed, nothing), &made_up(2 * seed + 1, nothing));
@@ -249,14 +249,15 @@ fn the_naive_rule_is_rejected_as_biased() {
     assert!(mean.against(P).p() < 1e-12, "{mean:?}");
     assert!(mean.against(closed).p() > FAMILY, "{mean:?} for {closed}");
     assert!(two_sided(count_trend(&pixels)) < 1e-12, "counts tell of values");
-    // The power for a bias a twentieth as large.
+    // The power for a twentieth of the bias.
     let power = power(0.05 * (closed - P) / mean.standard_error(), 1e-6, 63.0);
     assert!(power > 0.999, "{power}, standard error {}", mean.standard_error());
     for policy in [PilotPolicy::Discard, PilotPolicy::Cross] {
         let (mean, pixels) = films(&|seed| Box::new(alone(policy, 1000 + seed)));
         assert!(mean.against(f64::from(P as f32)).p() > FAMILY, "{policy:?}: {mean:?}");
         let trend = count_trend(&pixels);
-        // With halves that decide for each other, a half's samples correlate with the other's count, a part of the sum.
+        // If each half decides the other's count, a half's samples correlate with the other half's count, which is part of the
+        // sum.
         assert!(policy == PilotPolicy::Cross || two_sided(trend) > FAMILY, "{policy:?}: {trend}");
     }
     let (_, pixels) = films(&|seed| Box::new(Uniform::new(Independent::new(2000 + seed))));

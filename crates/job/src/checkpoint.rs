@@ -3,7 +3,7 @@
 //! * [`Store::save`] writes a temporary file, flushes it to the disk and renames it; the previous version of the file
 //!   is kept beside it. So [`Store::read`] finds a complete file at every moment.
 //! * A [`StateFile`] has an [`Identity`] (the settings that it depends on), and a checksum over every byte.
-//! * [`FileSystem`] holds the calls to the operating system; tests let each call fail.
+//! * [`FileSystem`] holds the calls to the operating system; tests make each call fail.
 //!
 //! The module does not interpret states: a state is the bytes that `dapple_core::render::Status::snapshot` returns.
 

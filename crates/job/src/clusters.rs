@@ -24,7 +24,7 @@ impl WorldTriangles {
     /// the shutter opens.
     pub fn of(world: &World) -> Self {
         let meshes = || (0..world.geometry().shape_count()).filter_map(|number| world.geometry().shape(number).mesh());
-        // All at once, since growing would write everything again.
+        // Reserved at once, since growing would copy everything again.
         let triangles = meshes().map(|mesh| mesh.triangles().len()).sum();
         let mut all = Self {
             positions: Vec::with_capacity(meshes().map(|mesh| mesh.positions().len()).sum()),
@@ -133,7 +133,7 @@ impl WorldClusters {
         self.report
     }
 
-    /// Wall seconds spent on clustering.
+    /// Wall-clock seconds spent on clustering.
     pub fn seconds(&self) -> f64 {
         self.seconds
     }
@@ -147,7 +147,7 @@ fn joined<T: Copy>(all: Arc<[T]>, more: &[T]) -> Arc<[T]> {
 /// The cluster that consists of one sphere or disk with this bounding box.
 fn whole([low, high]: [Vec3; 2], material: u32, group: u32) -> Cluster {
     let d = (high - low).as_dvec3();
-    // Of its box: a plain measure of size; projected sizes are taken from the box anyway.
+    // The area of the bounding box, from which projected sizes are computed as well.
     let area = 2.0 * (d.x * d.y + d.y * d.z + d.z * d.x);
     let bounds = [low.to_array(), high.to_array()];
     Cluster::without_triangles(bounds, area, material, group)
@@ -178,7 +178,7 @@ fn first_hit_at<'w>(world: &'w World, first_hit: &FirstHitRay) -> Option<([Vec3;
     Some(([ray.origin, ray.direction], world.closest_hit(&ray, time)?))
 }
 
-/// A function that traces shadow rays from first hits to points of the world's lights.
+/// A function that traces shadow rays from first hits to points on the world's lights.
 pub(crate) fn visibility(world: Arc<World>) -> TraceVisibility {
     Arc::new(move |first_hit: FirstHitRay, [choice, u, v]: [f32; 3]| {
         let Some((_, at)) = first_hit_at(&world, &first_hit) else { return false };
@@ -187,8 +187,8 @@ pub(crate) fn visibility(world: Arc<World>) -> TraceVisibility {
     })
 }
 
-/// A tracer of rays through the centres of a pixel and of the lens when the shutter opens. It returns the first hit and the
-/// circle of confusion.
+/// A function that traces the ray through the centres of a pixel and the lens when the shutter opens. It returns the first hit
+/// and the circle of confusion.
 pub(crate) fn lens_first_hits(world: Arc<World>) -> LensFirstHits {
     let has_lens = world.camera().has_lens();
     let trace = move |pixel: [u32; 2]| {

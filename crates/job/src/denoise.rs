@@ -1,4 +1,4 @@
-//! Denoising of image files of any renderer: OpenEXR layers in, an image and its error out.
+//! Denoising of image files from any renderer: OpenEXR layers in, an image and its error out.
 //!
 //! [`DenoiseSpec`] names the files and settings; [`denoise_files`] reads and denoises them. Layers are recognised by the names
 //! that common renderers use ([`KNOWN_LAYERS`]), or by names that the caller passes. All views of an image are denoised.
@@ -133,7 +133,7 @@ fn read_views(
     }
 }
 
-/// Replaces the advice in a warning about buffers by advice about files with the layers `found`.
+/// Replaces advice about buffers in a warning by advice about files. `found` lists the layers that were read.
 fn for_files(found: &[(LayerKind, String)], warning: &str) -> String {
     let of_mean = found.iter().find(|(kind, _)| *kind == LayerKind::MeanVariance);
     let samples = match of_mean {
@@ -182,7 +182,7 @@ impl DenoiseSpec {
 #[non_exhaustive]
 #[derive(Debug, thiserror::Error)]
 pub enum DenoiseError {
-    /// No file, or more than two.
+    /// No input file, or more than two.
     #[error("{count} files are given; give one OpenEXR file with its variance, or two renders with different seeds")]
     Files {
         /// The number of files.
@@ -250,7 +250,7 @@ pub enum DenoiseError {
         /// The colour spaces of the two images.
         spaces: Box<[Chromaticities; 2]>,
     },
-    /// A layer that the caller names and that a file lacks.
+    /// A layer named by the caller that is missing in a file.
     #[error("{}: there is no layer \"{name}\" for {}{}; the file's layers are {}", path.display(), kind.name(),
         near.as_ref().map_or(String::new(), |near| format!(" (did you mean \"{near}\"?)")), layers.join(", "))]
     NoLayer {
@@ -265,7 +265,7 @@ pub enum DenoiseError {
         /// All layers of the file.
         layers: Vec<String>,
     },
-    /// A layer that the caller names and that lacks the channels of its kind.
+    /// A layer named by the caller without the channels of its kind.
     #[error("{}: layer \"{name}\" has the channels {}, but layers of the kind {} have {}; rename the channels, or name another layer",
         path.display(), letters.join(", "), kind.name(), kind.channels())]
     LayerChannels {
@@ -306,7 +306,7 @@ pub enum DenoiseError {
         /// All layers of the file.
         layers: Vec<String>,
     },
-    /// A variance of one sample, in a file without the number of samples.
+    /// A layer with the variance of one sample, in a file that does not state the number of samples.
     #[error("{}: layer \"{layer}\" holds the variance of a sample, so the number of samples per pixel is needed; give this number with --spp N, or give --variance-of-mean if the layer holds the variance of the mean", path.display())]
     NoCount {
         /// The file.
@@ -328,7 +328,7 @@ pub enum DenoiseError {
         /// The output.
         path: PathBuf,
     },
-    /// Two outputs that are one file.
+    /// Two outputs with the same file.
     #[error("{}: this output is the same file as {}; give each output its own file", path.display(), first.display())]
     SameOutput {
         /// The later output.

@@ -24,7 +24,7 @@ pub enum JobError {
     /// A scene that cannot be read.
     #[error(transparent)]
     Read(#[from] ReadError),
-    /// A scene from which no world can be built for tracing.
+    /// A scene that cannot be built for tracing.
     #[error(transparent)]
     World(#[from] WorldError),
     /// A sampler, a point set or a filter that cannot be created.
@@ -36,7 +36,7 @@ pub enum JobError {
     /// An error limit in a render whose integrator adds light to pixels other than the sampled one. The error estimate does not
     /// include the noise of that light.
     #[error(
-        "{integrator} adds light to pixels other than the sampled one, and the error of this light is not estimated; limit samples or time instead, or turn this light off (splat=0)"
+        "{integrator} does not support an error limit: it adds light to pixels other than the sampled one, and the error of this light is not estimated; limit samples or time, or use bdpt with splat=0"
     )]
     SplatsWithoutError {
         /// The integrator, as requested.
@@ -83,7 +83,7 @@ pub enum JobError {
     /// A checkpoint or part file made by a render with other settings.
     #[error("{}", other_render(path, differences))]
     OtherRender {
-        /// The checkpoint or part file.
+        /// The path of the checkpoint or part file.
         path: PathBuf,
         /// The settings that differ, one phrase for each.
         differences: Vec<String>,
@@ -99,7 +99,7 @@ pub enum JobError {
     /// Part files that cannot be read or do not belong together: one message per problem.
     #[error("{}", .0.join("\n"))]
     Shards(Vec<String>),
-    /// The message of a panic in the integrator.
+    /// A panic in the integrator, with its message.
     #[error("{0}")]
     Panicked(String),
     /// An image that cannot be rendered in parts without a plan.

@@ -1,11 +1,11 @@
-//! Files: reading of small texts, the identity of a file under several names, and a hash of contents.
+//! Reading of small text files, the identity of a file under several names, and a hash of contents.
 
 use std::borrow::Cow;
 use std::fs;
 use std::io::{Error, ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
-/// Reads a text file of at most `longest` bytes. A device that never ends, such as `/dev/zero`, is refused, too.
+/// Reads a text file of at most `longest` bytes. Also rejects endless devices such as `/dev/zero`.
 ///
 /// # Errors
 ///
@@ -91,7 +91,7 @@ pub(crate) mod path {
 /// The identity of a file, which need not exist yet.
 #[derive(Clone, Debug)]
 pub struct FileIdentity {
-    /// The path with links followed, as far as they lead to folders and files that exist.
+    /// The path with links resolved, up to the last folder or file that exists.
     place: PathBuf,
     /// The device and inode numbers of the file, if the file exists and the system has such numbers.
     number: Option<(u64, u64)>,
@@ -113,7 +113,7 @@ fn place(path: &Path) -> PathBuf {
     if let Ok(place) = fs::canonicalize(path) {
         return place;
     }
-    // A link that leads to no file yet; a longer chain of links is left as it is.
+    // The target of a link without an existing file; longer chains of links are not resolved.
     let target = fs::read_link(path).map(|link| path.parent().unwrap_or(Path::new("")).join(link));
     let path = target.as_deref().unwrap_or(path);
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -126,7 +126,7 @@ fn place(path: &Path) -> PathBuf {
 #[cfg(unix)]
 fn number(path: &Path) -> Option<(u64, u64)> {
     use std::os::unix::fs::MetadataExt;
-    // Devices such as /dev/null may be written to by several names.
+    // Several outputs may share a device, such as /dev/null.
     fs::metadata(path).ok().filter(fs::Metadata::is_file).map(|found| (found.dev(), found.ino()))
 }
 

@@ -53,7 +53,7 @@ pub struct Job {
     cluster_seconds: f64,
     first_hits: FirstHitsHandle,
     needs: Needs,
-    /// Bytes of light that the integrator prepares, and an upper bound on the bytes of its training data.
+    /// Bytes of the integrator's prepared light (such as photons), and an upper bound on the bytes of its training data.
     integrator_bytes: [u64; 2],
     outputs: OutputFiles,
 }
@@ -180,7 +180,7 @@ impl Job {
         &self.described
     }
 
-    /// The integrator in use, `NAME` or `NAME:key=value,…`. For `auto`, this is the integrator chosen for the scene.
+    /// The integrator in use, `NAME` or `NAME:key=value,…`; for `auto`, the one selected for the scene.
     pub fn integrator(&self) -> &str {
         &self.integrator
     }
@@ -251,9 +251,9 @@ impl Job {
         Ok(Traced { film, failure, checkpoint, checkpoints_written })
     }
 
-    /// Returns `true` if [`finish`](Self::finish) accepts `film`, from a render that differs from this one only in its filter.
-    /// The film must hold every statistic that this render needs, and this filter must have no recorders. Both renders must
-    /// agree on independent halves, because halves change the samples.
+    /// Returns `true` if [`finish`](Self::finish) accepts `film`, which must come from a render that differs only in its
+    /// filter. The film must hold every statistic that this render needs, and this filter must have no recorders. Either both
+    /// renders or neither must use independent halves, because halves change the samples.
     pub fn is_recorded_by(&self, film: &Film) -> bool {
         let (needs, there) = (self.needs.and(self.sampler.needs()), film.needs());
         there.and(needs) == *there && there.halves == needs.halves && self.filter.recorders().is_empty()

@@ -54,7 +54,7 @@ pub struct LoadedScene {
     pub warnings: Vec<Warning>,
     /// An estimate of the minimum memory of the render.
     pub memory: MemoryEstimate,
-    /// Wall seconds of reading the scene.
+    /// Wall-clock seconds spent on reading the scene.
     pub seconds: f64,
     /// The files that were read for the scene, each once: scene, meshes, textures. Empty for a bundled scene.
     pub files: Vec<PathBuf>,
@@ -66,9 +66,9 @@ pub struct LoadedScene {
 pub struct PreparedScene {
     /// The scene from which the world was built.
     pub loaded: LoadedScene,
-    /// The world: the scene in the form in which rays are traced.
+    /// The world: the scene prepared for ray tracing.
     pub world: Arc<World>,
-    /// Wall seconds of building the world.
+    /// Wall-clock seconds spent on building the world.
     pub build_seconds: f64,
 }
 
@@ -106,7 +106,7 @@ impl LoadedScene {
         check_capacity(spec, frame)?;
         if let Some(shard) = spec.shard.filter(|shard| shard.of() > frame.size()[1]) {
             let rows = frame.size()[1];
-            let why = format!("a window of {rows} rows has at most {rows} parts");
+            let why = format!("the rendered window has {rows} rows; use at most {rows} parts");
             return Err(JobError::NoShard { shard, why });
         }
         let memory = MemoryEstimate::of_scene(&scene, &frame);
@@ -136,7 +136,7 @@ impl LoadedScene {
         })
     }
 
-    /// Builds the world: the scene in the form in which rays are traced.
+    /// Builds the world (the scene prepared for ray tracing).
     ///
     /// # Errors
     ///
@@ -208,7 +208,7 @@ fn read(spec: &RenderSpec, options: &LoadOptions) -> Result<(Scene, Option<Conte
     let memory = options.limit.bytes().map(|limit| limit.saturating_sub(resident().map_or(0, |[now, _]| now)));
     let read_options = ReadOptions { allow_unsupported: spec.allow_unsupported, memory };
     let files = Recorder { options: *options, read: RefCell::default() };
-    // A bare model fills the image.
+    // The camera of a model file depends on the aspect ratio, so that the model fills the image.
     let aspect = spec.resolution.map(|[width, height]| f64::from(width) / f64::from(height.max(1)));
     let model = ModelOptions { aspect, ..ModelOptions::default() };
     let scene = read_any_from(&files, path, &AnyOptions { scene: read_options, model })?;
@@ -235,7 +235,7 @@ impl Files for Recorder {
             let length = std::fs::metadata(path)?.len();
             if length > most {
                 let (length, most) = (crate::memory::size(length), crate::memory::size(most));
-                let what = format!("the file has {length}, and the memory limit is {most}");
+                let what = format!("the file has {length}, but the memory limit is {most}");
                 return Err(std::io::Error::new(std::io::ErrorKind::OutOfMemory, what));
             }
         }
@@ -246,7 +246,7 @@ impl Files for Recorder {
     }
 }
 
-/// Checks the effects to leave out; returns each once, in the order in which they are removed from the scene.
+/// Checks the effects to leave out. Returns them without repetitions, in the order of their removal from the scene.
 fn called_for(asked: &[Effect], scene: &Scene) -> Result<Vec<Effect>, JobError> {
     let effects = Effects::of(scene);
     let mut without = asked.to_vec();
@@ -288,13 +288,13 @@ pub(crate) fn setting(spec: &RenderSpec, frame: Frame) -> PointSettings {
     PointSettings { seed: spec.seed, spp }
 }
 
-/// The budget in samples, error or seconds, and the bounds of samples per pixel, from a description.
+/// The budget of a description and its bounds on samples per pixel.
 pub(crate) fn limits(spec: &RenderSpec, frame: Frame) -> Limits {
     let at_most = frame.pixels() as u64 * u64::from(spec.max_spp.unwrap_or(ERROR_SPP));
     let per_pixel = |spp| Budget::Samples(Budget::PerPixel(spp).samples(&frame).unwrap_or(1));
     let budget = match spec.budget {
         BudgetSpec::Scene => per_pixel(DEFAULT_SPP),
-        // At least one sample in total; the bounds refuse a mean that is too small for one sample per pixel.
+        // At least one sample in total; a mean below the minimum of samples per pixel is an error elsewhere.
         BudgetSpec::Spp(spp) => per_pixel(spp),
         BudgetSpec::Samples(samples) => Budget::Samples(samples),
         BudgetSpec::Error(relmse) => Budget::Error { relmse, at_most },
@@ -326,8 +326,8 @@ pub fn check_integrator(request: &str) -> Result<(), IntegratorError> {
     if request == DEFAULT_INTEGRATOR { Ok(()) } else { dapple_transport::check_integrator(request) }
 }
 
-/// The integrator of a render, `NAME` or `NAME:key=value,…`. If the default selects photons, also the caustics that are the
-/// reason.
+/// The integrator of a render, `NAME` or `NAME:key=value,…`. Also returns the caustics for which the default selects photons,
+/// if it does.
 ///
 /// The default selects `photons` for a scene with [caustics that paths find by chance only](Effects::found_by_chance), else
 /// `path`. With motion blur or shards it is always `path`: photons have no time, and each shard would trace the photons of the
@@ -343,7 +343,7 @@ pub(crate) fn chosen_integrator(spec: &RenderSpec, scene: &Scene) -> (String, Op
     }
 }
 
-/// Returns `true` if an integrator finds the light of small lights behind glass. Photon mapping does, and so do methods that
+/// Returns `true` if an integrator renders caustics from small light sources. Photon mapping does, and so do methods that
 /// connect light paths to the camera.
 fn finds_caustics(integrator: &str) -> bool {
     let name = integrator.split(':').next().unwrap_or_default().trim();

@@ -1,8 +1,8 @@
 //! Estimates of the memory of scenes, worlds and renders, before they exist.
 //!
-//! All memory that grows with the image is counted (`ImageMemory`). Of scenes, only meshes and images are counted: names,
+//! All memory that grows with the image is counted (`ImageMemory`). In scenes, only meshes and images are counted: names,
 //! materials and lights are too small to matter. Memory already in use is taken from the system if it reports it, else
-//! estimated. While a scene is read, only the length of each of its files is limited.
+//! estimated. While a scene is read, the limit applies to the length of each file.
 
 use crate::JobError;
 use dapple_core::limits::Budget;
@@ -37,9 +37,8 @@ fn attributes(mesh: &MeshData) -> u64 {
     of_slice(&mesh.normals) + of_slice(&mesh.uvs) + of_slice(&mesh.colors)
 }
 
-/// Estimates two sizes in bytes of the world that [`World::new`](dapple_renderer::World::new) builds for a scene: of the
-/// finished world, and the peak while it is built. The scene itself is not counted. For large meshes the estimates are within
-/// 10 %.
+/// Estimates the bytes of the world that [`World::new`](dapple_renderer::World::new) builds for a scene: of the finished world,
+/// and at the peak of building it. The scene itself is not counted. For large meshes the estimates are within 10 %.
 pub fn of_world(scene: &Scene) -> [u64; 2] {
     // Positions are stored in single precision; normals, texture coordinates and triangles are copied; each triangle
     // gets a normal.
@@ -80,7 +79,7 @@ fn images(scene: &Scene) -> impl Iterator<Item = &Arc<Image>> {
     textures.chain(environments(scene))
 }
 
-/// Removes repetitions of shared values.
+/// The shared values, each once.
 fn once<'a, T>(all: impl Iterator<Item = &'a Arc<T>>) -> Vec<&'a Arc<T>> {
     let mut all: Vec<&Arc<T>> = all.collect();
     all.sort_by_key(|one| Arc::as_ptr(one));
@@ -107,13 +106,13 @@ pub(crate) struct ImageMemory {
     pub(crate) sampler: u64,
     /// The peak while a round is planned, excluding the film and the sampler's state.
     pub(crate) planning: u64,
-    /// The plan of the round that is traced.
+    /// The plan of the round that is being traced.
     pub(crate) tracing: u64,
     pub(crate) filter: FilterMemory,
 }
 
 impl ImageMemory {
-    /// The memory of a render with these settings, and of applying `filter` to its film. `judged` states that an error limit
+    /// The memory of a render with these settings, and of applying `filter` to its film. `judged` is `true` if an error limit
     /// applies to the filtered image.
     ///
     /// [Recorders](Recorder) are assumed to record the budget's mean number of samples per pixel and half.
@@ -128,7 +127,7 @@ impl ImageMemory {
         let needs = needs.and(sampler.needs());
         let needs = if is_error { needs.with_halves() } else { needs };
         let SamplerMemory { discarded, state, planning, plan, .. } = sampler.memory(frame, &needs, limits);
-        // One sample per pixel goes to the first half. The other's zeros are never written, so they take no memory.
+        // One sample per pixel goes to the first half. The second half's zeros are never written, so they take no memory.
         let single = limits.budget.samples(frame).is_some_and(|total| total <= frame.pixels() as u64);
         let unwritten = if needs.halves && single { Film::half_bytes_per_pixel(&needs) } else { 0 };
         let kept = frame.bytes(if is_error && judged { Render::ERROR_OF_BYTES } else { 0 });
@@ -188,8 +187,8 @@ pub struct MemoryEstimate {
     /// Bytes of the program and its threads, the scene and the world.
     scene: u64,
     film: u64,
-    /// Names and bytes of other data that last for the whole render: the sampler's state, light that the integrator prepares,
-    /// and an upper bound for learned light selection.
+    /// Names and bytes of other data that last for the whole render: the sampler's state, the integrator's prepared light, and
+    /// an upper bound for learned light selection.
     others: [(&'static str, u64); 3],
     /// The name of each stage of the render, and its bytes; only one stage at a time is in memory.
     stages: Vec<(&'static str, u64)>,
@@ -207,8 +206,8 @@ impl MemoryEstimate {
     }
 
     /// The memory of a prepared render. `self` is the estimate from the scene. `files` is the peak in bytes for writing a file,
-    /// excluding film and image. `keeps` states that the film is also encoded as bytes, for a checkpoint or shard. `light` is
-    /// the bytes of light that the integrator prepares; `training` is an upper bound on the bytes of its training data.
+    /// excluding film and image. With `keeps`, the film is also encoded as bytes, for a checkpoint or shard. `light` is the
+    /// bytes of the integrator's prepared light; `training` is an upper bound on the bytes of its training data.
     pub(crate) fn of_render(&self, memory: &ImageMemory, files: u64, keeps: bool, [light, training]: [u64; 2]) -> Self {
         let [now, most] = resident().unwrap_or([self.scene, 0]);
         let snapshot = if keeps { memory.snapshot() } else { 0 };
@@ -223,10 +222,10 @@ impl MemoryEstimate {
         Self { scene, film: memory.film, others, stages, before: self.before.max(most) }
     }
 
-    /// Adds the copy of the image of `frame` that is shown during rendering: radiance, counts and errors, and their encoding.
+    /// Adds the live view of `frame`: a copy of the radiance, sample counts and errors, and its encoding.
     #[must_use]
     pub fn with_live_image(mut self, frame: &Frame) -> Self {
-        /// Bytes per pixel: 20 of planes, 8 of counts as they are copied, 12 of a packet or a PNG file.
+        /// Bytes per pixel: 20 for the planes, 8 for copying sample counts, 12 for a network packet or a PNG file.
         const COPY: usize = 40;
         self.stages.iter_mut().for_each(|(_, bytes)| *bytes = bytes.saturating_add(frame.bytes(COPY)));
         self

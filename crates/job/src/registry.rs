@@ -148,7 +148,7 @@ impl ClusterInputs for OnWorld<'_> {
     }
 
     fn domain(&self) -> Result<Option<Domain>, ClusterInputError> {
-        let why = "the pixel filter is not a box one pixel wide; render with that box (--pixel-filter box)";
+        let why = "the pixel filter must be a box one pixel wide; use --pixel-filter box";
         domain(self.world()?).map(Some).ok_or_else(|| ClusterInputError::Failed(why.to_owned()))
     }
 

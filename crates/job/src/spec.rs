@@ -57,16 +57,16 @@ pub struct RenderSpec {
     /// The image to which [`BudgetSpec::Error`] applies.
     #[serde(skip_serializing_if = "ErrorOf::is_default")]
     pub error_of: ErrorOf,
-    /// The smallest number of samples that each pixel gets.
+    /// The smallest number of samples per pixel.
     pub min_spp: u32,
-    /// Largest number of samples per pixel. `None` sets no bound, or [`ERROR_SPP`] if the budget is
-    /// [`BudgetSpec::Error`].
+    /// The largest number of samples per pixel. `None` sets no bound, or [`ERROR_SPP`] if the budget is [`BudgetSpec::Error`].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_spp: Option<u32>,
     /// Width and height of the full image in pixels; `None` uses the scene's resolution.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub resolution: Option<[u32; 2]>,
-    /// A factor on the scene's width and height, instead of `resolution`. At 0.5, a quarter of the pixels are rendered.
+    /// A factor on the scene's width and height, not to be combined with `resolution`. At 0.5, a quarter of the pixels are
+    /// rendered.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub scale: Option<f64>,
     /// The part of the image to render.
@@ -345,9 +345,9 @@ impl RenderSpec {
         }
         if let Some(scale) = self.scale {
             refuse(self.resolution.is_some(), "scale", || {
-                "a resolution is given as well; give only one of them".into()
+                "a resolution is given as well; set only one of the two".into()
             })?;
-            refuse(!is_above_zero(scale), "scale", || format!("{scale} is not a finite number above zero"))?;
+            refuse(!is_above_zero(scale), "scale", || not_above_zero(scale))?;
         }
         fine("sampler", crate::registry::check_sampler(&self.sampler))?;
         fine("points", crate::registry::check_points(&self.points))?;
@@ -355,7 +355,7 @@ impl RenderSpec {
         fine("integrator", check_integrator(&self.integrator))?;
         let learned = self.shard.is_some() && self.selection() == LightSelection::Learned;
         refuse(learned, "light_selection", || {
-            "learned light selection needs samples of the whole image, and cannot be rendered in parts; use power, or render in stages"
+            "learned light selection needs samples of the whole image and cannot be rendered in parts; use power, or render in stages"
                 .into()
         })?;
         let open = self.shard.is_some() && matches!(self.budget, BudgetSpec::Error(_) | BudgetSpec::Seconds(_));
@@ -366,14 +366,12 @@ impl RenderSpec {
     fn check_budget(&self) -> Result<(), SpecError> {
         let (min, most, field) = (self.min_spp, self.max_spp.unwrap_or(u32::MAX), self.budget.field());
         let above = |what: &dyn std::fmt::Display| {
-            format!(
-                "{what} is above the maximum number of samples per pixel, {most}; lower the first or raise the second"
-            )
+            format!("{what} is above the maximum number of samples per pixel, {most}; lower it, or raise the maximum")
         };
         refuse(min > most, "min_spp", || above(&min))?;
         match self.budget {
             BudgetSpec::Spp(x) | BudgetSpec::Error(x) | BudgetSpec::Seconds(x) if !is_above_zero(x) => {
-                refuse(true, field, || format!("{x} is not a finite number above zero"))
+                refuse(true, field, || not_above_zero(x))
             }
             BudgetSpec::Seconds(x) => refuse(x > MOST_SECONDS, field, || {
                 format!("{x} is above the maximum, {MOST_SECONDS} (a year); give fewer seconds, or give spp")
@@ -382,7 +380,7 @@ impl RenderSpec {
             BudgetSpec::Spp(spp) => {
                 refuse(spp < f64::from(min), field, || {
                     format!(
-                        "{spp} is below the minimum number of samples per pixel, {min}; raise the first or lower the second"
+                        "{spp} is below the minimum number of samples per pixel, {min}; raise it, or lower the minimum"
                     )
                 })?;
                 refuse(spp > f64::from(most), field, || above(&spp))
@@ -422,7 +420,11 @@ fn is_above_zero(x: f64) -> bool {
     x.is_finite() && x > 0.0
 }
 
-/// A part of the rows of a stage, traced by one of several machines.
+fn not_above_zero(x: f64) -> String {
+    format!("{x} is not allowed; use a finite number above zero")
+}
+
+/// A part of an image that one of several machines renders.
 ///
 /// ```
 /// let shard: dapple_job::Shard = "2/4".parse()?;

@@ -62,7 +62,7 @@ pub enum Warning {
         triangles: u32,
     },
     /// The number of first-hit rays whose hit position was NaN or infinite; they count as background.
-    #[error("{0} first-hit rays hit a place that is NaN or infinite, and count as background")]
+    #[error("the hits of {0} first-hit rays are NaN or infinite, and count as background")]
     RejectedFirstHits(u64),
     /// A render that ended before its predicted error fell to the goal.
     #[error("the predicted relMSE is {}, but the goal is {goal}: the render ended at the sampler's threshold or at the maximum number of samples", predicted.map_or_else(|| "unknown".to_owned(), |predicted| format!("{predicted:.2e}")))]
@@ -73,7 +73,7 @@ pub enum Warning {
         goal: f64,
     },
     /// A time limit that is too short for the first samples of all pixels, noticed while these samples are traced.
-    #[error("{} per pixel will take about {} s, but the time limit is {} s; rendering continues until then, since a pixel without samples is black", least(*min_spp), rounded(*needed), rounded(*limit))]
+    #[error("{} per pixel will take about {} s, but the time limit is {} s; rendering continues until every pixel has them, since a pixel without samples is black", least(*min_spp), rounded(*needed), rounded(*limit))]
     TimeTooShort {
         /// The time limit in seconds.
         limit: f64,
@@ -111,7 +111,7 @@ pub enum Warning {
         /// The number of clamped values.
         values: u64,
     },
-    /// A layer of an EXR file that was requested, and that this render does not have.
+    /// A requested layer of an EXR file that this render does not have.
     #[error("{}: no layer \"{layer}\": {}", path.display(), missing(layer))]
     NoLayer {
         /// The path of the EXR file.
@@ -135,7 +135,7 @@ fn reason(first: Option<(f64, u32)>, filter: f64) -> String {
     match first {
         Some((seconds, spp)) => {
             let (samples, seconds) = (least(spp), rounded(seconds));
-            format!("{samples} per pixel took {seconds} s, the filter {filter} s; fewer pixels take less")
+            format!("{samples} per pixel took {seconds} s, the filter {filter} s; render fewer pixels to save time")
         }
         None => format!("samples were slower than those of the first round; the filter took {filter} s"),
     }
@@ -166,21 +166,18 @@ fn rounded(seconds: f64) -> String {
     ((seconds * step).round() / step).to_string()
 }
 
-/// Describes in a sentence how a light that is found by chance only shows in the image: as specks.
+/// Describes in a sentence the specks in the image from a light that is found by chance only.
 pub fn found_by_chance(called: &CalledEffect) -> String {
     let others = match called.objects {
         1 => String::new(),
         2 => " (and one more light like it)".into(),
         n => format!(" (and {} more lights like it)", n - 1),
     };
-    format!(
-        "{}{others}: its light is found by chance only, and leaves specks that many samples do not smooth",
-        called.because
-    )
+    format!("{}{others}: its light is found by chance only, and leaves specks even with many samples", called.because)
 }
 
 /// Returns `true` if uniform sampling with the same seed can replay the rejected sample `first`: its stream is
-/// [`streams::WHOLE`], not one of a half or a pilot.
+/// [`streams::WHOLE`], not the stream of a half or a pilot.
 pub fn can_be_replayed(first: &Rejected) -> bool {
     first.sample.stream == streams::WHOLE
 }

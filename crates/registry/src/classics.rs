@@ -7,7 +7,7 @@ use dapple_classics::{
 };
 use dapple_core::Filter;
 
-/// The name of the input that methods which place samples need from a scene.
+/// The input that methods need from a scene to place samples, for messages.
 const DIMENSIONS: &str = "the meaning of the samples' dimensions";
 
 fn refused(error: ClusterInputError, of: &'static str) -> RegistryError {
@@ -17,7 +17,7 @@ fn refused(error: ClusterInputError, of: &'static str) -> RegistryError {
     }
 }
 
-/// The sample dimensions with a known meaning, for a sampler that places or reads samples.
+/// The meaning of the sample dimensions, for methods that place samples or read their coordinates.
 fn domain(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Domain, RegistryError> {
     let domain = inputs.domain().map_err(|e| refused(e, p.of()))?;
     domain.ok_or(RegistryError::NeedsWorld { of: p.of(), what: DIMENSIONS })

@@ -1,4 +1,4 @@
-//! Errors of names and parameters.
+//! Errors in names and parameters.
 
 /// An error in the description of a sampler, point set or filter.
 #[non_exhaustive]

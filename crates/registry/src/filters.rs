@@ -249,15 +249,15 @@ fn oidn_blend(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Box<dyn Filt
     Ok(Box::new(OidnBlend::new(oidn, cluster_regression(p, inputs)?)))
 }
 
-/// The name of the filter `best`: the filter with the least error in the race among those available in this program and on this
-/// machine.
+/// The name of the filter that `best` selects: of the filters available on this machine, the one with the least error in the
+/// published comparison.
 pub fn best_filter() -> &'static str {
     let found = open_image_denoise().is_some_and(|library| library.is_ok());
     if found { "oidn-blend" } else { crate::DEFAULT_FILTER }
 }
 
-/// The library that `oidn` and `both` use: its path and version, or instructions for installing it. `None` without the feature
-/// `oidn`.
+/// The library of the filters `oidn` and `oidn-blend`: its path and version, or instructions for installing it. `None` without
+/// the feature `oidn`.
 pub fn open_image_denoise() -> Option<Result<String, String>> {
     #[cfg(feature = "oidn")]
     return Some(Library::load().map(ToString::to_string).map_err(|e| e.to_string()));

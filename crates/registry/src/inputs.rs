@@ -54,8 +54,8 @@ pub trait ClusterInputs {
         Ok(None)
     }
 
-    /// The tracer of first hits through the centre of the lens, with the lens's blur at each hit, for methods that plan by the
-    /// lens; `None` by default.
+    /// The tracer of first hits through the centre of the lens, with the circle of confusion at each hit, for methods that plan
+    /// by it; `None` by default.
     ///
     /// # Errors
     ///
@@ -85,7 +85,7 @@ pub trait ClusterInputs {
     }
 }
 
-/// The reason why a [`ClusterInputs`] cannot provide clusters or a domain.
+/// The reason why a [`ClusterInputs`] cannot provide an input.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum ClusterInputError {
@@ -105,7 +105,7 @@ impl ClusterInputError {
     }
 }
 
-/// The name of the input that most methods with clusters need from a scene.
+/// The input that most methods with clusters need from a scene, for messages.
 pub(crate) const CLUSTERS: &str = "clusters of the scene's surfaces";
 
 /// Clusters, and the function that traces first-hit rays for the sampler `cluster-thesis`.
@@ -122,15 +122,15 @@ pub struct ClusterFirstHits {
 
 impl ClusterFirstHits {
     /// First-hit rays of a scene in which each object (sphere, instance, distance field) is one cluster. `bounds` holds the
-    /// smallest and largest corner of each object's bounding box. `shoot` returns the object's index in `bounds` as
-    /// [`ProbeHit::primitive`].
+    /// smallest and largest corner of each object's bounding box. `shoot` returns the object's index in `bounds` as the
+    /// primitive that was hit.
     pub fn of_objects(
         bounds: &[[[f32; 3]; 2]],
         shoot: impl Fn(FirstHitRay) -> Option<FirstHitSurface> + Send + Sync + 'static,
     ) -> Self {
         let cluster = |(number, &[low, high]): (usize, &[[f32; 3]; 2])| {
             let [x, y, z] = [0, 1, 2].map(|axis| f64::from(high[axis]) - f64::from(low[axis]));
-            // The area of the box.
+            // The surface area of the bounding box.
             Cluster::without_triangles([low, high], 2.0 * (x * y + y * z + z * x), 0, number as u32)
         };
         Self {
@@ -144,7 +144,7 @@ impl ClusterFirstHits {
 /// A function that traces the ray through the centres of a pixel and of the lens. The pixel is given in the full image.
 ///
 /// It returns the first hit, and the radius in pixels of the circle of confusion there: negative in front of the plane in
-/// focus, 0 without a lens. It must be pure.
+/// focus, 0 without a lens. The function must be pure.
 pub type TraceLensHit = Arc<dyn Fn([u32; 2]) -> (Option<FirstHit>, f32) + Send + Sync>;
 
 /// The tracer of first hits through the centre of the lens, for the sampler `fourier-dof` and the filter `splat`.
@@ -156,7 +156,7 @@ pub struct LensFirstHits {
     pub has_lens: bool,
 }
 
-/// Inputs of a renderer with its own clusters, identified by the shapes and primitives of first hits.
+/// The inputs from a renderer with clusters of its own, looked up by the shape and primitive of a first hit.
 ///
 /// The parameters of clustering (`k`, `clamp`, …) have no effect on these clusters.
 ///

@@ -38,7 +38,7 @@ pub struct Entry<Make> {
     pub feature: Option<&'static str>,
     /// The publication or program from which the method comes; `docs/references.bib` has the full reference.
     pub source: &'static str,
-    /// The cases in which the method fails or does worse than others. A test requires this text of each entry.
+    /// The cases in which the method fails or does worse than others. A test requires a text here for each entry.
     pub weakness: &'static str,
     make: Make,
 }
@@ -205,7 +205,7 @@ pub fn default_pair_with(points: impl PointSet + 'static) -> Methods<'static> {
     Methods::from((Adaptive::new(points), ClusterRegression::new()))
 }
 
-/// Checks the description of a sampler as far as possible without a scene.
+/// Checks the parts of a sampler's description that need no scene.
 ///
 /// # Errors
 ///
@@ -224,7 +224,7 @@ pub fn check_points(description: &str) -> Result<(), RegistryError> {
     points(description, PointSettings { seed: 0, spp: None }).map(|_| ())
 }
 
-/// Checks the description of a filter as far as possible without a scene.
+/// Checks the parts of a filter's description that need no scene.
 ///
 /// # Errors
 ///

@@ -38,8 +38,8 @@ pub(crate) fn find<'a, Make>(
 
 impl Parameters {
     /// Creates the sampler or filter that the parameter `key` describes, with `/` in place of `:` and `,`:
-    /// `cluster-thesis/k=9/clamp=16`. A description nested in this one uses `//`, and so on. `make` receives the description
-    /// with `:` and `,`.
+    /// `cluster-thesis/k=9/clamp=16`. A description within that description uses `//`, and so on. `make` receives the
+    /// description with `:` and `,`.
     pub(crate) fn nested<T>(
         &self,
         key: &str,
@@ -93,14 +93,14 @@ impl Parameters {
 
     pub(crate) fn number<T: FromStr>(&self, key: &str) -> Result<T, RegistryError> {
         let value = self.value(key);
-        value.parse().map_err(|_| self.refuse(format!("{key} = \"{value}\": a number is required")))
+        value.parse().map_err(|_| self.refuse(format!("{key} = \"{value}\" is not a number; give a number")))
     }
 
     pub(crate) fn choice<T: Copy>(&self, key: &str, choices: &[(&str, T)]) -> Result<T, RegistryError> {
         let value = self.value(key);
         choices.iter().find(|c| c.0 == value).map(|c| c.1).ok_or_else(|| {
             let known = choices.iter().map(|c| c.0).collect::<Vec<_>>().join(", ");
-            self.refuse(format!("{key} = \"{value}\": one of {known} is required"))
+            self.refuse(format!("{key} = \"{value}\" is unknown; use one of {known}"))
         })
     }
 }

@@ -179,7 +179,7 @@ fn blue_noise(p: &Parameters, s: PointSettings) -> Result<AnyPoints, RegistryErr
     }
     let inner = crate::points(of, s)?;
     if inner.couples_pixels() {
-        return Err(p.refuse(format!("of = \"{of}\" already distributes errors over pixels; use this set directly")));
+        return Err(p.refuse(format!("of = \"{of}\" already distributes errors over pixels; use it directly")));
     }
     Ok(Box::new(BlueNoise::new(s.seed, inner)))
 }

@@ -284,14 +284,14 @@ fn adaptive(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs) -> Re
     Ok(p.made(sampler.with_error_map(map))?.into())
 }
 
-/// Creates the sampler `then`. Both of its samplers use the same points, as one sequence.
+/// Creates the sampler `sequence`. Both of its samplers use the same point set.
 fn sequence(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs) -> Result<MadeSampler, RegistryError> {
     let points: Arc<dyn PointSet> = Arc::from(points);
     let of = |key: &str| p.nested(key, |inner| crate::sampler(inner, Box::new(points.clone()), inputs));
     let spp = p.number("spp")?;
     let (first, second) = (of("first")?, of("second")?);
     let sampler = p.made(Sequence::new(first.sampler, spp, second.sampler))?;
-    // The last samples are the second sampler's.
+    // The last samples belong to the second sampler.
     Ok(MadeSampler {
         sampler: Box::new(sampler),
         first_hits: first.first_hits.joined(second.first_hits),
@@ -301,13 +301,13 @@ fn sequence(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs) -> Re
 }
 
 /// The error map that a sampler uses in addition to the pooled variance: the error that a filter with default parameters
-/// predicts for its image. For `cluster-regression`, it is the error after one pass. `None` for `by=variance`.
+/// predicts for its image. For `cluster-regression`, it is the predicted error after one pass. `None` for `by=variance`.
 fn error_map(p: &Parameters, inputs: &dyn ClusterInputs) -> Result<Option<ErrorMap>, RegistryError> {
     let name = p.choice("by", &["variance", "nlm", "bilateral", "cluster-regression"].map(|name| (name, name)))?;
     if name == "variance" {
         return Ok(None);
     }
-    // The filter runs once per round. Its first pass shows where errors are, at half of the cost and without clusters.
+    // The filter runs once per round. The first pass alone shows where errors are, at half of the cost and without clusters.
     let filter: Box<dyn Filter> = if name == "cluster-regression" {
         Box::new(ClusterRegression::new().one_pass())
     } else {

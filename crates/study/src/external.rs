@@ -18,8 +18,8 @@ use std::time::Instant;
 ///   `count`, `albedo` (`R G B`), `normal` (`X Y Z`, in scene space), `depth` and `coverage`. Features are means over the
 ///   samples that hit a surface; `coverage.Y` is the fraction of a pixel's samples that did.
 /// * Output: OpenEXR or PFM, linear, of the same size, without NaN.
-/// * Time: the wall seconds of the process. A last line of JSON such as `{"seconds": 0.25}` replaces them, so that
-///   start-up and file reading need not count.
+/// * Time: the wall-clock seconds of the process, unless its last line of output is JSON such as `{"seconds": 0.25}`. The
+///   program can thus exclude start-up and file reading.
 ///
 /// ```
 /// # use dapple_study::External;
@@ -126,7 +126,7 @@ fn seconds(stdout: &[u8], wall: f64) -> Result<f64, String> {
 fn read(path: &Path, [w, h]: [u32; 2]) -> Result<Vec<[f32; 3]>, String> {
     let unreadable = |e: &dyn Error| format!("wrote an image that cannot be read: {e}");
     let bytes = std::fs::read(path).map_err(|e| match e.kind() {
-        ErrorKind::NotFound => "wrote no image; write it to the path that {output} stands for".to_owned(),
+        ErrorKind::NotFound => "wrote no image; write it to the path given as {output}".to_owned(),
         _ => unreadable(&e),
     })?;
     let image = read_image(&bytes, "{output}", Encoding::Auto).map_err(|e| unreadable(&e))?;

@@ -88,12 +88,12 @@ pub struct PlanSettings {
     pub scenes: Vec<ScenePlan>,
     /// The names of the `scenes` to use; default all.
     pub only: Vec<String>,
-    /// The samplers (how many samples each pixel gets), each combined with every point set and filter; default: the default of
-    /// `dapple render`, and `uniform`. With `methods` set, the default is none.
+    /// The samplers (how many samples each pixel gets), each combined with every point set and filter. The default is the
+    /// sampler of `dapple render` and `uniform`, or none if `methods` is set.
     pub samplers: Option<Vec<String>>,
     /// The point sets (where samples lie), each combined with every sampler and filter; default `sobol`.
     pub points: Vec<String>,
-    /// The filters (denoisers), each combined with every sampler and point set; default: the default of `dapple render`, and
+    /// The filters (denoisers), each combined with every sampler and point set; default the filter of `dapple render`, and
     /// `none`.
     pub filters: Vec<String>,
     /// Methods in addition to samplers x points x filters, or the only methods if no samplers are set. In a plan, each is
@@ -113,7 +113,7 @@ pub struct PlanSettings {
     #[serde(deserialize_with = "seeds")]
     pub seeds: Option<Vec<u64>>,
     /// The budget, one of `spp`, that sets the time of equal-time runs: every method gets the time that the baseline takes at
-    /// this budget. 0 means no equal-time runs; default the second largest budget.
+    /// this budget. 0 means no equal-time runs; the default is the second largest budget.
     pub time_of: Option<u64>,
     /// If true, the default budgets, seeds and resolution are smaller, so that the study takes less than a minute.
     pub quick: bool,
@@ -167,7 +167,7 @@ impl Default for PlanSettings {
     }
 }
 
-/// A complete plan of a study. Every setting has a value that is checked as far as possible without reading a scene.
+/// A complete plan of a study. Every setting has a value; checks that need a scene come later.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Plan {
@@ -266,7 +266,7 @@ fn line_of(text: &str, key: &str, value: Option<&str>) -> Option<usize> {
     Some(1 + text[..start + within].matches('\n').count())
 }
 
-/// The lists for which `--set` also takes a single value.
+/// The lists for which `--set` also accepts a single value.
 const LISTS: [&str; 7] = ["scenes", "only", "samplers", "points", "filters", "methods", "spp"];
 
 /// Assigns the value in `KEY=VALUE` to a key, which may lie within nested tables (`A.B.C=VALUE`). Returns the outermost key.
@@ -281,7 +281,7 @@ fn assign(table: &mut Table, set: &str) -> Result<String, String> {
         _ => Value::String(text.to_owned()),
     };
     let keys: Vec<&str> = path.split('.').map(str::trim).collect();
-    let (last, tables) = keys.split_last().ok_or("the key is missing")?;
+    let (last, tables) = keys.split_last().ok_or("the key is missing; write KEY=VALUE, such as seeds=4")?;
     let value = if LISTS.contains(&path.trim()) && !value.is_array() { Value::Array(vec![value]) } else { value };
     let mut inner = table;
     for key in tables {
@@ -398,7 +398,7 @@ impl PlanSettings {
         Ok(Plan { scenes, methods, spp, seeds, time_of, side: if self.quick { 64 } else { 128 }, settings: self })
     }
 
-    /// The scenes that `only` names, in that order; all scenes if `only` is empty.
+    /// The scenes listed in `only`, in that order; all scenes if `only` is empty.
     fn taken_scenes(&self) -> Result<Vec<ScenePlan>, PlanError> {
         filled("scenes", &self.scenes)?;
         if self.only.is_empty() {
@@ -470,7 +470,7 @@ fn check_external(external: &[External]) -> Result<(), PlanError> {
         let require = |holds: bool, what: &str| if holds { Ok(()) } else { Err(refuse(what)) };
         let odd = name.contains(|c: char| "/:,=".contains(c) || c.is_whitespace());
         require(!name.is_empty() && !odd, "not a valid name; use a name without spaces and / : , =")?;
-        // A filter of an optional feature gives way, so that a plan means the same in every program.
+        // Filters of optional features do not reserve their names, so that a plan means the same with and without the feature.
         let built_in = registry::FILTERS.iter().any(|entry| entry.feature.is_none() && entry.name == *name);
         require(!built_in, "a built-in filter has this name; choose another name")?;
         let twice = external[..at].iter().any(|other| other.name == *name);
@@ -482,8 +482,8 @@ fn check_external(external: &[External]) -> Result<(), PlanError> {
     Ok(())
 }
 
-/// The budget whose time the equal-time runs get: `time_of`, or the second largest of `spp` (ascending) by default.
-/// `None` for 0, which leaves out equal-time runs.
+/// The budget whose time the equal-time runs get: `time_of`, or the second largest of `spp` (ascending) by default. `None` if
+/// `time_of` is 0, which means no equal-time runs.
 fn equal_time_budget(time_of: Option<u64>, spp: &[u64]) -> Result<Option<u64>, PlanError> {
     match time_of {
         Some(0) => Ok(None),

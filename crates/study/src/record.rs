@@ -19,9 +19,9 @@ use std::fmt;
 pub struct Method {
     /// The sampler, such as `mitchell:mode=budget`; default `uniform`.
     pub sampler: String,
-    /// The point set, such as `sobol`, the default.
+    /// The point set; default `sobol`.
     pub points: String,
-    /// The filter (denoiser), such as `none`, the default.
+    /// The filter (denoiser); default `none`.
     pub filter: String,
 }
 
@@ -80,23 +80,23 @@ impl std::str::FromStr for Method {
     }
 }
 
-/// Wall seconds of each phase of a run; 0 for a phase that the method does not have.
+/// Wall-clock seconds spent on each phase of a run; 0 for a phase that the method does not have.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Phases {
-    /// Wall seconds of reading the scene, which happens once for all runs of a process.
+    /// Wall-clock seconds spent on reading the scene, which happens once for all runs of a process.
     pub load: f64,
-    /// Wall seconds of building the bounding volume hierarchy, which happens once for all runs of a process.
+    /// Wall-clock seconds spent on building the bounding volume hierarchy, which happens once for all runs of a process.
     pub bvh: f64,
-    /// Wall seconds of grouping triangles into clusters.
+    /// Wall-clock seconds spent on grouping triangles into clusters.
     pub cluster: f64,
-    /// Wall seconds of first-hit rays, which find pixels' first hits before sampling.
+    /// Wall-clock seconds spent on tracing first-hit rays before sampling.
     #[serde(alias = "probe")]
     pub first_hits: f64,
-    /// Wall seconds of planning sample counts, excluding first-hit rays.
+    /// Wall-clock seconds spent on planning sample counts, excluding first-hit rays.
     pub plan: f64,
-    /// Wall seconds of tracing the samples.
+    /// Wall-clock seconds spent on tracing the samples.
     pub trace: f64,
-    /// Wall seconds of filtering.
+    /// Wall-clock seconds spent on filtering.
     pub filter: f64,
 }
 
@@ -107,7 +107,7 @@ impl Method {
     }
 }
 
-/// The method `uniform/sobol/none`, with the point set of `dapple render`.
+/// The method `uniform/sobol/none`.
 impl Default for Method {
     fn default() -> Self {
         Self::new("uniform", dapple_job::DEFAULT_POINTS, "none")
@@ -125,19 +125,18 @@ impl fmt::Display for Method {
 pub(crate) const PHASES: [&str; 7] = ["load", "bvh", "cluster", "first_hits", "plan", "trace", "filter"];
 
 impl Phases {
-    /// The wall seconds of each phase, in the order of [`PHASES`].
+    /// The wall-clock seconds spent on each phase, in the order of [`PHASES`].
     pub(crate) fn each(&self) -> [f64; 7] {
         let Self { load, bvh, cluster, first_hits, plan, trace, filter } = *self;
         [load, bvh, cluster, first_hits, plan, trace, filter]
     }
 
-    /// Sums the wall seconds of the phases that do not grow with the number of samples: clustering, first-hit rays and
-    /// filter.
+    /// The wall-clock seconds of all phases that do not grow with the number of samples: clustering, first-hit rays and filter.
     pub fn fixed(&self) -> f64 {
         self.cluster + self.first_hits + self.filter
     }
 
-    /// Sums the wall seconds of all phases except `load` and `bvh`.
+    /// The wall-clock seconds of all phases except `load` and `bvh`.
     pub fn render(&self) -> f64 {
         self.cluster + self.first_hits + self.plan + self.trace + self.filter
     }
@@ -164,7 +163,7 @@ impl ImageErrors {
     }
 }
 
-/// Unknown errors.
+/// Errors that are all unknown (NaN).
 impl Default for ImageErrors {
     fn default() -> Self {
         Self([f64::NAN; METRICS.len()])
@@ -212,19 +211,19 @@ pub struct Run {
     pub spp: f64,
     /// The number of rays traced, first-hit rays included.
     pub rays: u64,
-    /// Wall seconds of each phase.
+    /// Wall-clock seconds spent on each phase.
     pub seconds: Phases,
-    /// Wall seconds of the image: the sum of all phases except scene reading and BVH building.
+    /// Wall-clock seconds spent on the image: the sum of all phases except scene reading and BVH building.
     pub render_s: f64,
-    /// User and system seconds of the phases in `render_s`; `None` if unknown. For an external filter, its reported time is
+    /// User and system seconds of the phases in `render_s`; `None` if unknown. The time that an external filter reports is
     /// added.
     pub cpu_s: Option<f64>,
     /// The errors of the run's image against the reference.
     pub errors: ImageErrors,
     /// True if the reference's own variance was subtracted from `mse`, `relmse` and `srgb8_mse`.
     pub corrected: bool,
-    /// True if the run's MSE or relMSE is below 100 times the error caused by the reference's own variance, which then limits
-    /// the precision of the measurement.
+    /// True if the run's MSE or relMSE is below 100 times the error due to the reference's own variance. This variance then
+    /// limits the precision of the measurement.
     pub reference_limited: bool,
     /// The relMSE that the render predicts for itself; `None` without a prediction.
     pub predicted_relmse: Option<f64>,
@@ -360,7 +359,7 @@ pub(crate) fn numbered(name: &str, is_free: impl Fn(&str) -> bool) -> String {
 }
 
 /// Unique names of all methods for files, such as `adaptive-cluster-regression`: sampler, point set (only if methods have
-/// different point sets), and filter. A number is appended to a name that an earlier method has.
+/// different point sets), and filter. If an earlier method has the same name, a number is appended.
 pub(crate) fn method_file_names(methods: &[Method]) -> Vec<String> {
     let differ = methods.iter().any(|m| m.points != methods[0].points);
     let mut names: Vec<String> = Vec::new();

@@ -52,7 +52,7 @@ impl RunLog {
         let wrong = |action| move |e| StudyError::file(path, action, e);
         let file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path);
         let mut file = file.map_err(wrong("open the file of runs"))?;
-        // A program that another thread starts has the lock until it runs.
+        // A child process that another thread is starting shares the lock for a moment.
         let mut tries = 0;
         let locked = loop {
             match file.try_lock() {
@@ -153,7 +153,7 @@ pub struct RecordedStudy {
     pub foreign: usize,
     /// The number of lines of `runs.jsonl` that were skipped because a later line has the same scene, method, budget and seed.
     pub repeated: usize,
-    /// True if the last line of `runs.jsonl` was skipped because it is incomplete, for example because the disk was full.
+    /// True if the last line of `runs.jsonl` was skipped because it is incomplete, for example after a full disk.
     pub torn: bool,
 }
 
@@ -274,9 +274,8 @@ pub(crate) fn manifest_bytes(manifest: &Manifest) -> Vec<u8> {
     bytes
 }
 
-/// Lists the settings that differ between two manifests, one line each. Ignored are start time, command line, number of cores,
-/// and the paths of scenes, references and external programs. The references' relMSE is ignored too, and commits if one of the
-/// two is unknown.
+/// Lists the settings that differ between two manifests, one line each. Ignores start time, command line, number of cores, the
+/// references' relMSE, and the paths of scenes, references and external programs. Commits are compared only if both are known.
 pub(crate) fn differences(there: &Manifest, here: &Manifest) -> Vec<String> {
     let values = |manifest: &Manifest| {
         let mut plain = manifest.clone();
@@ -341,7 +340,8 @@ fn readable(value: &Value) -> String {
 mod tests {
     use super::*;
 
-    /// A disk with this many free bytes. The part of a line that fits is written, and nothing can be cut.
+    /// A disk with this many free bytes, on which files cannot be truncated. Of a line that is too long, the part that fits is
+    /// written.
     struct Full {
         file: PathBuf,
         free: usize,

@@ -73,7 +73,7 @@ impl ReferenceImage {
         let pixels = (self.size[0] / size[0] * (self.size[1] / size[1])) as f32;
         let mut reduced = Self { size, mean: averaged(&self.mean)?, variance: None };
         if let Some(variance) = &self.variance {
-            // The variance of the mean of independent pixels.
+            // The pixels are independent, so the variance of their mean is the mean variance over their number.
             reduced.variance = Some(averaged(variance)?.into_iter().map(|v| v.map(|v| v / pixels)).collect());
         }
         Some(reduced)
@@ -120,12 +120,13 @@ const POINTS: [&str; 3] = ["sobol", "halton", "random"];
 pub(crate) struct ReferenceSource {
     /// The reference's record. For a reference that is rendered, `relmse` is still unknown.
     pub(crate) record: ReferenceRecord,
-    /// The file of a reference that is rendered unless this file exists; `None` for a user's file, which has been checked.
+    /// The file of a rendered reference, which is rendered if the file is missing; `None` for a user's file, which has been
+    /// checked.
     pub(crate) rendered: Option<PathBuf>,
 }
 
-/// Creates the folder of references: `shared` by several studies, or a subfolder of the study's folder. Returns the path of the
-/// file `name` as recorded in the study, and the path for opening the file.
+/// Creates the folder of references: `shared` (for several studies) or, with `None`, a subfolder of the study's folder. Returns
+/// the path of the file `name` as recorded in the study, and the path for opening the file.
 fn place(study: &Path, shared: Option<&Path>, name: &str) -> Result<(String, PathBuf), StudyError> {
     let own = study.join("references");
     let folder = shared.unwrap_or(&own);
@@ -192,7 +193,7 @@ fn depth(subject: &Subject) -> String {
 }
 
 /// Loads or renders a reference, and returns its record with the relMSE due to the reference's own variance. A file given by
-/// the user is not loaded. `look` receives the rendered fraction; `None` is returned if `look` stops the rendering.
+/// the user is not loaded. `look` receives the rendered fraction and can stop the rendering; the result is then `None`.
 pub(crate) fn load_or_render(
     wanted: ReferenceSource,
     subject: &Subject,
@@ -312,7 +313,7 @@ fn differences(plan: &Plan, about: &FileHeader, subject: &Subject) -> Option<Str
     let points = kind(about.attribute("points")?);
     let seed = about.attribute("seed")?.parse().ok()?;
     let shares = plan.seeds.contains(&seed) && plan.methods.iter().any(|m| kind(&m.points) == points);
-    shares.then(|| format!("it has points {points} with seed {seed}, like some runs, and would share their samples; render it with another seed"))
+    shares.then(|| format!("it has points {points} with seed {seed}, like some runs, so it would share their samples; render it with another seed"))
 }
 
 /// The name in `NAME:key=value,…`, without its parameters.

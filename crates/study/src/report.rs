@@ -24,8 +24,9 @@ use std::path::Path;
 ///
 /// Each file is written completely or not at all. Equal records produce identical files.
 ///
-/// # Errors [`StudyError`] if the study cannot be read or a file cannot be written. Missing or damaged images are not an error;
-/// the report lists them.
+/// # Errors
+/// [`StudyError`] if the study cannot be read or a file cannot be written. Missing or damaged images are no error; the report
+/// lists them.
 pub fn write_report(folder: &Path) -> Result<Summary, StudyError> {
     let recorded = RecordedStudy::read(folder)?;
     let summary = Summary::of(&recorded);

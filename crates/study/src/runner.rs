@@ -43,7 +43,7 @@ pub trait Runner {
     ///
     /// # Errors
     ///
-    /// [`StudyError`] of the scene, the reference or the render.
+    /// [`StudyError`] for an unusable scene or reference, or a failed render.
     fn run(&mut self, request: &RunRequest) -> Result<Run, StudyError>;
 }
 
@@ -53,7 +53,7 @@ pub trait Runner {
 pub struct InProcess {
     cpu: fn() -> Option<f64>,
     fresh: bool,
-    /// The last samples, if filters share samples.
+    /// The latest samples, if filters share samples.
     shared: Option<Option<Shared>>,
     subject: Option<Subject>,
     truth: Option<(PathBuf, ReferenceImage)>,
@@ -80,7 +80,7 @@ impl InProcess {
     }
 
     fn subject(&mut self, view: &View) -> Result<&Subject, StudyError> {
-        // Frees the previous scene first.
+        // The previous scene is freed before the next is read.
         let subject = match self.subject.take().filter(|subject| subject.view == *view) {
             Some(subject) => subject,
             None => {
@@ -216,8 +216,7 @@ impl Runner for Processes {
         command.args(&self.words).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut child = command.spawn().map_err(|e| refuse(format!("{}: {e}", self.program.display())))?;
         let words = serde_json::to_vec(request).map_err(|e| refuse(e.to_string()))?;
-        // Dropping the pipe closes it. If the child process ends early, its own error is reported rather than that of
-        // writing.
+        // Dropping the pipe closes it. If the child process ends early, its own error is reported, not the write error.
         let told = child.stdin.take().map_or(Ok(()), |mut pipe| pipe.write_all(&words));
         let output = child.wait_with_output().map_err(|e| refuse(e.to_string()))?;
         if !output.status.success() {

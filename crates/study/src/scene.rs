@@ -62,7 +62,7 @@ impl View {
     }
 
     /// Returns this view with lights selected by power and the integrator `auto`, for rendering the reference. Views that
-    /// differ only in these two settings share one reference.
+    /// differ only in lights and integrator share one reference.
     pub(crate) fn by_default(&self) -> Self {
         Self { lights: LightSelection::Power, integrator: auto(), ..self.clone() }
     }
@@ -112,8 +112,8 @@ impl Subject {
         notices.map(Warning::to_string).collect()
     }
 
-    /// A hash of a few rendered pixels in the middle of the image. It changes if a new version of the renderer computes
-    /// another image.
+    /// A hash of a few rendered pixels in the middle of the image. It changes if a new version of the renderer computes other
+    /// pixels.
     pub(crate) fn fingerprint(&self) -> Result<ContentHash, StudyError> {
         let middle = |side: u32| {
             let first = side.saturating_sub(CANARY_SIDE) / 2;
@@ -215,11 +215,11 @@ pub(crate) fn shoot(
         }
     };
     if let Some(shared) = shared.filter(|_| image.first_hit_rays > 0) {
-        // Another render would not count the first-hit rays.
+        // A later use of the samples would not count the first-hit rays.
         *shared = None;
     }
     let PhaseSeconds { load, bvh, cluster, first_hits, plan, trace, filter, .. } = image.seconds;
-    // The time of an external program is its reported time, or else its wall time.
+    // The time of an external program is its reported time, else its wall-clock time.
     let of_filter =
         if external.is_none() { cpu().zip(before).map(|(after, before)| after - before) } else { Some(filter) };
     let cpu_s = sampled.zip(of_filter).map(|(samples, filter)| samples + filter);

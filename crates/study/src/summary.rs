@@ -113,7 +113,7 @@ impl Summary {
     ///
     /// Metrics at one budget:
     /// * geometric means: the errors among [`METRICS`], and `predicted over true relmse`;
-    /// * means: the other [`METRICS`], `spp`, and `seconds PHASE` for `load`, `bvh`, `cluster`, `probe`, `plan`, `trace`,
+    /// * means: the other [`METRICS`], `spp`, and `seconds PHASE` for `load`, `bvh`, `cluster`, `first_hits`, `plan`, `trace`,
     ///   `filter`;
     /// * medians: `seconds`, of [`Run::render_s`];
     /// * against the baseline, paired by seed: `METRIC ratio`, `seconds ratio`, `relmse x seconds ratio`.
@@ -215,7 +215,7 @@ fn predictions(runs: &Seeds<'_>) -> Vec<f64> {
     runs.values().filter_map(ratio).filter(|ratio| ratio.is_finite()).collect()
 }
 
-/// A note on the reference's noise: the numbers of runs whose measured error it limits, and from whose error it was subtracted.
+/// A note on the reference's noise: the number of runs whose precision it limits, and the number of runs corrected for it.
 /// Empty if both are 0.
 fn marks(runs: &Seeds<'_>) -> String {
     let count = |of: fn(&Run) -> bool| runs.values().filter(|run| of(run)).count();

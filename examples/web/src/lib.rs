@@ -1,7 +1,7 @@
 //! Dapple in a browser: the renderer in `host.rs` with uniform samples, and with the default sampler and filter.
 //!
 //! The page calls the exported functions, and reads pixels from the module's memory. Exported functions need an attribute that
-//! Rust classifies as unsafe, since equal names would clash; none of them contains unsafe code.
+//! Rust classifies as unsafe, because exported names may clash. Their code is safe.
 
 #![expect(unsafe_code, reason = "names of exported functions")]
 
@@ -39,8 +39,8 @@ impl Demo {
         Ok(Self { sessions, images: [black(), black()], is_over: [false; 2], pixels })
     }
 
-    /// Traces `tiles` tiles of render `which`. Returns `true` if the render has a new image, which it has at each doubling of
-    /// its samples.
+    /// Traces `tiles` tiles of render `which`. Returns `true` if the render has a new image, as after each doubling of its
+    /// samples.
     ///
     /// # Errors
     ///
@@ -62,7 +62,7 @@ impl Demo {
         Ok(false)
     }
 
-    /// The image of render `which` at its last doubling.
+    /// The image of render `which` at its last doubling of samples.
     pub fn image(&self, which: usize) -> &Filtered {
         &self.images[which]
     }
@@ -135,7 +135,7 @@ pub extern "C" fn step(which: u32, tiles: u32) -> u32 {
     })
 }
 
-/// Draws both images and the sample map. Returns the address in the module's memory of their pixels, one image after the other.
+/// Draws both images and the sample map, one after the other. Returns the address of the pixels in the module's memory.
 #[unsafe(no_mangle)]
 pub extern "C" fn draw() -> *const u8 {
     with(|demo| demo.draw().as_ptr())

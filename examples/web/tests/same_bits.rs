@@ -1,4 +1,4 @@
-//! The renders of the page, natively. `examples/web/test.mjs` checks that WebAssembly's are bit-identical.
+//! The renders of the page as native code. `examples/web/test.mjs` checks that WebAssembly's are bit-identical.
 
 use dapple::Filtered;
 use dapple_web::{Demo, SIZE, denoised, encoded, fingerprint_of};
@@ -10,7 +10,7 @@ const FINGERPRINTS: &str = include_str!("../fingerprints.txt");
 fn rendered(spp: u32, seed: u32) -> Demo {
     let mut demo = Demo::new(spp, seed).unwrap();
     for which in 0..2 {
-        // A step that begins no new image comes after the last.
+        // Steps until no new image appears.
         while demo.step(which, 1000).unwrap() {}
     }
     demo

@@ -280,7 +280,7 @@ fn shards_that_make_no_image_x07() {
     assert!(!folder.path("p.pfm").exists());
     for (other, status, expected) in [
         ("--shard 1/2 --sampler variance", 1, "or render in stages (dapple plan)"),
-        ("--shard 1/17 --sampler uniform", 1, "a window of 16 rows has at most 16 parts"),
+        ("--shard 1/17 --sampler uniform", 1, "the rendered window has 16 rows; use at most 16 parts"),
         ("--shard 1/2 --sampler uniform --light-choice cells", 2, "needs samples of the whole image"),
         ("--shard 0/2", 2, "is not a part; write I/N"),
         ("--shard 3/2", 2, "is not a part; write I/N"),

@@ -52,7 +52,7 @@ fn wrong_plans_and_parts_are_refused() {
     folder.write("cut.plan", &folder.read("0.plan")[..long - 9]);
     let before = folder.read("0.plan");
     for (words, expected) in [
-        ("plan 1.part -o 1.plan", "are missing; give every part, each once"),
+        ("plan 1.part -o 1.plan", "are missing; pass every part exactly once"),
         ("plan 1.part 1.part 2.part -o 1.plan", "1.part: the rows are joined already"),
         ("plan 1.part foreign.part -o 1.plan", "foreign.part: it belongs to another render than 1.part: "),
         ("plan 1.part cut.part -o 1.plan", "cut.part: it is "),

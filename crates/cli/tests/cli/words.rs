@@ -99,7 +99,7 @@ fn wrong_words_end_with_usage() {
         ("render tiny.pbrt --sampler nonesuch", unknown.as_str()),
         (
             "render tiny.pbrt --min-spp 5 --max-spp 2",
-            "error: --min-spp: 5 is above the maximum number of samples per pixel, 2; lower the first or raise the second\n\n\
+            "error: --min-spp: 5 is above the maximum number of samples per pixel, 2; lower it, or raise the maximum\n\n\
              Usage: dapple render [OPTIONS] [SCENE]\n\nFor more information, try '--help'.\n",
         ),
         (

@@ -1,4 +1,4 @@
-//! Tests that two images have the same expectation, and of the bias of adaptive counts that depend on kept samples.
+//! Tests of equal expectations of two images, and of the bias due to adaptive counts that depend on kept samples.
 
 use super::levels::{adjusted, gamma_q};
 use super::{Mean, MeanTest};
@@ -13,8 +13,8 @@ const OUTLYING: f64 = 1.96;
 /// squared z).
 const RESAMPLES: usize = 200;
 
-/// The p-values of an image test. Each smallest p-value is adjusted for the number of blocks or channels among which it was
-/// selected.
+/// The p-values of an image test. The p-values of the most deviating block and channel are adjusted for the number of
+/// candidates.
 #[derive(Clone, Copy, Debug)]
 pub struct ImageTest {
     /// The p-value of the 8x8 block and channel that deviates most.
@@ -81,7 +81,7 @@ impl Group {
         Self { blocks: replicates.iter().map(means).collect(), weights }
     }
 
-    /// The image's mean in channel `c`, over the replicates.
+    /// The mean of channel `c` over the image and the replicates.
     fn whole(&self, c: usize) -> Mean {
         let total: f64 = self.weights.iter().sum();
         let mean = |r: &Vec<f64>| self.weights.iter().enumerate().map(|(k, w)| w * r[3 * k + c]).sum::<f64>() / total;
@@ -114,13 +114,13 @@ fn test(a: &Group, b: Option<&Group>, exact: Option<&Vec<f64>>) -> ImageTest {
     let figures = a.blocks[0].len();
     assert!(
         a.blocks.len() > 1 && b.is_none_or(|b| b.blocks.len() > 1 && b.blocks[0].len() == figures),
-        "two replicates at least, of one size"
+        "give at least two replicates of the same size"
     );
     assert!(exact.is_none_or(|e| e.len() == figures), "images differ in size");
     let all = |g: &Group, k| g.figure(k, 0..g.blocks.len());
     let tests: Vec<MeanTest> =
         (0..figures).map(|k| compare(&all(a, k), b.map(|b| all(b, k)).as_ref(), exact.map(|e| e[k]))).collect();
-    let worst = tests.iter().max_by(|x, y| x.z().abs().total_cmp(&y.z().abs())).expect("a block at least");
+    let worst = tests.iter().max_by(|x, y| x.z().abs().total_cmp(&y.z().abs())).expect("at least one block");
     let whole = |c: usize| {
         let total: f64 = a.weights.iter().sum();
         let exact = exact.map(|e| a.weights.iter().enumerate().map(|(k, w)| w * e[3 * k + c]).sum::<f64>() / total);
@@ -144,9 +144,9 @@ fn pooled(deviates: impl Iterator<Item = f64>) -> [f64; 2] {
 
 /// The p-values of the pooled statistics: the number of outliers, and the sum of squared z values.
 ///
-/// Blocks and channels are correlated: light covers several of them, and they share a budget. So the spread of the statistics
-/// is estimated from bootstrap resamples. Tails are those of a scaled chi-square distribution with the same mean and variance
-/// [after Satterthwaite 1946].
+/// Blocks and channels are correlated: the same light affects several of them, and they share a budget. So the spread of the
+/// statistics is estimated from bootstrap resamples. The tails are taken from a scaled chi-square distribution with the same
+/// mean and variance [after Satterthwaite 1946].
 fn null(a: &Group, b: Option<&Group>, seen: [f64; 2]) -> [f64; 2] {
     let (a, b) = (a.centred(), b.map(Group::centred));
     let mut random = 0x5eed_u64;
@@ -191,8 +191,7 @@ fn null(a: &Group, b: Option<&Group>, seen: [f64; 2]) -> [f64; 2] {
     [tails(0)[0].min(1.0), (2.0 * above.min(below)).min(1.0)]
 }
 
-/// The expected value of a pixel that keeps its pilot of `pilot` samples, and continues to `total` samples if the pilot's
-/// samples differ.
+/// The expected value of a pixel that keeps its `pilot` pilot samples, and gets `total` samples if the pilot samples differ.
 ///
 /// Each sample is 1 with probability `p`, else 0. With `n = pilot` and `N = total`, the value is `p^n + (n p - n p^n + (N - n)
 /// p Pmix) / N`. Here `Pmix = 1 - p^n - (1 - p)^n` [after Kirk and Arvo 1991].
@@ -202,14 +201,14 @@ pub fn kept(p: f64, pilot: u32, total: u32) -> f64 {
     ones + (first * p - first * ones + (all - first) * p * mixed) / all
 }
 
-/// The expected value of a pixel whose samples are 1 with probability `p`, else 0. A pilot of `pilot` samples is
-/// discarded if its samples differ and kept if they are equal, as in pbrt-v2.
+/// The expected value of a pixel whose samples are 1 with probability `p`, else 0. The `pilot` pilot samples are discarded if
+/// they differ, and kept if they are equal, as in pbrt-v2.
 pub fn refined(p: f64, pilot: u32) -> f64 {
     let [ones, mixed] = outcomes(p, pilot);
     ones + mixed * p
 }
 
-/// The probability of a pilot of ones only, and the probability of a pilot whose samples differ.
+/// The probability that all pilot samples are 1, and the probability that they differ.
 fn outcomes(p: f64, pilot: u32) -> [f64; 2] {
     let ones = p.powi(pilot as i32);
     [ones, 1.0 - ones - (1.0 - p).powi(pilot as i32)]
@@ -226,8 +225,8 @@ impl Integrator for Bernoulli {
     }
 }
 
-/// A deliberately biased sampler, the negative control of every test of bias. A pixel stops if its pilot's samples are
-/// all equal, and all samples are kept.
+/// A deliberately biased sampler, the negative control of every test of bias. A pixel stops if its pilot samples are all equal,
+/// and keeps all samples.
 #[derive(Clone, Copy, Debug)]
 pub struct BiasedSampler<P> {
     /// The point set that supplies the samples' random numbers.
@@ -311,7 +310,7 @@ pub fn count_trend(replicates: &[Pixels]) -> f64 {
             square += product * product;
         }
     }
-    // The distance of a value from its own pixel's mean lacks one degree of freedom.
+    // Distances from the pixel's own mean have one degree of freedom less.
     if sum == 0.0 { 0.0 } else { sum / (square * n / (n - 1.0)).sqrt() }
 }
 
@@ -325,8 +324,7 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// Adds an estimate with its predicted variance `forecast`, and the value `truth`, which is itself known with variance
-    /// `noise`.
+    /// Adds an estimate with its predicted variance `forecast`, and the true value `truth`, known up to the variance `noise`.
     ///
     /// `quantile` scales the interval: 1.96 for 95 %, or Student's t if the forecast has few degrees of freedom.
     pub fn add(&mut self, estimate: f64, forecast: f64, truth: f64, noise: f64, quantile: f64) {

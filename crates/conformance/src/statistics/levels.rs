@@ -61,7 +61,8 @@ pub fn two_sided(z: f64) -> f64 {
     2.0 * normal_tail(z.abs())
 }
 
-/// The p-value of the smallest of `tests` p-values: the probability that one of `tests` is as small by chance (Sidak).
+/// The p-value of the smallest of `tests` p-values: the probability that at least one of `tests` p-values is as small by chance
+/// (Sidak).
 pub fn adjusted(smallest: f64, tests: usize) -> f64 {
     if smallest >= 1.0 { 1.0 } else { -(tests as f64 * (-smallest).ln_1p()).exp_m1() }
 }
@@ -75,7 +76,7 @@ pub fn power(shift: f64, alpha: f64, degrees_of_freedom: f64) -> f64 {
     if z >= 0.0 { 1.0 - normal_tail(z) } else { normal_tail(-z) }
 }
 
-/// The p-value of the chi-square test of observed counts per cell against expected counts. For independent samples only:
+/// The p-value of the chi-square test of observed counts per cell against expected counts. For independent samples only, since
 /// low-discrepancy points are too even.
 ///
 /// Cells with fewer than 5 expected samples are pooled, in ascending order. A sample in a cell with less than 1e-9 expected

@@ -76,7 +76,7 @@ fn broken_samplers_are_rejected() {
         p.counts[last] += moved;
         Progress::Trace
     };
-    rejected(move || planned(ends_of_scale), "below the floor");
+    rejected(move || planned(ends_of_scale), "below min_spp");
     let no_ceiling = |s: &Feedback<'_>, p: &mut Plan| {
         if s.round > 0 {
             return level(s, p, s.budget.total);
@@ -95,7 +95,7 @@ fn broken_samplers_are_rejected() {
                 level(s, p, s.budget.total)
             })
         },
-        "below the floor",
+        "below min_spp",
     );
 }
 

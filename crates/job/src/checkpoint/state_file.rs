@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// The name of the sections that hold traced rows, one run of rows each, in the order of tracing.
+/// The name of the sections with traced rows: each section holds consecutive rows, in tracing order.
 pub const ROWS: &str = "rows";
 /// The name of the section that holds the header. It follows the sections of the state.
 const HEADER: &str = "header";
@@ -118,7 +118,7 @@ impl std::fmt::Display for StateDamage {
 }
 
 impl StateFile {
-    /// Appends a header to `state`, the bytes of a state as `dapple_core` encodes it.
+    /// Appends a header to `state`, the state of a render as `dapple_core` encodes it.
     pub fn new(kind: StateKind, identity: Identity, mut state: Vec<u8>) -> Self {
         let header = Header { kind, identity };
         let json = serde_json::to_vec(&header).unwrap_or_default();
@@ -146,7 +146,7 @@ impl StateFile {
     ///
     /// # Errors
     ///
-    /// [`Damage`] for bytes that are not a state with a header.
+    /// [`StateDamage`] for bytes that are not a state with a header.
     pub fn from_bytes(bytes: Vec<u8>) -> Result<Self, StateDamage> {
         let found = sections(&bytes).map_err(StateDamage::Container)?;
         // The header comes last, so that a file without one is cut short.
@@ -179,7 +179,7 @@ impl StateFile {
 #[non_exhaustive]
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// A step of writing a file that failed. An existing file of that name is unchanged.
+    /// A failed step of writing a file. An existing file of that name is unchanged.
     #[error("{}: cannot {step}: {source}; an existing file is unchanged; free disk space, or choose another folder", path.display())]
     Write {
         /// The path of the file that was to be written.
@@ -203,7 +203,7 @@ pub enum Error {
         /// The name of the file's kind: `checkpoint`, `plan` or `part`.
         kind: &'static str,
     },
-    /// A file that the system cannot read.
+    /// A file that cannot be read.
     #[error("{}: cannot read it: {source}", path.display())]
     Read {
         /// The path of the file that cannot be read.

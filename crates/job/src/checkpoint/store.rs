@@ -65,11 +65,10 @@ impl Store {
         &self.path
     }
 
-    /// Writes `contents` as the newest version, and keeps the version that it replaces as the previous one.
+    /// Writes `contents` as the newest version; the replaced version becomes the previous one.
     ///
-    /// The file is written under another name, flushed and renamed. A crash or an error at any moment leaves a complete
-    /// newest file. On disks without hard links, for a moment only the previous version exists, which [`Store::read`]
-    /// finds as well.
+    /// The file is written under another name, flushed and renamed. A crash or an error at any moment leaves a complete newest
+    /// file. On disks without hard links, only the previous version exists for a moment; [`Store::read`] finds it as well.
     ///
     /// # Errors
     ///
@@ -95,16 +94,16 @@ impl Store {
     fn put_in_place(&self, part: &Path) -> Result<(), Error> {
         let previous = beside(&self.path, "previous");
         if self.path.exists() {
-            // A hard link gives the present file a second name before the new file takes the first one, so that a
-            // newest file always exists.
+            // A hard link gives the present file a second name before the new file replaces it, so that one of them always
+            // exists.
             let step = |e| self.trouble("keep the previous version", e);
             let second = beside(&self.path, "second");
             self.system.remove(&second).map_err(step)?;
             match self.system.link(&self.path, &second) {
                 Ok(()) => {
                     self.system.rename(&second, &previous).map_err(step)?;
-                    // If a crash left both names for one file, the rename did nothing, and the second name is removed
-                    // here.
+                    // After a crash, both names may belong to one file. The rename then did nothing, and the second name is
+                    // removed here.
                     let _ = self.system.remove(&second);
                 }
                 Err(_) => self.system.rename(&self.path, &previous).map_err(step)?,

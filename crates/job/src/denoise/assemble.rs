@@ -5,7 +5,7 @@ use super::{DenoiseError, DenoiseSpec, LayerKind};
 use dapple_denoise::{Denoise, SampleBuffers, Variance, denoise, denoise_whole};
 use dapple_scene::image::{FoundLayer, Plane, Window};
 
-/// The number of samples per pixel that is assumed if the number is unknown.
+/// The number of samples per pixel that is assumed for files that do not state it.
 const ASSUMED_SPP: u32 = 16;
 
 type Colours = Vec<[f32; 3]>;
@@ -13,7 +13,7 @@ type Colours = Vec<[f32; 3]>;
 /// The image of one file, with its variance and sample counts.
 struct Set {
     mean: Colours,
-    /// The variance, and `true` if it is the variance of the mean, `false` if of one sample.
+    /// The variance, and `true` for the variance of the mean, `false` for the variance of one sample.
     variance: Option<(Colours, bool)>,
     count: Vec<u32>,
 }
@@ -81,7 +81,7 @@ impl Assembled {
     }
 }
 
-/// Adds `feature` to `image`, if there is one, together with its variance, if known.
+/// Adds a feature, if present, and its variance, if known, to `image`.
 fn added<'a, T>(
     image: Denoise<'a>,
     feature: &'a Feature<T>,
@@ -112,7 +112,7 @@ fn in_view(image: &FoundLayer) -> String {
     format!("\"{}\"{view}", image.shown())
 }
 
-/// The values of `N` planes, pixel by pixel.
+/// The values of `N` planes, interleaved by pixel.
 fn interleaved<const N: usize>(planes: &[Vec<f32>]) -> Vec<[f32; N]> {
     (0..planes[0].len()).map(|pixel| std::array::from_fn(|c| planes[c][pixel])).collect()
 }
@@ -157,7 +157,7 @@ impl Reader<'_> {
         let inputs = self.inputs;
         let image = self.window;
         let mut cut = Vec::new();
-        // The image comes first of all kinds, and a layer counts only if all files have it.
+        // The first kind is the image. Layers that only one of the files has are ignored.
         for kind in LayerKind::all() {
             let layers = (0..inputs.len()).map(|k| self.search(k, kind)).collect::<Result<Option<Vec<_>>, _>>()?;
             for (input, layer) in inputs.iter().zip(layers.iter().flatten()) {
@@ -185,7 +185,7 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// The values of `N` channels of file `k`, pixel by pixel.
+    /// The values of `N` channels of file `k`, interleaved by pixel.
     fn pixels<const N: usize>(&self, k: usize, layer: &FoundLayer) -> Result<Vec<[f32; N]>, DenoiseError> {
         let planes = layer.channels.iter().map(|&channel| self.inputs[k].floats(layer.part, channel, self.window));
         Ok(interleaved(&planes.collect::<Result<Vec<_>, _>>()?))
@@ -229,7 +229,7 @@ impl Reader<'_> {
         let Some(layer) = self.find(k, LayerKind::Count)? else { return Ok(known.map(|spp| vec![spp; pixels])) };
         let counts: Vec<[f32; 1]> = self.pixels(k, &layer)?;
         let counts = counts.as_flattened();
-        // Cycles writes shares of the largest number.
+        // Cycles writes fractions of the largest count.
         let most = counts.iter().copied().fold(0.0, f32::max);
         let shares = most <= 1.0 && (known.is_some() || counts.iter().any(|n| n.fract() > 0.0));
         let unit = if shares { known.unwrap_or(ASSUMED_SPP) as f32 } else { 1.0 };
@@ -243,12 +243,12 @@ impl Reader<'_> {
         Ok(Some(counts.iter().map(number).collect()))
     }
 
-    /// The variance in file `k`, and `true` if it is the variance of the mean. `counted` states that the number of samples is
+    /// The variance in file `k`, and `true` for the variance of the mean. `counted` is `true` if the number of samples is
     /// known.
     fn variance(&mut self, k: usize, mean: &Colours, counted: bool) -> Result<Option<(Colours, bool)>, DenoiseError> {
         let input = &self.inputs[k];
         let mut kinds = [LayerKind::MeanVariance, LayerKind::Variance, LayerKind::SecondMoment];
-        // A layer that the caller names comes first.
+        // Layers named by the caller come first.
         kinds.sort_by_key(|kind| !self.spec.layers.iter().any(|(given, _)| given == kind));
         let layer = kinds.iter().find_map(|&kind| self.find(k, kind).transpose()).transpose()?;
         let Some(layer) = layer else { return Ok(None) };
@@ -267,7 +267,7 @@ impl Reader<'_> {
         let mut unknown = 0;
         for (variance, mean) in variance.iter_mut().zip(mean) {
             if variance.iter().any(|v| !v.is_finite()) {
-                // A standard deviation as large as the colour: that of a rare bright sample.
+                // A standard deviation as large as the colour, as a rare bright sample has.
                 *variance = mean.map(|v| if v.is_finite() { v * v } else { 0.0 });
                 unknown += 1;
             }
@@ -282,12 +282,12 @@ impl Reader<'_> {
         let own = self.inputs[0].window(&layer);
         Ok(Some(match &self.inputs[0].file.planes(layer.part)?[layer.channels[0]] {
             Plane::U32(ids) => own.cut(ids, self.window),
-            // Cryptomatte and other float ids: equal bits are equal ids.
+            // Cryptomatte and others store ids as floats; equal bits mean equal ids.
             ids => own.cut(&ids.floats(), self.window).iter().map(|id| id.to_bits()).collect(),
         }))
     }
 
-    /// Adds a notice about `count` NaN or infinite values and their replacement, if there are any.
+    /// Adds a notice about `count` NaN or infinite values and their replacement, unless `count` is 0.
     fn broken(&mut self, place: &str, count: usize, what: &str, instead: &str) {
         if count > 0 {
             self.note(format!("{place}{count} {what} are NaN or infinite; {instead}"));
@@ -310,7 +310,7 @@ impl Reader<'_> {
 }
 
 impl Reader<'_> {
-    /// Sample variances from second moments. If they are moments of X, Y and Z, all channels get the relative variance of Y.
+    /// Sample variances from second moments. For moments of X, Y and Z, all channels get the relative variance of Y.
     fn variance_by_squares(&self, k: usize, second: &FoundLayer, mean: &Colours) -> Result<Colours, DenoiseError> {
         let layers = &self.inputs[k].layers;
         let squares: Colours = self.pixels(k, second)?;
@@ -329,7 +329,7 @@ impl Reader<'_> {
 
     /// The variance of the mean of each channel of a layer; `None` if file `k` lacks the layer's second moments.
     ///
-    /// Differences that rounding can explain count as 0: second moments of far positions are large numbers.
+    /// Differences within rounding error count as 0, since second moments of distant positions are large numbers.
     fn variances(&self, k: usize, layer: &FoundLayer, counts: &[u32]) -> Result<Option<Vec<Vec<f32>>>, DenoiseError> {
         let input = &self.inputs[k];
         let Some(squares) = input.layers.second_moment(layer) else { return Ok(None) };
@@ -350,10 +350,10 @@ impl Reader<'_> {
 
 /// The mean of a feature, and the variance of that mean if it is known: from two files, or from second moments.
 type Mean<T> = (Vec<T>, Option<Vec<T>>);
-/// The mean over the files, if they have the feature.
+/// The mean of a feature over the files; `None` if they lack the feature.
 type Feature<T> = Option<Mean<T>>;
 
-/// The factor on a variance that is estimated from the difference of two files. One squared difference usually underestimates
+/// The factor on variances that are estimated from the difference of two files. One squared difference usually underestimates
 /// the variance: its median is 0.45 of its mean. The factor lowers the error on Mitsuba's images by 5 % and does not change the
 /// error on the bundled scenes.
 const TWO_FILES: f32 = 2.0;
@@ -373,7 +373,7 @@ impl Reader<'_> {
         let each = layers.iter().zip(counts).enumerate().map(mean_of);
         let mut each: Vec<Mean<[f32; N]>> = each.collect::<Result<_, _>>()?;
         if let ([a, b], 1) = (&mut each[..], N) {
-            // A depth that only one file knows counts for both.
+            // Where only one file has a hit, its depth is used for both.
             for (a, b) in a.0.as_flattened_mut().iter_mut().zip(b.0.as_flattened_mut()) {
                 match (a.is_infinite(), b.is_infinite()) {
                     (true, false) => *a = *b,
@@ -382,7 +382,7 @@ impl Reader<'_> {
                 }
             }
         }
-        // An infinite depth is a miss.
+        // An infinite depth means that no surface was hit.
         let is_wrong = |v: &f32| v.is_nan() || (kind != LayerKind::Depth && v.is_infinite());
         let mut broken = 0;
         for value in each.iter_mut().flat_map(|(mean, _)| mean).filter(|value| value.iter().any(is_wrong)) {

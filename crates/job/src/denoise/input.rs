@@ -143,7 +143,7 @@ fn chosen(input: &Input, notices: &mut Vec<String>) -> Result<FoundLayer, Denois
     Ok(chosen.layer)
 }
 
-/// A notice about alpha that only the second file has.
+/// A notice if only the second file has alpha.
 fn lost_alpha(inputs: &[Input], layers: &[FoundLayer]) -> Option<String> {
     let ([a, b], [in_a, in_b]) = (inputs, layers) else { return None };
     let has = |input: &Input, layer| input.layers.alpha(&input.layers.shown_beside(layer)).is_some();
@@ -153,7 +153,7 @@ fn lost_alpha(inputs: &[Input], layers: &[FoundLayer]) -> Option<String> {
     (has(b, in_b) && !has(a, in_a)).then(what)
 }
 
-/// Checks that two files show one image of one view in one colour space.
+/// Checks that two files show the same view in the same size and colour space.
 fn check(inputs: &[Input], layers: &[FoundLayer]) -> Result<(), DenoiseError> {
     let ([a, b], [in_a, in_b]) = (inputs, layers) else { return Ok(()) };
     let paths = || Box::new([a.path.clone(), b.path.clone()]);

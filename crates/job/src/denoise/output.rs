@@ -25,7 +25,7 @@ pub(super) struct Target {
     display: Window,
     /// The names of the three colour channels, or of the single gray channel.
     channels: Vec<String>,
-    /// The name and the values of the alpha channel, averaged over two files; `None` keeps the first input's alpha.
+    /// The name and the values of the alpha channel, averaged over two files; `None` leaves the first input's alpha unchanged.
     alpha: Option<(String, Vec<f32>)>,
     /// `true` if some pixel is not opaque.
     transparent: bool,

@@ -31,7 +31,7 @@ pub struct CheckpointOptions {
     /// The checkpoint file to resume from; `None` starts afresh. Checkpoints are written to this file too, unless
     /// `keep` names another one. If both name the same missing file, the render starts afresh.
     pub resume: Option<PathBuf>,
-    /// Seconds between checkpoints. `None` means 60, or longer if checkpoints would use over 1 % of the render time.
+    /// Seconds between checkpoints. `None` means 60, or more if checkpoints would use over 1 % of the render time.
     pub every: Option<f64>,
 }
 
@@ -185,7 +185,7 @@ impl Writer {
         self.wait(monitor);
         let began = Instant::now();
         let contents = self.contents(status);
-        // The writing thread needs about the same time again for the checksum and for copying the bytes to the system.
+        // The writing thread needs about the same time again for the checksum and for passing the bytes to the system.
         self.cost = Some(2.0 * began.elapsed().as_secs_f64());
         (self.last, self.is_first) = (began, false);
         let store = self.store.clone();
@@ -207,7 +207,7 @@ impl Writer {
     fn is_due(&self, status: &Status<'_>) -> bool {
         let every = self.every.unwrap_or(EVERY);
         let mut interval = if self.is_first { every.min(FIRST) } else { every };
-        // An interval set by the user is kept, whatever share of the time checkpoints take.
+        // An interval set by the user is kept, even if checkpoints take much of the time.
         if self.every.is_none() {
             let film = status.film;
             let bytes = Film::bytes_per_pixel(film.needs()) as f64 * film.frame().pixels() as f64;

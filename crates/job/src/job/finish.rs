@@ -14,15 +14,15 @@ pub struct RenderedImage {
     pub filtered: Filtered,
     /// The name and parameters of the filter.
     pub filter: String,
-    /// Wall seconds of each phase.
+    /// Wall-clock seconds spent on each phase.
     pub seconds: PhaseSeconds,
-    /// The number of rays traced as first-hit rays. The film's number of rays does not include them.
+    /// The number of first-hit rays. The film's number of rays excludes them.
     pub first_hit_rays: u64,
     /// Warnings about the samples, the clusters and the filter.
     pub warnings: Vec<Warning>,
 }
 
-/// Wall seconds of each phase; 0 for phases that a render does not have.
+/// Wall-clock seconds spent on each phase; 0 for phases that a render does not have.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct PhaseSeconds {
     /// Reading the scene.
@@ -44,7 +44,7 @@ pub struct PhaseSeconds {
 }
 
 impl PhaseSeconds {
-    /// Wall seconds from clustering to filtering, excluding scene reading, world building and file writing.
+    /// Wall-clock seconds from clustering to filtering, excluding scene reading, world building and file writing.
     pub fn render(&self) -> f64 {
         self.cluster + self.first_hits + self.plan + self.trace + self.filter
     }
@@ -75,8 +75,8 @@ impl Job {
         Ok(self.image(film, filtered, described, seconds, warnings))
     }
 
-    /// Combines a film of this render with `filtered`, the image that another filter made from it in `seconds`. `filter` is
-    /// that filter's description.
+    /// Combines a film of this render with `filtered`, the image that another filter made from it in `seconds`. `filter`
+    /// describes the other filter.
     pub fn finished(&self, film: Film, filtered: Filtered, filter: String, seconds: f64) -> RenderedImage {
         self.image(film, filtered, filter, seconds, self.clusters_warnings())
     }

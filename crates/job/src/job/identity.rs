@@ -6,17 +6,16 @@ use crate::checkpoint::Identity;
 use dapple_scene::PixelFilter;
 use std::path::Path;
 
-/// The name of the identity pair that holds the option `shard`, `I/N`; its value differs between parts of one image.
+/// The identity's key for the part, `I/N`, which differs between parts of one image.
 pub(super) const SHARD: &str = "shard";
-/// The name of the identity pair that holds the filter. Only parts have this pair: a checkpoint may be finished with
-/// another filter.
+/// The identity's key for the filter. Only parts have it, since a checkpoint may be finished with another filter.
 pub(super) const FILTER: &str = "filter";
-/// The name of the identity pair that holds the render's description as JSON; it is never compared.
+/// The identity's key for the render's description as JSON, which is never compared.
 pub(super) const SPEC: &str = "spec";
 
-/// The name of the identity pair that holds the path of a part's plan; it is never compared.
+/// The identity's key for the path of the plan file, which is never compared.
 pub(super) const PLAN: &str = "plan";
-/// The name of the identity pair that holds the part of a stage, `I/N`, to which a file of rows belongs.
+/// The identity's key for the part of the stage, `I/N`, whose rows are in the file.
 pub(super) const PART: &str = "part";
 
 /// The identity of a job: all settings that its samples depend on. The budget, which may be raised, and the number of

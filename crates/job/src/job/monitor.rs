@@ -59,7 +59,7 @@ impl TimeWatch {
     /// Returns a warning, once, if the rows traced so far show that the first round takes longer than the time limit.
     pub(super) fn look(&mut self, status: &Status<'_>, min_spp: u32) -> Option<Warning> {
         let limit = status.seconds_limit.filter(|_| !self.warned && status.round == 0 && status.samples > 0)?;
-        // The first rows may be the slowest; a tenth of the limit, or two seconds, show more.
+        // The first rows may be the slowest, so that the estimate waits for a tenth of the limit or two seconds.
         if status.seconds < (0.1 * limit).min(2.0) {
             return None;
         }

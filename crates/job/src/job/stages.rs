@@ -85,7 +85,7 @@ impl RowsFiles {
 }
 
 impl Job {
-    /// The estimated memory of work on a stage, while the render's state is held as a film and as encoded bytes.
+    /// The estimated memory of a render in stages, which holds the render's state as a film and as encoded bytes.
     pub fn memory_in_stages(&mut self) -> MemoryEstimate {
         self.need_any_image();
         let (estimate, bytes) = self.forecast(false);
@@ -110,8 +110,8 @@ impl Job {
         Ok(StateFile::new(StateKind::Plan, identity, session.snapshot()).into_bytes())
     }
 
-    /// Traces a part of the rows of a plan's stage, or of the only stage of a render without a plan (a shard). Returns the
-    /// bytes of a file of rows; `None` if the monitor stopped the tracing.
+    /// Traces part of the rows of a plan's stage or, without a plan, of the only stage of a render (a shard). Returns the bytes
+    /// of a file of rows; `None` if the monitor stopped the tracing.
     ///
     /// # Errors
     ///
@@ -128,7 +128,7 @@ impl Job {
         pairs.extend(plan.map(|plan| (PLAN.into(), to_text(&plan.path))));
         pairs.push((PART.into(), shard.to_string()));
         let identity = Identity::new(pairs);
-        // This one learns its training passes from the rows, the other from the plan.
+        // This integrator receives its training passes with the rows, `planning` receives them from the plan.
         let world = self.prepared.world.clone();
         let mut integrator = make_integrator(&self.integrator, &world)?;
         let (mut session, planning) = self.open(plan)?;
@@ -159,7 +159,7 @@ impl Job {
     ///
     /// # Errors
     ///
-    /// [`JobError::Shards`] for rows that together do not form the complete stage.
+    /// [`JobError::Shards`] if the rows do not make up the complete stage.
     pub fn next_plan(&mut self, plan: &PlanFile, rows: &RowsFiles) -> Result<(Vec<u8>, bool), JobError> {
         self.check_rows(rows)?;
         let identity = self.identity()?;
@@ -186,7 +186,7 @@ impl Job {
     ///
     /// # Errors
     ///
-    /// [`JobError::Shards`] for shards that together do not form the complete image.
+    /// [`JobError::Shards`] if the shards do not make up the complete image.
     pub fn merge(&mut self, shards: &RowsFiles) -> Result<Traced, JobError> {
         self.check_rows(shards)?;
         let (mut session, mut integrator) = self.open(None)?;
@@ -205,8 +205,8 @@ impl Job {
         Ok((session, integrator))
     }
 
-    /// Runs the render on process 0 of several, from the beginning or from the checkpoint file in `checkpoints`. Ends the other
-    /// processes, even after an error.
+    /// Coordinates a render on several processes; called on process 0. Starts from the beginning or from the checkpoint file in
+    /// `checkpoints`. Ends the other processes, even after an error.
     ///
     /// # Errors
     ///
@@ -221,7 +221,7 @@ impl Job {
         let min_spp = self.limits.min_spp;
         let begun = checkpoints.as_ref().map_or_else(|| Ok((self.identity()?, None)), |c| self.begun(c, monitor));
         let begun = begun.and_then(|(identity, snapshot)| Ok((identity, self.session(snapshot)?)));
-        // The error that came first counts.
+        // The first error is reported, not an error of ending the other processes.
         let (identity, (mut session, mut integrator)) = begun.inspect_err(|_| drop(dismiss(processes)))?;
         let mut watched = Watched::new(monitor, checkpoints, identity, min_spp);
         if !coordinate(&mut session, &mut *integrator, processes, &mut watched, stop)? {
@@ -298,13 +298,13 @@ impl Job {
     }
 
     /// Returns an error if the file at `path`, with identity `there`, belongs to another render. Compares only the settings
-    /// that `kept` keeps.
+    /// that `kept` returns.
     fn check(&self, path: &Path, there: &Identity, kept: fn(&Identity) -> Identity) -> Result<(), JobError> {
         same_render(path, &kept(&self.identity()?), &kept(there))
     }
 }
 
-/// A file that holds `runs`, each the bytes of a run of traced rows.
+/// A file of traced rows. Each of `runs` holds consecutive rows as bytes.
 fn rows_file(kind: StateKind, identity: &Identity, runs: &[Vec<u8>]) -> StateFile {
     let mut bytes = container::begin(runs.iter().map(Vec::len).sum());
     runs.iter().for_each(|run| container::append(&mut bytes, ROWS, run));
@@ -344,7 +344,7 @@ fn join(session: &mut Session<'_>, integrator: &mut dyn Integrator, rows: &RowsF
     for (start, end) in runs.into_iter().chain([(stage.rows().end, stage.rows().end)]) {
         if start != next {
             troubles.push(format!(
-                "rows {next} to {} of the stage are missing; give every part, each once",
+                "rows {next} to {} of the stage are missing; pass every part exactly once",
                 start.max(next)
             ));
         }

@@ -23,7 +23,7 @@ enum FileContents {
 }
 
 impl FileContents {
-    /// The peak memory in bytes for writing one file of this kind, excluding film and image. `filtered` states that a filter
+    /// The peak memory in bytes for writing one file of this kind, excluding film and image. `filtered` is `true` if a filter
     /// made the image.
     fn memory(self, frame: &Frame, needs: &Needs, filtered: bool) -> u64 {
         /// Bytes per pixel of red, green and blue as floats.
@@ -31,7 +31,7 @@ impl FileContents {
         // The compressed data take at most the size of the uncompressed.
         let png = |channels: usize| 3 * channels;
         frame.bytes(match self {
-            // Counts and clusters, and the rows being encoded.
+            // Sample counts, clusters, and the rows being encoded.
             Self::Image(Format::Exr) => {
                 let layers = bytes_per_pixel(needs, filtered);
                 let rows = 2 * rows_at_a_time() * frame.size()[0] as usize * layers;
@@ -59,8 +59,8 @@ pub struct OutputFiles {
     pub features: bool,
     /// If `true`, image, unfiltered image, albedo, normal and coverage are 16-bit floats in EXR files.
     pub half: bool,
-    /// The names, among [`layer_names`](super::layer_names), of the layers that EXR files have besides the image; `None` for
-    /// all. The film records the statistics that these layers need.
+    /// The layers of EXR files besides the image, by their [names](super::layer_names); `None` for all. The film records the
+    /// statistics that these layers need.
     pub layers: Option<Vec<String>>,
     /// The command line that makes the image, for the headers of EXR files.
     pub command: Option<String>,
@@ -103,7 +103,7 @@ impl OutputFiles {
         self
     }
 
-    /// Returns `true` if the layer `name` is selected. Files have it only if the film has its statistics.
+    /// Returns `true` if the layer `name` is selected. A selected layer is missing in files if the film lacks its statistics.
     fn has_layer(&self, name: &str) -> bool {
         self.layers.as_ref().is_none_or(|layers| layers.iter().any(|layer| layer == name))
     }
@@ -128,8 +128,8 @@ impl OutputFiles {
         if troubles.is_empty() { Ok(()) } else { Err(JobError::Files(troubles)) }
     }
 
-    /// The per-pixel statistics that the film must record for these files. `clusters` states that the render groups
-    /// triangles into clusters.
+    /// The per-pixel statistics that the film must record for these files. `clusters` is `true` if the render groups triangles
+    /// into clusters.
     pub fn needs(&self, clusters: bool) -> Needs {
         let shown = |(what, _): &(FileContents, PathBuf)| match what {
             FileContents::Clusters => true,
@@ -155,7 +155,7 @@ impl OutputFiles {
         })
     }
 
-    /// The peak memory in bytes for writing the files, excluding film and image. `filtered` states that a filter made the
+    /// The peak memory in bytes for writing the files, excluding film and image. `filtered` is `true` if a filter made the
     /// image.
     pub(crate) fn memory(&self, frame: &Frame, needs: &Needs, filtered: bool) -> u64 {
         self.files.iter().map(|(what, _)| what.memory(frame, needs, filtered)).max().unwrap_or(0)
@@ -212,7 +212,7 @@ impl OutputFiles {
     }
 
     /// Encodes a file, or prepares a file that is written block by block. Returns a function that writes the file, and a phrase
-    /// about its contents. `None` if the film lacks the statistics for the file.
+    /// about its contents; `None` if the film lacks the statistics for the file.
     fn encode<'a>(
         &'a self,
         what: FileContents,

@@ -46,7 +46,7 @@ pub(super) fn attributes(job: &Job, image: &RenderedImage, cpu: Option<f64>) -> 
         ("predicted-relmse", film.predicted_relmse().map_or("unknown".into(), |e| e.to_string())),
         ("predicted-relmse-filtered", record.filtered_relmse.map_or("unknown".into(), |e| e.to_string())),
         ("bias", bias(job, image)),
-        // A checked description can be written.
+        // A checked description can always be encoded.
         ("spec", spec.to_json().unwrap_or_default()),
         ("interrupted", record.interrupted.to_string()),
         ("threads", rayon::current_num_threads().to_string()),
@@ -104,10 +104,10 @@ fn bias_of_samples(job: &Job, film: &Film) -> &'static str {
 /// The distance of the near plane in the matrix to normalized device coordinates, in the file's units. It scales only the
 /// third coordinate.
 const NEAR: f64 = 1e-3;
-/// The distance written for pixels without a surface, the same as Blender's: programs that filter distances fail at infinity.
+/// The distance written for pixels without a surface, as in Blender, because programs that filter distances fail at infinity.
 const BACKGROUND: f32 = 1e10;
 
-/// The camera of an image, at the opening of the shutter.
+/// The camera of an image when the shutter opens.
 pub(super) struct View {
     camera: Camera,
     resolution: [u32; 2],
@@ -149,15 +149,14 @@ impl View {
         DMat4::from_cols(x, y, project[0], project[1]) * self.to_camera()
     }
 
-    /// Returns `worldToCamera` and `worldToNDC` as OpenEXR stores them, row by row for vectors on the left; `None` if one
-    /// isn't finite.
+    /// Returns `worldToCamera` and `worldToNDC` as OpenEXR stores them: row-major, for row vectors. `None` if one isn't finite.
     pub(super) fn matrices(&self) -> Option<[[f32; 16]; 2]> {
-        // The rows of a matrix for vectors on the left are the columns of ours.
+        // The matrices here are for column vectors, so their columns are the rows to store.
         let stored = [self.to_camera(), self.to_device()].map(|m| m.to_cols_array().map(|x| x as f32));
         stored.as_flattened().iter().all(|x| x.is_finite()).then_some(stored)
     }
 
-    /// Returns the channels `A` (alpha) and `Z` (distance along the axis) of an image; none if its film has no features.
+    /// Returns the channels `A` (alpha) and `Z` (distance along the axis) of an image; empty if its film has no features.
     pub(super) fn channels<'a>(&'a self, film: &'a Film, unit: f64) -> Vec<(&'static str, Plane<'a>)> {
         let along = move |i: usize, features: &Features| self.along_axis(film.frame(), i, depth(features, unit));
         let planes = [plane_of_features(film, |_, features| coverage(features)), plane_of_features(film, along)];

@@ -9,7 +9,7 @@ pub(super) struct LayerEntry {
     pub(super) name: &'static str,
     /// The names of the layer's channels.
     channels: &'static [&'static str],
-    /// `true` if 16-bit floats hold the layer's values to three digits. The values of other layers exceed their range.
+    /// `true` if 16-bit floats can hold the layer's values to three digits; the values of other layers are too large.
     half: bool,
     /// Adds the statistics from which the layer is made.
     pub(super) needs: fn(Needs) -> Needs,
@@ -22,7 +22,7 @@ pub(super) struct LayerEntry {
 type MakePlanes = for<'a> fn(&Shown<'a>) -> Option<Vec<Plane<'a>>>;
 
 impl LayerEntry {
-    /// A layer for which the film records nothing extra.
+    /// A layer that no film records extra statistics for.
     const fn of(
         name: &'static str,
         channels: &'static [&'static str],
@@ -100,7 +100,7 @@ pub(super) const LAYERS: &[LayerEntry] = &[
     LayerEntry::of("error", &["Y"], Needs::with_halves, |shown| {
         shown.filtered.error.as_deref().map(|error| vec![error.into()])
     }),
-    // Whether a render groups triangles is not known here.
+    // It is not known here if the render has clusters.
     LayerEntry::of("cluster", &["Y"], Needs::with_surfaces, |shown| {
         shown.clusters.clone().map(|clusters| vec![clusters.into()])
     }),
@@ -115,10 +115,10 @@ pub(super) const LAYERS: &[LayerEntry] = &[
 ];
 
 const RGB: &[&str] = &["R", "G", "B"];
-/// The needs of layers that every film can fill.
+/// The statistics of layers that every film can fill: none besides the film's own.
 const NOTHING: fn(Needs) -> Needs = |needs| needs;
 
-/// The names of the image's own channels that show features. Lists of layers may contain them.
+/// The image's own channels that are made from features. Lists of layers may contain their names.
 pub(super) const OF_IMAGE: [&str; 2] = ["A", "Z"];
 
 /// All names that a list of layers may contain.
@@ -130,14 +130,14 @@ pub fn layer_names() -> impl Iterator<Item = &'static str> {
 pub(super) fn halve(layers: &mut [Layer<'_>]) {
     let half = |name: &str| name.is_empty() || LAYERS.iter().any(|entry| entry.half && entry.name == name);
     for layer in layers.iter_mut().filter(|layer| half(&layer.name)) {
-        // Halves would be too coarse for distances along the axis.
+        // 16-bit floats would be too coarse for distances along the axis.
         for (_, plane) in layer.channels.iter_mut().filter(|(name, _)| *name != "Z" || !layer.name.is_empty()) {
             plane.halve();
         }
     }
 }
 
-/// The bytes per pixel of all layers, including the image, of a film with these statistics. `filtered` states that a filter
+/// The bytes per pixel of all layers, including the image, of a film with these statistics. `filtered` is `true` if a filter
 /// made the image.
 pub(super) fn bytes_per_pixel(needs: &Needs, filtered: bool) -> usize {
     let shown = |entry: &&LayerEntry| (entry.needs)(*needs) == *needs && (filtered || entry.name != "unfiltered");

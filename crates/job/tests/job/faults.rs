@@ -16,7 +16,7 @@ fn contents(body: impl AsRef<[u8]>) -> StateFile {
     StateFile::new(StateKind::Checkpoint, identity, state)
 }
 
-/// Longer than a piece, so that several writes make a file.
+/// Contents longer than a piece, so that a file takes several writes.
 fn body(generation: u8) -> Vec<u8> {
     (0..(1_u32 << 20) + 99).map(|i| (i as u8).wrapping_mul(31) ^ generation).collect()
 }
@@ -24,13 +24,13 @@ fn body(generation: u8) -> Vec<u8> {
 /// The failure of a call.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Fault {
-    /// Nothing happens.
+    /// The call fails without an effect.
     Refused,
-    /// A write gets half of its bytes to the disk, which is full then; other calls are refused.
+    /// The disk is full: a write stores half of its bytes, and other calls fail.
     Full,
-    /// The call is done, the process is gone: all later calls fail.
+    /// The process is killed after the call: all later calls fail.
     KilledAfter,
-    /// Half of a write, or nothing, is done, and the process is gone.
+    /// The process is killed during the call: half of a write, or nothing, is done.
     KilledWithin,
 }
 
@@ -43,7 +43,7 @@ struct Faulty {
 }
 
 impl Faulty {
-    /// `Ok(true)` if a call goes on as usual, `Ok(false)` if it is done half.
+    /// `Ok(true)` if a call succeeds as usual, `Ok(false)` if it does half of its work.
     fn next(&self) -> io::Result<bool> {
         let call = self.calls.fetch_add(1, Ordering::Relaxed);
         let gone = || Err(io::Error::other("the process is gone"));
@@ -96,7 +96,8 @@ impl FileSystem for Faulty {
     }
 }
 
-/// Saves the third of three generations with a fault; gives what is found afterwards, what was said, and the calls.
+/// Saves the third of three generations with a fault. Returns the file read afterwards, the result of saving, and the number of
+/// calls.
 fn third(newest: &StateFile, at: usize, fault: Fault, links: bool) -> (StateFile, Result<(), Error>, usize) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.checkpoint");
@@ -109,7 +110,7 @@ fn third(newest: &StateFile, at: usize, fault: Fault, links: bool) -> (StateFile
     let calls = calls.load(Ordering::Relaxed);
     let found = Store::read(&path, StateKind::Checkpoint).unwrap().contents;
     drop(store);
-    // Whatever was left behind, the next sitting writes on.
+    // The next process can write, whatever the fault left behind.
     let store = Store::lock(&path).unwrap();
     store.save(&contents([4])).unwrap();
     assert!(Store::read(&path, StateKind::Checkpoint).unwrap().contents == contents([4]));
@@ -131,7 +132,7 @@ fn a_fault_at_every_call_leaves_a_whole_file_x02() {
                 let case = format!("{fault:?} at call {at} of {calls}, links {links}: {outcome:?}");
                 assert!(found == contents([2]) || found == newest, "{case}");
                 match &outcome {
-                    // Refused links are no error: there is another way.
+                    // Failed links are no error, since saving works without links.
                     Ok(()) => assert!(found == newest, "{case}"),
                     Err(e @ Error::Write { .. }) => {
                         let said = e.to_string();
@@ -147,7 +148,7 @@ fn a_fault_at_every_call_leaves_a_whole_file_x02() {
     }
 }
 
-/// The control: a naive writer, in place, is caught by the same faults.
+/// The control: the same faults expose a naive writer, which writes in place.
 #[test]
 fn writing_in_place_would_not_pass_x02() {
     let folder = tempfile::tempdir().unwrap();
@@ -176,11 +177,11 @@ fn damage_is_found_and_the_previous_generation_used_x03() {
     let mut old = bytes.clone();
     old[8] = 0;
     assert_eq!(damage(&old), StateDamage::Container(Broken::Version));
-    // 10^4 bit flips, one or several, in a large one.
+    // 10^4 trials of one or several bit flips in a large file.
     let large = contents(body(1)).bytes().to_vec();
     for k in 0..10_000_u64 {
         let mut state = mix(k + 1);
-        // As a flip far apart costs the same to find, only some are tried on the whole file.
+        // Checking a whole large file is slow, so only some flips are tried on it.
         let small = k % 50 != 0;
         let mut flipped = if small { bytes.clone() } else { large.clone() };
         for _ in 0..=k % 3 {
@@ -224,7 +225,7 @@ fn nonsense_with_a_right_checksum_x03() {
     assert_eq!(StateFile::from_bytes(bytes), Err(StateDamage::Container(Broken::Short)));
 }
 
-/// CRC-32 bit by bit, after IEEE 802.3: what the container's must be.
+/// The container's checksum equals CRC-32 computed bit by bit, after IEEE 802.3.
 #[test]
 fn the_checksum_is_the_common_one_x03() {
     let step = |crc: u32, _| if crc & 1 == 1 { (crc >> 1) ^ 0xedb8_8320 } else { crc >> 1 };

@@ -1,6 +1,6 @@
-//! The fuzz target `checkpoint` on its seeds, so that a build without `cargo fuzz` sees at once what breaks.
+//! The fuzz target `checkpoint` on its seeds, so that breakage shows without `cargo fuzz`.
 //!
-//! `DAPPLE_WRITE_SEEDS=1 cargo test -p dapple-job --test job fuzz_corpus` writes the seeds anew.
+//! `DAPPLE_WRITE_SEEDS=1 cargo test -p dapple-job --test job fuzz_corpus` rewrites the seeds.
 
 #[allow(unreachable_pub)] // A target of its own where cargo-fuzz builds it.
 #[path = "../../../../fuzz/src/checkpoint.rs"]
@@ -41,7 +41,7 @@ impl PointSet for Hashed {
     }
 }
 
-/// Learns, reports hits and gives a bad sample now and then.
+/// An integrator that learns, reports hits, and sometimes returns an invalid sample.
 struct Field;
 
 impl Integrator for Field {
@@ -105,8 +105,7 @@ fn seeds() -> Vec<(&'static str, Vec<u8>)> {
     vec![("file", file), ("unsigned", unsigned), ("snapshot", snapshot), ("plain", plain), ("part", part)]
 }
 
-/// Seeds that are stored and such as are made today (seconds are in them: no two are the same), each damaged in many ways:
-/// no panic.
+/// Stored seeds and newly made ones, which differ in their timings, are damaged in many ways without causing a panic.
 #[test]
 fn checkpoints_bear_damage_i01() {
     let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../fuzz/seeds/checkpoint"));

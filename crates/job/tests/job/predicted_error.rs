@@ -10,11 +10,11 @@ fn spec(scene: &str, [width, height]: [u32; 2]) -> RenderSpec {
     RenderSpec { pixel_filter: PixelFilterSpec::Box, ..RenderSpec::new(scene).resolution(width, height) }
 }
 
-/// Two independent references. Their noise cancels in a product of differences to both.
+/// Two independent references. Their noise cancels in the product of the differences from both.
 type Truth = [Vec<[f32; 3]>; 2];
 
 fn truth(scene: &str, size: [u32; 2], goal: f64) -> Truth {
-    // Its noise follows the error that is measured by it.
+    // The reference's noise is proportional to the error to measure.
     let spp = BudgetSpec::Spp((0.36 / goal).clamp(80.0, 160.0));
     [98, 99].map(|seed| {
         let spec = spec(scene, size).sampler("uniform").filter("none").budget(spp).seed(seed);
@@ -31,8 +31,8 @@ fn relmse(image: &Filtered, [a, b]: &Truth) -> f64 {
     (0..a.len()).map(of).sum::<f64>() / (3 * a.len()) as f64
 }
 
-/// Means over seeds: the corrected and the filter's own prediction over the true relMSE, and the true over the requested
-/// one.
+/// Mean ratios over seeds: corrected prediction to true relMSE, the filter's own prediction to true relMSE, and true to
+/// requested relMSE.
 #[derive(Debug)]
 struct Ratios {
     predicted: f64,
@@ -57,9 +57,9 @@ fn ratios(scene: &str, size: [u32; 2], goal: f64, seeds: u64) -> Ratios {
     ratios
 }
 
-/// Predicted over true relMSE is 0.8 to 1.25, over 4 seeds. True over requested relMSE may be lower, since a budget can
-/// grow by more than it needs. The control, the filter's own estimate, is not for glass. `DAPPLE_THOROUGH=1` adds a scene
-/// whose error the filter exaggerates.
+/// Predicted over true relMSE is 0.8 to 1.25, over 4 seeds. True over requested relMSE may be lower, since a budget can grow by
+/// more than it needs. The control is the filter's own estimate, which fails for glass. `DAPPLE_THOROUGH=1` adds a scene whose
+/// error the filter exaggerates.
 #[test]
 fn later_samples_calibrate_the_filters_own_error() {
     let glass = ratios("glass", [96, 72], 0.004, 4);

@@ -1,4 +1,4 @@
-//! Samplers, point sets and filters by name, made for a world, and the clusters of its shapes.
+//! Samplers, point sets and filters by name, created for a world, and the clusters of its shapes.
 #![allow(clippy::print_stderr, reason = "tests say when they skip")]
 
 use dapple_core::{PointSet as _, SampleId, Sampler as _};
@@ -14,7 +14,7 @@ use std::sync::Arc;
 
 const SETTING: PointSettings = PointSettings { seed: 5, spp: Some(16) };
 
-/// A scene in which all methods can be made: light scatters once, from a point light, and the camera has a lens.
+/// A scene for which all methods can be created: light from a point light scatters once, and the camera has a lens.
 fn inputs() -> MethodInputs {
     let mut scene = scene("furnace");
     scene.max_depth = Some(1);
@@ -94,11 +94,11 @@ fn aliases_are_understood_and_the_library_has_the_same_defaults() {
     assert!(blend.contains("oidn-blend") && blend == alias, "{alias}");
 }
 
-/// Counts that follow a filter's own error: the sampler asks for what the filter reads, and says its name.
+/// A sampler that follows a filter's own error requests the filter's statistics and describes itself with the filter's name.
 #[test]
 fn cluster_follows_a_filter_by_its_name() {
     let inputs = inputs();
-    // A plan's regression has no clusters.
+    // The regression for plans uses no clusters.
     let quick = "cluster-regression:outside=1";
     for (name, read) in [("nlm", "nlm"), ("bilateral", "bilateral"), ("cluster-regression", quick)] {
         let make = |words: &str| sampler(words, sobol(), &inputs).unwrap().sampler;
@@ -178,7 +178,7 @@ fn optional_filters_are_there_or_name_their_feature() {
     assert!(FILTERS.iter().filter(|entry| entry.feature.is_none()).count() >= 6);
 }
 
-/// Also without a world: a program refuses wrong words before it reads a scene.
+/// Wrong parameters are rejected without a world, so that a program can report them before it reads a scene.
 #[test]
 fn wrong_cluster_words_are_refused_without_a_world() {
     let wrong = "rays=0 rays=many size=large map=square angle=-1 distance=NaN min=9,max=8 k=0 k=NaN clamp=0 normals=91 normals=-1 \
@@ -240,7 +240,7 @@ fn clusters_are_made_once_for_each_set_of_parameters() {
     assert!(filter("bilateral", &inputs).unwrap().clusters.is_none());
 }
 
-/// Checkpoints, parts and EXR headers hold these texts.
+/// These texts are stored in checkpoints, parts and EXR headers.
 #[test]
 fn descriptions_stay_as_files_hold_them() {
     const CLUSTERS: &str = "k=9,clamp=32,normals=10,insertion=box,grouping=greedy,order=input,sides=1";
@@ -379,14 +379,14 @@ fn clusters_in_a_penumbra_get_more_samples_with_shadow_rays() {
         // Full light and full shadow at the sides, the penumbra in the middle.
         [mean(0..18), mean(28..36), mean(46..64)]
     };
-    // Clusters have sizes of their own, so that counts differ without shadow rays too.
+    // Clusters differ in size, so that counts differ without shadow rays too.
     let (with, without) = (counts(64), counts(0));
     let [light, penumbra, shadow] = [0, 1, 2].map(|k| with[k] / without[k]);
     assert!(penumbra > 1.1 * light && penumbra > 1.1 * shadow, "{with:?} {without:?}");
     assert!((light / shadow - 1.0).abs() < 0.02, "{with:?} {without:?}");
 }
 
-/// Traces paths, and reports their trajectories only if asked.
+/// Traces paths, and reports their trajectories only if requested.
 struct Tracer<'w>(Box<dyn dapple_core::Integrator + 'w>, bool);
 
 impl dapple_core::Integrator for Tracer<'_> {
@@ -414,7 +414,7 @@ fn blurred(moves: bool) -> dapple_scene::Scene {
     scene
 }
 
-/// The renderer's depths, motions and lens agree with each other: samples are moved to where the renderer sees them. The
+/// The renderer's depths, motions and lens are consistent: samples move to the positions where the renderer sees them. The
 /// negative control has no trajectories.
 #[test]
 fn tlfr_moves_samples_to_where_the_renderer_sees_them() {

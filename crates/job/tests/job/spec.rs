@@ -66,7 +66,10 @@ fn unknown_fields_and_wrong_values_are_named() {
             "there is no integrator \"nonesuch\"; choose among path, ambient-occlusion",
         ),
         (r#"{"version": 1, "scene": "teapot", "min_spp": 5, "max_spp": 2}"#, "min_spp: 5 is above"),
-        (r#"{"version": 1, "scene": "teapot", "budget": {"spp": -1.0}}"#, "spp: -1 is not a finite number above zero"),
+        (
+            r#"{"version": 1, "scene": "teapot", "budget": {"spp": -1.0}}"#,
+            "spp: -1 is not allowed; use a finite number above zero",
+        ),
         (
             r#"{"version": 1, "scene": "teapot", "shard": "1/2", "light_selection": "learned"}"#,
             "cannot be rendered in parts",

@@ -1,4 +1,5 @@
-//! Jobs of several processes, and in stages: the bits of one process for the default sampler, light selection and filter.
+//! Jobs on several processes and in stages are bit-identical to one process, with the default sampler, light selection and
+//! filter.
 
 use dapple_core::render::{Control, NoMonitor, Status};
 use dapple_distributed::{Processes, local};
@@ -30,7 +31,7 @@ fn rendered(spec: RenderSpec) -> (RenderSpec, PreparedScene, Vec<u64>) {
     (spec, prepared, wanted)
 }
 
-/// Everything that an image shows, as bits.
+/// All values of an image as bits.
 fn bits(image: &RenderedImage) -> Vec<u64> {
     let film = &image.film;
     let record = film.record();
@@ -91,7 +92,7 @@ fn processes_render_the_default_image_of_six_scenes_with_the_bits_of_one() {
     }
 }
 
-/// Stops after some stages, and notes from where the render goes on.
+/// Stops after some stages, and records where a resumed render starts.
 struct Stops {
     after: u32,
     resumed: Option<f64>,
@@ -127,7 +128,7 @@ fn a_render_that_was_stopped_goes_on_from_its_checkpoint_with_any_number_of_proc
     let (stopped, from) = run(3, None, 2);
     assert!(stopped.film.record().interrupted && from.is_none());
     assert_eq!(stopped.checkpoint.map(|saved| saved.is_ok()), Some(true));
-    // A process of seven is stopped within a stage, which counts nowhere.
+    // One of seven processes is stopped within a stage, whose rows are discarded.
     let (again, from) = run(7, Some(4), u32::MAX);
     let spp = again.film.record().samples as f64 / f64::from(24 * 72);
     assert!(again.film.record().interrupted && from.is_some_and(|from| from > 0.0 && from <= spp), "{from:?}, {spp}");
@@ -148,7 +149,7 @@ fn a_damaged_checkpoint_is_refused_with_the_reason_and_its_older_version_taken()
     let bytes = std::fs::read(&path).expect("it is there");
     let mut changed = bytes.clone();
     changed[bytes.len() / 2] ^= 1;
-    // A header on a state that is not one.
+    // A file whose state is invalid but whose header is valid.
     let file = StateFile::from_bytes(bytes.clone()).unwrap();
     let empty = StateFile::new(StateKind::Checkpoint, file.identity, dapple_core::container::begin(0));
     for (damaged, what) in [
@@ -160,7 +161,7 @@ fn a_damaged_checkpoint_is_refused_with_the_reason_and_its_older_version_taken()
         let _ = std::fs::remove_file(folder.path().join("checkpoint.previous"));
         let error = run().expect_err("damaged").to_string();
         assert!(error.contains(what) && error.contains("checkpoint: "), "{error}");
-        // Other processes end with the first one, which they would wait for.
+        // The other processes end with process 0, instead of waiting for it.
         let together = together(&prepared, &spec, 3, None, &mut |job, end| {
             job.coordinate(opened(&path), &mut NoMonitor, end, &mut || false)
         });
@@ -255,7 +256,7 @@ impl JobMonitor for StopsAtFile<'_> {
     }
 }
 
-/// A part that was stopped goes on with the rows that it lacks.
+/// A stopped part resumes with the rows that it lacks.
 #[test]
 fn a_stopped_part_goes_on_from_its_checkpoint() {
     let spec = spec("cornell").sampler("uniform");

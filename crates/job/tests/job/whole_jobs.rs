@@ -1,4 +1,4 @@
-//! Renders as jobs: the same bits however they are cut, saved and merged.
+//! Jobs are bit-identical however they are divided, saved and merged.
 
 use dapple_core::container;
 use dapple_core::render::{Control, NoMonitor, Status};
@@ -41,7 +41,7 @@ fn merged_shards_have_the_bits_of_one_machine() {
     assert_eq!(image.filtered.radiance, whole);
 }
 
-/// Counts that depend on samples of other machines are no parts.
+/// A render whose counts depend on other machines' samples cannot be sharded.
 #[test]
 fn a_sampler_that_reads_samples_has_no_shards() {
     let shard: Shard = "1/2".parse().expect("a shard");
@@ -51,7 +51,7 @@ fn a_sampler_that_reads_samples_has_no_shards() {
     assert!(error.contains("render in stages"), "{error}");
 }
 
-/// The file holds the description, and no argument of a command line.
+/// The file holds the description, not the arguments of a command line.
 #[test]
 fn a_shard_carries_the_description_as_json() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -96,7 +96,7 @@ fn a_resumed_render_has_the_bits_of_one_that_was_not_stopped() {
     let mut job = Job::prepare(&spec).unwrap();
     let stopped = job.run(open(), &mut Impatient).unwrap();
     assert!(stopped.film.record().interrupted && stopped.checkpoint.is_some_and(|saved| saved.is_ok()));
-    // What was stopped is refused to another render, with the difference.
+    // Another render cannot resume from the file; the error names the difference.
     let mut other = Job::prepare(&spec.clone().seed(2)).unwrap();
     let refused = other.run(open(), &mut NoMonitor).err().expect("another render");
     assert!(matches!(refused, JobError::OtherRender { .. }) && refused.to_string().contains("seed: 1, not 2"));

@@ -1,4 +1,4 @@
-//! Methods made without a scene.
+//! Creation of methods without a scene.
 
 use dapple_cluster_adaptive::{FirstHitRay, FirstHitSurface};
 use dapple_core::samplers::Uniform;
@@ -83,7 +83,7 @@ struct Balls;
 
 const SIZE: [u32; 2] = [24, 16];
 
-/// The ball at this place of the film.
+/// The ball at this point of the film.
 fn ball([x, y]: [f32; 2]) -> Option<u32> {
     let inside = |cx: f32, radius: f32| (x - cx).hypot(y - 8.0) < radius;
     if inside(7.0, 5.0) { Some(0) } else { inside(14.0, 3.0).then_some(1) }
@@ -188,7 +188,7 @@ fn faults_of_nested_descriptions_name_the_parameter_and_the_remedy() {
     says("sequence:second=cycles:min=3", ["write \"/\" for \":\" and \",\"", "second=cycles/min=3"]);
     says("sequence:first=cycles/step=0", ["first = \"cycles/step=0\": cycles: ", "step"]);
     says("sequence:spp=0", ["spp = 0 is out of range", "at least 1 sample per pixel"]);
-    says("sequence:spp=few", ["spp = \"few\"", "a number is required"]);
+    says("sequence:spp=few", ["spp = \"few\"", "is not a number; give a number"]);
     says("sequence:frist=uniform", ["there is no parameter \"frist\"", "did you mean \"first\"?"]);
     assert!(check_sampler("sequence:first=cluster-thesis/k=3").is_ok(), "clusters are checked with the scene");
     let error = refusal(sampler("sequence:first=cluster-thesis", sobol(), &HostClusters::none()));

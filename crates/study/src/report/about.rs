@@ -15,7 +15,7 @@ pub(super) fn lights(manifest: &Manifest) -> String {
     if names.len() == 1 { names[0].to_owned() } else { format!("{}, scene by scene", names.join(", ")) }
 }
 
-/// The largest load per core of a machine that counts as idle. The study's own threads cause a load of 1.
+/// The largest load per core at which a machine counts as idle. The study's own threads cause a load of 1.
 const IDLE: f64 = 1.1;
 
 /// A warning if the load before some run was above the number of cores: other programs then slowed the study. If the number of

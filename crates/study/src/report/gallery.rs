@@ -168,7 +168,7 @@ fn side_for(pixels: f64, count: usize) -> f64 {
 /// The budget whose images are shown: equal time if there are such images, else the largest spp with images. `None` without
 /// images.
 fn budget(recorded: &RecordedStudy, scene: &SceneRecord) -> Option<RunBudget> {
-    // In their order, equal time comes after samples per pixel.
+    // Equal time sorts after samples per pixel.
     let shown = recorded.runs.iter().filter(|run| run.scene == scene.name && run.image.is_some());
     shown.map(|run| run.budget).max()
 }

@@ -87,7 +87,7 @@ pub(super) struct Line {
 }
 
 impl Line {
-    /// True if the verdict also holds with the wider intervals, with which all comparisons hold together with 95 % confidence.
+    /// True if the verdict also holds with the wider intervals that give all comparisons a joint confidence of 95 %.
     pub(super) fn together(&self) -> bool {
         self.note.contains(HOLDS)
     }

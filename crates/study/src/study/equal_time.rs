@@ -1,11 +1,10 @@
 //! Equal-time runs: each method gets the time that the baseline takes at one budget.
 //!
 //! 1. A method's time is modelled as `fixed + rate * samples`, from medians over seeds at the nearest budget. `fixed` is the
-//! time of clustering, first-hit rays and filter.
-//! 2. The model is solved for the number of samples that takes the baseline's median time with `time_of` spp.
-//! 3. The time of the first seed's run is compared with the time of the baseline's equal-time run. If it differs by more than 5
-//! %, the run is repeated. If both times differ, the number of samples is corrected once, from the run whose time is nearer.
-//! 4. All seeds use the same number of samples. A resumed study reads it from `runs.jsonl`.
+//! time of clustering, first-hit rays and filter. 2. The model is solved for the number of samples that takes the baseline's
+//! median time with `time_of` spp. 3. The time of the first seed's run is compared with the time of the baseline's equal-time
+//! run. Beyond a difference of 5 %, the run is repeated. If both runs differ as much, the number of samples is corrected once,
+//! from the run whose time is nearer. 4. All seeds use the same number of samples. A resumed study reads it from `runs.jsonl`.
 
 use super::{Study, StudyStatus};
 use crate::runner::{RunRequest, Runner};
@@ -50,7 +49,7 @@ impl Study {
                     Some(target) if found.is_none() => first_run(request, target, runner)?,
                     _ => runner.run(&request)?,
                 };
-                // The baseline's run comes first; the other methods' runs are to take the same time.
+                // The baseline's run comes first and sets the time of the other methods' runs.
                 target = target.or(Some(run.render_s));
                 self.keep(run)?;
             }
@@ -84,8 +83,8 @@ impl Study {
     }
 }
 
-/// Performs a method's first equal-time run. Corrects the requested number of samples if two runs are not near `target`
-/// seconds.
+/// Performs a method's first equal-time run. Corrects the requested number of samples if neither of two runs takes about
+/// `target` seconds.
 fn first_run(request: RunRequest, target: f64, runner: &mut dyn Runner) -> Result<Run, StudyError> {
     let off = |run: &Run| (run.render_s / target).ln().abs();
     let near = |run: &Run| off(run) <= TOLERANCE.ln_1p();

@@ -11,8 +11,8 @@ use dapple_metrics::{Interval, StatisticsError, geometric_mean_interval, mean_in
 pub enum RatioVerdict {
     /// The whole interval lies below 1: the method has less error.
     Win,
-    /// The interval contains 1 or is missing, or the method with less error took too long. At equal time, that method may take
-    /// at most [`TIME_TOLERANCE`] more time.
+    /// The interval contains 1 or is missing, or the method has less error but is slower than the baseline by more than
+    /// [`TIME_TOLERANCE`] at equal time.
     Undecided,
     /// The whole interval lies above 1: the method has more error.
     Loss,
@@ -28,8 +28,8 @@ impl RatioVerdict {
     }
 }
 
-/// The text in a row's note for a verdict that also holds with wider intervals. With these, all comparisons hold together with
-/// 95 % confidence.
+/// The text in a row's note for a verdict that also holds with wider intervals, which give all comparisons a joint confidence
+/// of 95 %.
 pub(crate) const HOLDS: &str = "holds for all together";
 
 /// The text in a row's note for a comparison that is undecided although the interval excludes 1, because the times differ too
@@ -41,8 +41,7 @@ pub(super) fn add(summary: &mut Summary, grid: &RunTable<'_>) {
         let others = grid.all().filter(|[_, method]| *method != grid.baseline);
         let is_paired = |at: &[usize; 2]| !grid.pairs(at[0], [at[1], grid.baseline], budget).is_empty();
         let pairs: Vec<[usize; 2]> = others.filter(is_paired).collect();
-        // The confidence level that each interval needs so that all of them hold together with 95 % confidence [after
-        // Šidák 1967].
+        // The confidence level of each interval that gives all of them a joint confidence of 95 % [after Šidák 1967].
         let together = libm::pow(CONFIDENCE, 1.0 / pairs.len().max(1) as f64);
         for at in pairs {
             compare(summary, grid, at, budget, together);
@@ -68,8 +67,8 @@ fn compare(summary: &mut Summary, grid: &RunTable<'_>, at: [usize; 2], budget: R
     summary.add(grid, at, budget, "relmse x seconds ratio", cost);
 }
 
-/// Puts the verdict at the front of the statistic's note. `wide` is the wider interval, with which all comparisons hold
-/// together. `seconds` is the ratio of render times in an equal-time comparison.
+/// Puts the verdict at the front of the statistic's note. `wide` is the wider interval, for joint confidence in all
+/// comparisons. `seconds` is the ratio of render times in an equal-time comparison.
 fn judge(figure: SeedStatistic, wide: Option<[f64; 2]>, seconds: Option<f64>) -> SeedStatistic {
     let side = |ends: [f64; 2]| match ends {
         [_, high] if high < 1.0 => RatioVerdict::Win,

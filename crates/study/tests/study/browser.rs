@@ -24,7 +24,7 @@ fn tools() -> Option<PathBuf> {
     Some(folder)
 }
 
-/// Opens the page of a study, if the tools are there. Screenshots, where `expected` wants them, stay in `target/tmp/NAME`.
+/// Opens the page of a study if the tools are installed. Screenshots requested by `expected` stay in `target/tmp/NAME`.
 fn open(name: &str, study: &mut MadeUp, images: bool, expected: &serde_json::Value) -> Result<(), String> {
     let Some(tools) = tools() else { return Ok(()) };
     let folder = folder(name);
@@ -59,7 +59,7 @@ fn whole() -> serde_json::Value {
     serde_json::json!({
         "scenes": 2, "charts": 4, "curves": 24, "images": 12, "maps": 24, "bars": 12,
         "viewers": 2, "whole": 14,
-        // Wins, equal spp, references; times and points of each scene.
+        // Tables of wins, equal spp and references, and of times and points per scene.
         "tables": 7,
     })
 }
@@ -95,7 +95,7 @@ fn an_unfinished_report_works_in_a_browser() {
     assert_eq!(open("report-unfinished", &mut study, false, &expected), Ok(()));
 }
 
-/// Two bundled scenes, really rendered.
+/// A study of two bundled scenes that are rendered.
 #[test]
 #[ignore = "half a minute; a report made up for the test runs always"]
 fn a_real_study_works_in_a_browser() {

@@ -6,7 +6,7 @@ use dapple_scene::image::{Image, encode_pfm, read_channels, write_file};
 use dapple_study::{External, Method, Run, StudyError};
 
 impl Place {
-    /// A shell script as a filter, started in this folder with the two images as its arguments.
+    /// A shell script as an external filter, started in this folder with the two images as arguments.
     fn script(&self, name: &str, text: &str) -> External {
         std::fs::write(self.path(name), text).expect("the script");
         let mut external = External::new(name, &["sh", name, "{input}", "{output}", "{threads}"]);
@@ -14,7 +14,7 @@ impl Place {
         external
     }
 
-    /// The runs of uniform sampling without a filter and with each of these.
+    /// The runs of uniform sampling without a filter and with each of `external`.
     fn filtered(&self, external: &[External], folder: &str) -> Result<Vec<Run>, StudyError> {
         let methods = external.iter().map(|e| Method::new("uniform", "sobol", &e.name)).collect::<Vec<_>>();
         let mut settings = self.plan(&["spp=4", "seeds=[1]", "time_of=0", "threads=1"]).settings;
@@ -90,7 +90,7 @@ fn failures_of_an_external_filter_are_explained() {
             "echo 'no weights' >&2; exit 3",
             "the filter \"program\" (sh program {input} {output} {threads}) ended with exit status: 3: no weights",
         ),
-        ("true", "wrote no image; write it to the path that {output} stands for"),
+        ("true", "wrote no image; write it to the path given as {output}"),
         ("echo hello > \"$2\"", "wrote an image that cannot be read: {output}"),
         ("cp small.pfm \"$2\"", "wrote an image of 8x7 pixels; write 8x8"),
         ("cp bad.pfm \"$2\"", "wrote 1 pixels that are NaN or infinite, the first at column 5, row 2"),

@@ -1,4 +1,4 @@
-//! References: rendered once, kept, and refused if they do not fit.
+//! References are rendered once, kept, and rejected if they do not match the study.
 
 use crate::support::{Fake, Place};
 use dapple_core::render::Control;
@@ -21,8 +21,7 @@ impl StudyMonitor for Ear {
 }
 
 impl Place {
-    /// The reference of a study in its own folder, and true if it was rendered for it. `shared` is a folder of
-    /// references.
+    /// The reference of a study, and true if the study rendered it. `shared` is a folder of references.
     fn reference(&self, plan: Plan, folder: &str) -> (ReferenceRecord, bool) {
         let mut ear = Ear::default();
         let options = StudyOptions { references: Some(self.path("shared")), ..StudyOptions::default() };

@@ -168,7 +168,7 @@ fn a_slowed_filter_loses_at_equal_time() {
     assert!(found.page.contains("loses on"));
 }
 
-/// With twice the time under the name of equal time, a tenth less error is no win.
+/// A method with a tenth less error does not win if its equal-time runs take twice the time.
 #[test]
 fn unequal_time_wins_nothing() {
     let laws =
@@ -184,8 +184,8 @@ fn unequal_time_wins_nothing() {
     assert!(row(&found, &study, 2, TIMED, "relmse ratio").note.contains("holds for all together"));
 }
 
-/// Two names of one sampler: of 120 comparisons, 106 to 119 of the 95 % intervals contain 1. Fewer or more have a
-/// probability of 4e-3. The intervals for all together all contain 1. The negative control, 15 % apart, is found.
+/// Two names of one sampler: of 120 comparisons, 106 to 119 of the 95 % intervals contain 1. Other numbers have a probability
+/// of 4e-3. All intervals at joint confidence contain 1. The negative control, 15 % apart, is found.
 #[test]
 fn a_sampler_against_itself_wins_nothing() {
     let laws = [Law::new("uniform", "none"), Law::new("twin", "none"), Law::new("worse", "none").errors(1.15)];
@@ -326,7 +326,7 @@ fn a_busy_machine_is_warned_of_at_the_top() {
     let Written { page, .. } = write(&mut study, false);
     let warning = "the load was up to 5.2 on 2 cores, and above the cores before 3 of 18 runs";
     assert!(page.find(warning).is_some_and(|at| at < page.find("<main>").unwrap()), "no warning");
-    // The study's own threads are no other program.
+    // The load of the study's own threads causes no warning.
     study.manifest.machine.cores = Some(6);
     let Written { page, .. } = write(&mut study, false);
     assert!(!page.contains("The machine was busy"));
@@ -395,7 +395,7 @@ fn large_images_lie_beside_the_page() {
     assert!(page.len() < 3_000_000, "{} bytes", page.len());
 }
 
-/// Runs of older versions lack a metric that was added since.
+/// Runs of older versions lack a metric added later.
 #[test]
 fn a_metric_that_runs_lack_is_empty_in_all_tables() {
     for seeds in [1, 3] {

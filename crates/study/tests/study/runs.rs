@@ -1,4 +1,4 @@
-//! Runs: their order, resumption, refusals of a folder, and results that are known, each with a control that must differ.
+//! Runs: order, resumption, rejected folders, and known results, each with a control that must differ.
 
 use crate::support::{Fake, Place, copy, in_process, label};
 use dapple_core::render::Control;
@@ -114,7 +114,8 @@ fn a_wrong_sample_count_is_corrected_once() {
     let place = Place::new();
     let mut slower = Slower(Fake::default());
     let study = place.study(place.plan(&[]), "study", &mut slower);
-    // 8 of given spp, the baseline's 2, and for the other method two trials, the corrected one, and the second seed's.
+    // 8 runs at given spp; at equal time, 2 of the baseline, and of the other method 2 trials, 1 corrected run and 1 for the
+    // second seed.
     assert_eq!((slower.0.asked, study.runs().len()), (14, 12));
     let equal: Vec<&Run> = study.runs().iter().filter(|r| matches!(r.budget, RunBudget::TimeOf(_))).collect();
     for run in equal {

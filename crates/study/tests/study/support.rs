@@ -1,4 +1,4 @@
-//! A small scene and plans for it; runs without rendering; and whole studies made up, with the right report known.
+//! A small scene with plans, runs without rendering, and synthetic studies with a known report.
 
 use dapple_scene::image::{Image, Layer, encode_exr, encode_png_gray, write_file};
 use dapple_study::{
@@ -79,15 +79,15 @@ pub(crate) fn in_process() -> InProcess {
     InProcess::new(|| None)
 }
 
-/// Makes runs up: times and errors are functions of the request.
+/// Synthetic runs: times and errors are functions of the request.
 #[derive(Default)]
 pub(crate) struct Fake {
     /// The number of requests so far.
     pub(crate) asked: usize,
 }
 
-/// The time of a made-up run. A method with `variance` takes 1.5 times as long per sample. A filter costs a tenth of a
-/// millisecond, whatever the samples.
+/// The time of a made-up run. A method with `variance` takes 1.5 times as long per sample. A filter takes a tenth of a
+/// millisecond for any number of samples.
 fn phases(method: &Method, samples: u64) -> Phases {
     let rate = if method.sampler.starts_with("variance") { 1.5e-6 } else { 1e-6 };
     let filter = if method.filter == "none" { 0.0 } else { 1e-4 };
@@ -99,7 +99,7 @@ impl Runner for Fake {
         self.asked += 1;
         let seconds = phases(&request.method, request.asked);
         let pixels = f64::from(request.view.resolution[0]) * f64::from(request.view.resolution[1]);
-        // A seed's luck, the same for all methods.
+        // The factor of the seed, equal for all methods.
         let error = (1.0 + 0.01 * request.seed as f64) / request.asked as f64;
         let errors = dapple_metrics::METRICS.iter().map(|metric| (metric.name, error));
         Ok(Run {
@@ -130,7 +130,7 @@ pub(crate) fn label(run: &Run) -> String {
     format!("{} {} {budget} {}", run.scene, run.method, run.seed)
 }
 
-/// Copies the files of a folder; of its folders only the references.
+/// Copies a folder's files, and of its subfolders only the references.
 pub(crate) fn copy(from: &Path, to: &Path) {
     for folder in ["", "references"] {
         std::fs::create_dir_all(to.join(folder)).expect("a folder");
@@ -284,14 +284,14 @@ impl MadeUp {
         Self { manifest, runs, size }
     }
 
-    /// The study with images of another size.
+    /// Sets another size of images.
     pub(crate) fn resized(mut self, size: [u32; 2]) -> Self {
         self.size = size;
         self.manifest.scenes.iter_mut().for_each(|scene| scene.resolution = size);
         self
     }
 
-    /// Writes the study; `images` adds the first seed's, with noise as large as the error.
+    /// Writes the study. `images` adds the images of the first seed, with noise as large as the error.
     pub(crate) fn write(&mut self, folder: &Path, images: bool) {
         if images {
             self.write_images(folder);
@@ -320,7 +320,7 @@ impl MadeUp {
         let shown = |run: &Run| run.seed == first && (run.budget == last || matches!(run.budget, RunBudget::TimeOf(_)));
         for (index, run) in self.runs.iter_mut().enumerate().filter(|(_, run)| shown(run)) {
             let noise = run.errors.get("relmse").sqrt();
-            // An adaptive method has its noise elsewhere.
+            // An adaptive method has noise in other pixels.
             let shift = if run.method.sampler == "uniform" { 0 } else { size[0] / 3 };
             let pixels = truth(size).into_iter().enumerate().map(|(i, p)| {
                 let column = (i as u32 + shift) % size[0];
@@ -352,7 +352,7 @@ fn scene(name: &str, size: [u32; 2]) -> SceneRecord {
     SceneRecord { name: name.into(), source, resolution: size, reference, ..SceneRecord::default() }
 }
 
-/// A reference image: something like a ball over a chequered floor.
+/// A reference image that resembles a ball over a chequered floor.
 fn truth([width, height]: [u32; 2]) -> Vec<[f32; 3]> {
     let at = |i: u32| {
         let [x, y] = [(i % width) as f32 / width as f32, (i / width) as f32 / height as f32];
