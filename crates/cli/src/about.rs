@@ -101,7 +101,7 @@ pub(crate) fn filters(args: &ListArgs) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// The availability of Open Image Denoise, which decides which filter `best` stands for.
+/// The availability of Open Image Denoise, which determines the filter that `best` selects.
 fn found() -> String {
     match registry::open_image_denoise() {
         None => "not in this program".to_owned(),

@@ -76,14 +76,14 @@ fn layer(argument: &str) -> std::result::Result<(LayerKind, String), String> {
     let (kind, name) = argument.split_once('=').ok_or_else(wrong)?;
     let kind: LayerKind = kind.parse()?;
     match name {
-        // The empty name of a colour is that of R, G and B without a layer.
+        // An empty name is allowed for colour: it means R, G and B without a layer.
         "" if kind != LayerKind::Color => Err(wrong()),
         _ => Ok((kind, name.to_owned())),
     }
 }
 
 fn fireflies(name: &str) -> std::result::Result<FireflyLight, String> {
-    FireflyLight::from_text(name).ok_or_else(|| format!("\"{name}\" is not keep, drop or spread"))
+    FireflyLight::from_text(name).ok_or_else(|| format!("unknown \"{name}\"; use keep, drop or spread"))
 }
 
 fn filter(description: &str) -> std::result::Result<String, RegistryError> {

@@ -194,8 +194,7 @@ impl Studio {
         LoadedScene::from_scene(&self.spec, scene.clone())?.build()
     }
 
-    /// Renders, for each seed, one image of each of two worlds: with and without an effect. `None` if the user stopped the
-    /// rendering.
+    /// Renders two images for each seed: one with an effect and one without it. `None` if the user stopped the rendering.
     fn pairs(&mut self, with: &PreparedScene, without: &PreparedScene) -> Result<Option<Vec<[Render; 2]>>> {
         let mut pairs = Vec::new();
         for seed in 1..=self.seeds {

@@ -79,7 +79,7 @@ pub(crate) fn warning(warning: &Warning) -> String {
     }
 }
 
-/// Options of pbrt, Mitsuba, Cycles and Blender that Dapple lacks, and what to use instead.
+/// Options of pbrt, Mitsuba, Cycles and Blender that Dapple lacks, each with Dapple's counterpart.
 const OPTIONS: &[(&[&str], &str)] = &[
     (&["--samples", "--sample-count", "--cycles-samples", "--pixelsamples"], "use --spp N, the mean per pixel"),
     (&["--cropwindow", "--pixelbounds", "--border"], "use --crop X0,Y0,X1,Y1, in pixels from the top left"),

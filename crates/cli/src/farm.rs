@@ -175,7 +175,7 @@ pub(crate) fn run(args: &FarmArgs) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// The settings of a job, as the files of all systems need them.
+/// The settings of a job that the job files of all systems share.
 struct Job<'a> {
     options: &'a FarmOptions,
     spec: RenderSpec,

@@ -31,7 +31,7 @@ pub(crate) fn turn_file_limits_into_errors() {
     }
 }
 
-/// User and system seconds of this process so far; `None` if the system does not report them.
+/// The user and system time of this process so far, in seconds; `None` if the system does not report it.
 pub(crate) fn cpu_seconds() -> Option<f64> {
     #[cfg(any(target_os = "linux", target_os = "macos", target_os = "freebsd"))]
     {

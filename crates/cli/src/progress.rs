@@ -1,5 +1,5 @@
-//! Progress: its display, as a bar on a terminal and otherwise as plain lines at intervals, and the progress of a render,
-//! with its live image and its stop on Ctrl-C.
+//! Display of progress: a bar on a terminal, otherwise plain lines at intervals. Progress of a render, with the live image
+//! and the stop on Ctrl-C.
 
 use crate::machine::Stop;
 use crate::output;
@@ -19,7 +19,7 @@ use std::time::{Duration, Instant};
 const STEPS: u64 = 1000;
 /// The interval at which the spinner of a phase of unknown length moves.
 const TICK: Duration = Duration::from_millis(200);
-/// Default seconds between two plain lines.
+/// Default interval between two plain lines, in seconds.
 const LINES: f64 = 10.0;
 
 /// The display of progress: a bar, plain lines, or nothing.

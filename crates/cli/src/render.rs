@@ -57,7 +57,7 @@ fn alone(args: &RenderArgs, spec: &RenderSpec) -> Result<Outcome> {
     show.deliver(&job, traced, (Some(&expected), cpu), progress)
 }
 
-/// A render before its first sample.
+/// A render that is ready to take its first sample.
 struct Ready {
     job: Job,
     expected: MemoryEstimate,
@@ -85,7 +85,7 @@ fn ready(args: &RenderArgs, spec: &RenderSpec, show: &Show<'_>, stop: &Stop, in_
     Ok(Some(Ready { job, expected, cpu, progress, checkpoints }))
 }
 
-/// The given memory limit, else the machine's memory.
+/// Returns the given memory limit, or the machine's memory for `None`.
 fn limit(given: Option<u64>) -> MemoryLimit {
     given.map_or_else(MemoryLimit::of_machine, MemoryLimit::given)
 }
@@ -248,7 +248,7 @@ fn name(scene: &Scene) -> String {
     given.unwrap_or_else(|| scene.name.clone())
 }
 
-/// The outcome of the program, after all files are written. `checkpoint` is the written checkpoint file, or the error
+/// Returns the outcome of the program, after all files are written. `checkpoint` is the written checkpoint file, or the error
 /// of writing it, and the number of checkpoints written in all.
 fn end(
     interrupted: bool,
@@ -347,7 +347,7 @@ impl Report<'_> {
         let counts = film.counts();
         let (least, most) = (counts.iter().min().copied().unwrap_or(0), counts.iter().max().copied().unwrap_or(0));
         let rate = film.record().rays as f64 / image.seconds.trace.max(1e-9) * 1e-6;
-        // Which one `best` is depends on the machine.
+        // The filter that `best` selects depends on the machine.
         let filter = image.filter.split(':').next().filter(|_| job.spec().filter.trim() == "best");
         let filter = filter.map_or_else(String::new, |name| format!(", filtered by {name}"));
         let scene = &job.scene().name;

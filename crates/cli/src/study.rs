@@ -161,7 +161,7 @@ fn failure_of(error: &StudyError, bar: &mut Bar) -> Failure {
     }
 }
 
-/// The progress of a study, and its stop on Ctrl-C.
+/// The display of a study's progress, and the study's stop on Ctrl-C.
 struct Bar {
     display: Display,
     stop: Stop,

@@ -15,15 +15,14 @@
 //! | `motion` | a mill that turns, a ball that rolls, dice that fall | motion blur, instances |
 //! | `glass` | balls of glass, dye and mist, a pane, a twig | refraction, media, alpha, instances |
 //! | `room` | two rooms and eight small lights, each visible from few places | many local lights, interreflection, coat |
-//! | `grass` | a meadow of 27,000 blades under a light and the sky | geometry below a pixel, instances |
+//! | `grass` | a meadow of 27,000 blades under a light and the sky | geometry smaller than a pixel, instances |
 //! | `door` | a room lit through a door ajar, three pots on a table | almost only indirect lighting, metal, glass |
 //! | `tea` | a glass of tea before tiles, a ball on a chessboard | detail in refraction and reflection, absorption |
 //! | `cabin` | an aeroplane's cabin at night | 68 small lights, screens, dark and glossy surfaces |
 //! | `many-lights` | ten thousand small lights over columns and blocks | many lights, each of local effect |
 //! | `caustic` | a glass ball over a floor, under a tiny light | light focused by glass |
 //! | `chess` | chess pieces near, in focus and far | depth of field, direct light only |
-//! | `zone-plate` | rings that become finer than pixels; the plate's mean is known | image texture, no noise except within
-//! pixels |
+//! | `zone-plate` | rings that become finer than pixels; the plate's mean is known | image texture, noise only within pixels |
 //! | `penumbra` | a floor half hidden from an area light, whose exact image is known | soft shadow, direct light only |
 //!
 //! Departures from pbrt-v4: environment maps are latitude-longitude images (z up; see
@@ -70,7 +69,7 @@ impl Bundle {
     /// Reads the scene from the bundle's files. The returned scene has the bundle's name.
     ///
     /// # Errors
-    /// Never fails for a bundle that [`files`] made.
+    /// Never fails for a bundle that [`files`] returned.
     pub fn read(&self) -> Result<Scene, ReadError> {
         let mut scene = read_scene_from(self, &self.main, &ReadOptions::default())?;
         self.name.clone_into(&mut scene.name);

@@ -60,7 +60,7 @@ impl Sampled {
     /// Makes a spectrum from alternating wavelengths (nm) and values.
     ///
     /// # Errors
-    /// Returns a message that continues a sentence after the parameter's name.
+    /// Returns a message to be read after the parameter's name.
     pub(crate) fn new(numbers: &[f64]) -> Result<Self, String> {
         let (pairs, rest) = numbers.as_chunks::<2>();
         if pairs.is_empty() || !rest.is_empty() {

@@ -1,7 +1,7 @@
 //! A scene description: plain data as read from a scene file, every object with its file and line.
 //!
-//! Readers create it, and [`Effects::of`](crate::Effects::of) reports the effects that it uses. A renderer builds its own
-//! data for tracing rays from it.
+//! Readers create it, and [`Effects::of`](crate::Effects::of) reports the effects that it uses. A renderer derives its own
+//! data for ray tracing from it.
 
 mod camera;
 mod light;
@@ -62,7 +62,7 @@ pub struct Notice {
 pub enum NoticeKind {
     /// A warning: the image may differ from the one that the file describes.
     Warning,
-    /// An ignored setting, such as the sampler, which the user of Dapple chooses, not the file.
+    /// A setting of the file that is ignored, such as the sampler, since the user of Dapple chooses it.
     IgnoredSetting,
 }
 
@@ -88,7 +88,7 @@ pub struct Scene {
     pub shapes: Vec<Shape>,
     /// Groups of shapes that appear only through [`Scene::instances`].
     pub objects: Vec<Object>,
-    /// Placed copies of [`Scene::objects`]. Many instances share one object in memory.
+    /// Placed copies of [`Scene::objects`]. Instances of the same object share its memory.
     pub instances: Vec<Instance>,
     /// Materials, which shapes reference by index.
     pub materials: Vec<Material>,
@@ -98,8 +98,8 @@ pub struct Scene {
     pub lights: Vec<Light>,
     /// Media, which shapes and the camera reference by index.
     pub media: Vec<Medium>,
-    /// The two times to which the poses `to_world` and `moves_to` of moving objects belong. Objects are at rest before the
-    /// first time and after the second. `[0, 0]` means the same as `[0, 1]`.
+    /// The times of the poses `to_world` and `moves_to` of moving objects. Objects are at rest before the first time and
+    /// after the second. `[0, 0]` means the same as `[0, 1]`.
     pub motion_times: [f64; 2],
     /// Messages of the reader: warnings and ignored settings.
     pub notices: Vec<Notice>,
@@ -118,7 +118,7 @@ impl Scene {
         TextureId(self.textures.len() as u32 - 1)
     }
 
-    /// Adds the product of a colour and the vertex colours of a mesh; returns it.
+    /// Adds a texture, the product of `color` and a mesh's vertex colours, and returns it as a colour.
     pub(crate) fn vertex_color(&mut self, color: Color, source: &Source) -> Color {
         let vertex = self.add_texture("vertex colours", TextureKind::VertexColor, source);
         if color == Color::Constant([1.0; 3]) {
@@ -128,7 +128,7 @@ impl Scene {
         Color::Texture(self.add_texture("product", kind, source))
     }
 
-    /// Returns every shape in the world, directly or by an instance, with its transform to world space at the start of
+    /// Returns every shape placed in the world, directly or by an instance, and its transform to world space at the start of
     /// motion.
     pub(crate) fn placed(&self) -> impl Iterator<Item = (&Shape, DAffine3)> {
         let of_instance = |instance: &'_ Instance| {
@@ -138,7 +138,7 @@ impl Scene {
         self.shapes.iter().map(|shape| (shape, shape.to_world)).chain(self.instances.iter().flat_map(of_instance))
     }
 
-    /// Returns all shapes, those of objects first.
+    /// Returns all shapes; the shapes of objects come first.
     pub(crate) fn shapes_mut(&mut self) -> impl Iterator<Item = &mut Shape> {
         self.objects.iter_mut().flat_map(|object| &mut object.shapes).chain(&mut self.shapes)
     }

@@ -1,7 +1,7 @@
 //! Effects that a scene uses, with the reason for each, and edits that remove an effect from a scene.
 //!
-//! The table below declares each effect with a function that finds it in a scene and one that removes it. The functions
-//! lie beside each other in the modules.
+//! The table below declares each effect with a function that finds it in a scene and one that removes it. Both functions of
+//! an effect are in the same module.
 
 mod lights;
 mod surfaces;
@@ -14,7 +14,7 @@ use std::str::FromStr;
 use visible::Visible;
 
 /// Declares the effects in the order of reports: each with its name, the function that finds the objects that use it, the
-/// function that removes it from a scene, and a phrase for the scene without it.
+/// function that removes it from a scene, and a phrase that describes the scene without it.
 macro_rules! effects {
     ($($(#[$about:meta])* $variant:ident $name:literal: $find:expr, $remove:expr, $left_out:literal;)*) => {
         /// A rendering effect, such as soft shadows, that costs render time in scenes that use it.
@@ -141,10 +141,10 @@ pub struct CalledEffect {
     pub objects: usize,
 }
 
-/// The first object that uses an effect, as the reason and its place, and the number of all such objects.
+/// The reason and the place of the first object that uses an effect, and the number of all objects that use it.
 type FirstCause = Option<(String, Source, usize)>;
 
-/// Counts the objects that use an effect. `describe` returns the reason and the place of the first.
+/// Counts the objects that use an effect. `describe` returns the reason and the place of the first one.
 fn found<T>(objects: impl IntoIterator<Item = T>, describe: impl FnOnce(T) -> (String, Source)) -> FirstCause {
     let mut objects = objects.into_iter();
     let (because, source) = describe(objects.next()?);
@@ -198,15 +198,15 @@ impl Effects {
         self.max_depth
     }
 
-    /// Returns the scene's caustics that a path tracer finds only by chance, if any: light of small lights through smooth
-    /// glass.
+    /// Returns the caustics that a path tracer finds only by chance, if the scene has any: light from small light sources
+    /// through smooth glass.
     ///
     /// A path tracer samples lights directly, but not through a surface that refracts. Behind such a surface, light arrives
     /// only along scattered rays that happen to leave through it and to hit the light. After a diffuse event their
     /// probability is at most the light's solid angle over pi. A scene has such caustics if
     /// * a visible shape refracts and is smooth (see [`effectively_smooth`](crate::effectively_smooth)) or has a textured
     ///   roughness, and paths may scatter twice,
-    /// * and a light covers less than 1e-3 sr, seen from the middle of that shape. Fewer than one scattered ray in 3000 hits
+    /// * and a light covers less than 1e-3 sr, seen from the centre of that shape. Fewer than one scattered ray in 3000 hits
     ///   such a light. Points, spots and distant lights have no solid angle, and are never found through glass.
     /// * Lights with less than 0.01 of the power of all lights do not count.
     ///
@@ -230,13 +230,13 @@ pub enum WithoutError {
     },
 }
 
-/// A function that returns the albedo at normal incidence of a material without textures, or `None` for a material that
-/// the renderer refuses. [`Scene::without`] calls it.
+/// A function that returns the albedo at normal incidence of a material without textures, or `None` for a material that the
+/// renderer rejects. [`Scene::without`] calls it.
 pub type Albedo<'a> = dyn Fn(&Material) -> Option<[f32; 3]> + 'a;
 
 impl Scene {
-    /// Returns a copy of the scene edited so that it lacks an effect. A renderer thus needs no switch for effects. A scene
-    /// that does not use the effect is returned unchanged.
+    /// Returns a copy of the scene without `effect`, so that a renderer needs no switches for effects. A scene that does not
+    /// use the effect is returned unchanged.
     ///
     /// * [`SoftShadows`](Effect::SoftShadows): each area light is replaced by a light without extent and of the same power,
     ///   at its area-weighted centroid in the first pose. The light's shape is removed, since it would enclose the new light.
@@ -263,8 +263,8 @@ impl Scene {
     /// * [`AbsorbingMedia`](Effect::AbsorbingMedia), [`ScatteringMedia`](Effect::ScatteringMedia): the coefficients of
     ///   this kind become 0. Media left without any coefficient are removed.
     ///
-    /// `albedo` returns the albedo at normal incidence of a material without textures, bump map and normal map, which
-    /// only a renderer knows. `None` (for a material that the renderer refuses) leaves the material unchanged.
+    /// `albedo` returns the albedo at normal incidence of a material without textures, bump map and normal map, which only a
+    /// renderer knows. `None` (for a material that the renderer rejects) leaves the material unchanged.
     ///
     /// # Errors
     ///

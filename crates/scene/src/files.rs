@@ -12,7 +12,7 @@ pub trait Files {
     /// Returns all bytes of one file.
     ///
     /// # Errors
-    /// The operating system's error; [`io::ErrorKind::NotFound`] for a missing file.
+    /// Returns the operating system's error; [`io::ErrorKind::NotFound`] for a missing file.
     fn read(&self, path: &Path) -> io::Result<Vec<u8>>;
 }
 
@@ -22,13 +22,13 @@ impl<F: Files + ?Sized> Files for &F {
     }
 }
 
-/// The files on disk, as [`Disk::locate`] finds them. Devices and pipes are refused, since reading them may never end.
+/// The files on disk, found by [`Disk::locate`]. Devices and pipes are refused, since reading them may never end.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Disk;
 
 impl Disk {
-    /// Returns the path of a file. Texts that name files and file systems may differ in their encoding. If no file has the
-    /// name in UTF-8, a file with the same name in Latin-1 is returned. Returns `path` if neither exists.
+    /// Returns the path under which a file exists: `path` itself or, if no such file exists, its variant in Latin-1, since a
+    /// scene and a file system may encode names differently. Returns `path` if neither exists.
     pub fn locate(path: &Path) -> Cow<'_, Path> {
         let latin = || in_latin1(path).into_iter().find(|path| path.exists());
         if path.exists() { path.into() } else { latin().map_or(path.into(), Cow::Owned) }
@@ -45,7 +45,7 @@ impl Files for Disk {
     }
 }
 
-/// A path with its file name in Latin-1, and with all names in Latin-1; empty if the path is ASCII, or not UTF-8.
+/// Returns `path` with its file name in Latin-1, and with all names in Latin-1; empty if `path` is ASCII, or not UTF-8.
 #[cfg(unix)]
 fn in_latin1(path: &Path) -> Vec<PathBuf> {
     use std::os::unix::ffi::OsStringExt;

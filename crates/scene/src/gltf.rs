@@ -2,9 +2,9 @@
 //!
 //! Metal and roughness become a metal, a coated diffuse surface or a mix of both; transmission becomes glass. Lights of
 //! `KHR_lights_punctual` are in candela and lux, converted at 683 lumens per watt as in Blender. Emission values are
-//! radiance. A file without a camera gets the default camera of models, and a file without lights their environment map. Only
-//! the file's lights, and untextured emission above 1, count as lights here; other emission is a glow. Skins and morph
-//! targets are read in their rest pose; animations are not read.
+//! radiance. A file without a camera gets the default camera of models. A file without lights gets their default environment
+//! map; textured emission, and emission of at most 1, do not count as lights. Skins and morph targets are read in their rest
+//! pose; animations are not read.
 
 mod buffers;
 mod materials;
@@ -177,7 +177,7 @@ fn document(text: &[u8], scene: &mut Scene, source: &Source) -> Result<Document,
     for name in root.extensions_used.iter().filter(|name| KNOWN.split(' ').all(|known| known != *name)) {
         scene.warn(source, format!("extension {name:?} is left out"));
     }
-    // What a file requires, the notice above has named.
+    // The notices above name the required extensions.
     root.extensions_required.clear();
     complete(&mut root)?;
     Document::from_json(root).map_err(|e| match e {

@@ -1,13 +1,12 @@
 //! Images and image files.
 //!
-//! [`read_image`] turns the bytes of a PNG, JPEG, TGA, Radiance HDR, OpenEXR or PFM file into a
-//! [`Image`]: linear RGB, top row first. It takes bytes, not a path, so that
-//! the caller decides where files come from. Headers are not trusted: memory stays in proportion to the length
-//! of the file, and a truncated file is an error.
+//! [`read_image`] turns the bytes of a PNG, JPEG, TGA, Radiance HDR, OpenEXR or PFM file into an [`Image`]: linear RGB, top
+//! row first. It takes bytes, not a path, so that the caller decides where files come from. Headers are not trusted: memory
+//! stays in proportion to the length of the file, and a truncated file is an error.
 //!
-//! [`encode_exr`], [`encode_pfm`] and [`encode_png`] turn images into the bytes of files, and [`write_file`]
-//! writes all bytes or none. [`check_writable`] tests a path before a long computation starts.
-//! The same image gives the same bytes, on every machine and for any number of threads.
+//! [`encode_exr`], [`encode_pfm`] and [`encode_png`] turn images into the bytes of files, and [`write_file`] writes all bytes
+//! or none. [`check_writable`] tests a path before a long computation starts. The same image is encoded to the same bytes on
+//! every machine and for any number of threads.
 //!
 //! ```
 //! use dapple_scene::image::{Encoding, Format, Layer, Image, encode_exr, read_image, write_file};
@@ -167,7 +166,9 @@ pub enum ImageError {
         found: usize,
     },
     /// A file whose format is not recognized.
-    #[error("{0}: unknown image format; convert it to PNG, JPEG, TGA (by its extension), Radiance HDR, OpenEXR or PFM")]
+    #[error(
+        "{0}: unknown image format; convert it to PNG, JPEG, TGA (with extension .tga), Radiance HDR, OpenEXR or PFM"
+    )]
     UnknownContent(String),
     /// A file that ends before its image is complete. The text holds the file's name, format and length.
     #[error("{0}, before its image is complete; copy or download it again")]

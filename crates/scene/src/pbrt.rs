@@ -1,15 +1,15 @@
-//! Reads scenes in the format of pbrt-v4 [Pharr et al. 2023; pbrt-v4 input file format], and of pbrt-v3 and v2 [Pharr
-//! et al. 2016; 2010] as far as Dapple can render them.
+//! Reads scenes in the format of pbrt-v4 [Pharr et al. 2023; pbrt-v4 input file format], and, in part, of pbrt-v3 and v2
+//! [Pharr et al. 2016; 2010].
 //!
 //! [`read_scene`] reads from disk, [`read_scene_from`] from any [`Files`]. Either returns the whole [`Scene`] or every
 //! problem found, each with file and line; nothing is left out silently. Deviations from the file (ignored samplers,
 //! unknown parameters, features left out by [`ReadOptions::allow_unsupported`]) are listed in [`Scene::notices`].
 //!
-//! A file is text: directives with their arguments. `tokens` splits the text, `directive` reads one directive at a time,
-//! and `execute` runs each on the state of the `reader`. The other modules interpret each kind of directive: those that
-//! need the scene so far use the `reader`, those that need only parameters don't, and nothing but `execute` runs
-//! directives. A new directive is a word in `directive::FORMS` and an arm in `Reader::execute`. A new shape, material,
-//! texture or light is an arm in its module.
+//! A file is text: directives with their arguments. `tokens` splits the text, `directive` reads one directive at a time, and
+//! `execute` runs each on the state of the `reader`. The other modules each interpret one kind of directive. Modules that
+//! need the scene so far use the `reader`; the others need only parameters. Only `execute` runs directives. A new directive
+//! is a word in `directive::FORMS` and an arm in `Reader::execute`. A new shape, material, texture or light is an arm in its
+//! module.
 //!
 //! Files of pbrt-v2 and pbrt-v3 are read by the rules of their version, which is derived from the directives of the
 //! main file (not of included files): see `legacy`. Names of materials, media and objects may be defined

@@ -7,9 +7,9 @@ const HUBS_TRIED: usize = 16;
 /// The largest number of corners of a polygon that is cut ear by ear, since ear clipping takes quadratic time.
 const MOST_EARS: usize = 2048;
 
-/// Cuts a polygon into triangles of the same winding and appends the triangles to `triangles`. The result is a fan from
-/// a corner that sees all others, if one is found, else it is cut ear by ear [Meisters 1975]. There are at least three
-/// corners, each below `positions.len()`.
+/// Cuts a polygon into triangles of the same winding and appends the triangles to `triangles`. If a corner that sees all
+/// others is found, the triangles are the fan around it; else ears are cut off [Meisters 1975]. Needs at least three corners,
+/// each below `positions.len()`.
 ///
 /// # Errors
 /// Returns a message for a polygon that crosses itself, or a concave one with very many corners.
@@ -39,7 +39,7 @@ pub(crate) fn triangulate(
     Err("this polygon crosses itself; triangulate the mesh")
 }
 
-/// Returns the polygon's area vector times 2: along its normal, with twice its area as length.
+/// Returns a vector along the polygon's normal whose length is twice the polygon's area.
 fn area(corners: &[u32], positions: &[DVec3]) -> DVec3 {
     let at = |i: usize| positions[corners[i] as usize];
     (1..corners.len() - 1).map(|i| (at(i) - at(0)).cross(at(i + 1) - at(0))).sum()

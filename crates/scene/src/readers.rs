@@ -8,7 +8,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 /// The readers of all supported formats.
-// One a line, so that a new one is a line of its own.
+// One per line, so that a new reader adds a line.
 #[rustfmt::skip]
 pub const READERS: &[SceneReader] = &[
     crate::pbrt::READER,
@@ -20,8 +20,7 @@ pub const READERS: &[SceneReader] = &[
 
 /// Reads a scene (pbrt, glTF) or a model (OBJ, PLY, STL) from disk.
 ///
-/// The content decides on the format, whatever the file is called. If it doesn't show the format, the extension decides, in
-/// upper or lower case.
+/// The content determines the format, whatever the file's name. If it doesn't, the extension does, in upper or lower case.
 ///
 /// # Errors
 /// Returns all problems of the file, each with file and line, or the problem of an unknown format.
@@ -29,7 +28,7 @@ pub fn read_any(path: impl AsRef<Path>, options: &AnyOptions) -> Result<Scene, R
     read_any_from(&Disk, path, options)
 }
 
-/// Reads a scene or a model from `files`, with the choice of format of [`read_any`].
+/// Reads a scene or a model from `files`; determines the format as [`read_any`] does.
 ///
 /// # Errors
 /// Returns all problems of the file, each with file and line, or the problem of an unknown format.
@@ -135,7 +134,7 @@ fn after_prolog(mut text: &[u8]) -> &[u8] {
     text
 }
 
-/// Returns the error message for a compressed file; `None` if the bytes are not those of a known compression.
+/// Returns the error message for a compressed file; `None` if the bytes show no known compression.
 fn compression(bytes: &[u8]) -> Option<&'static str> {
     const OTHER: &str = "the file is compressed; unpack it first";
     const STARTS: [(&[u8], &str); 5] = [

@@ -36,8 +36,8 @@ pub struct ReadOptions {
     /// True to leave unsupported features out with a notice, false to report an error. An unknown material becomes
     /// diffuse, an unknown texture grey; other objects are dropped.
     pub allow_unsupported: bool,
-    /// The memory limit in bytes for subdivision surfaces; `None` means about 300 MB. Exceeding it is an error before
-    /// allocation.
+    /// The memory limit in bytes for subdivision surfaces; `None` means about 300 MB. A surface that needs more is an error,
+    /// before memory is allocated.
     pub memory: Option<u64>,
 }
 
@@ -70,7 +70,7 @@ pub struct ModelOptions {
 }
 
 impl ModelOptions {
-    /// The axis that points up, and the aspect of the image. `up` is the usual axis of the model's format.
+    /// The axis that points up, and the aspect ratio of the image. `up` is the default axis of the model's format.
     pub(crate) fn stage(&self, up: UpAxis) -> (UpAxis, Option<f64>) {
         (self.up.unwrap_or(up), self.aspect)
     }
@@ -82,7 +82,7 @@ pub(crate) fn unreadable(source: Source, e: &std::io::Error) -> ReadError {
     ReadError::invalid(source, message)
 }
 
-/// The kind of a problem in a scene file, which decides on the remedy.
+/// The kind of a problem in a scene file, which determines the remedy.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum ProblemKind {

@@ -45,7 +45,7 @@ pub fn lossless(bytes: &[u8]) -> Cow<'_, str> {
     bytes.utf8_chunks().map(latin).collect::<String>().into()
 }
 
-/// The file name of a path without its extension, in the text of [`lossless`]; `None` for a path without a file name.
+/// The file name of a path without its extension, decoded by [`lossless`]; `None` for a path without a file name.
 pub fn file_stem(path: &Path) -> Option<String> {
     path.file_stem().map(|stem| lossless(stem.as_encoded_bytes()).into_owned())
 }
@@ -70,8 +70,8 @@ pub(crate) fn without_mark(bytes: &[u8]) -> Result<&[u8], &'static str> {
     Ok(bytes.strip_prefix(MARK).unwrap_or(bytes))
 }
 
-/// Takes the next line of a file of text and other bytes, with its end, from `left`; `None` at the end of the file. `lone` is
-/// true if CR alone ends lines, so that an LF after it is not part of the line's end.
+/// Takes the next line, with its line end, from `left`, a file of text and other bytes; `None` at the end of the file. `lone`
+/// is true if CR alone ends lines, so that an LF after it is not part of the line's end.
 pub(crate) fn take_line<'b>(left: &mut &'b [u8], lone: bool) -> Option<Cow<'b, str>> {
     let end = left.iter().position(|b| matches!(b, b'\r' | b'\n'))?;
     let crlf = !lone && left[end..].starts_with(b"\r\n");

@@ -16,7 +16,7 @@ pub(super) struct Report<'a> {
     pub(super) spp: Option<u32>,
     pub(super) seeds: Option<u32>,
     /// The mean time in seconds of tracing an image with every effect: processor time of all threads if the system reports
-    /// it, else wall time.
+    /// it, else wall-clock time.
     pub(super) seconds: Option<f64>,
     pub(super) interrupted: bool,
     pub(super) effects: Vec<Row<'a>>,
@@ -86,7 +86,7 @@ impl Figures {
     }
 }
 
-/// The quantile of Student's t distribution for a two-sided 95 % interval.
+/// The quantile of Student's t distribution for a two-sided 95 % interval and `freedom` degrees of freedom.
 fn student(freedom: u32) -> f64 {
     student_t_quantile(0.975, f64::from(freedom))
 }
@@ -166,7 +166,7 @@ impl<'a> Report<'a> {
 impl Row<'_> {
     fn cells(&self) -> [String; 6] {
         let CalledEffect { effect, because, source, objects, .. } = self.called;
-        // For several lights, all of them together are the cause, and no others are counted.
+        // For several lights, the cause is all lights together, so that no other objects are counted.
         let others = match objects {
             n if *n > 1 && *effect != Effect::SeveralLights => format!(", and {} more", n - 1),
             _ => String::new(),

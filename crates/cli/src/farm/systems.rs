@@ -17,7 +17,7 @@ pub(super) fn slurm(job: &Job<'_>, files: &mut Files) -> Result<String> {
     Ok(format!("sh {}/submit.sh", quoted(&job.folder)))
 }
 
-/// A task of a job with a known number of stages: its action, the number of its stage, and its arguments of stage.sh.
+/// A task of a job with a known number of stages: its action, the number of its stage, and its arguments for stage.sh.
 type Task = (&'static str, String, String);
 
 /// The tasks in order. A render task runs once per part; `part` is the placeholder for the part's number.
@@ -59,7 +59,7 @@ pub(super) fn openjd(job: &Job<'_>, files: &mut Files) -> Result<String> {
     Ok(format!("openjd check {0}/job.template.json, and submit it to your farm", job.folder))
 }
 
-/// A job specification of OpenCue, after its document type `cjsl-1.12`.
+/// A job specification of OpenCue, of document type `cjsl-1.12`.
 pub(super) fn opencue(job: &Job<'_>, files: &mut Files) -> Result<String> {
     let (name, parts) = (job.plain_name().replace('-', "_"), format!("1-{}", job.options.parts));
     let tasks = tasks(job, "#IFRAME#")?;
@@ -120,7 +120,7 @@ impl Files {
         Ok(Self { folder: folder.to_owned(), all: Vec::new() })
     }
 
-    /// Adds a file. An error if the folder holds a job with another description of the render.
+    /// Adds a file. Returns an error if the folder holds a job with another description of the render.
     pub(super) fn add(&mut self, name: &str, text: &str) -> Result<()> {
         let path = self.folder.join(name);
         if name == DESCRIPTION
@@ -129,7 +129,7 @@ impl Files {
         {
             let folder = self.folder.display();
             return Err(Failure::new(format!(
-                "{folder} holds a job of another render, and its finished parts would be reused; choose another --output"
+                "{folder} holds a job of another render, whose finished parts would be reused; choose another --output"
             )));
         }
         self.all.push((path, text.trim_end().to_owned() + "\n"));

@@ -9,7 +9,7 @@ use std::path::Path;
 /// The option that names a file, and the file.
 type Named<'a> = (&'static str, &'a Path);
 
-/// Checks the files of a render: all that it reads and writes.
+/// Checks all files that a render reads and writes.
 ///
 /// # Errors
 ///
@@ -26,7 +26,7 @@ pub(super) fn check(args: &RenderArgs, loaded: &LoadedScene, files: &OutputFiles
     written.extend(args.checkpoint.as_deref().map(|path| ("--checkpoint", path)));
     let spec = args.spec.as_deref().map(|path| ("--spec", path));
     check_inputs(loaded, spec, written.iter().copied())?;
-    // A checkpoint may be resumed from and written to under one name. A file that is no checkpoint is never written to.
+    // `--resume` and `--checkpoint` may name the same file, which is overwritten only if it is a checkpoint.
     let resumed = args.resume.as_deref().filter(|path| args.checkpoint.as_deref() != Some(path));
     written.extend(resumed.map(|path| ("--resume", path)));
     // The folder of maps would take the name of a file.
@@ -43,7 +43,7 @@ pub(super) fn check(args: &RenderArgs, loaded: &LoadedScene, files: &OutputFiles
     if wrong.is_empty() { Ok(()) } else { Err(Failure(wrong)) }
 }
 
-/// Returns `true` for the pair of options that may name one file.
+/// Returns `true` for the pair of options that may name the same file.
 fn is_resumption(first: &str, second: &str) -> bool {
     [first, second] == ["--checkpoint", "--resume"]
 }

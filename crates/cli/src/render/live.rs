@@ -17,7 +17,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use tev::Viewer;
 
-/// Default seconds between two images.
+/// Default interval between two images, in seconds.
 const EVERY: f64 = 2.0;
 /// The largest fraction of the time that copying images may take.
 const COPYING: f64 = 0.02;

@@ -1,5 +1,5 @@
-//! Renders by many machines: plans and their parts in files, with the subcommands `dapple plan` and `dapple merge`, and processes
-//! that mpirun or srun started together.
+//! Renders on many machines: by plans and their parts in files (`dapple plan`, `dapple merge`), or by processes that mpirun
+//! or srun started together.
 
 use super::{
     Live, Ready, RenderArgs, Show, described_in, file_conflicts, limit, load, prepare, ready, values, warn_all,
@@ -16,7 +16,7 @@ use dapple_scene::image::{check_writable, write_file};
 use dapple_scene::text::file_stem;
 use std::path::{Path, PathBuf};
 
-/// The options of work on a plan.
+/// The options of commands that read or write a plan.
 pub(super) struct PlanOptions {
     threads: u16,
     memory: Option<u64>,
@@ -74,7 +74,7 @@ pub(super) fn first_plan(spec: &RenderSpec, output: &Path, options: &PlanOptions
 /// Joins the parts of a plan, and writes the next plan.
 fn next_plan(parts: &[PathBuf], from: Option<&Path>, output: &Path, options: &PlanOptions) -> Result<Outcome> {
     let rows = RowsFiles::read(parts)?;
-    let named = || rows.plan().ok_or_else(|| Failure::new("these parts have no plan; dapple merge makes the image"));
+    let named = || rows.plan().ok_or_else(|| Failure::new("these parts have no plan; use dapple merge"));
     let from = &*from.map_or_else(named, |from| Ok(from.to_owned()))?;
     keep(output, parts.iter().map(|part| ("a part", part.as_path())).chain([("--from", from)]))?;
     let plan = PlanFile::read(from)?;
@@ -91,7 +91,7 @@ fn next_plan(parts: &[PathBuf], from: Option<&Path>, output: &Path, options: &Pl
     Ok(Outcome::Done)
 }
 
-/// Traces a part of a plan's stage, or of the only stage of a render without a plan.
+/// Traces a part of a plan or, without a plan, a shard of an image.
 pub(super) fn part(args: &RenderArgs, shard: Shard) -> Result<Outcome> {
     let plan = args.from.as_deref().map(PlanFile::read).transpose()?;
     let spec = match &plan {
@@ -129,7 +129,7 @@ fn part_name(spec: &RenderSpec, shard: Shard) -> PathBuf {
     format!("{scene}-{}-of-{}.part", shard.index() + 1, shard.of()).into()
 }
 
-/// Refuses to write over an input.
+/// Returns an error if `output` is also an input.
 fn keep<'a>(output: &Path, inputs: impl Iterator<Item = (&'static str, &'a Path)>) -> Result<()> {
     let written = FileIdentity::of(output);
     for (who, input) in inputs {
@@ -192,7 +192,7 @@ pub(super) fn together(args: &RenderArgs, spec: &RenderSpec, mut processes: Box<
         let asked = stop.clone();
         let served = match worker(args, spec, stop) {
             Ok(mut job) => job.serve(processes, &mut || asked.asked()).map_err(|e| failure::of_job(&e)),
-            // The first process reports it.
+            // Process 0 reports the error.
             Err(Failure(lines)) => refuse(&lines.join("; "), processes).map_err(|e| Failure::lines(&e)),
         };
         return served.map(|()| Outcome::Done);
@@ -221,7 +221,7 @@ fn worker(args: &RenderArgs, spec: &RenderSpec, stop: Stop) -> Result<Job> {
     let loaded = load(spec, limit(args.memory), true)?;
     let files = show.files(&loaded)?;
     let prepared = prepare(loaded, files, &progress)?;
-    prepared.map(|(job, _)| job).ok_or_else(|| Failure::new("a process was stopped"))
+    prepared.map(|(job, _)| job).ok_or_else(|| Failure::new("stopped before the first sample"))
 }
 
 /// Plan the next stage of a render on many machines, from the parts of the stage before
@@ -330,7 +330,7 @@ pub(crate) fn merge(args: &MergeArgs) -> Result<Outcome> {
             let spec = plan.spec.clone();
             (Box::new(move |job| job.finish_plan(&plan)), spec)
         }
-        (Some(_), _) => return Err(Failure::usage("merge", "a .plan file stands for the whole image; pass it alone")),
+        (Some(_), _) => return Err(Failure::usage("merge", "a .plan file holds the whole image; pass it alone")),
         (None, _) => {
             let shards = RowsFiles::read(&args.shards)?;
             let spec = shards.spec.clone();

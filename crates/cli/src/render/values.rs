@@ -96,7 +96,7 @@ pub(crate) fn crop(text: &str) -> Parsed<[u32; 4]> {
 
 pub(crate) fn output() -> impl TypedValueParser<Value = PathBuf> {
     let check = |path: PathBuf| {
-        // Parts of images, and plans of them.
+        // Parts of images, and plans of images.
         if !["shard", "plan", "part"].iter().any(|kind| has_extension(&path, kind)) {
             Format::from_path(&path).map_err(|e| e.to_string())?;
         }

@@ -13,7 +13,7 @@ pub struct Camera {
     pub moves_to: Option<DAffine3>,
     /// The projection: perspective or orthographic.
     pub projection: Projection,
-    /// Width over height of the screen; `None` uses the ratio of the resolution.
+    /// Width of the screen divided by its height; `None` uses the ratio of the resolution.
     pub aspect: Option<f64>,
     /// The part of the screen plane that the image shows: x0, x1, y0, y1. `None` derives it from the aspect ratio.
     pub screen_window: Option<[f64; 4]>,

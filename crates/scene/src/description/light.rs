@@ -72,8 +72,8 @@ impl LightKind {
         self.power(1.0) != 0.0
     }
 
-    /// Returns the luminance of the radiant power. `disk` is the cross-section of the scene's bounding sphere, through
-    /// which light from infinitely far enters.
+    /// Returns the luminance of the radiant power. `disk` is the area of the cross-section of the scene's bounding sphere,
+    /// through which infinitely far light enters.
     pub(crate) fn power(&self, disk: f64) -> f64 {
         let brightness = |rgb: &[f32; 3]| luminance(rgb.map(f64::from));
         match self {
@@ -98,7 +98,7 @@ impl LightKind {
             Self::Point { intensity } => 4.0 * PI * brightness(intensity),
             Self::Spot { intensity, cone, falloff_start, falloff } => {
                 let [edge, start] = [*cone, *falloff_start].map(|degrees| f64::from(degrees).to_radians().cos());
-                // The mean of the falloff over the cosine.
+                // The falloff's mean over the cosine of the angle.
                 let mean = match falloff {
                     SpotFalloff::Smoothstep => 0.5,
                     SpotFalloff::Quartic => 0.2,
@@ -134,8 +134,8 @@ pub enum SpotFalloff {
 pub enum EnvironmentRadiance {
     /// The same radiance from all directions, linear RGB.
     Constant([f32; 3]),
-    /// A latitude-longitude image: with `u = (column + .5) / width`, `v = (row + .5) / height`, row 0
-    /// on top, `theta = pi v`, `phi = 2 pi u`, the direction in the light's frame is
+    /// A latitude-longitude image: with `u = (column + 0.5) / width`, `v = (row + 0.5) / height`, row 0 on top,
+    /// `theta = pi v`, `phi = 2 pi u`, the direction in the light's frame is
     /// `(sin theta cos phi, sin theta sin phi, cos theta)`.
     LatLong {
         /// The image, linear RGB, top row first.

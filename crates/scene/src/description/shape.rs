@@ -1,4 +1,4 @@
-//! Shapes, objects made of them, instances of objects, and the media that shapes border.
+//! Shapes, objects made of shapes, instances of objects, and the media on both sides of shapes.
 
 use super::{MaterialId, Scalar, Source, Texture, TextureId, texture_mean};
 use glam::{DAffine3, DVec3};
@@ -8,9 +8,9 @@ use std::sync::Arc;
 /// A shape: geometry, material, emission and media.
 ///
 /// The shape emits on the side of its geometric normal, which follows pbrt-v4:
-/// * In the shape's own space it is `(p1 - p0) x (p2 - p0)` for a triangle, outwards for a sphere, +z for a disk.
-/// * The inverse transpose of the transform brings it to world space, so that a mirroring transform does not reverse
-///   it. Then it is negated if [`reversed`](Self::reversed).
+/// * In the shape's own space the normal is `(p1 - p0) x (p2 - p0)` for a triangle, outwards for a sphere, +z for a disk.
+/// * The inverse transpose of the transform maps the normal to world space, so that a mirroring transform does not reverse
+///   it. Then the normal is negated if [`reversed`](Self::reversed).
 /// * Normals of a mesh are transformed and negated in the same way. A triangle's geometric normal is negated if it
 ///   points away from the interpolated mesh normal, so that shading normals select the side.
 #[derive(Clone, Debug)]
@@ -28,7 +28,7 @@ pub struct Shape {
     pub emission: Option<Emission>,
     /// Opacity from 0 (a hole) to 1; `None` is 1 everywhere.
     pub alpha: Option<Scalar>,
-    /// The media on both sides of the surface; `None` keeps the medium that surrounds the shape.
+    /// The media on both sides of the surface; for `None`, both sides have the medium that surrounds the shape.
     pub media: Option<MediumInterface>,
     /// True if the file reversed the shape's orientation (`ReverseOrientation`).
     pub reversed: bool,
@@ -201,8 +201,8 @@ pub struct MeshData {
     pub normals: Vec<[f32; 3]>,
     /// Texture coordinates, one pair per vertex; empty if the mesh has none.
     pub uvs: Vec<[f32; 2]>,
-    /// Colours, linear RGB, one per vertex; empty if the mesh has none. They show where a material has the texture
-    /// [`VertexColor`](super::TextureKind::VertexColor).
+    /// Colours, linear RGB, one per vertex; empty if the mesh has none. Only materials with the texture
+    /// [`VertexColor`](super::TextureKind::VertexColor) show them.
     pub colors: Vec<[f32; 3]>,
     /// Three vertex indices per triangle.
     pub triangles: Vec<[u32; 3]>,
@@ -220,7 +220,7 @@ pub struct Emission {
 }
 
 impl Emission {
-    /// Makes an emission that is the same all over the shape.
+    /// Makes an emission that is constant over the shape.
     pub fn even(radiance: [f32; 3], two_sided: bool) -> Self {
         Self { radiance, two_sided, texture: None }
     }

@@ -14,7 +14,7 @@ pub struct TextureId(pub u32);
 pub enum Color {
     /// A constant colour, linear RGB.
     Constant([f32; 3]),
-    /// A texture that gives the colour.
+    /// A texture, whose value is the colour.
     Texture(TextureId),
 }
 
@@ -82,7 +82,7 @@ pub enum TextureKind {
 }
 
 impl TextureKind {
-    /// A repeated image times `factor`.
+    /// Makes an image texture that repeats, multiplied by `factor`.
     pub(crate) fn image(image: Arc<Image>, factor: f32) -> Self {
         Self::Image { image, scale: [1.0; 2], shift: [0.0; 2], factor, invert: false, wrap: Wrap::Repeat }
     }
@@ -100,7 +100,7 @@ pub enum Wrap {
     Clamp,
 }
 
-/// Deepest nesting of textures within textures. Textures nested deeper count as black.
+/// The deepest nesting of textures within textures. Deeper textures count as black.
 const DEEPEST: u32 = 8;
 
 /// Returns the mean colour of a texture over the unit square of texture coordinates, linear RGB.

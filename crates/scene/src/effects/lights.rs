@@ -1,5 +1,5 @@
-//! Effects of lights: soft shadows, several lights, environments. Sizes and powers of lights. Caustics of small lights,
-//! which a path tracer finds by chance only.
+//! Effects of lights: soft shadows, several lights, environments. Sizes and powers of lights. Caustics from small lights,
+//! which a path tracer finds only by chance.
 
 use super::visible::{Visible, worn};
 use super::{CalledEffect, Effect, FirstCause, found};
@@ -8,7 +8,7 @@ use dapple_core::film::luminance;
 use glam::{DAffine3, DMat3, DVec3};
 use std::f64::consts::PI;
 
-/// Length of an area light's mean normal from which the light counts as flat: it is replaced by spots, not by a point.
+/// The smallest length of the mean normal of a flat area light, which spots replace. A point replaces any other light.
 const FLAT: f64 = 0.9;
 
 pub(super) fn find_lamps(visible: &Visible<'_>) -> FirstCause {
@@ -185,7 +185,7 @@ pub(super) fn powers(scene: &Scene) -> Vec<(LightNumber, f64)> {
     found
 }
 
-/// Returns the least and the greatest corner of the bounding box of shapes, each with its transform to world space.
+/// Returns the minimum and the maximum corner of the bounding box of shapes, each with its transform to world space.
 fn bounds<'s>(shapes: impl IntoIterator<Item = (&'s Shape, DAffine3)>) -> [DVec3; 2] {
     let [mut low, mut high] = [DVec3::INFINITY, DVec3::NEG_INFINITY];
     for (shape, to_world) in shapes {
@@ -224,7 +224,7 @@ pub(super) fn found_by_chance(visible: &Visible<'_>) -> Option<CalledEffect> {
     let refracting = refracting(scene);
     let lights = powers(scene);
     let least = WORTH * lights.iter().map(|(_, power)| power).sum::<f64>();
-    // The glass from whose middle a light has the smallest solid angle.
+    // The glass from whose centre the light covers the smallest solid angle.
     let small = |light: LightNumber| {
         let seen = refracting.iter().filter_map(|glass| Some((glass, solid_angle(scene, light, glass.2)?)));
         let (glass, angle) = seen.min_by(|a, b| a.1.total_cmp(&b.1)).filter(|(_, angle)| *angle < SMALL)?;
@@ -245,8 +245,8 @@ pub(super) fn found_by_chance(visible: &Visible<'_>) -> Option<CalledEffect> {
     Some(CalledEffect { effect: Effect::Refraction, because, source, objects: found.len() })
 }
 
-/// Returns the smooth refracting shapes, through which light sampling cannot connect: for each the material's name, the place
-/// of the shape in the file, and its middle.
+/// Returns the smooth refracting shapes, through which light sampling cannot connect: for each the material's name, the
+/// shape's place in the file, and the shape's centre.
 fn refracting(scene: &Scene) -> Vec<(&str, &Source, DVec3)> {
     let glass = |(shape, to_world): (&'_ Shape, DAffine3)| {
         let mut seen = vec![false; scene.materials.len()];
@@ -265,7 +265,7 @@ fn solid_angle(scene: &Scene, light: LightNumber, from: DVec3) -> Option<f64> {
         LightNumber::Shape(i) => {
             let shape = &scene.shapes[i];
             let lamp = LampShape::of(shape)?;
-            // A sphere shows a quarter of its area.
+            // The projected area of a sphere is a quarter of its surface.
             let shown = if matches!(shape.geometry, Geometry::Sphere { .. }) { 0.25 } else { 1.0 };
             Some(shown * lamp.area / lamp.centre.distance_squared(from))
         }

@@ -52,8 +52,8 @@ impl<'s> Visible<'s> {
     }
 }
 
-/// Returns a material and the materials that it mixes, except those already `seen`, and marks them as seen, so that circular
-/// mixes end.
+/// Returns a material and all materials that it mixes, without materials marked in `seen`. Marks the returned ones, so that
+/// circular mixes end.
 pub(super) fn worn<'s>(scene: &'s Scene, first: MaterialId, seen: &mut [bool]) -> Vec<&'s Material> {
     let (mut waiting, mut worn) = (vec![first], Vec::new());
     while let Some(id) = waiting.pop() {
@@ -90,7 +90,7 @@ pub(super) fn find_motion(visible: &Visible<'_>) -> FirstCause {
     let camera = &visible.scene.camera;
     let [open, close] = camera.shutter;
     let [first, second] = visible.scene.motion_times;
-    // Equal times mean an end of start + 1.
+    // If both times are equal, the motion ends at start + 1.
     let second = if first == second { first + 1.0 } else { second };
     // Nothing moves before and after the motion. NaN counts as an open shutter.
     if open == close || close <= first || open >= second {
@@ -138,7 +138,7 @@ pub(super) fn find_media(visible: &Visible<'_>, does: &str, coefficient: fn(&Med
     found(media, |medium| (because(medium), medium.source.clone()))
 }
 
-/// Edits each medium by `thin`, and removes media that are left without any coefficient.
+/// Applies `thin` to each medium, and removes media whose coefficients are then all 0.
 pub(super) fn thin_media(scene: &mut Scene, thin: fn(&mut Medium)) {
     scene.media.iter_mut().for_each(thin);
     let filled: Vec<bool> = scene.media.iter().map(|m| m.absorption != [0.0; 3] || m.scattering != [0.0; 3]).collect();

@@ -10,7 +10,7 @@ use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
-/// The largest number of values of an accessor without data in the file, whose values are all 0.
+/// The largest number of values of an accessor that has no data in the file. Such values are all 0.
 const MOST_ZEROS: usize = 1 << 24;
 
 /// The contents of all buffers of a file.
@@ -92,7 +92,7 @@ impl<'a> Buffers<'a> {
         let (count, size) = (accessor.count(), accessor.data_type().size());
         let element = |bytes: &[u8]| std::array::from_fn(|k| read(&bytes[k * size..]));
         let mut values = match accessor.view() {
-            None if count > MOST_ZEROS => return Err(fault("has too many values without data")),
+            None if count > MOST_ZEROS => return Err(fault(&format!("has no data for its {count} values"))),
             None => vec![[zero; N]; count],
             Some(view) => {
                 let bytes = self.view(&view).ok_or_else(|| fault("reaches beyond its buffer"))?;
@@ -140,7 +140,7 @@ pub(super) fn read_uri(uri: &str, files: &dyn Files, path: &Path) -> Result<Vec<
     if let Some(data) = uri.strip_prefix("data:") {
         let text = data.split_once(";base64,").ok_or("a data URI must be in base64; export the file again")?.1;
         let text: String = text.split_ascii_whitespace().collect();
-        // The padding at the end is redundant.
+        // Padding is optional.
         let lenient = GeneralPurposeConfig::new().with_decode_padding_mode(DecodePaddingMode::Indifferent);
         return GeneralPurpose::new(&base64::alphabet::STANDARD, lenient)
             .decode(text)
@@ -155,7 +155,7 @@ pub(super) fn beside(uri: &str, path: &Path) -> PathBuf {
     path.parent().unwrap_or(Path::new("")).join(unescaped(uri))
 }
 
-/// Replaces escapes such as `%20` by their bytes.
+/// Replaces escapes such as `%20` by the bytes that they encode.
 fn unescaped(uri: &str) -> String {
     let (text, mut bytes, mut at) = (uri.as_bytes(), Vec::with_capacity(uri.len()), 0);
     while let Some(&byte) = text.get(at) {

@@ -8,12 +8,12 @@ use crate::{
 };
 use ::gltf::material::{AlphaMode, Material as GltfMaterial};
 
-/// Reflectance of meshes without a material, that of Blender's default surface.
+/// Reflectance of meshes without a material, as of Blender's default material.
 const BARE: [f32; 3] = [0.8; 3];
-/// Index of refraction of materials that state none.
+/// Default index of refraction.
 const IOR: f32 = 1.5;
 
-/// A material of the scene, with the properties that shapes store beside it.
+/// A material of the scene, with the material's properties that the scene stores in shapes.
 #[derive(Clone)]
 pub(super) struct Surface {
     pub(super) material: MaterialId,
@@ -93,7 +93,7 @@ impl Reader<'_> {
         Ok(Surface { material: id, emission, alpha, media, uv_set })
     }
 
-    /// The set of texture coordinates of a material, if it has textures; a notice if its textures use several.
+    /// The set of texture coordinates of a material; `None` without textures. Adds a notice if its textures use several sets.
     fn uv_set(&mut self, material: &GltfMaterial<'_>, name: &str) -> Option<u32> {
         let pbr = material.pbr_metallic_roughness();
         let infos = [pbr.base_color_texture(), pbr.metallic_roughness_texture(), material.emissive_texture()];
@@ -101,7 +101,7 @@ impl Reader<'_> {
         sets.extend(material.normal_texture().map(|normal| Use::of_normals(&normal).set));
         let first = *sets.first()?;
         if sets.iter().any(|set| *set != first) {
-            self.warn(format!("{name}: its textures use several sets of coordinates; all use set {first} here"));
+            self.warn(format!("{name}: its textures use several sets of coordinates; set {first} is used for all"));
         }
         Some(first)
     }
@@ -207,7 +207,7 @@ impl Reader<'_> {
         MaterialKind::Substrate { diffuse, specular, roughness }
     }
 
-    /// Adds a mix of two materials; only one of them if the amount is 0 or 1.
+    /// Adds a mix of two materials. If `amount` is 0 or 1, returns the first or the second material.
     fn mix(&mut self, look: &Look, materials: [MaterialId; 2], amount: Scalar) -> MaterialId {
         match amount {
             Scalar::Constant(0.0) => materials[0],

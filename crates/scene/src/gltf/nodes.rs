@@ -10,7 +10,7 @@ use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3};
 
 /// The deepest nesting of nodes.
 const DEEPEST: usize = 256;
-/// Lumens per watt: the luminous efficacy in the definition of the candela, by which Blender converts lights too.
+/// Lumens per watt: the luminous efficacy that defines the candela. Blender uses it, too.
 const LUMENS_PER_WATT: f32 = 683.0;
 /// Image height in pixels if the file has a camera.
 const HEIGHT: f64 = 720.0;
@@ -28,7 +28,7 @@ pub(super) fn first_scene(document: &Document) -> Option<Scene<'_>> {
     document.default_scene().or_else(|| document.scenes().next())
 }
 
-/// The scene that is shown: the default one, else the first that has nodes.
+/// The scene that is read: the default scene if it has nodes, else the first scene with nodes.
 pub(super) fn shown_scene(document: &Document) -> Option<Scene<'_>> {
     first_scene(document).into_iter().chain(document.scenes()).find(|scene| scene.nodes().len() > 0)
 }
@@ -80,8 +80,8 @@ fn local(node: &Node<'_>) -> DAffine3 {
     }
 }
 
-/// The transform without its scale and shear, for cameras and lights. The -z axis keeps its direction, and the y axis its
-/// plane.
+/// The transform without its scale and shear, for cameras and lights. The -z axis keeps its direction; the y axis stays in
+/// the plane of these two axes.
 pub(super) fn rigid(to_world: DAffine3) -> Option<DAffine3> {
     let back = to_world.matrix3.z_axis.try_normalize()?;
     let right = to_world.matrix3.y_axis.cross(back).try_normalize()?;

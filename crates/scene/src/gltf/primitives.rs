@@ -76,7 +76,7 @@ impl Reader<'_> {
         scene.instances.push(Instance { object, to_world, moves_to: None, source: source.clone() });
     }
 
-    /// The transforms of a skinned mesh's joints, from the mesh's space in its bind pose to world space; none without a
+    /// The transforms of a skinned mesh's joints, from the mesh's space in its bind pose to world space; empty without a
     /// skin.
     fn joints(&self, node: &Node<'_>, placed: &[Placed<'_>]) -> Result<Vec<DAffine3>, Fault> {
         let Some(skin) = node.skin() else { return Ok(Vec::new()) };
@@ -159,7 +159,7 @@ impl Reader<'_> {
         Ok(MeshData { positions, normals, uvs, colors: Vec::new(), triangles })
     }
 
-    /// The vertex colours of a part, linear RGB; none if it has none.
+    /// The vertex colours of a part, linear RGB; empty without colours.
     fn vertex_colors(&mut self, primitive: &Primitive<'_>, name: &str) -> Result<Vec<[f32; 3]>, String> {
         if primitive.get(&Semantic::Colors(1)).is_some() {
             self.warn(format!("{name}: only the first set of vertex colours is used"));
@@ -172,7 +172,7 @@ impl Reader<'_> {
         if primitive.material().alpha_mode() != AlphaMode::Opaque && colors.iter().any(|rgba| rgba[3] < 1.0) {
             self.warn(format!("{name}: the opacity of its vertex colours is left out"));
         }
-        // Integers that the file does not mark as normalized can mean nothing else.
+        // Integers are normalized, even if the file does not mark them so.
         let scale = match accessor.data_type() {
             DataType::U8 if !accessor.normalized() => 255.0,
             DataType::U16 if !accessor.normalized() => 65_535.0,
@@ -184,7 +184,7 @@ impl Reader<'_> {
     /// Applies a skin: each vertex moves with the weighted mean of its joints' transforms.
     fn bend(&self, primitive: &Primitive<'_>, joints: &[DAffine3], mesh: [&mut [DVec3]; 2]) -> Result<(), String> {
         let [positions, normals] = mesh;
-        // Each set gives four joints to every vertex.
+        // Each set holds four joints per vertex.
         let mut sets = Vec::new();
         while let Some(indices) = primitive.get(&Semantic::Joints(sets.len() as u32))
             && let Some(weights) = primitive.get(&Semantic::Weights(sets.len() as u32))

@@ -26,7 +26,7 @@ pub(super) enum Part {
     Alpha,
     /// Opacity: 1 where it is at least this, else 0.
     Mask(u32),
-    /// The microfacet width (alpha) of a roughness. The glossiness is the opacity times this factor.
+    /// The microfacet width (alpha) of a surface whose glossiness is the opacity times this factor.
     Glossiness(u32),
 }
 
@@ -52,7 +52,7 @@ impl<'a> Use<'a> {
         Self { texture, set, scale: [1.0; 2], offset: [0.0; 2], rotated: false }
     }
 
-    /// The use of a normal map. The crate `gltf` leaves the transform of a normal map in JSON.
+    /// The use of a normal map. The crate `gltf` provides the transform of a normal map only as JSON.
     pub(super) fn of_normals(map: &NormalTexture<'a>) -> Self {
         let plain = Self::plain(map.texture(), map.tex_coord());
         let Some(moved) = map.extension_value("KHR_texture_transform") else { return plain };

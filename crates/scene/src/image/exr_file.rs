@@ -14,7 +14,7 @@ use std::cell::OnceCell;
 /// A channel of an OpenEXR file: its name and the type of its values.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ExrChannel {
-    /// The name as the file has it, such as `albedo.R`.
+    /// The name in the file, such as `albedo.R`.
     pub name: String,
     /// The type of the values: `half`, `float` or `uint`.
     pub values: &'static str,
@@ -130,7 +130,7 @@ impl<'a> ExrFile<'a> {
     /// Those of [`read_image`](super::read_image). The memory limit holds for all parts together.
     ///
     /// # Panics
-    /// If there is no such part.
+    /// If the file has no part of this index.
     pub fn planes(&self, part: usize) -> Result<&[Plane<'static>], ImageError> {
         if let Some(planes) = self.planes[part].get() {
             return Ok(planes);
@@ -309,7 +309,7 @@ fn main_channels(exr: &ExrFile<'_>, wanted: LayerQuery<'_>) -> Result<(MainChann
         let layer = layers.given(super::LayerKind::Color, name);
         return layer.map(|layer| (main(&in_view(layer)), Vec::new())).ok_or_else(|| no_layer(exr, &layers, name));
     }
-    // The channels of an image without a layer decide, so that no other layer is taken instead.
+    // Luminance and chroma without a layer are an error, even if another layer is readable.
     let has = |name: &str| exr.parts.iter().any(|part| part.channels.iter().any(|channel| channel.name == name));
     if has("Y") && (has("RY") || has("BY")) && !has("R") {
         return Err(exr.file().unsupported("luminance and chroma", "RGB"));

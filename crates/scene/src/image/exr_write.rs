@@ -41,9 +41,9 @@ pub struct ExrHeader<'a> {
     pub attributes: &'a [(String, String)],
     /// The program that made the image, as the standard attribute `software`.
     pub software: Option<&'a str>,
-    /// The standard attribute `worldToCamera`: rows of the matrix for row vectors.
+    /// The standard attribute `worldToCamera`: a row-major matrix for row vectors.
     pub world_to_camera: Option<[f32; 16]>,
-    /// The standard attribute `worldToNDC`: rows of the matrix for row vectors.
+    /// The standard attribute `worldToNDC`: a row-major matrix for row vectors.
     pub world_to_ndc: Option<[f32; 16]>,
 }
 
@@ -94,14 +94,14 @@ pub fn encode_exr_with(size: [u32; 2], layers: &[Layer<'_>], given: &ExrHeader<'
     Ok(EncodedExr { bytes: bytes.into_inner(), clamped: channels.iter().map(|(_, plane)| count_clamped(plane)).sum() })
 }
 
-/// Writes a file as [`encode_exr_with`] encodes it, block by block, so that the whole file is never in memory. Returns the number of
+/// Writes the file of [`encode_exr_with`] block by block, so that the whole file is never in memory. Returns the number of
 /// [clamped](EncodedExr::clamped) values.
 ///
 /// # Errors
 /// Those of [`encode_exr`] and of [`write_file`](super::write_file).
 pub fn write_exr(path: &Path, size: [u32; 2], layers: &[Layer<'_>], given: &ExrHeader<'_>) -> Result<u64, ImageError> {
     let channels = channels(size, layers, given)?;
-    // A file of one pixel shows whether the header's attributes can be read back.
+    // A file of one pixel is encoded, to check that the header's attributes can be read back.
     let pixel = [Layer { name: String::new(), channels: vec![("Y", Plane::each(1, |_| 0.0))] }];
     encode_exr_with([1, 1], &pixel, given)?;
     write_file_with(path, |file| encode_channels(file, size, &channels, given))?;
@@ -294,7 +294,7 @@ pub(super) fn sort_attributes(mut bytes: Vec<u8>) -> Vec<u8> {
     let mut at = 8;
     loop {
         at = sort_header(&mut bytes, at);
-        // An empty header ends several ones.
+        // A list of several headers ends with an empty one.
         if !several || bytes[at] == 0 {
             return bytes;
         }

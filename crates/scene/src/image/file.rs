@@ -70,7 +70,7 @@ pub(super) fn write_file_with(
         .and_then(|()| fs::rename(&part, &target.path).map_err(|e| target.refuse("rename the finished file", e)));
     drop(file);
     if outcome.is_err() {
-        // Nothing to be done about a second failure; the first one is reported.
+        // The first failure is reported; a second one is ignored.
         let _ = fs::remove_file(&part);
         return outcome;
     }

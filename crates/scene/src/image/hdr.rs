@@ -6,7 +6,7 @@ use ::image::ImageError as Decoder;
 use ::image::codecs::hdr::HdrDecoder;
 use std::io::{Cursor, Read};
 
-/// Largest accepted header in bytes. Small attributes take an estimated tens of times their size in memory.
+/// Largest accepted header in bytes. Small attributes may take tens of times their length in memory.
 const HEADER: usize = 1 << 20;
 
 /// Reads a file.
@@ -32,10 +32,10 @@ fn pixels(file: &File<'_>, start: Option<usize>, cursor: &mut Cursor<&[u8]>) -> 
         return decode(file, Encoding::Linear, 0, HdrDecoder::new_nonstrict(cursor));
     };
     let [(_, height), (_, width)] = order.0;
-    // Pixels of another order than the usual are turned afterwards, with a copy.
+    // Pixels in an unusual order are rearranged afterwards, in a copy.
     let copies = if order == order.usual() { 1 } else { 2 };
     file.check_claim([width, height], copies * PIXEL_BYTES, 0)?;
-    // The decoder knows the usual order and line ends only.
+    // The decoder supports only the usual order and line ends.
     let head = format!("FORMAT=32-bit_rle_rgbe\n\n-Y {height} +X {width}");
     let line = file.bytes[start..].iter().position(|&byte| byte == b'\n').unwrap_or(0);
     cursor.set_position((start + line) as u64);
@@ -80,7 +80,7 @@ impl Header {
             match field.trim() {
                 "FORMAT" if value.trim() == "32-bit_rle_xyze" => return Err(file.unsupported("XYZ colour", "RGBE")),
                 "PRIMARIES" => match *numbers.as_chunks().0 {
-                    // Photoshop writes these into every file.
+                    // Photoshop writes eight zeros into every file.
                     _ if numbers == [0.0; 8] => {}
                     [red, green, blue, white] => header.space = Some(Chromaticities { red, green, blue, white }),
                     _ => header.notices.push(format!("its {line} is not eight numbers; Rec. 709 is assumed")),

@@ -7,7 +7,7 @@ use super::read::{OPENEXR, flat_info, format_of};
 /// The contents of an image file.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ImageInfo {
-    /// An OpenEXR file with these parts.
+    /// An OpenEXR file, with the headers of its parts.
     Exr(Vec<ExrPart>),
     /// A file of another format.
     Flat {
@@ -17,12 +17,12 @@ pub enum ImageInfo {
         size: [u32; 2],
         /// The channels, such as `R, G, B, A`.
         channels: &'static str,
-        /// The values, such as `8 bits`.
+        /// The type of the values, such as `8 bits`.
         values: &'static str,
     },
 }
 
-/// Returns true if a file that begins with these bytes is an image. Only TGA needs its extension.
+/// Returns true if a file that begins with these bytes is an image. Only TGA is recognized by its extension.
 pub fn is_image(start: &[u8], file_name: &str) -> bool {
     format_of(start, file_name).is_some()
 }

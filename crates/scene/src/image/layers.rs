@@ -129,7 +129,7 @@ impl std::str::FromStr for LayerKind {
 pub struct FoundLayer {
     /// The kind.
     pub kind: LayerKind,
-    /// The name as the file has it; empty for `R`, `G`, `B` without a layer.
+    /// The name in the file; empty for `R`, `G`, `B` without a layer.
     pub name: String,
     /// The part of the file, from 0.
     pub part: usize,
@@ -221,7 +221,7 @@ impl Group {
         }
     }
 
-    /// A channel without a layer whose name is that of a kind, such as `Z`.
+    /// The channel `name`, such as `Z`, as a layer of a kind, if the group's channels have no layer.
     fn lone(&self, kind: LayerKind, name: &str) -> Option<(String, Vec<usize>)> {
         if !self.pass.is_empty() || matches!(kind, Normal | Position) {
             return None;
@@ -333,7 +333,7 @@ fn first_moment_of(layer: &str) -> Option<String> {
     layer.strip_prefix("m2_").map(str::to_owned).or(within)
 }
 
-/// Returns true for the names of features. A file may hold second moments of features, too.
+/// Returns true for the names of features, which may also have second moments in a file.
 fn is_feature(layer: &str) -> bool {
     let name = layer.rsplit_once('.').map_or(layer, |(_, name)| name).to_lowercase();
     [Normal, Albedo, Position, Depth, Emission].iter().any(|kind| kind.names().contains(&name.as_str()))

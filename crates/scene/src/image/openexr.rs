@@ -136,8 +136,8 @@ impl From<ExrError> for Fault {
 
 pub(super) type Source<'a> = Cursor<&'a [u8]>;
 
-/// Calls `work` with a function that opens the file anew and checks its headers. Returns the result of `work`, its
-/// errors converted to [`ImageError`].
+/// Calls `work` with a function that opens the file and checks its headers. Returns the result of `work`, its errors
+/// converted to [`ImageError`].
 pub(super) fn with_reader<'a, T>(
     file: &File<'a>,
     work: impl FnOnce(&mut dyn FnMut() -> Result<Reader<Source<'a>>, Fault>) -> Result<T, Fault>,
@@ -171,7 +171,7 @@ fn check_headers(file: &File<'_>, headers: &[Header]) -> Result<(), ImageError> 
         if header.channels.list.iter().any(|c| c.sampling.0 != 1 || c.sampling.1 != 1) {
             return Err(file.unsupported("a channel of lower resolution than the image", "RGB"));
         }
-        // The offset table has eight bytes per chunk, and the reader indexes it by a count of its own.
+        // The offset table has eight bytes per chunk, and the reader indexes it by the number of chunks that it computes.
         if header.chunk_count > file.bytes.len() / 8 {
             return Err(file.truncated());
         }
@@ -261,7 +261,7 @@ pub(super) fn read_planes(
                 let values = v.to_mut();
                 floats(&header, line, |i, value| values[start + i] = value)
             }
-            // No plane that is read is computed.
+            // Planes read from files are never computed.
             Plane::Each(_) => Ok(()),
         }
     })?;

@@ -79,7 +79,7 @@ fn next_word<'a>(file: &File<'a>, at: &mut usize, name: &str) -> Result<&'a str,
     if start == *at && start < file.bytes.len() {
         return Err(file.malformed(start, format!("white space is missing before the {name}")));
     }
-    // Longer than any number. The limit keeps a file that is no PFM from being searched to its end.
+    // No number is this long. The limit avoids a search to the end of a file that is not PFM.
     let rest = &file.bytes[start..file.bytes.len().min(start + 64)];
     match rest.iter().position(u8::is_ascii_whitespace) {
         Some(length) => {

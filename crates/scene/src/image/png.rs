@@ -64,7 +64,7 @@ impl Quantizer {
     }
 
     fn byte(&self, linear: f64) -> u8 {
-        // No border compares as at most NaN, so that NaN becomes 0.
+        // No border is <= NaN, so that NaN becomes 0.
         self.borders.partition_point(|&border| border <= linear) as u8
     }
 }

@@ -12,8 +12,7 @@ pub enum Encoding {
     /// The default: integers are sRGB, as with [`Encoding::Srgb`].
     #[default]
     Auto,
-    /// Samples are data, as in bump maps, roughness and masks: integers are proportional to them, and they have no colour
-    /// space.
+    /// Samples are data, as in bump maps, roughness maps and masks: integers are linear, and there is no colour space.
     Linear,
     /// Samples are colours; integers are sRGB.
     Srgb,
@@ -39,13 +38,13 @@ pub struct ImageFile {
 pub struct LayerQuery<'a> {
     /// The name of the layer; `None` for the main one.
     pub layer: Option<&'a str>,
-    /// The view, if the file has the layer in it; `None` for the first one.
+    /// The view to read if it has the layer; `None` for the first view.
     pub view: Option<&'a str>,
 }
 
 /// Reads an image: PNG, JPEG, TGA, Radiance HDR, OpenEXR or PFM.
 ///
-/// The content decides on the format; only TGA, which has no signature, needs its extension. Integers of 8 or 16 bits are
+/// The content determines the format; only TGA, which has no signature, needs its extension. Integers of 8 or 16 bits are
 /// scaled to 0..=1, then decoded by the sRGB curve unless `encoding` is linear; alpha is never decoded. Gray becomes RGB.
 /// Color profiles and EXIF orientation are ignored. A PNG's gAMA, cHRM and cICP are ignored with a notice; an animated PNG
 /// gives its first frame. HDR values are used as stored (EXPOSURE and COLORCORR are ignored, with a notice), in any of the
@@ -55,8 +54,8 @@ pub struct LayerQuery<'a> {
 /// Colours of an OpenEXR or HDR file of other chromaticities are converted to Rec. 709, unless `encoding` is linear;
 /// channels may become negative.
 ///
-/// Pixels of an OpenEXR file are those of its data window. Of its layers, the first of these is read, with its own alpha
-/// ([`Layers::image`](super::Layers::image)):
+/// Pixels of an OpenEXR file are those of its data window. The image is the first of the following that the file has, with
+/// its alpha channel ([`Layers::image`](super::Layers::image)):
 /// * channels `R`, `G`, `B` (or `Y`) without a layer name,
 /// * the layer that is named as an image, such as `Combined`, `rgba` or `beauty`, unless it is 0 everywhere,
 /// * the only layer with the channels of an image,
@@ -67,9 +66,9 @@ pub struct LayerQuery<'a> {
 ///
 /// # Errors
 /// Any fault of the file, with its name and the byte offset. [`ImageError::Ambiguous`] for an OpenEXR file with several
-/// images. An image whose reading would take more than 256 MiB + 16 x
-/// `bytes.len()` is refused before memory is allocated: see [`ImageError::TooLarge`]. Images of up to 5 million pixels
-/// always pass (4 million with alpha, 3.5 million for a progressive JPEG).
+/// images. An image that would take more than 256 MiB + 16 x `bytes.len()` to read is refused before memory is allocated: see
+/// [`ImageError::TooLarge`]. Images of up to 5 million pixels always pass (4 million with alpha, 3.5 million for a
+/// progressive JPEG).
 pub fn read_image(bytes: &[u8], file_name: &str, encoding: Encoding) -> Result<Image, ImageError> {
     read_image_file(bytes, file_name, encoding, LayerQuery::default()).map(|file| file.image)
 }
@@ -209,10 +208,10 @@ pub(super) struct File<'a> {
     pub(super) format: &'static str,
 }
 
-/// Memory in bytes that reading a file of any length may take. Suffices for textures of 4096 x 4096 pixels (201 MB).
+/// Memory in bytes that reading may take for a file of any length. Suffices for textures of 4096 x 4096 pixels (201 MB).
 const FREE_BYTES: u64 = 256 << 20;
-/// Further memory in bytes that reading may take for each byte of the file. A good texture holds fewer than 10 samples
-/// per byte.
+/// Further memory in bytes that reading may take for each byte of the file. Real textures have fewer than 10 samples per
+/// byte.
 const BYTES_PER_BYTE: u64 = 16;
 /// Memory in bytes for a decoder's tables and buffers, independent of the size of the image.
 const OWN_BYTES: u128 = 1 << 20;
@@ -297,7 +296,7 @@ pub(super) fn format_of(bytes: &[u8], name: &str) -> Option<&'static str> {
 /// Bytes per image column that decoders buffer: up to three rows of the widest pixels.
 const COLUMN_BYTES: u64 = 32;
 
-/// Decodes an image in its final memory. `working` is the memory in bytes that the decoder needs in addition.
+/// Decodes an image directly into its final memory. `working` is the memory in bytes that the decoder needs in addition.
 pub(super) fn decode<D: ImageDecoder>(
     file: &File<'_>,
     encoding: Encoding,
@@ -422,7 +421,7 @@ fn tga_copy(file: &File<'_>) -> u64 {
     2 * u64::from(u16::from_le_bytes([w0, w1])) * u64::from(u16::from_le_bytes([h0, h1]))
 }
 
-/// Returns the end of the memory of `pixels` as bytes: `bytes_per_pixel` (at most 12) for each pixel. A decoder writes
+/// Returns the last part of the memory of `pixels` as bytes: `bytes_per_pixel` (at most 12) for each pixel. A decoder writes
 /// packed samples there. [`expand`] then converts them in place, front to back, without overwriting unread samples.
 fn packed(pixels: &mut [[f32; 3]], bytes_per_pixel: usize) -> &mut [u8] {
     let length = pixels.len() * bytes_per_pixel;

@@ -27,7 +27,7 @@ impl Window {
         self.size[0] as usize * self.size[1] as usize
     }
 
-    /// Returns the part inside `inner` of `values`, one for each pixel of this window, row by row from the top.
+    /// Returns the values of the pixels inside `inner`. `values` has one per pixel of this window, row by row from the top.
     ///
     /// # Panics
     /// If `inner` reaches beyond this window, or `values` has too few values.

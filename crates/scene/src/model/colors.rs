@@ -1,12 +1,12 @@
-//! Colours of vertices and facets. Scanners and modellers write them in sRGB, except in glTF.
+//! Colours of vertices and facets. Scanners and modelling programs write sRGB colours, except in glTF.
 
 use crate::image::srgb_decode;
 
-/// The largest value of colours whose range is 0 to 1, since some may be too bright.
+/// Colours whose range is 0 to 1 may exceed it up to this value.
 const BRIGHT: f32 = 4.0;
 
-/// Decodes colours in sRGB to linear RGB. The range of values is 0 to 255 if one is above 4, and more are above 1 than
-/// between 0 and 1; else it is 0 to 1. NaN and infinity stay. Returns a notice if values are out of range.
+/// Decodes colours in sRGB to linear RGB. The range is taken as 0 to 255 if a value is above 4, and more values are above 1
+/// than between 0 and 1; else as 0 to 1. NaN and infinity stay. Returns a notice if values are out of range.
 pub(super) fn decode(colors: &mut [[f32; 3]]) -> Option<String> {
     let channels = || colors.as_flattened().iter().copied().filter(|channel| channel.is_finite());
     let count = |is: fn(f32) -> bool| channels().filter(|channel| is(*channel)).count();

@@ -21,7 +21,7 @@ pub(super) struct Materials {
 }
 
 impl Materials {
-    /// Reads the material files that the argument of a `mtllib` names: one, whose name may hold blanks, or several.
+    /// Reads the material files named by a `mtllib`'s argument: one file, whose name may contain blanks, or several.
     pub(super) fn open(&mut self, scene: &mut Scene, argument: &str, files: &dyn Files, source: &Source) {
         let whole = text::names(argument).find_map(|name| self.read(scene, name, files, source).ok());
         if whole.is_none() {
@@ -143,14 +143,14 @@ impl Materials {
 /// The largest number of material files that one statement names.
 const MOST_LIBRARIES: usize = 64;
 
-/// The names in the argument of a `mtllib` with several files. A name is in quotes, or ends with a word in `.mtl`, or is a
-/// single word. A comment ends the names.
+/// The names in the argument of a `mtllib` with several files. A name is in quotes, ends with a word that ends in `.mtl`, or
+/// is a single word. A comment ends the list.
 fn several(argument: &str) -> Vec<&str> {
     let mut names = Vec::new();
     let mut rest = argument.trim_start();
     while !rest.is_empty() && !rest.starts_with('#') {
         if names.len() == MOST_LIBRARIES {
-            // Not found, which is reported.
+            // Reported as a file that is not found.
             names.push(rest);
             break;
         }
@@ -256,7 +256,7 @@ fn read_mtl(text: &str) -> Library {
     library
 }
 
-/// The colour in the argument of `Kd`: three finite numbers, or one for all three. More may follow three.
+/// The colour in the argument of `Kd`: three finite numbers, or one for all three. Words after three numbers are ignored.
 fn diffuse(argument: &str) -> Option<[f64; 3]> {
     let words = argument.split('#').next().unwrap_or("").split_whitespace().take(3);
     match words.map(|word| text::number::<f64>(word).filter(|c| c.is_finite())).collect::<Option<Vec<_>>>()?[..] {
@@ -266,9 +266,9 @@ fn diffuse(argument: &str) -> Option<[f64; 3]> {
     }
 }
 
-/// Returns the file name in a texture statement: what follows its options. A file name may hold blanks.
+/// Returns the file name in a texture statement: the text after its options. A file name may contain blanks.
 fn file_of<'t>(mut rest: &'t str) -> Option<&'t str> {
-    // The first word, and what follows it.
+    // The first word, and the text after it.
     let first = |rest: &'t str| rest.split_at(rest.find(char::is_whitespace).unwrap_or(rest.len()));
     while rest.starts_with('-') {
         let (option, values) = first(rest);
@@ -288,19 +288,19 @@ fn file_of<'t>(mut rest: &'t str) -> Option<&'t str> {
     (!rest.is_empty()).then_some(rest)
 }
 
-/// Returns true if an unsupported MTL statement would change the image, or is unknown. The statement is given by its keyword and its
-/// numbers.
+/// Returns true if an unsupported MTL statement would change the image, or is unknown. `numbers` are the statement's
+/// arguments.
 fn calls_for_more(keyword: &str, numbers: &[f64]) -> bool {
     let first = numbers.first().copied().unwrap_or(0.0);
     match keyword {
         "Ks" | "Ke" | "Tf" => numbers.iter().any(|&c| c != if keyword == "Tf" { 1.0 } else { 0.0 }),
         "d" => first < 1.0,
         "Tr" => first > 0.0,
-        // Models of light that mirror or transmit.
+        // Illumination models with mirror reflection or transmission.
         "illum" => first >= 3.0,
         "Pm" | "Ps" | "Pc" | "aniso" => first != 0.0,
         "Pr" => first != 1.0,
-        // Ambient light is traced. Shininess and refraction count with Ks and d, which are reported themselves.
+        // Ambient light is traced. Shininess and refraction matter only with Ks and d, which are reported.
         "" | "newmtl" | "Ka" | "map_Ka" | "Ns" | "map_Ns" | "Ni" | "Km" | "sharpness" | "Pcr" | "anisor" => false,
         _ => !keyword.starts_with('#'),
     }

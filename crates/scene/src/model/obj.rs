@@ -1,7 +1,7 @@
 //! Meshes from OBJ files.
 //!
-//! This parser uses no library. `tobj` reports no lines with its errors, and panics or reads wrong numbers at some
-//! mistakes. It supports neither continued lines nor faces that mix corners with and without texture coordinates.
+//! This parser uses no library. `tobj` reports errors without lines, and panics or reads wrong numbers for some malformed
+//! files. It supports neither continued lines nor faces that mix corners with and without texture coordinates.
 
 use super::mtl::Materials;
 use super::{ModelError, UpAxis, colors, model_scene, no_uvs};
@@ -101,10 +101,10 @@ pub fn read_obj(bytes: &[u8]) -> Result<ObjModel, ModelError> {
     Ok(ObjModel { meshes, libraries, notices })
 }
 
-/// Keywords of statements whose argument is a name, which no backslash continues.
+/// Keywords of statements whose argument is a name. A backslash at its end does not continue the line.
 const NAMES: [&str; 6] = ["o", "g", "usemtl", "mtllib", "newmtl", "map_Kd"];
 
-/// The statements of an OBJ or MTL text, with the line of each: lines, joined where a backslash at the end continues them.
+/// The statements of an OBJ or MTL text, each with its line. A backslash at the end of a line joins it with the next line.
 pub(super) fn statements(text: &str) -> impl Iterator<Item = (u32, String)> {
     let mut lines = (1..).zip(text.lines());
     std::iter::from_fn(move || {
@@ -223,7 +223,7 @@ const LEFT_OUT: [(&str, &str); 6] = [
     ("call csh", "runs other files"),
     ("maplib usemap", "is a texture outside of an MTL file"),
     ("bevel c_interp d_interp lod shadow_obj trace_obj", "controls how other renderers show the model"),
-    ("#MRGB", "is a colour of ZBrush's own; export colours as numbers behind vertices"),
+    ("#MRGB", "holds colours in ZBrush's own form; export colours as numbers after each position"),
 ];
 /// The largest number of kinds of statements that are reported as left out.
 const MOST_LEFT_OUT: usize = 12;
@@ -286,10 +286,10 @@ impl Parser {
         let count = more.clone().count();
         if count == 1 {
             if more.filter_map(text::number::<f64>).next() != Some(1.0) {
-                self.leave_out("v", "has a weight, which matters for curves only", line);
+                self.leave_out("v", "has a weight, which only curves use", line);
             }
         } else if !matches!(count, 0 | 3 | 4) {
-            self.leave_out("v", "must have 3, 4, 6 or 7 numbers; those after the third are ambiguous", line);
+            self.leave_out("v", "has a count of numbers other than 3, 4, 6 and 7", line);
         } else if count > 0 {
             colors.resize(positions.len() - 1, NO_COLOR);
             let color = numbers("v", more).and_then(single);
@@ -301,8 +301,8 @@ impl Parser {
         Ok(())
     }
 
-    /// Reads the numbers of a normal or of texture coordinates: 0, with a notice, if one is not finite. A normal of 0 is
-    /// replaced by the face's normal.
+    /// Reads the numbers of a normal or of texture coordinates. If one is not finite, all become 0, with a notice. A normal
+    /// of 0 is replaced by the face's normal.
     fn finite<'w, const N: usize>(
         &mut self,
         keyword: &str,
@@ -329,7 +329,7 @@ impl Parser {
         }
         self.key.has = [1, 2].map(|kind| corners.iter().all(|corner| corner[kind].is_some()));
         if self.smooths && !self.key.has[1] {
-            self.leave_out("s", "smooths faces without normals, which are flat; export normals", line);
+            self.leave_out("s", "smooths faces without normals, which are rendered flat; export normals", line);
         }
         let group = match self.groups.get_mut(&self.key) {
             Some(group) => group,
@@ -375,7 +375,8 @@ impl Parser {
         for (kind, &(largest, line)) in self.largest.iter().enumerate() {
             let (count, what) = (self.vertices.counts()[kind], KINDS[kind]);
             if largest > count {
-                let what = format!("a corner has index {largest}, but there are only {count} {what}");
+                let what =
+                    format!("a corner has index {largest}, but only {count} {what} exist; export the file again");
                 return Err(ModelError::at(line, what));
             }
             if count > u64::from(u32::MAX) {

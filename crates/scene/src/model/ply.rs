@@ -81,7 +81,7 @@ const LITTLE: &str = "binary_little_endian";
 const BIG: &str = "binary_big_endian";
 const NO_FACES: &str = "there is no element face with a list vertex_indices; export triangles";
 
-/// A type of number: its length in bytes, and how its bits are read.
+/// A type of number: its length in bytes, and the meaning of its bits.
 #[derive(Clone, Copy)]
 struct Number(usize, Bits);
 
@@ -111,7 +111,7 @@ impl Number {
         match self {
             Self(4, Bits::Float) => text::number::<f32>(word).map(f64::from),
             Self(_, Bits::Float) => text::number(word),
-            // A number of too many bytes has other bits.
+            // A number out of the range of its type changes when it is cut to the type's bytes.
             Self(bytes, _) => word
                 .parse()
                 .ok()
@@ -159,7 +159,7 @@ impl Element {
         self.properties.iter().all(|p| p.name != name)
     }
 
-    /// True if the element has all of these numbers.
+    /// True if the element has a number for each of `names`.
     fn has(&self, names: &[&str]) -> bool {
         names.iter().all(|name| self.properties.iter().any(|p| p.name == *name && p.count.is_none()))
     }
@@ -273,12 +273,12 @@ impl Rows<'_> {
 
     /// The error of a row that lacks a number, or has another word in its place.
     fn bad(&self, element: &Element, index: usize, property: &Property) -> ModelError {
-        let what = format!("{} {index} cannot be read ({} lacks a number of its type)", element.name, property.name);
+        let what = format!("{} {index} cannot be read (no valid number for {})", element.name, property.name);
         let line = if let Self::Text(words) = self { Some(words.line()) } else { None };
         ModelError { line, what: what + "; the file is cut off or damaged" }
     }
 
-    /// A reason to suspect ASCII rows, after the last one is read. `text` is the text of all rows.
+    /// A reason to suspect that ASCII rows are damaged, after the last row is read. `text` is the text of all rows.
     fn doubt(self, text: &str) -> Option<String> {
         let Self::Text(mut words) = self else { return None };
         if let Some((line, word)) = words.next() {

@@ -24,9 +24,9 @@ const HEADER: usize = 84;
 /// Length of a facet of a binary file in bytes: normal, three corners, two extra bytes.
 const FACET_LENGTH: usize = 50;
 
-/// Reads a mesh from the bytes of an STL file, without normals, since facets are flat. Bitwise equal corners are merged
-/// into one vertex, unless their facets have different colours. Binary files have colours in the form of VisCAM and
-/// SolidView, or in that of Materialise Magics.
+/// Reads a mesh from the bytes of an STL file, without normals, since facets are flat. Bitwise equal corners are merged into
+/// one vertex, unless their facets have different colours. Colours of binary files are those of VisCAM and SolidView, or of
+/// Materialise Magics.
 ///
 /// A file that begins with `solid` is text, with two exceptions: a NUL among its first 512 bytes, or the exact length of
 /// a binary file with its number of facets.
@@ -36,15 +36,15 @@ const FACET_LENGTH: usize = 50;
 pub fn read_stl(bytes: &[u8]) -> Result<ModelMesh, ModelError> {
     let promised = promised(bytes);
     if promised.is_none_or(|(_, length)| length != bytes.len() as u64) {
-        // An error for UTF-16.
+        // Text in UTF-16 is an error.
         text::without_mark(bytes)?;
         if begins_as_text(bytes) && !bytes[..bytes.len().min(512)].contains(&0) {
             return read_text(&text::decode(bytes)?);
         }
     }
     let Some((count, promised)) = promised else {
-        let what = "bytes that do not begin with `solid` are not an STL file; a binary one has";
-        return Err(format!("{} {what} {HEADER} or more", bytes.len()).into());
+        let found = format!("its {} bytes are fewer than the {HEADER} of a binary header", bytes.len());
+        return Err(format!("not an STL file: it does not begin with `solid`, and {found}; export it again").into());
     };
     if promised > bytes.len() as u64 {
         let found = format!("only {} bytes follow instead of {FACET_LENGTH} for each", bytes.len() - HEADER);
@@ -102,7 +102,7 @@ impl Attributes {
         let mut left_out: Vec<String> =
             self.has_material.then(|| "MATERIAL of the header".into()).into_iter().collect();
         let mut colors: Vec<[f32; 3]> = match self.body.map(|body| body.map(|c| f32::from(c) / 255.0)) {
-            // Writers that know no colours of facets leave all zero.
+            // Programs that write no colours of facets leave all bits 0.
             Some(body) => {
                 let own = |bits: &u16| if has_any && bits & COLORED == 0 { reversed(channels(*bits)) } else { body };
                 self.facets.iter().map(own).collect()
@@ -119,19 +119,19 @@ impl Attributes {
                 Vec::new()
             }
         };
-        // All are from 0 to 1.
+        // There is no notice, since all values are from 0 to 1.
         _ = colors::decode(&mut colors);
         (colors, left_out)
     }
 }
 
-/// The number of facets of a binary file, and the length in bytes that follows from it.
+/// The number of facets that a binary file declares, and the length in bytes of a file with that many facets.
 fn promised(bytes: &[u8]) -> Option<(u32, u64)> {
     let count = bytes.get(80..HEADER).and_then(<[u8]>::first_chunk).map(|&count| u32::from_le_bytes(count))?;
     Some((count, HEADER as u64 + FACET_LENGTH as u64 * u64::from(count)))
 }
 
-/// True if `solid` is the first word, or begins a line behind comments of another style.
+/// True if `solid` is the first word after empty lines and comments.
 fn begins_as_text(bytes: &[u8]) -> bool {
     let start = text::without_mark(bytes).unwrap_or_default();
     let mut lines = start.split(|byte| matches!(byte, b'\n' | b'\r')).map(<[u8]>::trim_ascii);
@@ -142,10 +142,10 @@ fn begins_as_text(bytes: &[u8]) -> bool {
 
 /// The marks that begin comments between solids.
 const COMMENTS: [&str; 3] = ["#", ";", "//"];
-/// The words that begin a facet, also in the line of a solid's name.
+/// The words that begin a facet. They end a solid's name even on the same line.
 const FACET: [&str; 2] = ["facet", "normal"];
 
-/// Reads a sequence of solids. Line ends mean nothing, except that names of solids reach to the end of their line.
+/// Reads a sequence of solids. Line ends have no meaning, except that a solid's name extends to the end of its line.
 fn read_text(text: &str) -> Result<ModelMesh, ModelError> {
     let mut words = Words::new(text, 1);
     let mut welder = Welder::default();
@@ -154,7 +154,7 @@ fn read_text(text: &str) -> Result<ModelMesh, ModelError> {
         let mut ahead = words.clone();
         let Some((line, word)) = ahead.next() else { break };
         if words.take_pair(["end", "solid"]) {
-            // All may be in one line, another solid behind this one.
+            // The whole file may be one line; another solid may follow in it.
             open = words.skip_line_to(FACET);
         } else if word.eq_ignore_ascii_case("solid") {
             words = ahead;
@@ -166,10 +166,10 @@ fn read_text(text: &str) -> Result<ModelMesh, ModelError> {
             welder.add(corners).ok_or_else(not_finite)?;
         } else if COMMENTS.iter().any(|mark| word.starts_with(mark)) {
             words = ahead;
-            // No word is a line end.
+            // Skips to the end of the line, since no word is a line break.
             words.skip_line_to(["\n"; 2]);
         } else {
-            return Err(ModelError::at(line, "only `solid` may stand outside of a solid; the file is damaged"));
+            return Err(ModelError::at(line, "only `solid` is allowed outside of a solid; the file is damaged"));
         }
     }
     if open {

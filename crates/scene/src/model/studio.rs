@@ -15,7 +15,7 @@ const FOV: f64 = 35.0;
 const TAN_HALF_FOV: f64 = 0.315_298_788_878_984;
 /// The fraction of the image's width or height that the model fills.
 const FILLED: f64 = 0.88;
-/// The largest number of scattering events per path. Grey surfaces leave little light after this number.
+/// The largest number of scattering events per path. Grey surfaces leave little light after 6 events.
 const MAX_DEPTH: u32 = 6;
 /// Height of the image in pixels; the default width is a third more.
 const HEIGHT: u32 = 720;
@@ -35,10 +35,10 @@ pub(crate) struct Wanted {
     pub(crate) ground: bool,
 }
 
-/// The setting of a bare model: the axis that points up, and width over height of the image.
+/// The axis of a bare model that points up, and the width of the image divided by its height.
 pub(crate) type Stage = (UpAxis, Option<f64>);
 
-/// Sets camera, film, light and ground of a scene, those that `wanted` requests.
+/// Sets the camera with its film, the light and the ground of a scene, each only if `wanted` requests it.
 ///
 /// # Errors
 /// Returns a message if all vertices coincide, or if the size overflows.
@@ -147,7 +147,7 @@ fn each_triangle(scene: &Scene, mut f: impl FnMut([DVec3; 3])) {
     }
 }
 
-/// The environment map of model scenes. It is computed once, since that takes longer than reading a small model.
+/// The environment map of model scenes. It is computed once, since this takes longer than reading a small model.
 static STUDIO: LazyLock<Arc<Image>> = LazyLock::new(|| Arc::new(studio()));
 
 /// Creates the environment map of model scenes: brighter above than below, with a round light over the viewer's left
@@ -181,9 +181,9 @@ fn studio() -> Image {
 
 // The direction from which a model is seen.
 //
-// A bare model is seen from the front, the right and above. A room without a front wall, such as a Cornell box, would
-// show the outsides of its walls from there. So a small image of each side tells whether the triangles that are seen
-// face the viewer, and the first view from which most do is taken.
+// A bare model is seen from the front, the right and above. A room without a front wall, such as a Cornell box, would show
+// the outsides of its walls from there. Small images therefore show the fraction of visible triangles that face away, and the
+// first view with few of them is chosen.
 
 /// A view: the direction to the camera, by its components to the front, to the right and up. It is normalized on use.
 type View = [f64; 3];
@@ -199,7 +199,7 @@ const ENOUGH: f64 = 0.3;
 const BETTER: f64 = 0.5;
 /// Width and height of the small images in pixels.
 const VIEW: usize = 48;
-/// The largest number of triangles drawn; larger models are drawn by that many evenly spaced triangles.
+/// The largest number of triangles drawn; of a larger model, that many evenly spaced triangles are drawn.
 const MOST: usize = 300_000;
 
 /// Returns the direction of a view, given the directions to the front, to the right and up.
@@ -218,7 +218,7 @@ fn choose_view(scene: &Scene, axes: [DVec3; 3], centre: DVec3, radius: f64) -> V
     others.into_iter().fold((BETTER * usual, USUAL), better).1
 }
 
-/// The fraction of pixels that show the back of a triangle, among those that show any.
+/// The fraction of pixels that show the back of a triangle, among the pixels that show a triangle.
 fn back_faces(scene: &Scene, towards: DVec3, up: DVec3, centre: DVec3, radius: f64) -> f64 {
     let right = (-towards).cross(up).normalize();
     let up = right.cross(-towards);

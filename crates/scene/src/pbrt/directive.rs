@@ -16,7 +16,7 @@ enum Form {
     Bare,
     /// Numbers, in brackets or not. The field is their count.
     Numbers(usize),
-    /// Quoted strings. The fields are their smallest and their largest count.
+    /// Quoted strings. The fields are the smallest and the largest count.
     Texts(usize, usize),
     /// Quoted strings followed by parameters. The field is the count of strings.
     Named(usize),

@@ -138,8 +138,8 @@ impl Reader<'_> {
         self.is_placed(d, true)
     }
 
-    /// Returns true if a directive is on its side of `WorldBegin`: after it if `after`, else before it. Otherwise reports a
-    /// problem.
+    /// Returns true if a directive is on the correct side of `WorldBegin`: after it if `after` is true, else before it.
+    /// Otherwise reports a problem.
     fn is_placed(&mut self, d: &Directive<'_>, after: bool) -> bool {
         let placed = self.once.contains_key("WorldBegin") == after;
         if !placed {
@@ -193,7 +193,7 @@ impl Reader<'_> {
         list.retain(|old: &Param| d.params.iter().all(|new| new.name != old.name));
         list.extend(d.params);
         if list.len() > MOST_ATTRIBUTES {
-            let what = format!("more than {MOST_ATTRIBUTES} attributes of one kind; set them in the directives");
+            let what = format!("more than {MOST_ATTRIBUTES} Attribute parameters of a kind; set some in directives");
             self.log.problem(&d.source, what);
             self.stopped = true;
         }

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Decoded images by path, decoding of integers, and channel.
+/// Decoded images by path, by the decoding of their integers, and by channel.
 pub(super) type Images = BTreeMap<(PathBuf, ReadAs), Arc<Image>>;
 /// The decoding of an image's integers, and the part of its pixels that is read.
 pub(super) type ReadAs = (Decoding, Channel);

@@ -113,8 +113,8 @@ fn glass(params: &mut Params) -> MaterialKind {
     MaterialKind::Dielectric { eta, roughness, reflectance, transmittance }
 }
 
-/// Makes a mix of two materials. The file's `amount` is the weight of the first material, Dapple's that of the second, so it
-/// is subtracted from 1.
+/// Makes a mix of two materials. The file's `amount` is the weight of the first material. It is subtracted from 1, since
+/// Dapple stores the second one's weight.
 fn old_mix(params: &mut Params) -> Made {
     let names = ["namedmaterial1", "namedmaterial2"].map(|name| params.needed_text(name).map(|text| text.0));
     let mixes = if let [Some(first), Some(second)] = names { Some([first, second]) } else { None };
@@ -149,7 +149,7 @@ fn old_alpha(params: &mut Params, name: &'static str, default: f32, remap: bool)
         }
         (Scalar::Constant(r), _) if remap => Scalar::Constant(alpha_of_third(r)),
         (Scalar::Texture(_), version) if remap || version == Version::V2 => {
-            let what = format!("a texture as {name} of {} (other than as alpha itself)", params.of);
+            let what = format!("a texture as {name} of {} (except as a microfacet width, alpha)", params.of);
             params.unsupported(line.unwrap_or(params.line()), what);
             Scalar::Constant(default)
         }

@@ -194,7 +194,7 @@ impl Reader<'_> {
     }
 }
 
-/// Takes a number parameter of pbrt-v4. `None` unless it is above 0: pbrt ignores such values, too.
+/// Takes a number parameter of pbrt-v4. `None` if it is missing or not above 0: pbrt ignores such values, too.
 fn positive(params: &mut Params, name: &'static str) -> Option<f64> {
     if params.context.version.is_old() {
         return None;

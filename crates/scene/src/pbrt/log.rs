@@ -16,7 +16,7 @@ pub(super) struct Log {
     more: usize,
     /// The listed notices, each with the number of its repetitions.
     notices: Vec<(Notice, usize)>,
-    /// The index of the listed notice by its message.
+    /// The index in `notices` of each message.
     said: BTreeMap<String, usize>,
     more_notices: usize,
     pub(super) allow_unsupported: bool,

@@ -8,7 +8,7 @@ use crate::{Coating, Color, ConductorFresnel, MaterialId, MaterialKind, Roughnes
 pub(super) const NEW_MATERIALS: &str =
     "diffuse diffusetransmission conductor dielectric thindielectric coateddiffuse coatedconductor interface";
 
-/// The usual names of a roughness: for both directions, for u, for v.
+/// The usual names of roughness parameters: for both directions, for u, for v.
 pub(super) const ROUGHNESS: [&str; 3] = ["roughness", "uroughness", "vroughness"];
 
 /// Returns pbrt's default material: diffuse, with reflectance 0.5.

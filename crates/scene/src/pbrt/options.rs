@@ -203,7 +203,7 @@ fn transport(kind: &str) -> String {
         "ambientocclusion" => ("ambient-occlusion", "ambient occlusion"),
         _ => return "path tracing is used".into(),
     };
-    format!("by default, the scene's effects decide on the integrator; for {method}, use --integrator {ours}")
+    format!("by default, the scene's effects determine the integrator; for {method}, use --integrator {ours}")
 }
 
 /// Returns the crop window in pixels: x0, y0, x1, y1; `None` if the file sets none or an empty one. `cropwindow` takes

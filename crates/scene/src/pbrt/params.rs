@@ -159,8 +159,8 @@ pub(super) fn read_param(tokens: &mut Tokens<'_>, file: &Arc<PathBuf>, log: &mut
     Ok(Param { ty, name, values, line: declaration.line, taken: false, inherited: false })
 }
 
-/// The parameters of one directive. To take a parameter is to read it and mark it as used. [`finish`](Self::finish)
-/// reports invalid parameters, and those never taken.
+/// The parameters of one directive. To take a parameter is to read it and mark it as used. [`finish`](Self::finish) reports
+/// invalid parameters, and parameters that were never taken.
 #[derive(Debug)]
 pub(super) struct Params {
     /// The directive's name, for messages.
@@ -192,8 +192,8 @@ enum Report {
 }
 
 impl Params {
-    /// Makes the list of a directive's own parameters and those inherited from `Attribute`. `of` names the directive in
-    /// messages.
+    /// Makes the list of a directive's own parameters and the parameters inherited from `Attribute`. `of` names the directive
+    /// in messages.
     pub(super) fn new(of: String, source: &Source, own: Vec<Param>, inherited: &[Param], context: Context) -> Self {
         let mut by_name: Vec<(&str, u32)> = own.iter().map(|p| (p.name.as_str(), p.line)).collect();
         by_name.sort();
@@ -240,7 +240,7 @@ impl Params {
         self.reports.push((Report::Unsupported, (line, what.into())));
     }
 
-    /// Takes parameters that would change the image and are unsupported, and reports those that were given.
+    /// Takes parameters that would change the image and are unsupported, and reports each that was given.
     pub(super) fn refuse(&mut self, names: &[&'static str]) {
         for param in self.given(names) {
             self.unsupported(param.line, format!("parameter {} of {}", param.name, self.of));
@@ -297,7 +297,7 @@ impl Params {
         self.wrong(name, param.line, what)
     }
 
-    /// Reports a problem of the parameter `name`: its name, then `what`.
+    /// Reports a problem of the parameter `name`. The message is its name, then `what`.
     pub(super) fn bad(&mut self, name: &str, line: u32, what: impl std::fmt::Display) {
         self.problem(line, format!("parameter {name} of {} {what}", self.of));
     }
@@ -308,7 +308,7 @@ impl Params {
         None
     }
 
-    /// Takes the numbers of a parameter, with its line.
+    /// Takes a parameter of numbers. Returns the numbers and the parameter's line.
     fn take_numbers(&mut self, name: &'static str, types: &[Type]) -> Option<(Vec<f64>, u32)> {
         match self.take_typed(name, types)? {
             Param { values: Values::Numbers(values), line, .. } => Some((values, line)),
@@ -316,7 +316,7 @@ impl Params {
         }
     }
 
-    /// Takes the texts of a parameter, with its line.
+    /// Takes a parameter of texts. Returns the texts and the parameter's line.
     pub(super) fn take_texts(&mut self, name: &'static str, ty: Type) -> Option<(Vec<String>, u32)> {
         match self.take_typed(name, &[ty])? {
             Param { values: Values::Texts(values), line, .. } => Some((values, line)),
@@ -415,7 +415,7 @@ impl Params {
         self.given(names);
     }
 
-    /// Takes those of some parameters that were given and are not broken.
+    /// Takes the parameters in `names` that were given and are not broken.
     pub(super) fn given(&mut self, names: &[&'static str]) -> Vec<Param> {
         names.iter().filter_map(|name| self.take(name)).collect()
     }

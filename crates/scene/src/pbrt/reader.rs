@@ -1,4 +1,4 @@
-//! The reader of one pbrt scene as the state on which directives are executed, and the graphics state in it.
+//! The reader of one pbrt scene: the state that directives change, which includes the graphics state.
 
 use super::directive::Directive;
 use super::images::{Images, ReadAs, decode};
@@ -46,7 +46,7 @@ pub(super) struct Reader<'a> {
     pub(super) images: Images,
     /// Number of triangles made so far from shapes that are not triangle meshes.
     pub(super) triangles_made: usize,
-    /// The memory in bytes for subdivision surfaces, if it is limited.
+    /// The memory limit in bytes for subdivision surfaces, if there is one.
     pub(super) memory: Option<u64>,
     /// The places in the file of directives that should occur only once, by name.
     pub(super) once: BTreeMap<String, Source>,
@@ -155,7 +155,7 @@ impl<'a> Reader<'a> {
         Some(MediumId(self.named_media.used(name, source, &mut self.scene.media, item) as u32))
     }
 
-    /// Returns the parameters of a directive, with those that `Attribute` added for directives of `kind` (`shape`,
+    /// Returns the parameters of a directive, including parameters that `Attribute` added for directives of `kind` (`shape`,
     /// `light`, …).
     pub(super) fn params(&mut self, d: &mut Directive<'_>, kind: &str) -> Params {
         let of = d.texts.last().map_or(d.word.to_owned(), |t| format!("{} {}", d.word, shown(t)));

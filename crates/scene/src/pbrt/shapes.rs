@@ -62,8 +62,8 @@ impl Reader<'_> {
         self.keep_shape(shape);
     }
 
-    /// Returns the emission of a shape under the current area light; `None` if there is no area light or it is
-    /// unsupported here.
+    /// Returns the emission of a shape under the current area light; `None` if there is no area light, or this shape does not
+    /// support it.
     fn emission(&self, geometry: &Geometry, params: &mut Params) -> Option<Emission> {
         let light = self.state.emission?;
         let line = params.line();
@@ -117,7 +117,7 @@ impl Reader<'_> {
                 if let Some(what) = mesh.doubt {
                     params.notice(line, format!("{}: {what}", path.display()));
                 }
-                // pbrt's materials see no vertex colours.
+                // pbrt's materials ignore vertex colours.
                 if !mesh.data.colors.is_empty() {
                     params.notice(line, "colours of a plymesh are left out, as in pbrt");
                 }
@@ -207,7 +207,7 @@ impl Reader<'_> {
         }
     }
 
-    /// Returns `Some` if `more` triangles may be made, `most` in all; otherwise reports a problem and returns `None`.
+    /// Returns `Some` if `more` new triangles keep the total within `most`; else reports a problem and returns `None`.
     fn make_room(&self, more: usize, most: usize, params: &mut Params) -> Option<()> {
         if self.triangles_made.saturating_add(more) <= most {
             return Some(());
@@ -297,7 +297,7 @@ fn indices<const N: usize>(params: &mut Params, what: &str, vertices: usize) -> 
     Some(numbers.as_chunks::<N>().0.iter().map(|corners| corners.map(|c| c as u32)).collect())
 }
 
-/// Returns numbers in groups of `N`, in single precision; nothing for `None`.
+/// Returns numbers in groups of `N`, in single precision; empty for `None`.
 fn singles<const N: usize>(numbers: Option<(Vec<f64>, u32)>) -> Vec<[f32; N]> {
     let (numbers, _) = numbers.unwrap_or_default();
     numbers.chunks_exact(N).map(|group| std::array::from_fn(|i| group[i] as f32)).collect()

@@ -53,7 +53,7 @@ impl Params {
         rgb.map_err(|what| self.bad(name, param.line, what)).ok()
     }
 
-    /// Returns the linear sRGB colour of a black body parameter. Its values are a temperature in kelvin and, in pbrt-v3
+    /// Returns the linear sRGB colour of a black body parameter. The values are a temperature in kelvin and, in pbrt-v3
     /// files, a scale.
     fn blackbody(&self, values: &[f64]) -> Result<[f32; 3], String> {
         let hidden = |kelvin: f64| format!("is a black body of {kelvin} K, which emits no visible light");

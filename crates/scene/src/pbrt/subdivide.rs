@@ -198,8 +198,8 @@ impl Control {
         Ok(MeshData { positions: self.positions, normals, triangles: self.faces, ..MeshData::default() })
     }
 
-    /// Returns the cross product of the two limit tangents at a vertex, in pbrt's order. It points to the side opposite
-    /// to the winding's normal.
+    /// Returns the cross product of the two limit tangents at a vertex, in pbrt's order. It points opposite to the normal of
+    /// the winding order.
     fn normal(&self, vertex: usize, ring: &Ring) -> DVec3 {
         let own = self.positions[vertex];
         let n = ring.vertices.len();

@@ -34,7 +34,7 @@ impl Params {
         default_color
     }
 
-    /// Reads a number parameter: a constant or a texture. `ok` accepts valid constants; `range` describes these in
+    /// Reads a number parameter: a constant or a texture. `ok` returns true for valid constants; `range` describes them in
     /// messages. Returns `default` if the parameter is absent or invalid.
     pub(super) fn scalar(&mut self, name: &'static str, default: f32, ok: impl Fn(f64) -> bool, range: &str) -> Scalar {
         let default_scalar = Scalar::Constant(default);
@@ -55,8 +55,8 @@ impl Params {
         default_scalar
     }
 
-    /// Reads a number parameter that must not vary: a constant or a constant texture. `ok` accepts valid numbers;
-    /// `range` describes these in messages. Returns `default` if the parameter is absent, invalid or varies.
+    /// Reads a number parameter that must not vary: a constant or a constant texture. `ok` returns true for valid numbers;
+    /// `range` describes them in messages. Returns `default` if the parameter is absent, invalid or varies.
     pub(super) fn constant(&mut self, name: &'static str, default: f32, ok: impl Fn(f64) -> bool, range: &str) -> f32 {
         let line = self.peek(name).map_or(0, |p| p.line);
         match self.scalar(name, default, ok, range) {

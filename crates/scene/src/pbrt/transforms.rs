@@ -90,7 +90,7 @@ impl Reader<'_> {
         true
     }
 
-    /// Changes the active transforms, relative to the old ones or anew.
+    /// Multiplies the active transforms by `change`; if `anew` is true, replaces them by `change`.
     fn change_ctm(&mut self, change: DAffine3, anew: bool) -> Result<(), String> {
         let Ctm { start, end, active } = self.state.ctm;
         let [start, end] = [(start, active[0]), (end, active[1])].map(|(old, active)| match active {

@@ -61,7 +61,7 @@ const OBJ: [(&str, &str); 50] = [
     ("lod 5", "\"lod\" controls how other renderers"),
     ("shadow_obj a.obj", "\"shadow_obj\" controls how other renderers"),
     ("trace_obj a.obj", "\"trace_obj\" controls how other renderers"),
-    ("#MRGB ff808080", "colour of ZBrush's own"),
+    ("#MRGB ff808080", "colours in ZBrush's own form"),
     ("weather rainy", "\"weather\" is unknown"),
     ("v 0 0 0 0.5", "has a weight"),
     ("s 1\nf 1 2 3", "smooths faces without normals"),
@@ -141,7 +141,7 @@ fn gltf_features() -> Vec<(Vec<(&'static str, Value)>, &'static str)> {
         (material(json!({"emissiveFactor": [1, 1, 1], "alphaMode": "BLEND"})), "its opacity is left out"),
         (
             material(json!({"normalTexture": texture(), "emissiveTexture": {"index": 0, "texCoord": 1}})),
-            "all use set 1 here",
+            "set 1 is used for all",
         ),
         (
             vec![

@@ -270,7 +270,7 @@ fn deviations_from_the_file_are_listed_i06() {
     let said: Vec<&str> = scene.notices.iter().map(|n| n.message.as_str()).collect();
     assert_eq!(
         said,
-        ["Integrator \"bdpt\" is ignored; by default, the scene's effects decide on the integrator; for \
+        ["Integrator \"bdpt\" is ignored; by default, the scene's effects determine the integrator; for \
              bidirectional path tracing, use --integrator bdpt"],
         "samplers are chosen here"
     );

@@ -10,7 +10,7 @@ use tev_client::{PacketCreateImage, PacketUpdateImage, TevClient};
 /// The host and port at which tev listens by default.
 const HOST: &str = "127.0.0.1";
 const PORT: u16 = 14158;
-/// The longest wait for a connection, and for tev to take data.
+/// The timeout of a connection, and of each write to tev.
 const PATIENCE: Duration = Duration::from_secs(5);
 /// The largest number of values in a packet.
 const PACKET: usize = 1 << 24;
@@ -28,7 +28,7 @@ impl FromStr for Address {
     fn from_str(text: &str) -> Result<Self, String> {
         let wrong = || format!("unknown viewer \"{text}\"; use tev, tev:HOST or tev:HOST:PORT");
         let (viewer, address) = text.split_once(':').unwrap_or((text, HOST));
-        // An IPv6 host stands in brackets.
+        // An IPv6 host is in brackets.
         let (host, port) = match address.rsplit_once(':') {
             Some((host, port)) if !port.ends_with(']') => (host, port.parse().map_err(|_| wrong())?),
             _ => (address, PORT),

@@ -19,7 +19,7 @@ pub struct ChosenImage {
     pub layer: FoundLayer,
     /// Names of preferred layers that were skipped because they are 0 everywhere.
     pub empty: Vec<String>,
-    /// Names of other images of the same view that are not 0 everywhere, as far as they were tested.
+    /// Names of other images of the same view, except those found to be 0 everywhere.
     pub others: Vec<String>,
 }
 
@@ -33,10 +33,10 @@ pub enum NoImage {
 }
 
 impl Layers {
-    /// Chooses an image in the first view that has one. Channels without a layer come first, then the layers named as images
-    /// of each view layer. An image for which `is_zero` returns true (0 everywhere) is skipped in favour of others, first of
-    /// its own view layer. For [`Purpose::Showing`], the only layer with the channels of an image is chosen whatever its
-    /// name.
+    /// Chooses an image in the first view that has one. Channels without a layer come first, then the layers of each view
+    /// layer that are named as images. An image for which `is_zero` returns true (0 everywhere) is skipped in favour of
+    /// others, first of its own view layer. For [`Purpose::Showing`], the only layer with the channels of an image is chosen
+    /// whatever its name.
     ///
     /// # Errors
     /// Those of `is_zero`. The inner error is the reason why no image was chosen.
@@ -70,7 +70,7 @@ impl Layers {
             match &full[..] {
                 [] => {}
                 [(layer, beside)] => {
-                    // The finished image beside a noisy one shows the denoised result.
+                    // A finished image beside a noisy one is its denoised result, not another image.
                     let beside = beside.iter().filter(|other| self.is_noisy(other) == self.is_noisy(layer));
                     let others = beside.chain(places.iter().map(|images| &images[0])).map(FoundLayer::shown);
                     let others = others.filter(|name| *name != layer.shown() && !empty.contains(name)).collect();
@@ -155,7 +155,7 @@ impl Layers {
             let has_image = owners.contains(&other);
             let only = owners.iter().filter(|owner| **owner != own).count();
             let near = own.starts_with(other) || other.starts_with(own);
-            // Programs write the data of one image into a part of its own.
+            // Some programs write the data of an image into separate parts.
             let beside = only == 0 && self.groups[i].part != place.part;
             own != other && if has_image { own.is_empty() && only == 1 } else { near || beside }
         };
@@ -166,7 +166,7 @@ impl Layers {
         self.first_of(kind, around.into_iter()).filter(|_| unique)
     }
 
-    /// The layer of a kind with the best name among these groups.
+    /// The layer of a kind with the best name among `groups`.
     fn first_of(&self, kind: LayerKind, groups: impl Iterator<Item = usize> + Clone) -> Option<FoundLayer> {
         if kind == SecondMoment {
             return groups.filter(|&i| self.is_second_moment_of_image(i)).find_map(|i| self.found(i, kind));
@@ -233,7 +233,7 @@ impl Layers {
         named.or_else(|| self.found(self.groups.iter().position(is)?, Color))
     }
 
-    /// The full name of a channel of `layer` beside `image`, a layer of this `part`: `Front.error.Y` beside
+    /// The full name of channel `letter` of `layer` beside `image`, in the same `part`: `Front.error.Y` beside
     /// `Front.Combined.R`.
     pub fn channel_beside(&self, image: &FoundLayer, part: &ExrPart, layer: &str, letter: &str) -> String {
         let Group { pass, view, .. } = &self.groups[image.group];

@@ -2,7 +2,7 @@
 
 use super::{ExrPart, Group, KNOWN_LAYERS};
 
-/// Names of the views that files without a list of views have.
+/// Names of views in files without a list of views.
 const EYES: [&str; 2] = ["left", "right"];
 
 /// Groups the channels of all parts. Returns the groups and all views, the default one first.
@@ -58,7 +58,7 @@ fn place(part: &str, layer: &str, view_of_part: Option<&str>, views: &[&str]) ->
     let in_part = view_in(&mut own);
     let view = view_of_part.map(str::to_owned).or(in_layer).or(in_part).unwrap_or_default();
     if let (Some(view), Some(last)) = (view_of_part, own.last_mut()) {
-        // Programs name the parts of two views `rgba_left` and `rgba_right`, since names of parts differ.
+        // Programs name the parts of two views `rgba_left` and `rgba_right`, since names of parts must differ.
         let stem = last.strip_suffix(view).unwrap_or(last).trim_end_matches(['_', '-', ' ']);
         *last = if stem.is_empty() { last } else { stem };
     }
