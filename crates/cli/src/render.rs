@@ -165,7 +165,7 @@ pub(crate) struct Show<'a> {
     pub(crate) progress_every: Option<f64>,
 }
 
-/// The estimated memory of a render (unknown for merged shards), and the processor seconds used before the render.
+/// The estimated memory of a render (unknown for merged parts), and the processor seconds used before the render.
 type Before<'a> = (Option<&'a MemoryEstimate>, Option<f64>);
 
 impl<'a> From<&'a RenderArgs> for Show<'a> {

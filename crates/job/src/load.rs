@@ -330,7 +330,7 @@ pub fn check_integrator(request: &str) -> Result<(), IntegratorError> {
 /// if it does.
 ///
 /// The default selects `photons` for a scene with [caustics that paths find by chance only](Effects::found_by_chance), else
-/// `path`. With motion blur or shards it is always `path`: photons have no time, and each shard would trace the photons of the
+/// `path`. With motion blur, or in parts, it is always `path`: photons have no time, and each part would trace the photons of the
 /// whole image.
 pub(crate) fn chosen_integrator(spec: &RenderSpec, scene: &Scene) -> (String, Option<CalledEffect>) {
     if spec.integrator != DEFAULT_INTEGRATOR {

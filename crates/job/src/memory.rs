@@ -206,7 +206,7 @@ impl MemoryEstimate {
     }
 
     /// The memory of a prepared render. `self` is the estimate from the scene. `files` is the peak in bytes for writing a file,
-    /// excluding film and image. With `keeps`, the film is also encoded as bytes, for a checkpoint or shard. `light` is the
+    /// excluding film and image. With `keeps`, the film is also encoded as bytes, for a checkpoint or a part. `light` is the
     /// bytes of the integrator's prepared light; `training` is an upper bound on the bytes of its training data.
     pub(crate) fn of_render(&self, memory: &ImageMemory, files: u64, keeps: bool, [light, training]: [u64; 2]) -> Self {
         let [now, most] = resident().unwrap_or([self.scene, 0]);
@@ -239,7 +239,7 @@ impl MemoryEstimate {
         self
     }
 
-    /// Avoids counting the film twice if it is already in memory, such as the film of merged shards.
+    /// Avoids counting the film twice if it is already in memory, such as the film of merged parts.
     #[must_use]
     pub fn with_film_in_memory(self) -> Self {
         Self { scene: self.scene.saturating_sub(self.film), ..self }

@@ -21,7 +21,7 @@ pub const DEFAULT_INTEGRATOR: &str = "auto";
 
 /// A description of a render: all settings that decide the pixels of an image.
 ///
-/// Shards and checkpoints store the description as JSON, and `dapple render --spec FILE` reads it. Paths are text, or a list of
+/// Parts and checkpoints store the description as JSON, and `dapple render --spec FILE` reads it. Paths are text, or a list of
 /// bytes if they are not UTF-8. Fields missing from the JSON have the values of [`RenderSpec::new`]; unknown fields are
 /// refused. The most common fields have setter functions of the same names.
 ///
@@ -83,7 +83,7 @@ pub struct RenderSpec {
     pub without: Vec<Effect>,
     /// If `true`, unsupported directives of a scene are warnings instead of errors.
     pub allow_unsupported: bool,
-    /// The shard (a subset of the image's rows) to render; `None` renders the whole image.
+    /// The part (a subset of the image's rows) to render; `None` renders the whole image.
     #[serde(with = "names::shard", skip_serializing_if = "Option::is_none")]
     pub shard: Option<Shard>,
 }
@@ -452,7 +452,7 @@ impl Shard {
 impl FromStr for Shard {
     type Err = String;
 
-    /// Parses `I/N`: shard I of N, counted from 1.
+    /// Parses `I/N`: part I of N, counted from 1.
     fn from_str(text: &str) -> Result<Self, String> {
         let parse = |(i, n): (&str, &str)| Some((i.parse::<u32>().ok()?.checked_sub(1)?, n.parse().ok()?));
         match text.split_once('/').and_then(parse).filter(|(index, of)| index < of) {

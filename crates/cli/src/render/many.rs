@@ -91,7 +91,7 @@ fn next_plan(parts: &[PathBuf], from: Option<&Path>, output: &Path, options: &Pl
     Ok(Outcome::Done)
 }
 
-/// Traces a part of a plan or, without a plan, a shard of an image.
+/// Traces a part of a plan or, without a plan, a part of an image.
 pub(super) fn part(args: &RenderArgs, shard: Shard) -> Result<Outcome> {
     let plan = args.from.as_deref().map(PlanFile::read).transpose()?;
     let spec = match &plan {
@@ -275,7 +275,7 @@ pub(crate) fn plan(args: &PlanArgs) -> Result<Outcome> {
     }
 }
 
-/// A function that loads the film of shards or of a plan into a job.
+/// A function that loads the film of parts or of a plan into a job.
 type Film = Box<dyn FnOnce(&mut Job) -> std::result::Result<Traced, JobError>>;
 
 /// Make an image from parts that several machines rendered, or from the final .plan of a multi-stage render
@@ -345,7 +345,7 @@ pub(crate) fn merge(args: &MergeArgs) -> Result<Outcome> {
     super::merge(film, &spec, &show, (args.threads, limit))
 }
 
-/// Checks before reading that the films of all shards fit into memory: all parts, the whole, and the file being read. A file
+/// Checks before reading that merging fits into memory: the films of all parts, the whole, and the file being read. A file
 /// of unknown length counts as empty; reading it reports the error.
 fn check_fits(shards: &[PathBuf], limit: MemoryLimit) -> Result<()> {
     let lengths: Vec<u64> = shards.iter().map(|path| std::fs::metadata(path).map_or(0, |found| found.len())).collect();

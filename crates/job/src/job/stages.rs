@@ -1,4 +1,4 @@
-//! Rendering on many machines: plan files and the rows that machines trace for them, shards, and cooperating processes.
+//! Rendering on many machines: plan files and the rows that machines trace for them, parts without a plan, and cooperating processes.
 
 use super::checkpoints::Watched;
 use super::identity::{PART, PLAN, SPEC, common, compared, joined, same_render};
@@ -21,7 +21,7 @@ pub struct PlanFile {
     file: StateFile,
 }
 
-/// Files of traced rows: the rows of a plan's stage, or the shards of an image.
+/// Files of traced rows: the parts of a plan's stage, or those of an image without a plan.
 pub struct RowsFiles {
     /// The description of the render.
     pub spec: RenderSpec,
@@ -77,7 +77,7 @@ impl RowsFiles {
         Ok(Self { spec, files })
     }
 
-    /// The path that the plan file had when the rows were traced; `None` for shards.
+    /// The path that the plan file had when the rows were traced; `None` without a plan.
     pub fn plan(&self) -> Option<PathBuf> {
         let plan = self.files.first().and_then(|(_, file)| file.identity.value(PLAN));
         plan.map(of_text)
@@ -110,7 +110,7 @@ impl Job {
         Ok(StateFile::new(StateKind::Plan, identity, session.snapshot()).into_bytes())
     }
 
-    /// Traces part of the rows of a plan's stage or, without a plan, of the only stage of a render (a shard). Returns the bytes
+    /// Traces part of the rows of a plan's stage or, without a plan, of the only stage of a render. Returns the bytes
     /// of a file of rows; `None` if the monitor stopped the tracing.
     ///
     /// # Errors
@@ -182,11 +182,11 @@ impl Job {
         }
     }
 
-    /// Merges all shards of an image and returns its film.
+    /// Merges all parts of an image and returns its film.
     ///
     /// # Errors
     ///
-    /// [`JobError::Shards`] if the shards do not make up the complete image.
+    /// [`JobError::Shards`] if the parts do not make up the complete image.
     pub fn merge(&mut self, shards: &RowsFiles) -> Result<Traced, JobError> {
         self.check_rows(shards)?;
         let (mut session, mut integrator) = self.open(None)?;
@@ -311,7 +311,7 @@ fn rows_file(kind: StateKind, identity: &Identity, runs: &[Vec<u8>]) -> StateFil
     StateFile::new(kind, identity.clone(), bytes)
 }
 
-/// Returns an error for a shard of a render that has more than one stage.
+/// Returns an error for a part of a render that has more than one stage.
 fn only_stage(session: &Session<'_>, stage: &Stage, integrator: &dyn Integrator, shard: Shard) -> Result<(), JobError> {
     let all = session.samples_left();
     if session.samples_in(stage) == all && !integrator.wants_training() {
