@@ -47,7 +47,7 @@ dapple_core::options! {
             |policy| !matches!(policy, PilotPolicy::Refined), "one of keep, neighbours, discard, cross";
         /// 1: minimise the error per ray; 0: per sample.
         ///
-        /// The budget is still a number of samples. Costs that are equal everywhere change nothing. Rays are pooled over the
+        /// The budget is still a number of samples. Costs that are equal everywhere change nothing. Costs are pooled over the
         /// window.
         pub cost: u32 = 0, |cost| cost <= 1, "0 or 1";
     }
@@ -68,9 +68,9 @@ impl AdaptiveOptions {
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`] for a value out of range, several rounds with [`PilotPolicy::Discard`] or [`PilotPolicy::Cross`],
-    /// or more than two rounds with [`PilotPolicy::Neighbours`]. With [`PilotPolicy::Cross`] also for a pilot below 4, and for
-    /// costs, which films do not record per half. With [`PilotPolicy::Neighbours`] also for a window of radius 0.
+    /// [`Error::OutOfRange`] for a value out of range; for several rounds with [`PilotPolicy::Discard`] or
+    /// [`PilotPolicy::Cross`], or more than two with [`PilotPolicy::Neighbours`]; for a pilot below 4 or costs (which films do
+    /// not record per half) with [`PilotPolicy::Cross`]; for a window of radius 0 with [`PilotPolicy::Neighbours`].
     pub fn check(&self) -> Result<(), Error> {
         self.check_ranges()?;
         let Self { pilot, rounds, radius, policy, cost, .. } = *self;
@@ -78,7 +78,7 @@ impl AdaptiveOptions {
         let is_one_round = crosses || policy == PilotPolicy::Discard;
         let name = || policy.name().to_owned();
         let (option, value, allowed) = if pilot == 1 && !reads_neighbours {
-            ("pilot", pilot.to_string(), "a variance needs 2 samples or more; 0 chooses")
+            ("pilot", pilot.to_string(), "use at least 2, since a variance needs two samples; 0 chooses")
         } else if crosses && (1..4).contains(&pilot) {
             ("pilot", pilot.to_string(), "use at least 4, since each half needs two samples; 0 chooses")
         } else if is_one_round && rounds > 1 {
@@ -154,8 +154,8 @@ impl From<VarianceOptions> for AdaptiveOptions {
 /// The preset `variance`: counts by Neyman's rule [Neyman 1934] from a uniform pilot.
 ///
 /// The pilot's sample variance, relative to `mean^2 + epsilon` and pooled over 5x5 pixels, determines all counts at once. With
-/// unpooled variances of 4 samples, the error is 1.2 to 3.3 times that of uniform counts. Pooled variances are nearly as good
-/// as exact ones.
+/// unpooled variances of 4 samples, the error is 1.2 to 3.3 times the error of uniform counts. Pooled variances are nearly as
+/// good as exact ones.
 impl<P: PointSet> Adaptive<P> {
     /// Creates the preset `variance` of the error-driven sampler, with this point set and the default parameters.
     pub fn variance(points: P) -> Self {

@@ -8,8 +8,8 @@ use dapple_core::{Frame, Limits};
 pub struct Pilot {
     /// How the image uses the pilot samples. [`PilotPolicy::Refined`] is treated as [`PilotPolicy::Keep`].
     pub policy: PilotPolicy,
-    /// The pilot samples per pixel. 0 means max(min(mean / 2, 8), mean / 4) for a budget of `mean` samples per pixel, rounded
-    /// down to a ladder count. It is then at least 4, or 1 with [`PilotPolicy::Neighbours`].
+    /// The pilot samples per pixel. 0 uses max(min(mean / 2, 8), mean / 4) for a budget of `mean` samples per pixel, rounded
+    /// down to a ladder count, but at least 4, or 1 with [`PilotPolicy::Neighbours`].
     pub samples: u32,
 }
 
@@ -73,11 +73,11 @@ impl Pilot {
 pub struct PilotRound {
     /// The number of pilot samples per pixel.
     pub samples: u32,
-    /// `true` if pilot samples were missing; the plan of this round then already requests them.
+    /// `true` if pilot samples were missing. In that case this round's plan requests them.
     pub is_missing: bool,
 }
 
-/// The pilot, in samples per pixel, up to which half of the budget is spent. With 4, the error at 16 spp is 13 % higher on nine
+/// The largest pilot, in samples per pixel, that may use half of the budget. With 4, the error at 16 spp is 13 % higher on nine
 /// scenes, and equal on nine held-out ones.
 const ENOUGH: u32 = 8;
 

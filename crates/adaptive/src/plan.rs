@@ -31,7 +31,7 @@ struct Scores {
 }
 
 impl<P: PointSet> Adaptive<P> {
-    /// The exponent at which errors are assumed to fall: that of the options, at most 1 for independent samples.
+    /// The exponent at which errors are assumed to fall: the option's value, but at most 1 for independent samples.
     fn exponent(&self) -> f64 {
         if self.points.is_independent() { self.options.exponent.min(1.0) } else { self.options.exponent }
     }
@@ -57,7 +57,7 @@ impl<P: PointSet> Adaptive<P> {
         if let Some(map) = &self.errors {
             let errors = (map.of)(film)?;
             if errors.len() != scores.len() {
-                let what = format!("the error map has {} values for {} pixels", errors.len(), scores.len());
+                let what = format!("{} values for {} pixels; return one per pixel", errors.len(), scores.len());
                 return Err(Error::Mismatch { who: map.name.clone(), what });
             }
             self.blend_errors(&errors, film, &mut scores);
@@ -73,7 +73,7 @@ impl<P: PointSet> Adaptive<P> {
         if pool == PoolShape::Similar && is_few() { 2 * radius } else { radius }
     }
 
-    /// Returns `true` if weights depend on the pixels' features. A film has no features of one half alone.
+    /// Returns `true` if weights depend on the pixels' features. Films record no features per half.
     pub(crate) fn reads_surfaces(&self) -> bool {
         self.options.pool == PoolShape::Similar && self.options.policy != PilotPolicy::Cross
     }
@@ -180,8 +180,8 @@ impl<P: PointSet> Adaptive<P> {
         Ok(())
     }
 
-    /// Plans each half's counts from the other half's samples. Each half spends half of the budget, as far as floors and
-    /// ceilings allow it; an odd sample goes to the first half.
+    /// Plans each half's counts from the other half's samples. Each half spends half of the budget if floors and ceilings allow
+    /// it; an odd sample goes to the first half.
     pub(crate) fn plan_across(&self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<(), Error> {
         let BudgetLeft { total, min_spp, max_spp, .. } = seen.budget;
         let moments = |half: usize, i: usize| seen.film.half(half, i).unwrap_or_default();

@@ -10,8 +10,8 @@ pub enum PoolShape {
     /// The square window of pixels around the pixel.
     #[default]
     Window,
-    /// The same window. Near pixels with similar surfaces weigh more, and a pixel with few similar pixels around has a higher
-    /// score.
+    /// The same window, but near pixels with similar surfaces weigh more. A pixel with few similar pixels around it has a
+    /// higher score.
     ///
     /// Surfaces are the features of the film: normal, albedo and depth. The similarity of two surfaces is `1 / (1 + d^2)^2`.
     /// `d` is their difference without its noise, in units of 0.3 (normals), 0.1 (albedos) and 10 % (depths). The score is
@@ -19,7 +19,7 @@ pub enum PoolShape {
     /// With [`Sources::Odd`] and [`Sources::Even`], the mean surface of the pixel's nearest sources replaces its own.
     ///
     /// If the film has no features, as without a filter, weights depend on the distance alone. The same holds for
-    /// [`PilotPolicy::Cross`](dapple_core::plan::PilotPolicy::Cross), because features are those of both halves together.
+    /// [`PilotPolicy::Cross`](dapple_core::plan::PilotPolicy::Cross), because films record no features per half.
     Similar,
 }
 
@@ -27,7 +27,7 @@ dapple_core::choices!(PoolShape { Window = "window", Similar = "similar" });
 
 /// The pixels of a window whose samples count in a pixel's score.
 ///
-/// The steps between two pixels are the difference in columns plus that in rows.
+/// The steps between two pixels are the difference in columns plus the difference in rows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Sources {
     /// All pixels, including the pixel itself.

@@ -7,7 +7,7 @@ use std::sync::Arc;
 /// Two samplers in sequence: the first spends a number of samples per pixel, the second the rest of the budget.
 ///
 /// The second sampler sees the first one's samples in the film. If it has a pilot, these samples count as its pilot, and it
-/// adds only what pixels lack. So counts planned from geometry can be the first stage of a sampler that reads samples.
+/// adds only the samples that pixels lack. A sampler that reads samples can thus follow one that plans from geometry.
 ///
 /// The first stage ends when its samples are spent, or when its sampler needs no more. Each stage uses the points of its
 /// sampler. Use the same point set for both, so that a pixel's samples continue one sequence.
@@ -51,7 +51,7 @@ impl<A: Sampler, B: Sampler> Sequence<A, B> {
     /// [`Error::OutOfRange`] for an `spp` of 0.
     pub fn new(first: A, spp: u32, second: B) -> Result<Self, Error> {
         if spp == 0 {
-            return Err(Error::out_of_range("spp", spp, "at least 1 sample per pixel for the first sampler"));
+            return Err(Error::out_of_range("spp", spp, "use at least 1 sample per pixel for the first sampler"));
         }
         let fresh = second.save();
         Ok(Self { first, spp, second, is_second: false, fresh })
@@ -68,7 +68,7 @@ impl<A: Sampler, B: Sampler> Sequence<A, B> {
         let BudgetLeft { min_spp, max_spp, .. } = seen.budget;
         let total = seen.budget.total.min(self.share(seen.pixels()));
         let affordable = saturating_u32(total / pixels);
-        // Samples above a pixel's floor must not use up what the floors of other pixels need.
+        // Samples above a pixel's floor must not use up the samples that the floors of other pixels need.
         let beyond_floors = seen.budget.total.saturating_sub(pixels * u64::from(min_spp));
         let is_tight = affordable < min_spp && beyond_floors < total;
         let max_spp = if is_tight { min_spp.min(max_spp) } else { max_spp };

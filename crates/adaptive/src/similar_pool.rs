@@ -1,11 +1,11 @@
-//! Pooling in which neighbours weigh by the similarity of their surfaces.
+//! Pooling with neighbours weighted by the similarity of their surfaces.
 
 use crate::Sources;
 use crate::pool::{Terms, scores_by_rows};
 use dapple_core::{Film, film::Features};
 use std::ops::Range;
 
-/// The rows of a band, within which surfaces are compared. Changing the number changes the bits of images.
+/// The number of rows in a band; surfaces are compared only within a band. Changing the number changes the bits of images.
 const BAND: usize = 16;
 
 /// The differences at which the similarity falls to a quarter: of normals, of albedos, and of depths relative to their
@@ -122,8 +122,8 @@ impl Surfaces {
         Surface::mean(nearest.iter().filter(|at| known(at)).map(|at| self.at(*at)))
     }
 
-    /// The mean similarity between a pixel's surface and those of `sources` around it in its band of rows, including a 1 for
-    /// itself.
+    /// The mean similarity of a pixel's surface to the surfaces of `sources` around it in its band of rows; the pixel itself
+    /// counts with similarity 1.
     fn company(&self, own: &Surface, [x, y]: [usize; 2], sources: Sources) -> f64 {
         let (mut sum, mut count) = (1.0, 1.0);
         // Steps are even, so the adjacent column has the other colour.

@@ -1,4 +1,4 @@
-//! Samples where cosines fitted to blocks of pixels leave the largest error: a frequency-based sampler and its filter.
+//! A frequency-based sampler and its filter. Samples go where cosines fitted to blocks of pixels leave the largest error.
 
 mod cosines;
 
@@ -44,18 +44,18 @@ const HIGHEST: f64 = 1e200;
 /// The fraction of a block's squared luminance below which deviations are rounding errors.
 const ROUNDING: f64 = 1e-12;
 
-/// Samples where cosines that are fitted to blocks leave the largest visible error [after Bolin and Meyer 1995].
+/// A sampler that adds samples where cosines fitted to blocks leave the largest visible error [after Bolin and Meyer 1995].
 ///
 /// Blocks of 8x8 pixels start with a sample in each cell of 2x2 pixels, if pixels have no floor (`--min-spp 0`). Luminance and
 /// two colour differences of each block are fitted by cosines: half as many as there are samples, the lowest frequencies first.
 /// A cell's error is the mean squared deviation of its samples from the fit, plus the energy expected in the first frequencies
 /// that the fit leaves out. That energy is extrapolated by the inverse square of the frequency. Errors are weighted by the
 /// eye's sensitivity to these frequencies, and masked by the block's luminance. The cell with the largest error per sample gets
-/// the next sample. A block whose samples have grown by half gets no more until it is fitted again.
+/// the next sample. A block whose sample count has grown by half gets no more until it is fitted again.
 ///
-/// The paper has half as many cosines as samples, and refinement by frequency. Not in the paper are the opponent colour space,
-/// the penalty, JPEG's tables as sensitivity, masking, and pooling a cell's deviations with one sample of its block. Neither
-/// are rounds, which have at most half of the samples that blocks may get.
+/// The paper has half as many cosines as samples, and refinement by frequency. Not in the paper: the opponent colour space, the
+/// penalty, JPEG's tables as sensitivity, masking, pooling a cell's deviations with one sample of its block, and rounds (of at
+/// most half of the samples that blocks may get).
 ///
 /// The image is made by [`DctFilter`].
 ///
@@ -255,7 +255,7 @@ impl Round {
         total(&self.now)
     }
 
-    /// Adds samples to a cell, each to a pixel with the fewest so far that is below its ceiling. Ties are broken at random.
+    /// Adds samples to a cell, one by one to its pixel with the fewest samples below the ceiling. Ties are broken at random.
     fn give(&mut self, cells: Cells, number: usize, count: u32, seen: &Feedback<'_>) {
         for _ in 0..count {
             let samples = |i: usize| self.now[i].saturating_add(self.counts[i]);
@@ -315,7 +315,7 @@ impl<P: PointSet> Sampler for Dct<P> {
         self.known.0.clear();
         match saved {
             [] => Ok(()),
-            _ => Err(Error::BadSnapshot { what: "they hold state for the sampler dct, which has none" }),
+            _ => Err(Error::BadSnapshot { what: "they hold a state of the sampler dct, which keeps none" }),
         }
     }
 }

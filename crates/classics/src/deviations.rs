@@ -126,7 +126,7 @@ dapple_core::options! {
 /// *Guarantees*: spends the budget exactly. No pixel gets fewer samples than the pilot. The regret over Neyman's counts falls
 /// as `n^(-3/2)` up to logarithms [Carpentier and Munos 2011, abstract]. *Bias*: sample counts depend on the samples, and all
 /// samples are kept [Kirk and Arvo 1991]. *Weaknesses*: the bonus makes counts more uniform, and each pixel is judged by its
-/// own samples alone. Counts are not the well-stratified ones of the point set.
+/// own samples alone. Counts differ from those at which the point set is well stratified.
 pub type UpperConfidence<P> = MethodSampler<P, UpperConfidenceOptions>;
 
 impl UpperConfidenceOptions {
@@ -214,7 +214,7 @@ dapple_core::options! {
 /// image, the former without the 10 worst pixels. The denoiser is [`Gaussian`]. The published method also splits at later
 /// vertices of a path; this sampler splits only at the camera, where the factor is a sample count.
 ///
-/// The budget is a number of samples. Its distribution minimises the error per ray, so it helps under a time limit.
+/// The budget is a sample count, but its distribution minimises the error per ray, so it helps under a time limit.
 ///
 /// *Guarantees*: spends the budget exactly. No pixel gets fewer samples than the pilot. *Bias*: sample counts depend on the
 /// samples, and all samples are kept [Kirk and Arvo 1991]. *Weaknesses*: the number of rays is not the time. If all samples

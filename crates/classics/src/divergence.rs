@@ -40,15 +40,15 @@ dapple_core::options! {
     }
 }
 
-/// Sample counts by how much the samples' fractions of their sum deviate from equal fractions [after Rigau 2003].
+/// Sample counts by divergence: how far a pixel's samples are from equal fractions of their sum [after Rigau 2003].
 ///
 /// The samples `x_i` of one channel have the fractions `p_i = x_i / sum x`; equal fractions are `1 / n`. [`DivergenceScore`]
 /// lists the scores. Most scores are functions of streaming sums, so that no sample is stored. `geometric` reads the first hits
 /// of the pilot. `fuzzy` and `gh` read a pixel's first samples: as many as the pilot has, but at most 8.
 ///
 /// With [`Stopping::Threshold`], each pixel gets `step` more samples while its score exceeds the threshold, as published.
-/// [`Stopping::Budget`], the default, plans all counts at once from the pilot's scores `s`, so that the sum of `s^2 n` divided
-/// by the final counts is least. Every squared score times count is at least 1 % of the mean.
+/// [`Stopping::Budget`], the default, plans all counts at once from the pilot's scores `s` and counts `n`. It minimises the sum
+/// over pixels of `s^2 n` divided by the final count. Every pixel's `s^2 n` is raised to at least 1 % of the mean.
 ///
 /// *Guarantees*: spends the budget exactly, or treats it as an upper bound. No pixel gets fewer samples than the pilot. *Bias*:
 /// sample counts depend on the samples, and all samples are kept [Kirk and Arvo 1991].
@@ -72,7 +72,7 @@ impl DivergenceOptions {
         }
     }
 
-    /// Plans all counts from the scores so far.
+    /// Plans all counts from the current scores.
     fn plan_budget(&self, seen: &Feedback<'_>, scores: &[f64], plan: &mut Plan) -> Result<(), Error> {
         let budget = seen.budget;
         let now = counts_so_far(seen);
@@ -110,7 +110,7 @@ impl DivergenceOptions {
     }
 }
 
-/// The smallest product of squared score and count, as a fraction of the mean.
+/// The smallest product of squared score and count, as a fraction of the mean product.
 const SCORE_FLOOR: f64 = 0.01;
 
 impl SamplingMethod for DivergenceOptions {

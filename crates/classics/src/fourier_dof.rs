@@ -38,8 +38,8 @@ dapple_core::options! {
     }
 }
 
-/// Fourier depth of field [after Soler et al. 2009]: samples in few pixels where the lens blurs the image, and many samples in
-/// pixels whose radiance varies over the lens.
+/// Fourier depth of field [after Soler et al. 2009]: few pixels get samples where the lens blurs the image; pixels whose
+/// radiance varies over the lens get many.
 ///
 /// One ray per pixel, through the centres of pixel and lens, finds the surface and its circle of confusion. They determine the
 /// image's bandwidth `W` in cycles per pixel ([`LensBandwidthOptions`]). A pixel is sampled with probability `(2 W)^2`; a
@@ -64,7 +64,7 @@ pub struct FourierDof<P> {
 }
 
 impl<P: PointSet> FourierDof<P> {
-    /// Creates a sampler that traces `probes` before its first plan.
+    /// Creates a sampler that traces `first_hits` before its first plan.
     ///
     /// # Errors
     ///
@@ -184,8 +184,8 @@ dapple_core::options! {
 /// A pixel of `n` samples has the weight `n / (n + m)` if the mean is `m` samples per pixel. Pixels with the minimum count thus
 /// matter little, and the weight never exceeds 1.
 ///
-/// The cost of each pixel's Gaussian is its area. Films with samples in all pixels of a smooth image therefore take longer than
-/// those of the sampler. Pixels out of reach of all samples are black. There is no error estimate.
+/// The cost of each pixel's Gaussian is its area. If all pixels of a smooth image have samples, filtering therefore takes
+/// longer than after the sampler. Pixels out of reach of all samples are black. There is no error estimate.
 ///
 /// *Bias*: blur within the bandwidth, and across edges by a pixel or two. *Weaknesses*: shadows and reflections are ignored,
 /// and blurred where surfaces are smooth.
@@ -197,7 +197,7 @@ pub struct Splat {
 }
 
 impl Splat {
-    /// Creates a filter that traces `probes` for each film.
+    /// Creates a filter that traces `first_hits` for each film.
     ///
     /// # Errors
     ///

@@ -28,7 +28,7 @@ dapple_core::options! {
     }
 }
 
-/// Shrinkage towards the image of another filter, as far as the difference is noise [Gu 2022, without the network].
+/// Shrinkage of noisy pixels towards the image of another filter [Gu 2022, without the network].
 ///
 /// Let `y` be the pixels of one half of the samples with variance `s^2`, and `z` the filtered image of the other half. In
 /// each channel, over a window of `K^2` pixels,
@@ -38,21 +38,21 @@ dapple_core::options! {
 /// is the positive-part factor of [James and Stein 1961]. It is averaged over the same window, and the result of that half is
 /// `z + rho (y - z)`. The image is the mean of both halves, weighted by their counts.
 ///
-/// *Guarantee*: before factors are averaged, the squared error of a window is below that of `y`, whatever the filter. This
+/// *Guarantee*: before factors are averaged, the squared error of a window is below the error of `y`, for any filter. This
 /// requires that `z` is independent of `y`, and that `s^2` is known and the same over the window. So a biased filter no longer
 /// flattens images of many samples. The guarantee holds for each half. If a poor filter is applied to few samples, the mean of
 /// both halves can have a few percent more error than the unfiltered image.
 ///
 /// # Differences from the paper
 ///
-/// * `z` is any filter's image. In the paper, it is a regression's.
+/// * `z` is the image of any filter. In the paper, it is the image of a regression.
 /// * `s^2` is the mean over the window. In the paper, a network weights the pixels.
 ///
 /// # Weaknesses
 ///
 /// `z` uses only half of the samples. One factor applies to a window of 15x15 pixels: fine detail in a smooth surrounding is
 /// shrunk, and so are dark pixels beside bright noisy ones. If noise is proportional to the brightness of a texture, the result
-/// can have 8 % more error than the unfiltered image. Filters that need halves themselves are refused.
+/// can have 8 % more error than the unfiltered image. Filters that need halves themselves are rejected.
 ///
 /// # Result
 ///

@@ -111,11 +111,11 @@ impl Refinement for MdasOptions {
     const NAME: &'static str = "mdas";
     const SIDE: u32 = SIDE;
 
-    /// All dimensions, unless samples depend on random numbers outside the domain.
+    /// Returns all dimensions, or an error if samples depend on random numbers outside the domain and `force` is 0.
     fn dimensions(&self, domain: &Domain) -> Result<Domain, Error> {
         if let Some(what) = domain.outside().filter(|_| self.force == 0) {
-            let allowed = "use a scene without it, or force=1 (its noise then looks like detail)";
-            return Err(Error::OutOfRange { name: "dependence of samples", value: what.to_owned(), allowed });
+            let allowed = "use a scene without it, or force=1 (it then looks like detail)";
+            return Err(Error::OutOfRange { name: "noise outside the domain", value: what.to_owned(), allowed });
         }
         Ok(domain.clone())
     }
@@ -129,7 +129,7 @@ impl Refinement for MdasOptions {
     }
 
     /// A box's error is proportional to its volume, which its samples divide. So `k` more samples reduce the error to `samples
-    /// / (samples + k)`. At most as many samples are added as there are, since errors from few samples mislead.
+    /// / (samples + k)`. The sample count at most doubles, since errors from few samples mislead.
     fn wanted(&self, score: f64, samples: u32, level: f64) -> u32 {
         let more = f64::from(samples.max(1)) * (score / level - 1.0);
         more.ceil().clamp(0.0, f64::from(samples.max(1))) as u32
@@ -185,7 +185,7 @@ impl Refinement for MdasOptions {
 ///
 /// *Guarantees*: spends the budget exactly. *Bias*: samples determine where others are placed, and all are kept [Kirk and Arvo
 /// 1991]. *Weaknesses*: random numbers outside the domain, such as those of a second scattering, look like detail and attract
-/// samples; such scenes are refused unless [`MdasOptions::force`] is 1. Boxes in which the pilot found no contrast get too few
+/// samples; such scenes are rejected unless [`MdasOptions::force`] is 1. Boxes in which the pilot found no contrast get too few
 /// samples. Boxes become elongated in more than five dimensions. Each round reads the coordinates of all samples in the cells
 /// that got new ones.
 pub type Mdas<P> = TreeSampler<P, MdasOptions>;
@@ -193,10 +193,10 @@ pub type Mdas<P> = TreeSampler<P, MdasOptions>;
 /// The integral of a function that is constant in each box: the reconstruction of [Meister and Hachisuka 2022] for samples in
 /// the space of image position, lens, time and light.
 ///
-/// Each box of at most four samples has their mean radiance. A pixel is the sum over the boxes of this mean times the box's
-/// volume within the pixel. Samples are thus weighted by the volume around them, and unequal densities cause no bias beyond
-/// that of constant boxes. The filter is made for the sampler `mdas` but works with any sampler; [`FilmPoints`] provides the
-/// coordinates.
+/// Each box holds at most four samples and has their mean radiance. A pixel is the sum over the boxes of this mean times the
+/// box's volume within the pixel. Samples are thus weighted by the volume around them, and unequal densities cause no bias
+/// beyond that of constant boxes. The filter is made for the sampler `mdas` but works with any sampler; [`FilmPoints`] provides
+/// the coordinates.
 ///
 /// Boxes are at most 2x2 pixels wide, and narrower where there are more samples. Pixels are black if their cell of 2x2 pixels
 /// has no samples. There is no error estimate.

@@ -1,5 +1,5 @@
-//! Methods defined by a rule with options, and what the rules share: a uniform pilot, equal steps of the budget, and selection
-//! of the pixels with the largest errors.
+//! Methods defined by a rule with options, and common parts of the rules: a uniform pilot, equal steps of the budget, and
+//! selection of the pixels with the largest errors.
 
 use crate::recorders::Singles;
 use dapple_core::filter::{FilterMemory, ImagePlanes};
@@ -29,11 +29,11 @@ pub trait SamplingMethod: Options + Copy + Send {
         Vec::new()
     }
 
-    /// The samples per pixel of the pilot, for a mean budget of `mean` samples per pixel, and the number of rounds after the
-    /// pilot if it is known.
+    /// The pilot's samples per pixel for a mean budget of `mean` samples per pixel, and the number of later rounds (`None` if
+    /// unknown).
     fn pilot_and_rounds(&self, mean: u64) -> (u32, Option<u32>);
 
-    /// Plans a round after the pilot, which has `first` samples per pixel. Counts stay 0 if no more samples are needed.
+    /// Plans a round after the pilot of `first` samples per pixel. Counts stay 0 if no more samples are needed.
     ///
     /// `kept` is a number, 0 or above, that the rule preserves from round to round; it is `None` at first.
     ///
@@ -124,7 +124,7 @@ impl<P: PointSet, M: SamplingMethod> Sampler for MethodSampler<P, M> {
         self.kept = match <[u8; 8]>::try_from(saved).map(f64::from_le_bytes) {
             Ok(kept) if kept >= 0.0 => Some(kept),
             Err(_) if saved.is_empty() => None,
-            _ => return Err(Error::BadSnapshot { what: "they do not hold a sampler's number of 0 or more" }),
+            _ => return Err(Error::BadSnapshot { what: "they hold no state of this sampler" }),
         };
         Ok(())
     }
@@ -279,9 +279,9 @@ pub(crate) fn with_extra(seen: &Feedback<'_>, planned: Vec<u32>, extra: u64) -> 
 
 /// The rule that gives a round's samples to the pixels with the largest scores.
 ///
-/// [`Stopping::Threshold`] adds `step` samples to each pixel whose score exceeds 1. [`Stopping::Budget`] adds them to the
-/// quarter of the pixels with the largest scores above 0, at most 64 times until the budget is spent. If no pixel can take
-/// more, the rest of the budget is spread evenly.
+/// [`Stopping::Threshold`] adds `step` samples to each pixel whose score exceeds 1. [`Stopping::Budget`] spends the budget in
+/// at most 64 rounds, each on the quarter of the pixels with the largest scores above 0. If no pixel can take more, the rest of
+/// the budget is spread evenly.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct WorstFirst {
     pub(crate) mode: Stopping,

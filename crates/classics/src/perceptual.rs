@@ -1,4 +1,4 @@
-//! Samples where noise is visible: a sampler with a model of contrast sensitivity and masking.
+//! A sampler that adds samples where noise is visible, by a model of contrast sensitivity and masking.
 
 use crate::method::{MethodSampler, SamplingMethod};
 use crate::method::{counts_so_far, lacking, next_step, total};
@@ -37,11 +37,11 @@ dapple_core::options! {
 /// x / adapt)`. The response is split into six octaves by means over blocks of 1, 2x2, 4x4 and more pixels. The noise of a
 /// band, four standard errors wide, is divided by the mean response two levels below, which gives a contrast. It is weighted by
 /// the sensitivity `s (f / 4) exp(1 - f / 4)` to the band's frequency `f` in cycles per degree. The image's contrast `c` in the
-/// same band, as far as it exceeds noise, masks the noise by the factor `1 / (1 + (c / 0.1)^0.7)`. The fourth root of the sum
+/// same band, reduced by its noise, masks the noise by the factor `1 / (1 + (c / 0.1)^0.7)`. The fourth root of the sum
 /// of fourth powers over all bands is the difference `D` in just noticeable differences.
 ///
 /// With [`Stopping::Budget`], counts minimise the sum of `D^2`. With [`Stopping::Threshold`], pixels whose `D` is above the
-/// threshold get the samples expected to bring it below, at most as many as they have.
+/// threshold get the samples expected to bring it below, which at most doubles their count.
 ///
 /// The method is implemented from memory: bounds, octaves, contrast, sensitivity and masking are the authors' steps, but no
 /// formula or constant is from the paper. The authors bound the details of a Haar pyramid; bounds of whole images would hide
@@ -86,8 +86,8 @@ type Response = [f64; 2];
 
 /// The response of each pixel and its variance, from the bounds of its luminance.
 ///
-/// Sample variances are pooled with those of 5x5 pixels, which count as 12 degrees of freedom. Before that, they are scaled by
-/// the squared slope of the response, so that dark pixels beside a light are not affected by the light's noise.
+/// Sample variances are pooled with the variance of 5x5 pixels, which counts as 12 degrees of freedom. Before that, they are
+/// scaled by the squared slope of the response, so that dark pixels beside a light are not affected by the light's noise.
 fn responses(film: &Film, adapt: f64) -> Vec<Response> {
     let size = film.frame().size().map(|n| n as usize);
     let (means, variances) = filled_means(film);

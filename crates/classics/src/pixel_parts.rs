@@ -81,8 +81,8 @@ impl Refinement for HierarchicalOptions {
         volume * volume * relative / (n.max(1.0) * (n + 1.0))
     }
 
-    /// The score falls with the square of the sample count. At most as many samples are added as there are, since variances of
-    /// few samples mislead.
+    /// The score falls with the square of the sample count. The sample count at most doubles, since variances of few samples
+    /// mislead.
     fn wanted(&self, score: f64, samples: u32, level: f64) -> u32 {
         let more = f64::from(samples.max(1)) * ((score / level).sqrt() - 1.0);
         more.ceil().clamp(0.0, f64::from(samples.max(1))) as u32
@@ -171,7 +171,7 @@ impl Refinement for SubdivisionOptions {
     const NAME: &'static str = "subdivision";
     const SIDE: u32 = 1;
 
-    /// Only the position in the pixel.
+    /// Returns the axes of the position in the pixel only.
     fn dimensions(&self, domain: &Domain) -> Result<Domain, Error> {
         Ok(domain.place())
     }
@@ -257,7 +257,7 @@ dapple_core::options! {
 /// The parts of a pixel to which [`TreeMean`] gives weights.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PartRule {
-    /// Quadrants of quadrants, as far as the sampler [`Subdivision`] has filled them.
+    /// Nested quadrants, down to the level that the sampler [`Subdivision`] has filled.
     #[default]
     Quadrants,
     /// Halves along the axes whose two halves differ most in mean, as in the sampler [`Hierarchical`].

@@ -41,8 +41,8 @@ impl Axis {
 /// The blur of a thin lens: how far a point moves in the image, given its depth and the point on the lens.
 ///
 /// The two lens coordinates of a sample are mapped to a point `(u, v)` of the unit disk by the concentric map [Shirley and Chiu
-/// 1997]. A point at depth `w` then appears `radius(1 / w)` times `(u, v)` pixels away from where the lens' centre would show
-/// it. Depth is measured along the view direction, in any unit.
+/// 1997]. The offset of a point at depth `w` from its position seen through the lens' centre is then `radius(1 / w)` times `(u,
+/// v)`, in pixels. Depth is measured along the view direction, in any unit.
 ///
 /// ```
 /// use dapple_classics::Defocus;
@@ -73,7 +73,7 @@ impl Defocus {
     }
 }
 
-/// The dimensions of a renderer's samples that have a meaning: the position in the pixel first (two axes), then lens, time and
+/// The dimensions of a renderer's samples with a known meaning: the position in the pixel first (two axes), then lens, time and
 /// light if the image depends on them.
 ///
 /// Methods that place samples, or reconstruct over the lens and time, use these dimensions. A sample with position coordinates

@@ -1,4 +1,4 @@
-//! A bank of filters, selected per pixel by Stein's unbiased risk estimate, and the sampler that follows the estimated error.
+//! A bank of filters, selected per pixel by Stein's unbiased risk estimate, and a sampler driven by the estimated error.
 
 mod bank;
 
@@ -145,7 +145,7 @@ dapple_core::options! {
     }
 }
 
-/// Samples where the selected filter of a bank still has errors, for the filter [`SureFilter`] [Li 2012].
+/// A sampler for the filter [`SureFilter`]: samples go where the selected filter of the bank still has errors [Li 2012].
 ///
 /// Every pixel gets `pilot` samples. A pixel then has the score `max(0, E + v) / (F^2 + 0.01) / (1 + n)`. `E` is the smoothed
 /// error estimate of the pixel's selected filter, and `v` the variance of its mean. `F` is the luminance of the filtered pixel,

@@ -188,7 +188,7 @@ pub(crate) fn sizes(size: [usize; 2], levels: usize) -> Vec<[usize; 2]> {
     (0..=levels).map(|level| size.map(|n| n.div_ceil(1 << level))).collect()
 }
 
-/// Transforms an image in place through the levels `levels`, counted from 0, or inverts these if `back`. The low band of each
+/// Transforms an image in place through the levels `levels`, counted from 0, or inverts them if `back`. The low band of each
 /// level is the upper left corner of the next finer low band.
 pub(crate) fn transform<const N: usize>(
     basis: Basis,

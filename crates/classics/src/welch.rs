@@ -53,7 +53,7 @@ dapple_core::options! {
 ///
 /// # Differences from the authors' code
 ///
-/// * Pixels are weighted by their counts, and degrees of freedom are those for unequal variances. In the authors' code, counts
+/// * Pixels are weighted by their counts, and the degrees of freedom allow for unequal variances. In the authors' code, counts
 ///   are equal.
 /// * The circle is symmetric. In the authors' code, it lacks its last row and column.
 ///

@@ -128,9 +128,9 @@ impl PatchSums {
 
 /// The variance of each pixel's mean, averaged over the channels.
 ///
-/// A pixel whose sample variance is 0 or unknown uses the mean sample variance of the 3x3 pixels around it. If none of these
-/// has two samples, it uses that of the image. If no pixel has two samples, the variance is that between the means of 3x3
-/// pixels, and infinite if only one of them has samples. The variance is 0 in pixels without samples.
+/// A pixel whose sample variance is 0 or unknown uses the mean sample variance of the 3x3 pixels around it, or else of the
+/// image. If no pixel has two samples, the variance between the means of 3x3 pixels is used; it is infinite if only one of them
+/// has samples. The variance is 0 in pixels without samples.
 pub(crate) fn variances_of_means(film: &Film) -> Vec<f64> {
     let size = film.frame().size().map(|n| n as usize);
     let own = per_pixel(film, |i| film.moments(i).variance().map(|[r, g, b]| (r + g + b) / 3.0));

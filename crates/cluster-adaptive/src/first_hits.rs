@@ -126,11 +126,11 @@ pub struct FirstHits {
 
 /// Traces the first-hit rays of `frame`, in parallel by rows, and labels their hits: `labels` holds one cluster per primitive.
 ///
-/// Coordinates come from `points`, as samples of [`streams::PROBE`]; [`Placement::Centre`] needs none. The result does not
+/// Coordinates come from `points`, as samples of [`streams::FIRST_HITS`]; [`Placement::Centre`] needs none. The result does not
 /// depend on threads or their order, as long as `shoot` is a pure function.
 ///
 /// Each first-hit ray ends in exactly one class: a cluster, or the background. A hit with NaN, infinite or negative lengths, or
-/// without direction, counts as a miss; [`Probes::rejected`] counts such hits.
+/// without direction, counts as a miss; [`FirstHits::rejected`] counts such hits.
 ///
 /// # Errors
 ///
@@ -146,7 +146,7 @@ pub fn first_hits(
     let clock = Clock::of_machine();
     let k = placement.per_pixel();
     if !(1..=256).contains(&k) || u64::from(k) > points.capacity() {
-        let allowed = "use 1 to 256, and no more than the point set has";
+        let allowed = "use 1 to 256, and at most the number of samples in the point set";
         return Err(Error::range("first-hit rays per pixel", k, allowed));
     }
     let width = frame.size()[0] as usize * k as usize;
@@ -191,7 +191,7 @@ pub(crate) fn ray(pixel: [u32; 2], index: u64, placement: Placement, points: &dy
 }
 
 impl FirstHits {
-    /// The frame whose first hits these are.
+    /// The frame of these first-hit rays.
     pub fn frame(&self) -> &Frame {
         &self.frame
     }
@@ -207,7 +207,7 @@ impl FirstHits {
         self.cost.seconds += seconds;
     }
 
-    /// All first-hit rays, pixel by pixel and row by row, with [`Placement::per_pixel`] first-hit rays per pixel.
+    /// All first-hit rays in row-major pixel order, with [`Placement::per_pixel`] rays for each pixel.
     pub fn all(&self) -> &[ClusterHit] {
         &self.first_hits
     }
@@ -232,13 +232,12 @@ impl FirstHits {
         self.cost
     }
 
-    /// The cluster of each pixel's first first-hit ray, or [`BACKGROUND`], row by row: for colour maps and filters.
+    /// The cluster hit by the first ray of each pixel, or [`BACKGROUND`], in row-major order: for colour maps and filters.
     pub fn cluster_map(&self) -> Vec<u32> {
         self.first_hits.iter().step_by(self.placement.per_pixel() as usize).map(|p| p.cluster).collect()
     }
 
-    /// The number of first-hit rays that hit each cluster, and last the number that hit nothing. The numbers add up to all
-    /// first-hit rays.
+    /// The number of first-hit rays that hit each cluster, followed by the number that hit nothing.
     ///
     /// # Errors
     ///

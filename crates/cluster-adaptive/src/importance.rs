@@ -121,7 +121,7 @@ fn median(first_hits: &FirstHits, rates: &[f64]) -> f64 {
     }
 }
 
-/// The caller's function that traces a shadow ray from the first hit of a first-hit ray to a random point on the lights.
+/// The caller's function that traces a shadow ray from a first hit to a random point on the lights.
 ///
 /// Three numbers in `[0, 1)` select a light and a point on it. The function returns `true` if the point is visible, and `false`
 /// if it is occluded or if there is no hit or light. It must be pure.

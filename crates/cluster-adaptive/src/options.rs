@@ -6,8 +6,8 @@ use dapple_core::options::Options as _;
 dapple_core::options! {
     /// The parameters of [`ClusterThesis`](crate::ClusterThesis), the sampler of [Lan 2016].
     ///
-    /// The defaults are those of the thesis where it states them. It states no formula for `map` and no values for the two
-    /// weights; the default 0.25 of the weights is a guess.
+    /// The defaults are the thesis' values where it states them. It states no formula for `map` and no weights; the default of
+    /// 0.25 is a guess.
     pub struct ClusterThesisOptions {
         /// Pixel size, for size=box or triangles: one (1 for every pixel, published) or footprint (its area at the hit).
         pub pixel: PixelArea = PixelArea::One => "one";
@@ -23,8 +23,8 @@ dapple_core::options! {
         pub distance: f64 = 0.25, |weight| weight >= 0.0 && weight.is_finite(), "a weight of 0 or more";
         /// Minimum samples per pixel (with --time or --error use --min-spp); 0: Lan's table 4-3.
         ///
-        /// [`published_bounds`] is this table. The minimum also applies if the budget is raised later, so under a time limit it
-        /// may be refused. Set the floor of the limit instead.
+        /// [`published_bounds`] returns the values of this table. Under a time or error limit, the budget may be raised later
+        /// and the minimum rejected; use `--min-spp` there.
         pub min: u32 = 0;
         /// Maximum samples per pixel; 0: Lan's table 4-3.
         pub max: u32 = 0;
@@ -103,7 +103,7 @@ pub enum Error {
     },
     /// A label that is not the number of a cluster.
     #[error(
-        "label {label} is no cluster: there are {clusters} clusters, numbered from 0; pass labels and clusters of the same \
+        "label {label} does not name one of the {clusters} clusters, numbered from 0: pass labels and clusters of the same \
          clustering"
     )]
     NoCluster {
@@ -121,7 +121,7 @@ pub enum Error {
         triangles: usize,
     },
     /// A triangle with the index of a missing vertex.
-    #[error("triangle {triangle} refers to vertex {vertex} of {vertices}: use indices from 0 to below {vertices}")]
+    #[error("triangle {triangle} refers to vertex {vertex}, but only {vertices} exist: use indices below {vertices}")]
     NoVertex {
         /// The index of the triangle.
         triangle: usize,
@@ -135,7 +135,7 @@ pub enum Error {
     OutOfRange(#[from] dapple_core::options::OutOfRange),
     /// First-hit rays that were traced for another frame than the rendered one.
     #[error(
-        "the first-hit rays were traced for {of}, but {wanted} is rendered: trace that frame, or let the sampler trace them"
+        "the first-hit rays were traced for {of}, but {wanted} is rendered: trace the rendered frame, or let the sampler do so"
     )]
     OtherFrame {
         /// The frame of the first-hit rays, as text.

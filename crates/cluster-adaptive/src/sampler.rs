@@ -35,7 +35,7 @@ pub struct FirstHitSource {
 pub struct FirstHitsHandle(Vec<Arc<Mutex<Option<Arc<FirstHits>>>>>);
 
 impl FirstHitsHandle {
-    /// Joins handles for a sampler that consists of several: the first-hit rays of this handle's sampler, then those of
+    /// Joins handles for a sampler made of several samplers: the first-hit rays of this handle's sampler, then those of
     /// `others`.
     #[must_use]
     pub fn joined(mut self, others: Self) -> Self {
@@ -43,8 +43,8 @@ impl FirstHitsHandle {
         self
     }
 
-    /// The first-hit rays that the sampler traced last; `None` before the first plan. For [joined](ProbesHandle::joined)
-    /// samplers, the first one that has traced any counts.
+    /// The first-hit rays that the sampler traced last; `None` before the first plan. For [joined](FirstHitsHandle::joined)
+    /// samplers, the rays of the first sampler that has traced any.
     pub fn first_hits(&self) -> Option<Arc<FirstHits>> {
         self.each().next()
     }
@@ -139,7 +139,7 @@ impl<P: PointSet> ClusterThesis<P> {
         options: ClusterThesisOptions,
     ) -> Result<Self, Error> {
         if options.lights > 0 {
-            return Err(Error::range("lights", options.lights, "use 0 with first-hit rays traced beforehand"));
+            return Err(Error::range("lights", options.lights, "use 0, or use ClusterThesis::tracing"));
         }
         let importance = importance(first_hits, clusters, &size, &options)?;
         let prior = Some(Prior::new(*first_hits.frame(), importance));
@@ -184,7 +184,8 @@ impl<P: PointSet> ClusterThesis<P> {
     fn weights(&mut self, frame: &Frame) -> Result<&[f64], Error> {
         if self.prior.as_ref().is_none_or(|p| p.frame != *frame) {
             let Some(source) = &self.source else {
-                let name = |f: &Frame| format!("{:?} at {:?} of {:?}", f.size(), f.origin(), f.resolution());
+                let name =
+                    |f: &Frame| format!("window {:?} at {:?} of image {:?}", f.size(), f.origin(), f.resolution());
                 let of = self.prior.as_ref().map_or_else(String::new, |p| name(&p.frame));
                 return Err(Error::OtherFrame { of, wanted: name(frame) });
             };

@@ -8,8 +8,8 @@ use dapple_core::parallel;
 /// The measure of a cluster's size `SC`, in the ratio `SP / SC` of pixel area to cluster size.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum ClusterSize {
-    /// The size of the cluster's axis-aligned box, projected along the first-hit ray's unit ray `d`: `lx ly |dz| + lx lz |dy| +
-    /// ly lz |dx|`, in world units [Lan 2016, 2.3]. `lx`, `ly` and `lz` are the box's edges.
+    /// The size of the cluster's axis-aligned box with edges `lx`, `ly` and `lz`, projected along the ray's unit direction `d`,
+    /// in world units: `lx ly |dz| + lx lz |dy| + ly lz |dx|` [Lan 2016, 2.3].
     #[default]
     ProjectedBox,
     /// The sum of the areas of the cluster's triangles, projected along the first-hit ray, in world units [Lan 2016, 3.2.2 a].
@@ -162,7 +162,7 @@ fn replace_infinite(rates: &mut [f64]) -> usize {
 
 /// The area, in pixels, that the box between the corners `bounds` covers on a film of `resolution` pixels. `world_to_clip`
 /// holds the rows of a matrix that maps `[x, y, z, 1]` to clip space. A point with `w > 0` lies in front of the eye, and is on
-/// the film if `x / w` and `y / w` are in `[-1, 1]`. The row of `z` is ignored: the near plane is that through the eye.
+/// the film if `x / w` and `y / w` are in `[-1, 1]`. The row of `z` is ignored: the near plane passes through the eye.
 ///
 /// The part of the box in front of the eye is convex. Its image is thus the convex hull of its corners' images, clipped to the
 /// film. The area is never negative and never exceeds the film. It is 0 for a box entirely behind the eye or beside the film,

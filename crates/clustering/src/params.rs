@@ -92,7 +92,7 @@ pub struct ClusterParams {
     /// The largest number of voxels along an axis, 1 to 2^20: 32 in the thesis, 64 in pbrt-v2 and by default.
     ///
     /// In pbrt-v2 and the thesis, the clamp limits the memory of an array of voxels. Here only occupied voxels are stored, so
-    /// any clamp is affordable. At 64, a voxel is 16 pixels wide in an image of the whole scene that is 1024 pixels wide. Smaller
+    /// any clamp is affordable. With 64, a voxel is 16 pixels wide in an image of the whole scene with 1024 columns. Smaller
     /// clusters give a sampler little more information than single pixels.
     pub clamp: u32,
     /// The angle A in degrees within which normals are similar, 0 to 90; 10 by default, as in the thesis. The cosine has a
@@ -197,7 +197,7 @@ pub enum Error {
         triangles: usize,
     },
     /// A triangle refers to a vertex that does not exist.
-    #[error("triangle {triangle} refers to vertex {index} of {vertices}: use indices from 0 to below {vertices}")]
+    #[error("triangle {triangle} refers to vertex {index}, but only {vertices} exist: use indices below {vertices}")]
     BadIndex {
         /// The index of the triangle with the missing vertex.
         triangle: u32,

@@ -195,7 +195,7 @@ fn insert_boxes<E: Entry>(mesh: &Mesh<'_>, grid: Grid, chunk: usize, entries: &m
     }
 }
 
-/// The sum over all triangles of the number of voxels that the triangle's box overlaps. An error if it exceeds `limit`.
+/// The sum over all triangles of the number of voxels that the triangle's box overlaps. Returns an error if it exceeds `limit`.
 fn count_overlapped(mesh: &Mesh<'_>, grid: Grid, limit: u64) -> Result<u64, Error> {
     let count = |triangle: u32| {
         let [first, last] = grid.overlapped(Bounds::of(mesh.corners(triangle)));

@@ -21,7 +21,7 @@ pub(crate) struct Window {
     pub(crate) radius: usize,
     /// The largest squared distance from the centre in a disc-shaped window; `None` for a square window.
     pub(crate) disc: Option<usize>,
-    /// The smallest weight that counts; smaller weights are replaced by 0.
+    /// The threshold below which a weight is replaced by 0.
     pub(crate) cut: f32,
     /// The falloff of the spatial weight `exp(-falloff r^2)`, with `r` in pixels.
     pub(crate) falloff: f32,
@@ -130,7 +130,7 @@ impl<const G: usize> WithSimd for TileTask<'_, G> {
 }
 
 impl<const G: usize> Scratch<G> {
-    /// Adds the pixel at `offset` from each pixel of the tile, multiplied by its weight, to that pixel's sums.
+    /// For each pixel of the tile, adds the weighted pixel at `offset` from it to its sums.
     #[inline(always)]
     fn gather<S: Simd>(&mut self, simd: S, like: &Likeness, window: &Window, offset: [isize; 2], sums: &mut [f32]) {
         let Self { tile, values } = self;
@@ -214,7 +214,7 @@ pub(crate) fn prefilter(graph: &Graph<'_>, inputs: &mut Inputs) {
     inputs.features.position = [x, y, z];
 }
 
-/// Returns a guide made of features and their variance. The guide's variance is `floor` of the [`Features::scale`] plus the
+/// Returns a guide made of features and their variance. The guide's variance is `floor` at the [`Features::scale`], plus the
 /// mean of two variances: the pixel's own, and the average over 3x3 pixels. A few samples may be equal by chance, so the
 /// pixel's own variance alone is unreliable.
 fn feature_guide(

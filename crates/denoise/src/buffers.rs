@@ -48,7 +48,7 @@ impl<'a> From<&'a Vec<u32>> for Counts<'a> {
     }
 }
 
-/// Buffers with a set of samples of every pixel, row by row from the top: mean radiance, sample count, and variance if known.
+/// One set of samples per pixel, in row-major order from the top: mean radiance, sample count, and variance if known.
 ///
 /// Radiance is linear RGB. `buffer.as_chunks::<3>().0` turns a slice of floats into a slice of colours.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -61,7 +61,7 @@ pub struct SampleBuffers<'a> {
 impl<'a> SampleBuffers<'a> {
     /// Creates buffers from the mean radiance of each pixel and the number of samples: a slice, or one number for all pixels.
     ///
-    /// If the number is unknown, use any, such as 16: only the ratios between pixels matter much.
+    /// If the number is unknown, pass any value, such as 16: the ratios between pixels matter most.
     pub fn new(mean: &'a [[f32; 3]], count: impl Into<Counts<'a>>) -> Self {
         Self { mean, count: count.into(), variance: None }
     }
@@ -164,7 +164,7 @@ pub fn denoise<'a>(size: [u32; 2], half_a: &SampleBuffers<'a>, half_b: &SampleBu
     Denoise::new(size, *half_a, Some(*half_b))
 }
 
-/// Denoises an image given as buffers, for renderers that keep no halves: the mean of all samples and its variance.
+/// Denoises an image given as the mean of all samples and its variance, for renderers that keep no halves.
 ///
 /// The image `x` is split into two halves `x + s` and `x - s`, where `s` is the pixel's standard error with a random sign
 /// [after Rasines and Young 2022; Leiner et al. 2023]. Their mean is `x`, so no light is lost. True halves leave less error;
@@ -188,8 +188,7 @@ pub fn denoise_whole<'a>(size: [u32; 2], all: &SampleBuffers<'a>) -> Denoise<'a>
 /// An image to be denoised, given as buffers. [`denoise`] and [`denoise_whole`] create it.
 ///
 /// Features are means over each pixel's samples, as for any denoiser. All features are optional; more features leave less
-/// error.
-/// A pixel is a miss if its normal and position are 0, and its depth is 0, at least 10^10 or infinite.
+/// error. A pixel is a miss if its normal and position are 0, and its depth is 0, at least 10^10 or infinite.
 #[derive(Clone)]
 #[must_use = "`run` denoises the image"]
 pub struct Denoise<'a> {
@@ -262,10 +261,10 @@ impl<'a> Denoise<'a> {
         self.feature(DEPTH, mean, Some(variance))
     }
 
-    /// Adds the fraction of each pixel's samples that hit a surface, 0 to 1. Features are then means over these samples alone.
+    /// Adds the fraction of each pixel's samples that hit a surface, 0 to 1. Features are then means over these hits.
     ///
-    /// The fraction must come from the same samples as the image. Other rays hit the edge of a light elsewhere, and the light
-    /// would leak.
+    /// The fraction must come from the same samples as the image. With other samples it would not match the edges of lights,
+    /// and their light would leak.
     pub fn coverage(self, share: &'a [f32]) -> Self {
         Self { coverage: Some(share), ..self }
     }
@@ -295,7 +294,7 @@ impl<'a> Denoise<'a> {
     ///
     /// # Errors
     ///
-    /// Those of [`ClusterRegression::with_options`].
+    /// The errors of [`ClusterRegression::with_options`].
     pub fn default_filter(&self) -> Result<ClusterRegression, Error> {
         let options = ClusterRegressionOptions::default().fireflies(self.fireflies);
         let plain = ClusterRegression::with_options(options)?;
@@ -308,11 +307,11 @@ impl<'a> Denoise<'a> {
     }
 
     /// Lists signs of swapped or wrong buffers. Examples: the noise between pixels contradicts the variance, the halves are too
-    /// similar, width and height or normals and albedo are swapped, or numbers are out of range, NaN or huge.
+    /// similar, width and height (or normals and albedo) are swapped, or numbers are out of range, NaN or huge.
     ///
     /// # Errors
     ///
-    /// Those of [`Denoise::run`].
+    /// The errors of [`Denoise::run`].
     pub fn warnings(&self) -> Result<Vec<Warning>, Error> {
         check(self)?;
         Ok(warnings::warnings(self))
@@ -320,11 +319,11 @@ impl<'a> Denoise<'a> {
 
     /// Creates a film (per-pixel statistics) from the buffers, for filters and error maps that read films.
     ///
-    /// Ids become the shapes of first hits.
+    /// Ids are stored as the shapes of first hits.
     ///
     /// # Errors
     ///
-    /// Those of [`Denoise::run`].
+    /// The errors of [`Denoise::run`].
     pub fn film(&self) -> Result<Film, Error> {
         film::film(self)
     }
@@ -373,7 +372,7 @@ impl<'a> Denoise<'a> {
     ///
     /// # Errors
     ///
-    /// Those of [`Denoise::run`], and [`Error::BadBuffer`] if `out` has a different number of pixels.
+    /// The errors of [`Denoise::run`], and [`Error::BadBuffer`] if `out` has a different number of pixels.
     pub fn run_into(&self, out: &mut [[f32; 3]]) -> Result<(), Error> {
         check_length(self.size, out.len(), "out")?;
         out.copy_from_slice(&self.run()?.radiance);
@@ -388,7 +387,7 @@ const HALVES: [[&str; 3]; 2] = [
     ["mean of half b", "count of half b", "variance of half b"],
 ];
 
-/// The names of each feature's buffer and of its variance, the number of channels, and the rules for the values.
+/// For each feature: the names of its buffer and of its variance, the number of channels, and the rules for the values.
 const FEATURES: [([&str; 2], usize, &[Rule]); 4] = [
     (["normal", "variance of the normal"], 3, FINITE),
     (["albedo", "variance of the albedo"], 3, FINITE),
@@ -445,13 +444,13 @@ fn check_samples(size: [u32; 2], set: &SampleBuffers<'_>, names: [&'static str; 
     }
     check_length(size, set.mean.len(), mean)?;
     if (0..set.mean.len()).all(|i| set.samples(i) == 0) {
-        return Err(bad(count, "no pixel has a sample; pass the number of samples of each pixel, or one for all"));
+        return Err(bad(count, "no pixel has a sample; pass the sample count of each pixel, or one count for all"));
     }
     check_numbers(size, (variance, set.variance.map(|v| v.flat().values()), 3, SQUARES), |i| set.samples(i) > 0)
 }
 
-/// Returns an error if both halves are the same buffer or equal. Only images of a single colour may be equal, as they have no
-/// noise.
+/// Returns an error if both halves are the same buffer or have equal values. Images of a single colour may be equal, as they
+/// have no noise.
 fn check_independent(a: &SampleBuffers<'_>, b: &SampleBuffers<'_>) -> Result<(), Error> {
     let first = a.mean.first();
     let plain = a.mean.len() == 1 || a.mean.iter().all(|colour| Some(colour) == first);

@@ -1,16 +1,16 @@
-//! Sums over cells of pixels, and a wide blur of them.
+//! Sums over cells of pixels, and a wide blur of these sums.
 
 use crate::planes::per_pixel;
 
 /// The side of a cell in pixels.
 pub(crate) const CELL: usize = 8;
-/// The radius in cells of a box filter; three of them make a blur with a standard deviation of 84 pixels. With 20 pixels, a
-/// room lit through a gap has 1.1 times the error, from the noise of the samples' mean.
+/// The radius in cells of each of three box filters, which blur with a standard deviation of 84 pixels. With 20 pixels, a room
+/// lit through a gap has 1.1 times the error, due to the noise of the samples' mean.
 const RADIUS: isize = 10;
 /// The number of pixels that share the light of one pixel: the area of the blur.
 pub(crate) const PIXELS: f64 = 44_000.0;
 
-/// Blurs `cells` by three box filters of [`RADIUS`] cells along both axes. Beyond the frame, cells repeat as in a mirror.
+/// Blurs `cells` by three box filters of [`RADIUS`] cells along both axes. Beyond the frame, cells are mirrored.
 pub(crate) fn blurred(cells: Vec<f64>, [width, height]: [usize; 2]) -> Vec<f64> {
     let mirrored = |k: isize, n: usize| {
         let k = k.rem_euclid(2 * n as isize) as usize;

@@ -87,8 +87,8 @@ pub struct ClusterGaussian {
 }
 
 impl ClusterGaussian {
-    /// Creates a filter with the cluster of each pixel from `clusters`, row by row from the top of a film window of `size`
-    /// (width, height). Any number may represent the background, such as `u32::MAX`.
+    /// Creates a filter from the cluster of each pixel, in row-major order from the top of a film window of `size` (width,
+    /// height). Any number may represent the background, such as `u32::MAX`.
     ///
     /// # Errors
     ///
@@ -107,7 +107,7 @@ impl ClusterGaussian {
     /// of hits is [`ClusterGaussianOptions::hits`].
     ///
     /// Each sample votes for the cluster that `label` returns. A miss or `None` is a vote for the background. With one vote, as
-    /// published, a single sample decides for the pixel.
+    /// published, a single sample determines the pixel's cluster.
     pub fn from_hits(label: ClusterLookup) -> Self {
         Self::new(Clusters::Hits(label))
     }
@@ -150,7 +150,7 @@ impl ClusterGaussian {
             variances: variances.as_deref(),
             members,
         };
-        // The factor is 0 or at least 2^-53, however small `outside`: its square does not underflow.
+        // The factor is 0 or at least 2^-53 for any `outside`, so its square does not underflow.
         let cut = 1.0 - self.options.outside;
         let (width, weights) = (plane.size[0], self.kernel.weights());
         let (mut radiance, mut error) = (vec![[0.0; 3]; pixels], vec![0.0; pixels]);
@@ -293,8 +293,8 @@ impl Votes {
         votes
     }
 
-    /// The sum over all clusters of the smaller of two fractions: that of this pixel's samples in the cluster, and that of the
-    /// other pixel's. 1 if either pixel has no samples.
+    /// The sum over all clusters of the smaller of both pixels' fractions of samples in the cluster; 1 if either pixel has no
+    /// samples.
     #[inline]
     pub(crate) fn overlap(&self, other: &Self) -> f64 {
         if self.agree && other.agree {

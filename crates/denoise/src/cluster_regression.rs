@@ -17,8 +17,7 @@ use dapple_core::filter::{FilterMemory, ImagePlanes, filled};
 use dapple_core::options::Options as _;
 use dapple_core::{Error, Film, Filter, Filtered, Frame, Needs};
 
-/// The weight of the fallback image that is averaged with the predictions of the first and of the second regression. A window's
-/// centre has weight 1.
+/// The weight of the fallback image in the first and second regression, relative to the prediction at a window's centre.
 const BESIDE: [f32; 2] = [0.5, 0.4];
 
 dapple_core::options! {
@@ -75,8 +74,8 @@ dapple_core::options! {
 ///    share this guide, and so their weights and normal equations.
 /// 5. All filtered images and the second pass are compared in the same way; the unfiltered image is not a candidate here.
 /// 6. The selected image, divided by albedo, guides a regression over 41x41 pixels around every sixth pixel of every sixth row.
-///    The selected image is moved towards the result, and then the unfiltered image towards that blend. Each moves as far as
-///    the halves show the difference to be noise [after James and Stein 1961].
+///    The selected image is blended with the result, and then the unfiltered image with that blend. The weights follow from the
+///    part of the difference that the halves show to be noise [after James and Stein 1961].
 /// 7. With two `layers`, these steps filter direct and then indirect lighting, and the two images are added. Indirect lighting
 ///    has few edges, so colours and features may differ 1.4 times as much from step 4 on.
 /// 8. A small trained network averages the film and this image again and blends both [after Isik 2021]
@@ -96,7 +95,7 @@ dapple_core::options! {
 /// # Reach
 ///
 /// Every pixel of the image may depend on every pixel of the film. The network's inputs are scaled by the image's mean
-/// brightness, and the error's scale is that of the whole image. Windows, selections and blends reach some hundred pixels.
+/// brightness, and the error's scale depends on the whole image. Windows, selections and blends reach a few hundred pixels.
 #[derive(Clone, Debug, Default)]
 pub struct ClusterRegression {
     options: ClusterRegressionOptions,
@@ -127,8 +126,8 @@ impl ClusterRegression {
     }
 
     /// Multiplies the weight of a pixel in the first pass by `outside` if its first sample lies in another cluster. Clusters
-    /// are always those of the first hit, even if that is a mirror or glass. `described` is appended to the filter's
-    /// description. It lists the parameters of the clusters, such as `k=9,clamp=32`.
+    /// always belong to the first hit, even if it is a mirror or glass. `described` (the parameters of the clusters, such as
+    /// `k=9,clamp=32`) is appended to the filter's description.
     #[must_use]
     pub fn with_clusters(self, label: ClusterLookup, described: impl Into<String>) -> Self {
         Self { reads: Reads { label: Some(label), described: described.into(), ..self.reads }, ..self }
@@ -136,7 +135,7 @@ impl ClusterRegression {
 
     /// Filters by colours alone, for films without features. Every pixel counts as a miss.
     ///
-    /// Otherwise, a film with room for features that were never reported is refused ([`Error::NoneReported`]).
+    /// Otherwise, a film with room for features that were never reported is rejected ([`Error::NoneReported`]).
     #[must_use]
     pub fn without_features(self) -> Self {
         Self { reads: Reads { without_features: true, ..self.reads }, ..self }
@@ -211,7 +210,8 @@ impl ClusterRegression {
         images.push(self.second(graph, inputs, chosen));
         let base = select(graph, inputs, &images, weight, CHOICE, false);
 
-        // A pass of wide windows, then the unfiltered image, moved towards the result as far as their difference is noise.
+        // A pass of wide windows; then the unfiltered image is blended with the result according to the noise of their
+        // difference.
         let smooth = wide(graph, inputs, &residual_guide(graph, inputs, base), base);
         let image = shrink(graph, inputs, base, smooth, BLEND, WIDE_EVIDENCE);
         shrink(graph, inputs, inputs.unfiltered(), image, LAST, EVIDENCE)

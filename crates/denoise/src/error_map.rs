@@ -10,8 +10,8 @@ use dapple_core::{Error, Filtered};
 /// The constant that is added to the squared mean in relMSE.
 const EPSILON: f32 = 0.01;
 
-/// The factor on the estimated error of the unfiltered image when it is compared with filtered images. Its estimate is never
-/// negative, but estimates for filtered images scatter around their mean. Without the factor, that scatter would select the
+/// The factor on the estimated error of the unfiltered image when it is compared with filtered images. That estimate is never
+/// negative, while estimates for filtered images scatter around their mean. Without the factor, that scatter would select the
 /// noisy image where all errors are small.
 const HANDICAP: f32 = 2.0;
 
@@ -34,8 +34,8 @@ pub(crate) fn relative_weight(graph: &Graph<'_>, inputs: &Inputs, image: Pair) -
 /// So `E (F_A - B)^2` is the squared error of `F_A` plus the variance of `B`, and `E (A - B)^2` is the sum of both variances.
 /// Averaging `F_A` and `F_B` reduces the error by the square of half their difference.
 ///
-/// This holds if `F_A` does not depend on `B`. In fact weights and blends depend on it, so the estimate is too low by the
-/// covariances of `F_A` with `B` and of `F_B` with `A`.
+/// This holds if `F_A` does not depend on `B`. In fact, the weights and blends of `F_A` depend on `B`, so the estimate is too
+/// low by the covariances of `F_A` with `B` and of `F_B` with `A`.
 ///
 /// The sample variance in place of `(A - B)^2` would overrate the noise of low-discrepancy samples.
 pub(crate) fn raw_error<const N: usize>(graph: &Graph<'_>, inputs: &Inputs, image: Pair, weight: Plane) -> [Plane; N] {
@@ -86,8 +86,8 @@ pub(crate) fn select(
     }))
 }
 
-/// The blend weight of each candidate: 1 where its error is the least (among equals, for the first), else 0; blurred over 5x5
-/// pixels.
+/// The blend weight of each candidate, blurred over 5x5 pixels: 1 where its error is the least (the first among equals), else
+/// 0.
 fn shares(graph: &Graph<'_>, errors: &[Plane]) -> Vec<Plane> {
     let [mut least, mut best] = map(graph, [errors[0]], |[error]| [error, 0.0]);
     for (number, error) in (1u8..).zip(&errors[1..]) {
@@ -129,10 +129,10 @@ pub(crate) const LAST: Radii = Radii { bias: 5, noise: 10, alike: 0 };
 /// The radius over which the weight of the smooth image is averaged.
 const SHARE: usize = 3;
 
-/// Moves the image `narrow` towards `smooth` as far as their difference is noise.
+/// Blends the images `narrow` and `smooth`. The more of their difference is noise, the closer the result is to `smooth`.
 ///
-/// `D_A` and `D_B` are the differences `smooth - narrow` in the halves, `V` is the mean of `(D_A - D_B)^2 / 4` over a window,
-/// and `B` that of `D_A D_B`. The result is `narrow + a (smooth - narrow)` with `a = V / (V + max(0, B))`. The halves share no
+/// `D_A` and `D_B` are the differences `smooth - narrow` in the halves. `V` and `B` are the means of `(D_A - D_B)^2 / 4` and of
+/// `D_A D_B` over a window. The result is `narrow + a (smooth - narrow)` with `a = V / (V + max(0, B))`. The halves share no
 /// sample, so `D_A D_B` estimates the squared bias without noise.
 ///
 /// Only the part of `B` above `evidence` standard errors counts; otherwise patches of noise would remain by chance. If each
@@ -284,7 +284,7 @@ impl ErrorMap {
     }
 }
 
-/// Adds the images of all parts of the light, and collects `planes`. The errors of the parts count as independent.
+/// Adds the images of all parts of the light, and collects `planes`. The errors of the parts are assumed to be independent.
 pub(crate) fn filtered<const N: usize>(
     graph: Graph<'_>,
     parts: &[Estimate],
@@ -330,7 +330,7 @@ pub(crate) fn filtered<const N: usize>(
     (Filtered::new([width as u32, height as u32], radiance).with_error(error), others)
 }
 
-/// The estimated squared error of each filtered pixel relative to `mean^2 + epsilon`, row by row.
+/// The estimated squared error of each filtered pixel relative to `mean^2 + epsilon`, in row-major order.
 ///
 /// The error is [`Filtered::error`]. The mean is taken over 3x3 pixels and the channels.
 /// An infinite error is replaced by the largest finite one, or by 1 if none is finite. Values are finite and not negative. They
@@ -347,10 +347,10 @@ pub(crate) fn filtered<const N: usize>(
 ///
 /// # Errors
 ///
-/// [`Error::NotRecorded`] when `filtered` has no error.
+/// [`Error::Other`] if `filtered` has no error.
 pub fn relative_errors(filtered: &Filtered, epsilon: f32) -> Result<Vec<f32>, Error> {
     let Some(error) = &filtered.error else {
-        return Err(Error::NotRecorded { who: "relative_errors".to_owned(), what: "the filter's own error" });
+        return Err(Error::other("relative_errors", "no error estimate; record variances or use another filter"));
     };
     let size = filtered.size.map(|n| n as usize);
     let grey: Vec<f32> = filtered.radiance.iter().map(|[r, g, b]| ((r + g + b) / 3.0).min(1e15)).collect();

@@ -11,7 +11,7 @@ pub(crate) const FEATURES: usize = 7;
 /// The variance assumed for an unknown value, in units of the squared level (the image's mean brightness).
 pub(crate) const UNKNOWN: f32 = 1e6;
 
-/// The features of each pixel: those of the first non-specular surface. A miss has a zero normal, an albedo of 1 and a large
+/// The features of the first non-specular surface that each pixel shows. A miss has a zero normal, an albedo of 1 and a large
 /// depth.
 #[derive(Clone, Copy)]
 pub(crate) struct Features {
@@ -89,8 +89,8 @@ fn planes<'a>(graph: &Graph<'a>, film: &'a Film, (far, middle): (f32, [f64; 3]),
 /// The smallest brightness of a light source, in units of the image's level.
 const LAMP: f32 = 8.0;
 
-/// A plane that is above 0 in pixels within two pixels of a light source, of the background and of a surface that fills its
-/// pixel; 0 in all others. `None` without background.
+/// A plane that is above 0 in pixels with a light source, background and a surface that fills its pixel all within two pixels;
+/// 0 in all others. `None` without background.
 fn beside_lamps<'a>(graph: &Graph<'a>, film: &'a Film) -> Option<Plane> {
     let hits = |i: usize| film.features(i).map_or([0, 0], |f| [f.hits, f.samples]);
     if (0..film.frame().pixels()).all(|i| hits(i)[0] > 0) {

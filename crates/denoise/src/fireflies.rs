@@ -1,7 +1,7 @@
 //! Fireflies: pixels as bright as many pixels around them together, in only one of the two halves.
 //!
 //! Filters preserve energy: light taken out of a pixel goes to its surroundings. That is right where many pixels together show
-//! a rare light path. A single sample 10^5 times as bright as its surroundings would become a disc of a hundred pixels.
+//! a rare light path. But a single sample 10^5 times as bright as its surroundings would become a disc of a hundred pixels.
 
 use crate::cells::{CELL, PIXELS, blurred};
 use crate::light::Light;
@@ -31,11 +31,11 @@ const LIGHT: f64 = 0.02 * PIXELS;
 /// The number of samples of a half below which a firefly must be proportionally brighter. Single samples of 2,000 times the
 /// mean are common in many scenes. A pixel that shows such a sample looks worse than its light spread around it (docs/LOG.md).
 const SAMPLES: f64 = 8.0;
-/// The brightest pixels, one in this many, count as no brighter than the next one, so that fireflies do not hide each other.
+/// The brightest pixels (one in this many) are clamped to the next lower brightness, so that fireflies do not hide each other.
 const BRIGHT: usize = 50;
 /// The fraction of a firefly's light that the other half must not reach.
 const ALONE: f64 = 0.1;
-/// The radius in pixels within which the other half must not have seen the light. Pixel filters of renderers are as wide.
+/// The radius in pixels within which the other half must not have seen the light. Pixel filters of renderers have this radius.
 const NEAR: usize = 2;
 
 /// A pixel as bright as many pixels around it.

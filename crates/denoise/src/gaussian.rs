@@ -94,7 +94,7 @@ impl Gaussian {
     ///
     /// # Errors
     ///
-    /// Those of [`Gaussian::with_options`].
+    /// The errors of [`Gaussian::with_options`].
     pub fn new(alpha: f64, radius: f64) -> Result<Self, Error> {
         Self::with_options(GaussianOptions { alpha, radius })
     }

@@ -14,8 +14,7 @@ fn step() -> usize {
     (4 * parallel::threads()).next_multiple_of(16)
 }
 
-/// The number of rows before the first row of an image at which requests for rows begin. Passes that must run far ahead of the
-/// result then also begin with few rows.
+/// Requests for rows begin this many rows above the image, so that passes far ahead of the result also begin with few rows.
 const BEFORE: isize = 1024;
 
 /// One value per pixel, computed by a pass of a [`Graph`]. Some passes compute blocks of other lengths in place of rows.
@@ -108,7 +107,7 @@ struct Pass<'a> {
     make: Box<Make<'a>>,
 }
 
-/// The passes over an image, in an order in which each reads only planes of earlier ones.
+/// The passes over an image. Each reads only planes of earlier passes.
 pub(crate) struct Graph<'a> {
     /// Width and height of the image.
     pub(crate) size: [usize; 2],
@@ -174,7 +173,7 @@ impl<'a> Graph<'a> {
         self.add([height, columns, length], reads, Box::new(make)).map(Plane).collect()
     }
 
-    /// Computes all rows of these planes, and calls `take` with some rows after another.
+    /// Computes all rows of these planes, and passes them to `take`, a few at a time.
     pub(crate) fn run(self, planes: &[Plane], take: impl FnMut(&Rows, Range<usize>) + Send) {
         let ([width, _], plan) = (self.size, self.plan(planes));
         let windows = plan.readers.iter().map(|_| Window::default()).collect();
@@ -328,7 +327,7 @@ pub(crate) fn bytes_of_rows(
     })
 }
 
-/// The size of an image that keeps as many rows in memory as the frame's. Images above 1024 rows keep no more.
+/// The size of an image whose rows need as much memory as the frame's: at most 1024 rows high, as higher images need no more.
 pub(crate) fn as_high(frame: &Frame) -> [usize; 2] {
     const HIGH: usize = 1024;
     let [width, height] = frame.size().map(|n| n as usize);

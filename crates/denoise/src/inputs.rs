@@ -16,7 +16,7 @@ use std::sync::Arc;
 /// A function from shape and primitive of a first hit to its cluster; `None` for the background.
 pub type ClusterLookup = Arc<dyn Fn(u32, u32) -> Option<u32> + Send + Sync>;
 
-/// A filter's description: its name, its parameters and those of its clusters, if any.
+/// A filter's description: its name, its parameters, and the parameters of its clusters, if any.
 pub(crate) fn describe(name: &str, options: &impl Options, clusters: &str) -> String {
     let comma = if clusters.is_empty() { "" } else { "," };
     format!("{name}:{}{comma}{clusters}", options.describe())
@@ -66,7 +66,7 @@ pub(crate) struct Half {
     /// The mean colours, divided by the level of the image ([`Inputs::level`]).
     pub(crate) colour: Colours,
     /// The variances of the mean colours, in squared levels. They follow from the variance of one sample, which is shrunk
-    /// towards that of 5x5 pixels.
+    /// towards the mean over 5x5 pixels.
     pub(crate) variance: Colours,
     /// The number of samples in each pixel.
     pub(crate) count: Plane,

@@ -102,8 +102,8 @@ impl<'a> Light<'a> {
 
     /// The variance of one sample of pixel `i`; `None` below two samples.
     ///
-    /// The variance of direct lighting is that of all light minus that of indirect lighting. It thus includes the covariance of
-    /// both, which is positive where an edge crosses the pixel.
+    /// The variance of direct lighting is the difference of the variances of all light and of indirect lighting. It thus
+    /// includes the covariance of both, which is positive where an edge crosses the pixel.
     pub(crate) fn variance(&self, i: usize) -> Option<[f64; 3]> {
         match self.part {
             Part::All => self.film.moments(i).variance(),

@@ -18,7 +18,7 @@ const TURNED: f32 = 20.0;
 const SLOPE: [f32; 2] = [4.0, 1e-2];
 
 /// The smallest emission that counts as a light's, in units of the image's level. Less is interpolated like other light: at the
-/// edge of a dim sky, each sample sees either the sky or what is in front of it.
+/// edge of a dim sky, each sample sees either the sky or an object in front of it.
 pub(crate) const LAMP: f32 = 4.0;
 
 /// The halves of a film's light, before their variances are known.
@@ -56,8 +56,8 @@ impl Surroundings<'_> {
 }
 
 impl Halves {
-    /// Interpolates missing halves. Also returns, for each half, the number of samples whose mean has the variance of the
-    /// half's colour.
+    /// Interpolates missing halves. Also returns the equivalent sample count of each half: the mean of that many samples has
+    /// the same variance as the half's colour.
     ///
     /// A completed pixel counts half of its samples in each half. Where the variance of one sample is unknown, the squared
     /// difference between the halves estimates it.
@@ -135,7 +135,7 @@ impl Near<'_> {
 
     /// The mean of half `half` over the four neighbours of pixel `i`, scaled by the ratio of the albedos, and the number of
     /// samples whose mean has the same variance. `None` if the neighbours lack that half too. If the pixel's own emission is
-    /// known, it replaces that of the neighbours.
+    /// known, it replaces the neighbours' emission.
     fn between(&self, i: usize, half: usize) -> Option<([f32; 3], f32)> {
         let (around, albedo) = (&self.around, self.around.features.albedo());
         let divisor = |c: usize, i: usize| raised(self.at(albedo[c], i));

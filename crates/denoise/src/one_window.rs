@@ -63,7 +63,8 @@ dapple_core::options! {
 /// # Differences from the paper
 ///
 /// * Windows have at most 15x15 pixels, not 21x21.
-/// * A pixel's variance is shrunk towards that of 5x5 pixels, not scaled to that of the halves. Its floor falls as 1 / n.
+/// * A pixel's variance is shrunk towards the mean of 5x5 pixels, not scaled to the variance between the halves. Its floor
+///   falls as 1 / n.
 /// * Each pixel is weighted by its number of samples.
 /// * There is one pass, without adaptive sampling.
 ///
@@ -157,7 +158,7 @@ const PATCH: usize = 1;
 /// * `exp(-max(0, d_colour))`, with the difference of 3x3 pixels in units of `colour` standard deviations;
 /// * `outside` if the pixels lie in different clusters.
 ///
-/// The difference expected from noise is subtracted as in [`NlMeans`](crate::NlMeans). Colours are divided by albedo and
+/// The difference expected from noise is subtracted as in [`NlMeans`]. Colours are divided by albedo and
 /// compared in the half of the samples that is not being filtered. The colour term makes the filter consistent: pixels that
 /// differ by more than noise are not averaged, however many samples they have.
 ///
@@ -201,8 +202,8 @@ impl Bilateral {
         Ok(Self { options, ..Self::default() })
     }
 
-    /// Multiplies the weight of a pixel by `outside` if its first sample lies in another cluster. `described` is appended to
-    /// the filter's description. It lists the parameters of the clusters, such as `k=9,clamp=32`.
+    /// Multiplies the weight of a pixel by `outside` if its first sample lies in another cluster. `described` (the parameters
+    /// of the clusters, such as `k=9,clamp=32`) is appended to the filter's description.
     #[must_use]
     pub fn with_clusters(self, label: ClusterLookup, described: impl Into<String>) -> Self {
         Self { reads: Reads { label: Some(label), described: described.into(), ..self.reads }, ..self }
@@ -210,7 +211,7 @@ impl Bilateral {
 
     /// Filters by colours alone, for films without features. Every pixel counts as a miss.
     ///
-    /// Otherwise, a film with room for features that were never reported is refused ([`Error::NoneReported`]).
+    /// Otherwise, a film with room for features that were never reported is rejected ([`Error::NoneReported`]).
     #[must_use]
     pub fn without_features(self) -> Self {
         Self { reads: Reads { without_features: true, ..self.reads }, ..self }

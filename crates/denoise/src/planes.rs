@@ -44,7 +44,7 @@ pub(crate) fn raised(albedo: f32) -> f32 {
     albedo.max(LEAST_ALBEDO)
 }
 
-/// The number of lanes that [`dispatch`] uses in tests of release builds; 0 for those of the machine. Tests that run at the
+/// The number of lanes that [`dispatch`] uses in tests of release builds; 0 for the machine's own number. Tests that run at the
 /// same time are not affected, since results do not depend on the number of lanes.
 #[cfg(all(test, not(debug_assertions)))]
 pub(crate) static LANES: std::sync::atomic::AtomicUsize = std::sync::atomic::AtomicUsize::new(0);
@@ -146,8 +146,8 @@ pub(crate) fn sum_pixels<const N: usize>([width, height]: [usize; 2], of: impl F
 }
 
 /// Images of weighted means. `add` adds the sums of row `y` to eight rows: red, green, blue and weight of the first half, then
-/// of the second; `reads` lists what it reads. The image `beside` is included with the weight `share`. With `albedo`, the sums
-/// are those of colours divided by the [raised] albedo.
+/// of the second; `reads` lists the planes it reads. The image `beside` is included with the weight `share`. With `albedo`, the
+/// summed colours are colours divided by the [raised] albedo.
 pub(crate) fn merged<'a>(
     graph: &Graph<'a>,
     (beside, share): (Pair, f32),
@@ -181,7 +181,7 @@ pub(crate) fn merged<'a>(
     }))
 }
 
-/// The value with `n / share` smaller ones among `n` positive values (a quantile); `None` without values.
+/// The quantile of `n` positive values that exceeds `n / share` of them; `None` without values.
 pub(crate) fn quantile(mut values: Vec<f32>, share: usize) -> Option<f32> {
     let place = values.len() / share;
     (!values.is_empty()).then(|| *values.select_nth_unstable_by(place, f32::total_cmp).1)

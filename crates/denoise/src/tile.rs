@@ -419,7 +419,7 @@ pub(crate) fn exp_minus(x: f32) -> f32 {
     exp_minus_all(pulp::Scalar::new(), x)
 }
 
-/// The factor `there / (here + there)` on a pixel's weight. `there` is the number of its samples, and `here` that of the
+/// The factor `there / (here + there)` on a pixel's weight, for the sample counts `there` of the pixel and `here` of the
 /// filtered pixel. More samples weigh more, but at most twice as much as equal counts. Weights proportional to sample counts
 /// would make leaks across edges grow with the ratio of the counts.
 #[inline(always)]

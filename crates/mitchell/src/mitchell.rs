@@ -11,7 +11,7 @@ dapple_core::options! {
     pub struct MitchellOptions {
         /// Samples per pixel before refinement; set together with additional, or leave both 0: Lan's table 4-2 for this spp.
         ///
-        /// [`Rates::for_mean`] is this table [Lan 2016]. It is read again when the mean budget has doubled.
+        /// [`Rates::for_mean`] returns the values of this table. They are selected again when the mean budget has doubled.
         pub initial: u32 = 0;
         /// Additional samples per refined pixel; set together with initial.
         pub additional: u32 = 0;

@@ -271,7 +271,7 @@ const CHROMA: [[u8; 4]; 4] = [[17, 18, 24, 47], [18, 21, 26, 66], [24, 26, 56, 9
 /// The quantisation step of chroma at all other frequencies.
 const CHROMA_BEYOND: u8 = 99;
 
-/// The quantisation step that corresponds to a sensitivity of 1: that of the mean luminance.
+/// The quantisation step with a sensitivity of 1: the step of the mean luminance.
 const UNIT: f64 = 16.0;
 
 /// The sensitivity to a channel's error at a frequency in half waves per eight pixels: the reciprocal of JPEG's step.
@@ -283,8 +283,8 @@ fn sensitivity(channel: usize, [u, v]: [usize; 2]) -> f64 {
     UNIT / f64::from(step)
 }
 
-/// The weight of a channel's squared error, at the lowest frequencies that its fit leaves out. A fit with all frequencies has
-/// the weight of the highest.
+/// The weight of a channel's squared error, at the lowest frequencies that its fit leaves out. A fit with all frequencies uses
+/// the highest frequency.
 pub(super) fn weight(fit: &Fit, channel: usize) -> f64 {
     let unfitted = fit.first_unfitted(channel);
     let band = if unfitted.is_empty() { &fit.frequencies[fit.frequencies.len() - 1..] } else { unfitted };

@@ -117,7 +117,7 @@ fn edge(i: usize, surfaces: &[Surface], breaks: &Breaks, mirror: f64) -> f32 {
     breaks.across(i).map(nearer).chain(reflection).fold(f32::INFINITY, f32::min)
 }
 
-/// The blur of each pixel: that of its own surface, or of a break in front of the focal plane whose circle covers the pixel.
+/// The blur of each pixel, caused by its own surface or by a break in front of the focal plane whose circle covers the pixel.
 fn blurs(
     size: [usize; 2],
     surfaces: &[Surface],
@@ -159,8 +159,8 @@ fn variance_over_lens(x: f64) -> f64 {
     0.5 * (1.0 - kept * kept).max(0.0)
 }
 
-/// The standard deviation over the lens of a sinusoid with the surface's bandwidth. Its variance over the image is that of
-/// albedo, normals and coverage in the square around the circle of confusion.
+/// The standard deviation over the lens of a sinusoid with the surface's bandwidth. The sinusoid's variance over the image is
+/// the variance of albedo, normals and coverage in the square around the circle of confusion.
 fn deviations(size: [usize; 2], surfaces: &[Surface], blurs: &[Blur], normals: f64) -> Vec<f64> {
     let table = Prefix::new(size, |i| {
         let (surface, grey) = (&surfaces[i], surfaces[i].grey());

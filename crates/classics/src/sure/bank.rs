@@ -128,9 +128,9 @@ fn sums(planes: &Planes, tile: PixelTile, radius: isize) -> Vec<[Sums; FILTERS]>
     sums
 }
 
-/// Adds a neighbour to the sums of a pixel. `distance` is that between the patches around both pixels, and `like` the logarithm
-/// of the weight by features. If the neighbour's patch contains the pixel, `opposite` is the colour of the pixel on the other
-/// side.
+/// Adds a neighbour to the sums of a pixel. `distance` is the distance between the patches around both pixels, and `like` the
+/// logarithm of the weight by features. If the neighbour's patch contains the pixel, `opposite` is the colour of the pixel on
+/// the other side.
 fn add_pair(
     sums: &mut [Sums; FILTERS],
     [distance, like]: [f64; 2],

@@ -39,7 +39,7 @@ pub(super) struct Sample {
 pub(super) struct Seen {
     pub(super) place: [f64; 2],
     pub(super) inverse_depth: f64,
-    /// The derivative of the position with respect to the two lens coordinates; `by_time` is that with respect to time.
+    /// The derivative of the position by the two lens coordinates; `by_time` is the derivative by time.
     pub(super) by_lens: [f64; 2],
     pub(super) by_time: [f64; 2],
 }
@@ -200,7 +200,7 @@ fn sobol(axis: u32, number: u32) -> u32 {
 
 /// The largest number of samples in a leaf.
 const LEAF: usize = 8;
-/// The number of samples from which on both halves of the tree are built in parallel.
+/// The smallest number of samples for which both halves of the tree are built in parallel.
 const PARALLEL: usize = 1 << 14;
 
 /// The bounds of a set of samples through the lens' centre, in column, row and inverse depth. They are stored for the opening
@@ -361,11 +361,11 @@ pub(super) type Near = (u32, Seen);
 
 /// The smallest number of samples of a surface.
 const LEAST: usize = 4;
-/// The number of samples from which on a surface always covers the output point.
+/// The smallest number of samples with which a surface always covers the output point.
 const MANY: usize = 200;
 
-/// Returns `true` if two samples pass each other within a box around the output point. `lens` is the box's half width on the
-/// lens, and `time` that in time.
+/// Returns `true` if two samples pass each other within a box around the output point. `lens` and `time` are the half widths of
+/// the box on the lens and in time.
 ///
 /// Samples pass each other if the offset between them reverses along its own direction.
 fn pass(a: &Seen, b: &Seen, [lens, time]: [f64; 2]) -> bool {

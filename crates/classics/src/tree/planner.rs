@@ -21,7 +21,7 @@ pub trait Refinement: Division + Options + Copy + Send {
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`] for a domain that the method refuses.
+    /// [`Error::OutOfRange`] for a domain that the method rejects.
     fn dimensions(&self, domain: &Domain) -> Result<Domain, Error> {
         Ok(domain.clone())
     }
@@ -44,8 +44,8 @@ pub trait Refinement: Division + Options + Copy + Send {
     /// The score of a box. Boxes get samples only if their score is above 0.
     fn score(&self, cell: &Cell, leaf: &Leaf<'_>) -> f64;
 
-    /// The number of samples that a box with `samples` samples and this score needs to bring its expected score down to
-    /// `level`. Falls as `level` rises.
+    /// The number of additional samples that lower the expected score of a box with `samples` samples from `score` to `level`.
+    /// Falls as `level` rises.
     fn wanted(&self, score: f64, samples: u32, level: f64) -> u32;
 
     /// The fraction of the largest score down to which boxes get samples in a round, unless the round would be too small.
@@ -57,11 +57,10 @@ pub trait Refinement: Division + Options + Copy + Send {
     fn place(&self, cell: &Cell, leaf: &Leaf<'_>, count: u32, seed: u64, to: &mut Vec<At>);
 }
 
-/// A round has the larger of these fractions of the number of pixels and of the samples so far. This is not in the papers,
-/// which refine box by box.
+/// A round has half a sample per pixel, or a quarter of the samples so far if that is more. The papers refine box by box.
 const OF_PIXELS: u64 = 2;
 const OF_SAMPLES: u64 = 4;
-/// The least samples of a round, as a fraction of the pixels or of the samples so far, whichever is larger.
+/// The pixels or the samples so far, whichever are more, divided by this number give the smallest round.
 const LEAST: u64 = 16;
 
 /// A sampler that places samples in the boxes with the largest scores.
@@ -153,7 +152,7 @@ impl<P: PointSet, R: Refinement> TreeSampler<P, R> {
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`] for the first parameter out of range, and for a domain that the method refuses.
+    /// [`Error::OutOfRange`] for the first parameter out of range, and for a domain that the method rejects.
     pub fn new(points: P, domain: &Domain, options: R) -> Result<Self, Error> {
         options.check_ranges()?;
         let domain = options.dimensions(domain)?;
@@ -266,8 +265,8 @@ fn pixel_of(size: [u32; 2], corner: [u32; 2], at: &At) -> ([u32; 2], At) {
     (pixel, inside)
 }
 
-/// Distributes `step` samples so that the largest expected score afterwards is as small as possible. The result is that of
-/// refining the box with the largest score, one sample at a time. Boxes that tie for the last samples get them in their order.
+/// Distributes `step` samples so that the largest expected score afterwards is as small as possible. The result equals refining
+/// the box with the largest score, one sample at a time. Boxes that tie for the last samples get them in their order.
 fn hand_out(rule: &impl Refinement, all: &mut [Candidate], step: u64) {
     let wanted = |c: &Candidate, level: u64| rule.wanted(c.score, c.samples, f64::from_bits(level));
     let part = |some: &[Candidate], level: u64| some.iter().map(|c| u64::from(wanted(c, level))).sum::<u64>();
@@ -330,8 +329,8 @@ impl Round {
         self.total += 1;
     }
 
-    /// Spreads evenly what a small round leaves over: the whole rest of the budget if the boxes got nothing, else the samples
-    /// lost by pixels at their ceiling.
+    /// Spreads leftover samples of a small round evenly: the whole rest of the budget if the boxes got nothing, else the
+    /// samples lost by pixels at their ceiling.
     fn fill(&mut self, seen: &Feedback<'_>) -> Result<(), Error> {
         let left = seen.budget.left();
         let target = if self.total == 0 { left } else { (seen.pixels() as u64 / OF_PIXELS).min(left) };

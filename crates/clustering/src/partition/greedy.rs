@@ -46,7 +46,7 @@ impl Rule {
 }
 
 /// The smallest z of a cluster's first normal for which all normals of the cluster surely lie on its side. Two-sided normals
-/// point upwards, and those of a cluster differ by at most twice the angle parameter.
+/// point upwards, and normals of one cluster differ by at most twice the angle parameter.
 ///
 /// The result is infinite if no z suffices, and negative infinity for signed normals.
 fn steep(params: &ClusterParams) -> f32 {
@@ -242,7 +242,7 @@ fn sweep<const TWO_SIDED: bool>(facets: &mut Vec<Facet>, cosine: f32, classes: &
     facets.clear();
 }
 
-/// The first index from `i` on with `next[index] == index`: the next facet without a class. Also halves the path for later
+/// The first index from `i` on with `next[index] == index`: the next facet without a class. Shortens the path for later
 /// searches.
 fn skip(next: &mut [u32], mut i: usize) -> usize {
     while next[i] as usize != i {

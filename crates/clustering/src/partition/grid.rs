@@ -154,7 +154,7 @@ impl NullaryFnOnce for PointBounds<'_> {
     }
 }
 
-/// The search for the largest index, and for whether some triangle uses each of six vertices. pulp compiles it for each width
+/// A pass over indices that finds the largest index, and which of six vertices triangles use. pulp compiles it for each width
 /// of vector registers.
 struct LookUp<'a> {
     indices: &'a [[u32; 3]],

@@ -34,7 +34,7 @@ macro_rules! entries {
 // Pairs of 64 bits are for grids of up to 2^32 voxels, pairs of 128 bits for any grid.
 entries! { u64 u128 }
 
-/// The intended number of entries per range of voxels. With the parts that they come from they fill a first-level cache of 32 KiB.
+/// The intended number of entries per range of voxels. With their source parts they fill a first-level cache of 32 KiB.
 const BUCKET: usize = 2048;
 /// The largest number of ranges of voxels. Counting into more ranges costs more than sorting longer ones.
 const MAX_BUCKETS: usize = 1024;

@@ -5,7 +5,7 @@ use crate::planes::{beside, box_mean_of};
 use dapple_core::film::{PixelStatistics, RgbMoments};
 use dapple_core::{Error, Film, Frame, SurfaceFeatures, point_set::mix};
 
-/// The depth from which on a pixel counts as a miss. Renderers write such depths for the background.
+/// The smallest depth that counts as a miss. Renderers write such depths for the background.
 const FAR: f32 = 1e10;
 
 /// Creates a film from the buffers, after checking them.
@@ -36,7 +36,7 @@ pub(super) fn film(image: &Denoise<'_>) -> Result<Film, Error> {
     })
 }
 
-/// The moments of both halves of pixel `i`. A half without variance uses that of the other half, or else the estimate `found`.
+/// The moments of both halves of pixel `i`. A half without variance uses the other half's, or else the estimate `found`.
 fn with_variances(halves: &[SampleBuffers<'_>; 2], found: Option<[f32; 3]>, i: usize) -> [RgbMoments; 2] {
     let own = halves.map(|half| half.variance.map(|v| v.of_sample(i, half.samples(i))));
     [0, 1].map(|h: usize| {
@@ -75,8 +75,8 @@ impl<'a> Surfaces<'a> {
         Some(features.with_albedo(of(ALBEDO, [1.0; 3])))
     }
 
-    /// The point at this depth behind pixel `i` for a camera at the origin. The field of view is assumed; the true one only
-    /// stretches the coordinates, which does not change a linear fit.
+    /// The point that pixel `i` sees at this depth, for a camera at the origin. The field of view is assumed; the true one
+    /// would only stretch the coordinates, which does not change a linear fit.
     fn behind(&self, i: usize, depth: f32) -> [f32; 3] {
         let [width, height] = self.image.size;
         let (columns, unit) = (width as usize, 1.0 / width.max(height) as f32);
@@ -121,11 +121,11 @@ fn hit(image: &Denoise<'_>, i: usize) -> bool {
 /// The moments of both halves of pixel `i`, made by splitting a single image with random noise of its own variance.
 ///
 /// For normal noise with standard deviation `s`, `x + s z` and `x - s z` with a normal number `z` are independent [after
-/// Rasines and Young 2022; Leiner et al. 2023]. A random sign for `z` leaves about as much error. As with true halves, only one
-/// half then has all the light of a bright sample, so that the filter detects it.
+/// Rasines and Young 2022; Leiner et al. 2023]. A random sign for `z` leaves about as much error. As with true halves, one half
+/// alone then holds all the light of a bright sample, so that the filter detects it.
 ///
-/// With `n = p + q` samples, the halves get `p` and `q` of them and are moved by `s sqrt(q / p)` and `s sqrt(p / q)`. Each half
-/// then has the variance of the mean of its samples, and the mean weighted by counts is `x`.
+/// With `n = p + q` samples, the halves get `p` and `q` samples, and their means are moved by `s sqrt(q / p)` and `s sqrt(p /
+/// q)`. Each half then has the variance of the mean of its samples, and the count-weighted mean of both is `x`.
 fn split(all: &SampleBuffers<'_>, i: usize) -> [RgbMoments; 2] {
     let count = all.samples(i);
     if count == 0 {

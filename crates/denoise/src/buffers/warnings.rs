@@ -16,7 +16,7 @@ pub enum Warning {
         factor: f64,
         /// The median number of samples per pixel.
         count: u64,
-        /// `true` if the given variance is that of the mean.
+        /// `true` if the given variance is the variance of the mean.
         of_mean: bool,
     },
     /// Variances that are all 0, although pixels differ.
@@ -28,11 +28,11 @@ pub enum Warning {
     },
     /// Width and height that seem swapped: rows of `height` pixels fit better than rows of `width` pixels.
     ExchangedSize,
-    /// Normals that are longer than 1, or too seldom of unit length.
+    /// Normals longer than 1, or too few of unit length.
     Normals,
     /// Albedos outside 0 to 1.
     Albedo {
-        /// The fraction of the pixels.
+        /// The affected fraction of the pixels.
         share: f64,
     },
     /// Emission above the radiance that should contain it.
@@ -66,7 +66,7 @@ impl fmt::Display for Warning {
                 let n = *count as f64;
                 let is_near = |x: f64| n > 2.0 && (0.4..2.5).contains(&(factor / x));
                 let why = if is_near(n * n) {
-                    "as if the means were sums over samples; divide by the counts"
+                    "as if the means were sums over samples; divide by the sample counts"
                 } else if is_near(n) && !of_mean {
                     "as if it were the variance of the mean, not that of one sample; use Variance::OfMean"
                 } else if is_near(1.0 / n) && *of_mean {
@@ -112,8 +112,8 @@ impl fmt::Display for Warning {
     }
 }
 
-/// The factor between measured and given variance that causes a warning. Differences of neighbours also contain texture; the
-/// fifth of the pixels with the smallest differences contains little.
+/// The factor between measured and given variance that causes a warning. Differences of neighbours also contain texture, but
+/// the 20 % of the pixels with the smallest differences contain little.
 const OFF: f64 = 4.0;
 /// The 20 % quantile of squared standard normal numbers.
 const FIFTH: f64 = 0.0642;
@@ -272,7 +272,7 @@ fn share<T>(values: &[T], holds: impl Fn(&T) -> bool) -> Option<f64> {
     (!values.is_empty()).then(|| values.iter().filter(|v| holds(v)).count() as f64 / values.len() as f64)
 }
 
-/// Lists likely mistakes in a film, such as that of a [`Session`](dapple_core::Session). Examples: pixels without a valid
+/// Lists likely mistakes in a film, such as the film of a [`Session`](dapple_core::Session). Examples: pixels without a valid
 /// sample, a pixel brighter than all others together, the same samples in both halves, and features out of range.
 ///
 /// ```

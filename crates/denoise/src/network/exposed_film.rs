@@ -12,10 +12,10 @@ use dapple_core::{Film, Filtered};
 pub(super) const INPUTS: usize = 24;
 /// The largest radiance that the network gets, in units of the exposure.
 const BRIGHTEST: f32 = 1e4;
-/// The same limit in pixels that see a light source directly. The network would smooth the light's edges.
+/// The lower limit in pixels that see a light source directly, whose edges the network would smooth.
 const LAMP: f32 = 16.0;
 
-/// A film, its filtered image, and the scales in which the network reads them.
+/// A film, its filtered image, and the scales of the network's inputs.
 pub(super) struct ExposedFilm<'a> {
     film: &'a Film,
     image: &'a Filtered,
@@ -120,7 +120,7 @@ impl<'a> ExposedFilm<'a> {
         [0, 1, 2].map(|c| (colour[c] / self.exposure + withheld[c]).clamp(0.0, f32::MAX))
     }
 
-    /// Writes the inputs for row `y` of the padded image, `stride` apart.
+    /// Writes the inputs for row `y` of the padded image. The rows of successive inputs start `stride` values apart.
     pub(super) fn row(&self, y: usize, to: &mut [f32], stride: usize) {
         let ([width, height], [left, top]) = (self.size, self.padding());
         let y = y.saturating_sub(top).min(height - 1);

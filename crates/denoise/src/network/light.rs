@@ -1,4 +1,4 @@
-//! A smooth gain that gives back to the surroundings the light that the network removes together with fireflies.
+//! A smooth gain that returns the light of fireflies, which the network removes, to their surroundings.
 
 use super::exposed_film::ExposedFilm;
 use crate::cells::{CELL, blurred};
@@ -6,10 +6,10 @@ use crate::planes::per_pixel;
 use dapple_core::film::luminance;
 use dapple_core::parallel;
 
-/// Multiplies colours by a smooth gain, so that their sum of light is that of the film's samples.
+/// Multiplies colours by a smooth gain, so that their total light equals the total light of the film's samples.
 ///
-/// `S` is a blur, `f` is the film's luminance and `c` that of the colours. The gain is `g = 1 + S((f - c) / S(c))`. `S` is
-/// symmetric and preserves sums, so the sum of `c g` is that of `f`.
+/// `S` is a blur; `f` and `c` are the luminance of the film and of the colours. The gain is `g = 1 + S((f - c) / S(c))`. `S` is
+/// symmetric and preserves sums, so `c g` and `f` have the same sum.
 pub(super) fn keep(exposed: &ExposedFilm<'_>, colours: &mut [[f32; 3]]) {
     let ([width, height], [left, top]) = (exposed.size, exposed.padding());
     let size = exposed.padded().map(|n| n / CELL);

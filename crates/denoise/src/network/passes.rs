@@ -66,7 +66,7 @@ fn share(x: f32) -> f32 {
     exp(x.clamp(-20.0, 20.0))
 }
 
-/// Rows of colours: `strength` of the network's image, and the rest of the filtered image.
+/// Rows of colours: the network's image with the weight `strength`, plus the filtered image with the remaining weight.
 pub(super) fn blend<'a>(
     graph: &Graph<'a>,
     exposed: &'a ExposedFilm<'_>,

@@ -114,7 +114,7 @@ pub(super) const IN_STACK: [usize; 2 * FARTHEST + 1] = columns(PLANES);
 pub(super) const IN_SUMS: [usize; 2 * FARTHEST + 1] = columns(8);
 
 impl Stack {
-    /// All planes of neighbouring pixels of a phase, one per lane. `index` is that of the first pixel in plane 0.
+    /// All planes of neighbouring pixels of a phase, one per lane. `index` locates the first pixel in plane 0.
     #[inline(always)]
     pub(super) fn at<S: Simd>(&self, index: usize) -> Pixels<'_> {
         Pixels(&self.values[index..][..(PLANES - 1) * COLUMNS + S::F32_LANES])
