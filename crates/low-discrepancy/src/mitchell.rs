@@ -257,7 +257,7 @@ fn net(key: u64) -> Vec<[u16; 2]> {
     (0..STEPS).map(|i| [coordinate(i, kx), coordinate(sobol1_reversed(u64::from(i)) as u32, ky)]).collect()
 }
 
-/// Returns the pixel `(dx, dy)` away; the pattern is periodic.
+/// Returns the pixel at the offset `(dx, dy)`; the pattern is periodic.
 fn neighbour(pixel: usize, [dx, dy]: [i32; 2]) -> usize {
     let along = |c: usize, by: i32| (c as i32 + by).rem_euclid(SIDE as i32) as usize;
     along(pixel / SIDE, dy) * SIDE + along(pixel % SIDE, dx)

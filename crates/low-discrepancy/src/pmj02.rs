@@ -132,7 +132,7 @@ const LOG2_LENGTH: u32 = 10;
 /// The number of candidates for each point; the one farthest from all earlier points is chosen. It is not from the paper.
 const CANDIDATES: u32 = 10;
 
-/// Returns all sequences, one after the other, in units of 2^-32.
+/// Returns the points of all sequences, sequence by sequence, in units of 2^-32.
 fn sequences() -> &'static [[u32; 2]] {
     static ALL: LazyLock<Vec<[u32; 2]>> = LazyLock::new(|| (0..SEQUENCES as u64).flat_map(sequence).collect());
     &ALL
