@@ -1,10 +1,10 @@
-//! A comparison with Embree: the same triangles and rays, one thread each, in turns.
+//! A comparison with Embree on the same triangles and rays, one thread each, in alternation.
 //!
 //! ```sh
 //! cargo run --release -p dapple-geometry --example beside_embree -- --full
 //! ```
 //!
-//! It needs a C++ compiler and Embree 3 (Debian's `libembree-dev`). Without them it prints a message and only our own
+//! It needs a C++ compiler and Embree 3 (Debian's `libembree-dev`). Without them, it prints a message and only Dapple's
 //! figures. Without `--full` it runs the smallest scene once, as a test. Prints Markdown.
 
 #![expect(clippy::print_stdout, reason = "a program: its table is its result")]
@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 
-/// The result of a tracer: seconds to build, nanoseconds per ray, hits.
+/// The result of a ray tracer: seconds to build the tree, nanoseconds per ray, and the number of hits.
 #[derive(Clone, Copy)]
 struct Run {
     build: f64,
@@ -57,7 +57,7 @@ fn main() -> Result<()> {
     Ok(())
 }
 
-/// Prints the lines of a scene and returns that of its build.
+/// Prints the table rows of a scene and returns the row of its build time.
 fn measure(scene: &Scene, folder: &Path, embree: Option<&Path>, rounds: usize, repeats: usize) -> Result<String> {
     let soup = folder.join("soup");
     write_soup(&soup, &scene.soups)?;
@@ -101,7 +101,7 @@ fn measure(scene: &Scene, folder: &Path, embree: Option<&Path>, rounds: usize, r
     Ok(format!("| {} | {count} | {alone} | {both} | {} | {bytes:.0} |", scene.name, rate(theirs_built)))
 }
 
-/// Builds a scene by one thread and by two, in turns. Returns the last tree and the seconds of each build.
+/// Builds a scene with one thread and with two, in alternation. Returns the last tree and the seconds of each build.
 fn build(shapes: &[Shape], rounds: usize) -> Result<(Geometry, [Vec<f64>; 2])> {
     let pools = [1, 2].map(|threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build());
     let mut seconds = [const { Vec::new() }; 2];
@@ -183,7 +183,7 @@ fn write_rays(path: &Path, rays: &[Ray]) -> Result<()> {
     Ok(file.flush()?)
 }
 
-/// The least, middle and largest value.
+/// Returns the smallest value, the median and the largest value.
 fn median(mut all: Vec<f64>) -> Option<[f64; 3]> {
     all.sort_by(f64::total_cmp);
     Some([*all.first()?, *all.get(all.len() / 2)?, *all.last()?])

@@ -48,7 +48,7 @@ impl Node8 {
         [Vec3::from_array(least(0)), Vec3::from_array(most(1))]
     }
 
-    /// Adds one offset to the indices of child nodes, one to those of triangle leaves, and one to those of quadrics.
+    /// Adds one offset each to the indices of child nodes, triangle leaves and quadrics.
     pub(crate) fn shift(&mut self, [nodes, leaves, quadrics]: [u32; 3]) {
         for code in &mut self.children.0 {
             *code += match *code {

@@ -57,8 +57,8 @@ impl Geometry {
     ///
     /// # Errors
     /// * The errors of [`build`](Self::build) for the base shapes.
-    /// * [`Error::TooMany`] for 2^30 instances with contents or more, or if base shapes and shapes of instances are
-    ///   2^32 - 1 or more.
+    /// * [`Error::TooMany`] for 2^30 or more instances of non-empty objects, or for 2^32 - 1 or more shapes, counted once per
+    ///   instance.
     /// * [`Error::NoSuchObject`] if an instance refers to an object that does not exist.
     /// * [`Error::Nested`] if an object contains instances itself.
     /// * [`Error::BadParameter`] if an instance's map is not finite or not invertible.
@@ -85,9 +85,9 @@ impl Geometry {
         self.closest_at(ray, 0.0)
     }
 
-    /// Returns the closest hit with `tmin < t < tmax` at a time in `[0, 1]`. Ties in `t` are decided as by
+    /// Returns the closest hit with `tmin < t < tmax` at a time in `[0, 1]`. Ties in `t` are resolved as in
     /// [`closest`](Self::closest).
-    // Debug builds are compiled more often than they run, so crates do not inline the walk there.
+    // Debug builds do not inline the traversal into other crates, which would take longer to compile.
     #[cfg_attr(not(debug_assertions), inline(always))]
     pub fn closest_at(&self, ray: &Ray, time: f32) -> Option<Hit> {
         match PreparedRay::ordinary(ray) {
@@ -115,8 +115,8 @@ impl Geometry {
         })
     }
 
-    /// Returns true if the ray hits anything with `tmin < t < tmax` at time 0, that is, if [`closest`](Self::closest) returns
-    /// a hit. It is faster than that function.
+    /// Returns true if the ray hits anything with `tmin < t < tmax` at time 0. It is faster than [`closest`](Self::closest),
+    /// which returns a hit in the same cases.
     #[inline(always)]
     pub fn occluded(&self, ray: &Ray) -> bool {
         self.occluded_at(ray, 0.0)

@@ -59,9 +59,9 @@ impl<T: Pod> Pages<T> {
 /// Maps memory from the system, with a request for huge pages. Returns `None` if the system has no memory left.
 #[cfg(target_os = "linux")]
 fn mapped(bytes: usize) -> Option<MmapMut> {
-    // Linux aligns whole numbers of huge pages only. The last one is small pages if less than half of it is used.
+    // Linux aligns whole numbers of huge pages only. The last one consists of small pages if less than half of it is used.
     let map = MmapMut::map_anon(bytes.checked_next_multiple_of(HUGE)?).ok()?;
-    // A system without huge pages refuses. Small ones will do then.
+    // A system without huge pages rejects the request; small pages are used then.
     let _ = map.advise_range(Advice::HugePage, 0, (bytes + HUGE / 2) / HUGE * HUGE);
     Some(map)
 }

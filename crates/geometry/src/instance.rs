@@ -126,7 +126,7 @@ impl Object {
             let largest = low.abs().max(high.abs()).max_element();
             let by = (high - low).max_element() * GROWTH + largest * GROWTH_FAR;
             grown = Some([low - by, high + by]);
-            // Half an ulp of the origin, and of the direction and of t' along the whole way; twice that.
+            // Half an ulp of the origin, and half an ulp of the direction and of t' over the whole length; doubled for slack.
             reach = (largest + by + (high - low + 2.0 * by).length()) * ROUNDING;
         }
         Self { geometry, bounds: grown, reach, first }

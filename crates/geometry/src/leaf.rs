@@ -2,8 +2,8 @@
 //!
 //! A leaf is eleven rows of words: nine rows of coordinates, one of primitive numbers and one of shape numbers. A row has one
 //! word per triangle, and rows follow each other without a gap. A leaf of five triangles therefore takes five eighths of the
-//! memory of a full leaf, and memory access limits the speed of rays in large scenes. Vectors load eight words of a row.
-//! Beyond the leaf's triangles they contain unrelated numbers, which a mask excludes.
+//! memory of a full leaf. Small leaves matter in large scenes, where memory access limits the speed of rays. Vectors load eight
+//! words of a row. Beyond the leaf's triangles they contain unrelated numbers, which a mask excludes.
 
 use crate::bvh::{TRIANGLES, key};
 use crate::lanes::{Eight, Lanes, WIDTH};
@@ -17,7 +17,7 @@ pub(crate) const WORDS: usize = 11;
 const COORDINATES: usize = 9;
 const PRIMITIVES: usize = 9;
 const SHAPES: usize = 10;
-/// The number of words that are accessible from the start of a leaf. The memory after the start of the last leaf has as many.
+/// The number of words that can be read from the start of any leaf, including the last one.
 pub(crate) const SPAN: usize = 12 * WIDTH;
 /// The position, in a child's code, of the bits with the number of triangles minus 1. The lower bits hold the number of
 /// triangles in all leaves before this one.

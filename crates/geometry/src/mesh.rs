@@ -8,14 +8,14 @@ use glam::Vec3;
 pub(crate) const LARGEST: f32 = (1u64 << 59) as f32;
 /// The smallest allowed magnitude of a shape's largest coordinate, 2^-60, unless all coordinates are 0.
 pub(crate) const SMALLEST: f32 = 1.0 / (1u64 << 60) as f32;
-/// The largest sine of a triangle's angle at its first corner for which the triangle has no area. The f64 cross product of
+/// A triangle counts as having no area if the sine of the angle at its first corner is at most this. The f64 cross product of
 /// exact f32 corners cannot distinguish smaller sines from 0.
 const SINE_OF_NOTHING: f64 = 1.0 / (1u64 << 48) as f64;
 
 /// An indexed triangle mesh whose indices and coordinates passed all checks.
 ///
-/// A triangle faces the side from which its corners run counter-clockwise. Triangles without area keep their indices
-/// but are never hit; [`degenerate`](Self::degenerate) counts them.
+/// A triangle faces the side from which its corners appear counter-clockwise. Triangles without area keep their indices but are
+/// never hit; [`degenerate`](Self::degenerate) counts them.
 ///
 /// ```
 /// use dapple_geometry::{Error, Mesh};

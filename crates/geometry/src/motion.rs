@@ -110,10 +110,10 @@ impl Motion {
 
     /// Returns the lower and upper corner of a box that contains the moved box at all times.
     ///
-    /// A point of the box is a fixed weighted mean of the box's corners, and so is its path. A corner's path is divided into
-    /// pieces. A piece of duration `h` deviates from the straight line between its ends by at most `h^2 / 8` times its largest
-    /// acceleration. With angular speed `w`, point `p` and stretch `S` of derivative `S'`, the acceleration is at most `w^2 |S
-    /// p| + 2 w |S' p|`.
+    /// A point of the box is a fixed weighted mean of the box's corners, and its path is the same mean of the corners' paths. A
+    /// corner's path is divided into pieces. A piece of duration `h` deviates from the straight line between its ends by at
+    /// most `h^2 / 8` times its largest acceleration. With angular speed `w`, point `p` and stretch `S` of derivative `S'`, the
+    /// acceleration is at most `w^2 |S p| + 2 w |S' p|`.
     pub fn bounds(&self, low: DVec3, high: DVec3) -> [DVec3; 2] {
         let corners = (0..8_u32).map(|k| {
             let side = |bit: u32, axis: usize| if k >> bit & 1 == 0 { low[axis] } else { high[axis] };

@@ -4,7 +4,7 @@ use glam::{Vec3, Vec4};
 
 /// A half-line or a segment: the points `origin + t direction` with `tmin < t < tmax`.
 ///
-/// `direction` need not have unit length; `t` is measured in lengths of `direction`. A negative `tmin` counts as 0.
+/// `direction` need not have unit length; `t` is in units of the length of `direction`. A negative `tmin` counts as 0.
 ///
 /// A ray is invalid and hits nothing if
 ///
@@ -89,10 +89,10 @@ impl Ray {
 /// The closest intersection of a ray with a shape.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
-    /// The ray parameter of the hit, in lengths of the ray's direction.
+    /// The ray parameter of the hit, in units of the length of the ray's direction.
     pub t: f32,
     /// The number of the shape that was hit: its index in the list given to [`Geometry::build`](crate::Geometry::build), or a
-    /// later number for a shape of an instance.
+    /// larger number for a shape of an instance.
     pub shape: u32,
     /// The triangle's index in its mesh; 0 for spheres and disks.
     pub primitive: u32,
@@ -116,7 +116,7 @@ pub struct SurfacePoint {
     pub position: Vec3,
     /// A bound on the distance from `position` to the exact surface, per axis, in scene units.
     pub error: Vec3,
-    /// The unit geometric normal. A triangle's normal is on the side from which its corners run counter-clockwise. A
+    /// The unit geometric normal. A triangle's normal is on the side from which its corners appear counter-clockwise. A
     /// sphere's normal points outwards. A disk's normal is the transformed +z axis of its own space.
     pub normal: Vec3,
     /// The triangle that contains the point; [`PrimitiveId::NONE`] on spheres and disks.
@@ -218,7 +218,7 @@ impl PreparedRay {
     /// Prepares a ray with a very short or very long direction. Returns `None` if the ray is invalid.
     ///
     /// The direction is scaled by a power of two, which is exact unless `t` leaves the range of f32. The second value is the
-    /// factor from the prepared ray's `t` to that of `ray`.
+    /// factor from the prepared ray's `t` to the `t` of `ray`.
     #[cold]
     pub(crate) fn rescaled(ray: &Ray) -> Option<(Self, f32)> {
         let longest = ray.direction.abs().max_element();
@@ -227,7 +227,7 @@ impl PreparedRay {
         if !is_sane(ray) || !ray.direction.is_finite() || longest == 0.0 || !room {
             return None;
         }
-        // Denormal components are first lifted, since 2^149 is not an f32.
+        // Denormal components are first scaled up, since 2^149 is not an f32.
         let lift = if longest < f32::MIN_POSITIVE { (1u32 << 30) as f32 } else { 1.0 };
         let exponent = ((longest * lift).to_bits() >> 23) as i32 - 127;
         let scale = power_of_two(-exponent);

@@ -89,8 +89,8 @@ impl Sphere {
     /// Makes a sphere around the origin of its own space, transformed to world space by an invertible affine map.
     ///
     /// # Errors
-    /// * [`Error::BadParameter`] if the radius is not positive and finite, or the map not finite and invertible.
-    /// * [`Error::ScaleOutOfRange`] if the largest coordinate of its box is below 2^-60 or above 2^59, as for
+    /// * [`Error::BadParameter`] unless the radius is positive and finite, and the map is finite and invertible.
+    /// * [`Error::ScaleOutOfRange`] if the largest coordinate of the bounding box is below 2^-60 or above 2^59, as for
     ///   [`Mesh::new`].
     pub fn transformed(to_world: DAffine3, radius: f64) -> Result<Self, Error> {
         positive("a sphere's radius", radius)?;
@@ -191,7 +191,7 @@ impl Disk {
     /// # Errors
     /// * [`Error::BadParameter`] unless `0 <= inner_radius < radius`, the radius and height are finite, and the map is
     ///   finite and invertible.
-    /// * [`Error::ScaleOutOfRange`] if the largest coordinate of its box is below 2^-60 or above 2^59, as for
+    /// * [`Error::ScaleOutOfRange`] if the largest coordinate of the bounding box is below 2^-60 or above 2^59, as for
     ///   [`Mesh::new`].
     pub fn transformed(to_world: DAffine3, height: f64, radius: f64, inner_radius: f64) -> Result<Self, Error> {
         positive("a disk's radius", radius)?;
@@ -231,7 +231,7 @@ impl Disk {
         [longitude(p), v.clamp(0.0, 1.0) as f32]
     }
 
-    /// The map to world space from the disk's own space, in which the z axis is its axis.
+    /// The map to world space from the disk's own space, in which the disk's axis is the z axis.
     pub fn to_world(&self) -> DAffine3 {
         self.space.to_world
     }

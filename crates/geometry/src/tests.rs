@@ -11,7 +11,7 @@ use glam::Vec3;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-/// Tests every triangle in turn, with the triangle test of the tree.
+/// Returns the closest hit by a linear search over all triangles, with the triangle test of the tree.
 fn linear(mesh: &Mesh, ray: &Ray) -> Option<Hit> {
     let (prepared, scale) =
         PreparedRay::ordinary(ray).map(|prepared| (prepared, 1.0)).or_else(|| PreparedRay::rescaled(ray))?;
@@ -32,7 +32,8 @@ fn geometry(mesh: &Mesh) -> Geometry {
     Geometry::build(vec![mesh.clone().into()]).expect("one mesh")
 }
 
-/// Returns a scene with another tree, which contains the mesh twice. The second mesh has the larger number and is never hit.
+/// Returns a scene that contains the mesh twice, and thus has another tree. The second mesh has the larger number and is never
+/// hit.
 fn in_another_tree(mesh: &Mesh) -> Geometry {
     Geometry::build(vec![mesh.clone().into(), mesh.clone().into()]).expect("two meshes")
 }
@@ -81,7 +82,7 @@ fn the_tree_agrees_with_a_loop_bit_for_bit_g08() {
             mesh = Mesh::new(positions, mesh.triangles().to_vec()).expect("valid");
         }
         let scenes = [geometry(&mesh), in_another_tree(&mesh)];
-        // The walk in pairs of four lanes is that of machines without AVX2.
+        // Machines without AVX2 use the traversal in pairs of four lanes.
         let scenes = scenes.into_iter().flat_map(|scene| [scene.clone(), scene.in_pairs()]).collect::<Vec<_>>();
         for _ in 0..150 {
             let mut ray = aimed_ray(&mut rng, &mesh, exponent, scale);
@@ -133,7 +134,7 @@ fn shrinking(levels: i32, count: u32) -> Mesh {
     Mesh::new(positions, triangles).expect("finite and in range")
 }
 
-/// Except for the smallest stack, rays push more entries than fit the next smaller stack.
+/// Rays push more entries than the next smaller stack holds, except for the smallest stack.
 #[test]
 fn stacks_of_each_size_hold_what_a_ray_puts_aside() {
     for (levels, count, sizes) in [(20, 10, 1..=24), (40, 1000, 25..=64), (40, 10_000, 65..=96), (66, 80_000, 97..=256)]
@@ -180,7 +181,7 @@ fn parallel_builds_of_equal_triangles_make_equal_trees_d05() {
     built_side_by_side(&grid(316), &[]);
 }
 
-/// Neither the triangle that is hit nor the bits of the hit depend on the tree, so images do not either.
+/// Hits are bit-identical for different trees, and so are images.
 #[test]
 fn hits_at_shared_corners_do_not_depend_on_the_tree_g13() {
     let mesh = grid(40);

@@ -59,7 +59,8 @@ impl WalkKind {
     }
 }
 
-/// A call of the traversal, compiled for each kind of vectors. With `ANY`, the first hit found ends it.
+/// The arguments of a traversal, which is compiled for each kind of vectors. With `ANY`, the traversal ends at the first hit
+/// found.
 struct Walk<'a, L: Lanes, V, const ANY: bool> {
     token: L::Token,
     bvh: &'a Bvh,

@@ -17,8 +17,8 @@ use crate::leaf::Leaf;
 use crate::ray::PreparedRay;
 use glam::Vec3;
 
-/// The fraction of a triangle's squared extent below which its sheared area counts as thin. Thin triangles are
-/// intersected again in f64.
+/// A triangle counts as thin if its sheared area is below this fraction of its squared extent. Thin triangles are intersected
+/// again in f64.
 const THIN: f32 = 1.0 / 32.0;
 /// The sheared area below which products of f32 lose bits to underflow.
 const TINY: f32 = f32::MIN_POSITIVE * (1u64 << 26) as f32;
@@ -144,7 +144,7 @@ impl Leaf<'_> {
     }
 
     /// Intersects the triangles in the `unsettled` lanes in f64 and adds their hits. In the `sound` lanes, only `t` is
-    /// uncertain, so the limits are first compared with the triangle's plane.
+    /// uncertain, so it is enough to compare the limits with the triangle's plane first.
     #[inline(never)]
     fn settle(&self, prepared: &PreparedRay, limit: f32, mut unsettled: u32, sound: u32, hits: &mut Hits) {
         while unsettled != 0 {

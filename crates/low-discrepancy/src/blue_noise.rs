@@ -4,7 +4,7 @@ use crate::keys::{Seed, nth_key};
 use dapple_core::{PointSet, SampleId};
 use std::sync::LazyLock;
 
-/// A decorator that distributes the errors of neighbouring pixels as blue noise [after Georgiev 2016].
+/// A decorator of another point set that distributes errors over the image as blue noise [after Georgiev 2016].
 ///
 /// All pixels of a tile of 128 x 128 pixels share one sequence of the inner point set. Each pixel adds its own shift to each
 /// coordinate, modulo 1 [Cranley 1976]. The shifts form a blue-noise tile, computed by the void-and-cluster method [Ulichney
@@ -27,12 +27,11 @@ use std::sync::LazyLock;
 ///
 /// * The sum of squared errors does not decrease; only its distribution over frequencies changes. Denoisers and viewers
 ///   benefit.
-/// * A shift breaks nets at the border of the unit square. On a product `x y` of 64 samples, shifted Sobol' points have a
-///   larger error than scrambled ones.
+/// * A net shifted modulo 1 is no longer a net; [`BlueNoiseKeys`](crate::BlueNoiseKeys) preserves nets. For the integrand `x y`
+///   and 64 samples, shifted Sobol' points have a larger error than scrambled ones.
 /// * The benefit decreases with the number of samples, and with the number of coordinates that affect the integrand.
-/// * With adaptive sampling, counts differ between pixels, and the errors of pixels with different counts are not blue noise.
+/// * With adaptive sampling, errors of pixels with different sample counts are not blue noise.
 /// * Tile borders are seams: the pixels on both sides are independent.
-/// * Scrambling keys preserve nets: see [`BlueNoiseKeys`](crate::BlueNoiseKeys).
 ///
 /// Name: `blue-noise`. Parameters: `seed`, `of` (the inner point set).
 #[derive(Clone, Copy, Debug)]
@@ -48,7 +47,7 @@ impl<P: PointSet> BlueNoise<P> {
     }
 }
 
-/// The batch number of the tile's keys, which no inner point set of the same seed uses before sample 2^63.
+/// The batch number reserved for the keys of tiles. No inner point set of the same seed uses it before sample 2^63.
 const TILES: u64 = u64::MAX;
 
 impl<P: PointSet> PointSet for BlueNoise<P> {
@@ -102,18 +101,19 @@ const SIDE: usize = 128;
 /// The number of pixels of the tile. Each pixel has a different rank.
 const PIXELS: usize = SIDE * SIDE;
 
-/// The standard deviation of the filter in pixels [Ulichney 1993].
+/// The standard deviation, in pixels, of the Gaussian filter [Ulichney 1993].
 const SIGMA: f64 = 1.5;
 
 /// The radius at which the filter is cut off, where its weight is below 2e-8.
 const RADIUS: i32 = 9;
 
-/// The initial pattern contains one of this many pixels. The value is not from the paper.
+/// In the initial pattern, one in this many pixels is set. The value is not from the paper.
 const INITIAL: usize = 10;
 
-/// Returns the tile, row by row: a permutation of `0..PIXELS`.
+/// Returns the tile in row-major order: a permutation of `0..PIXELS`.
 ///
-/// For every `k`, the pixels with the lowest `k` ranks are evenly distributed, and so are the others. The tile is periodic.
+/// For every `k`, the pixels with the lowest `k` ranks are evenly distributed, and so are the remaining pixels. The tile is
+/// periodic.
 fn tile() -> &'static [u16] {
     static TILE: LazyLock<Vec<u16>> = LazyLock::new(ranks);
     &TILE
@@ -124,7 +124,7 @@ fn tile() -> &'static [u16] {
 fn ranks() -> Vec<u16> {
     let mut pattern = Pattern::new();
     let mut ones = 0;
-    // Hashed places, so that the pattern is the same on every machine.
+    // Positions are hashed, so that the pattern is the same on every machine.
     for k in 0.. {
         let place = (crate::keys::mix64(k) >> 32) as usize % PIXELS;
         if !pattern.on[place] {

@@ -30,7 +30,7 @@ use std::sync::LazyLock;
 /// Energy of the error at low frequencies (means over 4 x 4 pixels), relative to independent [`Sobol`](crate::Sobol) pixels.
 /// "Shifted" is [`BlueNoise`](crate::BlueNoise). Neither integrand was used in the optimisation:
 ///
-/// | samples | half-plane | shifted instead | `x y` | shifted instead |
+/// | samples | half-plane | half-plane, shifted | `x y` | `x y`, shifted |
 /// |---|---|---|---|---|
 /// | 1 | 0.38 | 0.42 | 0.32 | 0.40 |
 /// | 2 | 0.58 | 1.13 | 0.45 | 0.80 |
@@ -38,27 +38,27 @@ use std::sync::LazyLock;
 /// | 8 | 0.56 | 0.89 | 0.29 | 4.3 |
 /// | 16 | 0.80 | 1.59 | 0.42 | 11 |
 ///
-/// The mean square over single pixels is 0.24 to 1.4 of that of independent pixels, since all pixels share one scramble. At 16
-/// samples of `x y`, it is 1/19 of that of shifted points.
+/// The mean squared error per pixel is 0.24 to 1.4 times the error of independent pixels, since all pixels share one scramble.
+/// For `x y` at 16 samples, it is 1/19 of the error of shifted points.
 ///
 /// # Differences from the publication
 ///
-/// * The test integrands are 48 cosine waves with the power spectrum of random half-planes. With 64 waves, the error of other
-///   half-planes at 16 samples kept 0.62 of its low-frequency energy; with 64 half-planes as test integrands, 0.72.
-/// * There are no ranking keys (exclusive ors of the sample index). Optimised for the scrambling keys, they would make a
-///   pixel's first samples less uniform. Instead, all counts are optimised jointly.
+/// * The test integrands are 48 cosine waves with the power spectrum of random half-planes. At 16 samples, 64 waves leave 0.62
+///   of the low-frequency energy of the errors of other half-planes; 64 half-planes as test integrands leave 0.72.
+/// * There are no ranking keys (exclusive ors of the sample index). They would make a pixel's first samples less uniform.
+///   Instead, the scrambling keys are optimised for all sample counts jointly.
 /// * Two coordinates are optimised, and all pairs use the same tile.
 ///
-/// A second paper of the same year permutes the pixels' seeds between frames [Heitz and Belcour 2019]. It needs a previous
-/// frame rendered with the seeds, which a still image does not have, so it is not implemented.
+/// A second paper of the same year permutes the pixels' seeds between frames [Heitz and Belcour 2019]. It is not implemented,
+/// since it needs a previous frame rendered with the same seeds, and a still image has none.
 ///
 /// # Limits
 ///
 /// * From 32 samples on, smooth integrands do not improve, and edges improve little.
-/// * With adaptive sampling, counts differ between pixels, and the errors of pixels with different counts are not blue noise.
+/// * With adaptive sampling, errors of pixels with different sample counts are not blue noise.
 /// * Tile borders are seams: the pixels on both sides are independent.
 /// * All pairs share the scramble. At 2 samples, integrands that depend on several pairs have up to 1.5x the squared error.
-/// * Making the first of these point sets in a process takes about half a second.
+/// * Creating the first such point set in a process takes about half a second.
 ///
 /// Name: `blue-noise` with `keys=optimised`. Parameters: `seed`.
 #[derive(Clone, Copy)]
@@ -75,7 +75,7 @@ impl std::fmt::Debug for BlueNoiseKeys {
 }
 
 impl BlueNoiseKeys {
-    /// Makes the point set of a seed. The first one in a process optimises the keys.
+    /// Makes the point set of a seed. The first call in a process optimises the keys.
     pub fn new(seed: u64) -> Self {
         Self { seed: Seed::new(seed), keys: tile() }
     }
@@ -90,7 +90,7 @@ impl PointSet for BlueNoiseKeys {
         let batch = id.index >> 32;
         let mut shared = id;
         shared.pixel = id.pixel.map(|c| c / SIDE as u32);
-        // The complement keeps the keys of tiles apart from those of pixels.
+        // The complement keeps the keys of tiles apart from the keys of pixels.
         let key = self.seed.key(&shared, block, !batch);
         let own = self.seed.key(&id, block, batch);
         let index = halves(nth_key(key, 0)).map(|shuffle| shuffled(id.index as u32, shuffle));
@@ -162,11 +162,11 @@ const REACH: usize = 3;
 /// The distance in pixels at which a neighbour's weight is `1/e` [after Georgiev 2016].
 const FALLOFF: f64 = 2.1;
 
-/// The scramble of the shared sequence: the one of 64 candidates for which the errors of 256 random half-planes have the least
-/// energy at low frequencies.
+/// The scramble of the shared sequence. Of 64 candidates, it gives the errors of 256 random half-planes the least low-frequency
+/// energy.
 const SCRAMBLE: u64 = nth_key(0, 1);
 
-/// Returns the keys, row by row: a permutation of `0..PIXELS`. Bits 0 to 5 belong to x, bits 6 to 11 to y.
+/// Returns the keys in row-major pixel order: a permutation of `0..PIXELS`. Bits 0 to 5 belong to x, bits 6 to 11 to y.
 ///
 /// Since each key occurs once, each pixel's points are uniform over random offsets of the tile. The tile is periodic.
 fn tile() -> &'static [u16] {
@@ -220,7 +220,7 @@ fn wave([a, b]: [usize; 2]) -> Vec<f64> {
     (0..PIXELS).map(|key| amplitude * across[key % SIDE] * down[key / SIDE]).collect()
 }
 
-/// Returns the integration errors of all keys, key by key, normalised to the same sum of squares for each count.
+/// Returns the integration errors of all keys, grouped by key and normalised to the same sum of squares for each count.
 fn errors() -> Vec<f32> {
     let waves: Vec<Vec<f64>> = frequencies().into_iter().map(wave).collect();
     let mut errors = vec![0.0; PIXELS * ERRORS];
@@ -292,8 +292,8 @@ impl Arrangement {
     /// Proposes swaps of the keys of two random pixels, and performs those that lower the energy.
     ///
     /// The energy is the sum over pairs of neighbours of their weight times the product of their errors. Since the sum of
-    /// squared errors is constant, the energy falls exactly if the weighted squared differences of neighbours grow. Annealing
-    /// did not improve the result at this number of swaps.
+    /// squared errors is constant, the energy falls if and only if the weighted squared differences of neighbours grow.
+    /// Annealing did not improve the result at this number of swaps.
     fn optimise(&mut self, swaps: u64) {
         for number in 0..swaps {
             let [a, b] = halves(nth_key(!SCRAMBLE, number)).map(|bits| bits as usize % PIXELS);
@@ -316,7 +316,7 @@ impl Arrangement {
                 squares[lane] += change * change;
             }
         }
-        // Neighbours see each other's change.
+        // If the two pixels are neighbours, both errors of their pair change.
         sums.iter().sum::<f32>() - self.weight(a, b) * squares.iter().sum::<f32>()
     }
 

@@ -19,7 +19,7 @@ use dapple_core::{PointSet, SampleId};
 /// # Bases
 ///
 /// * Block 0 has bases 2 and 3 in its first pair and 5 and 7 in its second.
-/// * All later pairs have bases 2 and 3 again. A nested scramble in base 6 shuffles the indices of each.
+/// * All later pairs have bases 2 and 3 again. A nested scramble in base 6 shuffles the indices of each pair.
 ///
 /// Larger primes are not used: a pair of bases `p` and `q` is no better than random for fewer than `p q` samples, which is 667
 /// for 23 and 29.
@@ -27,14 +27,14 @@ use dapple_core::{PointSet, SampleId};
 /// # Stratification
 ///
 /// Among any `2^a 3^b` consecutive samples, the first pair has exactly one point in each of the `2^a x 3^b` boxes. The same
-/// holds for the second pair with 5 and 7 instead of 2 and 3. A later pair has one point in each of `2^k x 3^k` boxes for
-/// `6^k` samples whose first index is a multiple of `6^k`. Every prefix is usable; [`PointSet::preferred_count`] returns the
+/// holds for the second pair with 5 and 7 instead of 2 and 3. In a later pair, any `6^k` consecutive samples from a multiple of
+/// `6^k` on have one point in each of the `2^k x 3^k` boxes. Every prefix is usable; [`PointSet::preferred_count`] returns the
 /// best ones.
 ///
 /// # Limits
 ///
 /// * It is slower than [`Sobol`](crate::Sobol), whose nets are finer for the same number of samples.
-/// * Powers of two are not its best counts.
+/// * Powers of two are not its best sample counts.
 /// * Box edges in bases 3, 5 and 7 are not `f32` numbers. A point within 2^-24 below an edge may be rounded into the
 ///   next box.
 ///
@@ -70,14 +70,14 @@ impl PointSet for Halton {
         [a, b, c, d]
     }
 
-    /// Returns `2^32`, the number of samples after which a newly scrambled sequence begins. Before that, the exact points of a
-    /// pair are distinct: no two are in the same `2^32 x 3^21` box.
+    /// Returns `2^32`, the number of samples after which a newly scrambled sequence begins. Up to this number, the exact points
+    /// of a pair are distinct: no two are in the same `2^32 x 3^21` box.
     fn capacity(&self) -> u64 {
         1 << 32
     }
 
     /// Returns the smallest `m 6^k` of at least `n`, with `m` from 1 to 6: 1, 2, …, 6, 12, 18, 24, 30, 36, 72, … With these
-    /// counts the first pair and the shuffled pairs have equally many points in each box of `2^k x 3^k`.
+    /// sample counts, the first pair and the shuffled pairs have equally many points in each box of `2^k x 3^k`.
     fn preferred_count(&self, n: u64) -> u64 {
         let mut step = 1_u64;
         while step <= u64::MAX / 36 && n > 6 * step {
@@ -99,9 +99,9 @@ fn pair23(index: u64, key: u64) -> [f32; 2] {
 /// Returns the scrambled radical inverse of `index` in base `BASE`, in units of 2^-32, rounded down. A random affine map
 /// permutes each digit; the map depends on all preceding digits.
 ///
-/// Affine maps `a d + c` with `a` not 0 permute the digits if their number is prime. Over all such maps, two different digits
-/// are mapped to every pair of different digits equally often. Owen's variance depends only on pairs of digits, so it is the
-/// same as with all permutations [after Matousek 1998].
+/// Affine maps `a d + c` with `a` not 0 permute the digits if the base is prime. Over all such maps, two different digits are
+/// mapped to every pair of different digits equally often. Owen's variance depends only on pairs of digits, so it is the same
+/// as with all permutations [after Matousek 1998].
 ///
 /// The number of digits, `DIGITS`, suffices for an index below 2^32 and for the 24 bits of an `f32`.
 #[inline]
@@ -111,13 +111,13 @@ fn nested<const BASE: u64, const DIGITS: u32>(mut index: u64, key: u64) -> u32 {
     for _ in 0..DIGITS {
         let digit = index % BASE;
         index /= BASE;
-        // The high bits of the state are its best. Two random numbers below 2^32.
+        // Two random numbers below 2^32. The high bits of the state are the most random.
         let factor = 1 + below(state >> 32, BASE - 1);
         let shift = below(state & 0xffff_ffff, BASE);
         fraction = fraction * BASE + (digit * factor + shift) % BASE;
         state = next_state(state, digit);
     }
-    // BASE^DIGITS is below 2^34, so 30 bits of quotient fit; an f32 takes 24 of them.
+    // BASE^DIGITS is below 2^34, so 30 bits of quotient fit; an f32 holds 24 of them.
     (((fraction << 30) / BASE.pow(DIGITS)) as u32) << 2
 }
 

@@ -18,8 +18,8 @@ pub(crate) const fn mix64(mut z: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// A user's seed, expanded to two words that enter both rounds of [`Seed::key`]. Neighbouring seeds are unrelated, and no seed
-/// equals another one shifted by some pixels.
+/// A user's seed, expanded to two words that enter both rounds of [`Seed::key`]. Neighbouring seeds are unrelated. No seed has
+/// the keys of another seed shifted by some pixels.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Seed {
     given: u64,
@@ -49,7 +49,7 @@ impl Seed {
     }
 }
 
-/// Returns derived key number `n` of `key`. For `n = 0`, it differs from `key` itself.
+/// Returns the key with index `n` derived from `key`. It differs from `key`, even for `n = 0`.
 #[inline(always)]
 pub(crate) const fn nth_key(key: u64, n: u64) -> u64 {
     mix64(key.wrapping_add(STEP.wrapping_mul(n + 1)))
@@ -78,7 +78,7 @@ pub(crate) fn permute(i: u32, n: u32, key: u64) -> u32 {
     debug_assert!(i < n && n <= 1 << 31);
     let bits = 32 - (n - 1).leading_zeros();
     if bits < 2 {
-        // One number, or two that keep or exchange their places.
+        // Two numbers are swapped or not, depending on one bit of the key.
         return if n == 2 { i ^ (key >> 63) as u32 } else { 0 };
     }
     let (low, high) = (bits / 2, bits - bits / 2);

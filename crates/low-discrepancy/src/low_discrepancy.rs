@@ -11,9 +11,9 @@ use dapple_core::{PointSet, SampleId};
 /// The coordinates of a pair are van der Corput's sequence and the second dimension of Sobol's. Each coordinate is
 /// XOR-scrambled by a random number per pixel and pair, and each pair is shuffled independently.
 ///
-/// The first `count` samples of a pair are a (0,k,2)-net, and so are the next `count`. The count must be known in advance and
-/// is rounded up to a power of two, as in pbrt ([`LowDiscrepancy::count`]). Further samples start another net with new
-/// scrambles.
+/// The first `count` samples of a pair are a (0,k,2)-net, and so are the next `count`. The sample count must be known in
+/// advance and is rounded up to a power of two, as in pbrt ([`LowDiscrepancy::count`]). Further samples start another net with
+/// new scrambles.
 ///
 /// ```
 /// use dapple_core::{PointSet, SampleId};
@@ -31,7 +31,7 @@ use dapple_core::{PointSet, SampleId};
 /// [`Sobol`](crate::Sobol) has none of these:
 ///
 /// * The samples of a net are in random order, so fewer than `count` samples are no better than independent numbers.
-/// * Twice `count` samples are two independent nets, not one of twice the size.
+/// * Twice `count` samples are two independent nets, not one net of twice the size.
 /// * XOR scrambling preserves the regular structure of the net. Owen scrambling has a lower variance for smooth integrands.
 ///
 /// Name: `lowdiscrepancy`. Parameters: `seed`, `count`.
@@ -97,8 +97,8 @@ impl PointSet for LowDiscrepancy {
 /// pbrt-v4's `ZSobolSampler` does the same.
 ///
 /// * The `count` samples of a pixel are a (0,k,2)-net in each pair.
-/// * So are the samples of each aligned block of 2x2, 4x4, … pixels together. Errors of neighbours therefore partly cancel,
-///   and noise has less energy at low frequencies.
+/// * The samples of each aligned block of 2x2, 4x4, … pixels together are a net, too. Errors of neighbours therefore partly
+///   cancel, and noise has less energy at low frequencies.
 ///
 /// ```
 /// use dapple_core::{PointSet, SampleId};
@@ -119,11 +119,11 @@ impl PointSet for LowDiscrepancy {
 ///
 /// # Limits
 ///
-/// * The count must be known in advance; it is rounded up to a power of two. With fewer samples, the errors over the image are
-///   white noise. Further samples start a new sequence.
+/// * The sample count must be known in advance; it is rounded up to a power of two. With fewer samples, the errors over the
+///   image are white noise. Further samples start a new sequence.
 /// * The sequence has 2^32 points. A larger image than `2^t x 2^t` pixels is divided into tiles of that size with separate
 ///   sequences, where `t` is half of `32 - log2(count)`, rounded down: 16384 x 16384 pixels at 16 samples.
-/// * With adaptive counts the blocks are incomplete.
+/// * With adaptive sample counts, the nets of blocks are incomplete.
 ///
 /// Name: `zsobol`. Parameters: `seed`, `count`.
 #[derive(Clone, Copy, Debug)]

@@ -96,10 +96,10 @@ impl PointSet for Diffused {
 /// far apart on the lens and in time. The construction here has the same goal, but is not from the paper:
 ///
 /// 1. Positions are those of [`Diffused`].
-/// 2. A pattern of 64 x 64 pixels and 16 rounds is filled in random order. Each sample takes the best of 16 candidates for
-///    lens and time. The best has the largest distance to its nearest sample, by `|dxy|^2 / 16 + |dlens|^2 + dtime^2` with
-///    `dxy` in pixels. Candidates are compared with samples of the same round up to 4 pixels away, and with the pixel's own
-///    samples.
+/// 2. A pattern of 64 x 64 pixels and 16 rounds is filled in random order. Each sample uses the best of 16 candidates for lens
+///    and time: the one with the largest distance to its nearest sample. The squared distance is `|dxy|^2 / 16 + |dlens|^2 +
+///    dtime^2` with `dxy` in pixels. Candidates are compared with samples of the same round up to 4 pixels away, and with the
+///    pixel's own samples.
 /// 3. The candidates of a round are a net on the lens and strata of time. Each is used once, so that each sample is uniform.
 ///
 /// Block 0 contains position and lens point, and block [`Mitchell1991::TIME_BLOCK`] the time, as in Dapple's integrators. All
@@ -173,7 +173,7 @@ const CANDIDATES: u64 = 16;
 /// The largest distance in pixels at which samples are compared, and the unit of distances in the image. Not from the paper.
 const REACH: i32 = 4;
 
-/// Returns the lens point and time of each sample of the pattern, in steps: for each round, all pixels row by row.
+/// Returns the lens point and time of each sample of the pattern, in steps: round by round, in row-major pixel order.
 fn lens_and_time() -> &'static [[u16; 3]] {
     static ALL: LazyLock<Vec<[u16; 3]>> = LazyLock::new(spread_lens_and_time);
     &ALL
@@ -228,13 +228,13 @@ const SIDE: usize = 64;
 const PIXELS: usize = SIDE * SIDE;
 /// The number of samples per pixel, placed in rounds of one per pixel.
 const ROUNDS: usize = 16;
-/// The number of steps per pixel in which positions are stored: one for each pixel of the pattern.
+/// The number of steps per pixel width in which positions are stored, equal to the number of pixels of the pattern.
 const STEPS: u32 = PIXELS as u32;
 
 /// The number of candidates for the position of each sample, which is not from the paper.
 const PLACES: u64 = 32;
 
-/// Returns the positions in the pixel, in steps: for each round, all pixels row by row.
+/// Returns the positions in the pixel, in steps: round by round, in row-major pixel order.
 ///
 /// In each round, the positions of all pixels together form a (0,12,2)-net, distributed over the pixels. A pixel at a random
 /// location of the pattern therefore has a uniform position.
@@ -257,14 +257,14 @@ fn net(key: u64) -> Vec<[u16; 2]> {
     (0..STEPS).map(|i| [coordinate(i, kx), coordinate(sobol1_reversed(u64::from(i)) as u32, ky)]).collect()
 }
 
-/// Returns the pixel `(dx, dy)` away; the pattern is periodic.
+/// Returns the pixel at the offset `(dx, dy)`; the pattern is periodic.
 fn neighbour(pixel: usize, [dx, dy]: [i32; 2]) -> usize {
     let along = |c: usize, by: i32| (c as i32 + by).rem_euclid(SIDE as i32) as usize;
     along(pixel / SIDE, dy) * SIDE + along(pixel % SIDE, dx)
 }
 
-/// Assigns the positions of each round to pixels in random order. A pixel takes the candidate with the largest distance to its
-/// nearest sample of all rounds so far.
+/// Assigns the positions of each round to pixels in random order. Each pixel gets the candidate with the largest distance to
+/// its nearest sample of all rounds so far.
 fn spread_places() -> Vec<[u16; 2]> {
     let mut places: Vec<[u16; 2]> = Vec::with_capacity(ROUNDS * PIXELS);
     for round in 0..ROUNDS {

@@ -13,9 +13,9 @@ use std::sync::LazyLock;
 /// points are computed once per process. Each new point is in a free stratum of every shape of elementary interval; of ten
 /// such candidates, the one farthest from all earlier points is chosen.
 ///
-/// The pairs of a sample use different sequences, as far as there are any. Each pair has a nested shuffle of its indices and a
-/// random shift modulo 1 [Cranley 1976]. By default, all pixels of a tile share these, and [`BlueNoise`] adds a shift for each
-/// pixel. pbrt-v4's `PMJ02BNSampler` does the same for all pairs except the position in the pixel.
+/// The pairs of eight consecutive blocks use different sequences. Each pair has a nested shuffle of its indices and a random
+/// shift modulo 1 [Cranley 1976]. By default, all pixels of a tile share sequences, shuffles and shifts, and [`BlueNoise`] adds
+/// a shift for each pixel. pbrt-v4's `PMJ02BNSampler` does the same for all pairs except the position in the pixel.
 ///
 /// ```
 /// use dapple_core::{PointSet, SampleId};
@@ -29,9 +29,9 @@ use std::sync::LazyLock;
 ///
 /// # Limits
 ///
-/// * The shift breaks nets at the border of the unit square. [`Sobol`](crate::Sobol) preserves them, and has a smaller error.
+/// * A net shifted modulo 1 is no longer a net. [`Sobol`](crate::Sobol) preserves nets, and has a smaller error.
 /// * After 1024 samples, a pair starts another sequence with its own shift.
-/// * The tables take 128 KiB.
+/// * The sequences take 128 KiB of memory.
 /// * For the next `n` points, the free strata restrict the candidates to one cell of `1/2n` by `1/2n`, so that candidates
 ///   differ little. The published variant without elementary intervals (`pmjbn`) has a clearer blue-noise spectrum.
 ///
@@ -99,7 +99,7 @@ impl PointSet for Sequences {
     fn block(&self, id: SampleId, block: u32) -> [f32; 4] {
         let batch = id.index / LENGTH as u64;
         let within = (id.index % LENGTH as u64) as u32;
-        // Numbers from the end of the range, so that no block has the same key.
+        // Groups are numbered from the end of the range, so that their keys differ from the keys of blocks.
         let group = self.seed.key(&id, !(block / GROUP), batch) as usize;
         let key = self.seed.key(&id, block, batch);
         let [shuffle0, shuffle1] = halves(key);
@@ -132,7 +132,7 @@ const LOG2_LENGTH: u32 = 10;
 /// The number of candidates for each point; the one farthest from all earlier points is chosen. It is not from the paper.
 const CANDIDATES: u32 = 10;
 
-/// Returns all sequences, one after the other, in units of 2^-32.
+/// Returns the points of all sequences, sequence by sequence, in units of 2^-32.
 fn sequences() -> &'static [[u32; 2]] {
     static ALL: LazyLock<Vec<[u32; 2]>> = LazyLock::new(|| (0..SEQUENCES as u64).flat_map(sequence).collect());
     &ALL
@@ -192,12 +192,12 @@ impl Strata {
     }
 }
 
-/// Doubles a net: appends as many points as there are, so that all together form a net of twice the size.
+/// Returns a net of twice the size: the given points, followed by as many new ones.
 ///
-/// Let the square have `4^k` cells. From `4^k` to `2 4^k` points, the new point of each pair is in the opposite quarter of the
-/// cell. From there to `4 4^k`, the new points for the first half are in the quarters beside or above theirs; the choice is
-/// the same for all. The new points for the second half use the remaining quarters. Since the choice is common, each half is a
-/// net by itself.
+/// The square is divided into `4^k` cells. From `4^k` to `2 4^k` points, each new point is in the quarter of the cell opposite
+/// to the old point. From `2 4^k` to `4 4^k` points, two quarters of each cell are free: the neighbours of the cell's first
+/// point along x and along y. The first half of the new points fills the neighbours along one axis, the same in all cells. The
+/// second half fills the others. Each half is therefore a net by itself.
 fn doubled(points: &[[u32; 2]], random: &mut Numbers) -> Vec<[u32; 2]> {
     let n = points.len();
     let bits = n.ilog2() + 1;

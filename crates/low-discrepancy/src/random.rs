@@ -44,7 +44,7 @@ impl PointSet for Random {
     #[inline]
     fn block(&self, id: SampleId, block: u32) -> [f32; 4] {
         let key = self.seed.key(&id, block, 0);
-        // Rotated, so that the two halves of the state never meet as equal numbers.
+        // Rotated, so that the lower half of the state is not a hash of the upper half.
         let sample = mix64(id.index ^ key.rotate_left(32));
         let mut pcg = Pcg64Mcg::new(u128::from(key) << 64 | u128::from(sample));
         let [a, b] = halves(pcg.next_u64());
@@ -138,7 +138,7 @@ impl PointSet for Stratified {
         let (grid, within) = (id.index / cells, (id.index % cells) as u32);
         let key = self.seed.key(&id, block, grid);
         let order = [nth_key(key, 0), nth_key(key, 1)];
-        // The jitter belongs to the sample, so its index in the grid enters beside the key.
+        // Each sample has its own jitter, so its index in the grid is hashed with the key.
         let jitter = nth_key(key, 2);
         let jitter = [nth_key(jitter, 2 * u64::from(within)), nth_key(jitter, 2 * u64::from(within) + 1)];
         let [a, b] = self.point(permute(within, self.cells(), order[0]), jitter[0]);

@@ -69,11 +69,11 @@ impl PointSet for Sobol {
         self.arch.dispatch(Points { seed: self.seed, id, blocks })
     }
 
-    /// Returns `2^32`. Before that, all samples of a pair are in different elementary intervals of `2^-16 x 2^-16`, so no two
-    /// points `(x, y)` are equal.
+    /// Returns `2^32`. Up to this number, all samples of a pair are in different elementary intervals of `2^-16 x 2^-16`, so no
+    /// two points `(x, y)` are equal.
     ///
     /// Single coordinates repeat after `2^24` samples, since an `f32` has no more bits. The render loop rejects samples beyond
-    /// `2^32`. If requested directly, they come from a newly scrambled sequence for each `2^32`.
+    /// `2^32`. If requested directly, each further `2^32` samples come from a newly scrambled sequence.
     fn capacity(&self) -> u64 {
         1 << 32
     }
@@ -155,9 +155,9 @@ pub(crate) fn owen_reversed(reversed: u32, key: u32) -> u32 {
 /// Returns the second dimension of Sobol's sequence for two indices at once, with reversed bits: bit `j` is the digit number
 /// `j` after the binary point.
 ///
-/// Its generator matrix is Pascal's triangle modulo 2 [after Sobol' 1967]. By Lucas' theorem `C(k, j)` is odd exactly if the
-/// ones of `j` are among those of `k`. Bit `j` of the result is therefore the parity of all index bits `k` whose ones include
-/// those of `j`: a sum over supersets, with one step for each of the five bits of `k`.
+/// Its generator matrix is Pascal's triangle modulo 2 [after Sobol' 1967]. By Lucas' theorem `C(k, j)` is odd if and only if
+/// all bits set in `j` are also set in `k`. Bit `j` of the result is therefore the parity of the index bits at all such
+/// positions `k`: a sum over supersets, with one step for each of the five bits of `k`.
 #[inline(always)]
 pub(crate) const fn sobol1_reversed(index: u64) -> u64 {
     let mut y = index;

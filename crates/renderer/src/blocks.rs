@@ -1,6 +1,6 @@
 //! The named groups of random numbers that integrators use. A group is four dimensions of a sample.
 //!
-//! An effect that a scene lacks requests no group. Without it, the random numbers of all other groups stay the same.
+//! An effect that a scene lacks requests no group. The random numbers of other groups do not depend on it.
 
 use dapple_core::Block;
 

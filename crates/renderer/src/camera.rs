@@ -30,7 +30,7 @@ pub struct CameraView {
     motion: Option<Box<(Motion, f64)>>,
 }
 
-/// A kind of camera. It is a type parameter, so that the code for a pinhole contains none for lenses or motion.
+/// A kind of camera. It is a type parameter, so that a pinhole camera runs no code for lenses or motion.
 pub trait Lens: Sync {
     /// Returns the ray through the image position `place`, in pixels from the image's centre with y downwards. `on_lens` in
     /// `[0, 1)^2` selects the point on the lens.
@@ -137,7 +137,7 @@ impl CameraView {
         // The squares of larger corners would overflow f32, and directions would be NaN.
         let fits = window.iter().all(|w| w.is_finite() && (w * unit).abs() < 1e15);
         if !(aspect.is_finite() && aspect > 0.0 && fits && x0 < x1 && y0 < y1) {
-            return Err(wrong("the screen window or aspect ratio is empty or not finite".to_owned()));
+            return Err(wrong("the screen window or aspect ratio is invalid; use finite, positive sizes".to_owned()));
         }
         let step = Vec2::new(((x1 - x0) / width * unit) as f32, ((y1 - y0) / height * unit) as f32);
         let shift = Vec2::new(((x0 + x1) * 0.5 * unit) as f32, ((y0 + y1) * 0.5 * unit) as f32);
@@ -194,7 +194,7 @@ impl CameraView {
     /// Returns the radius in pixels of the circle of confusion of a point in the renderer's space, at a time in `[0, 1]`.
     /// `None` is a point at infinity.
     ///
-    /// The radius is negative in front of the plane in focus, and 0 without a lens. At infinity, it is infinite for an
+    /// The radius is negative in front of the focal plane, and 0 without a lens. At infinity, it is infinite for an
     /// orthographic camera.
     pub fn circle_of_confusion(&self, point: Option<Vec3>, time: f32) -> f32 {
         if !self.has_lens() {
@@ -334,7 +334,7 @@ impl Lens for General {
     fn ray_at(view: &CameraView, place: Vec2, on_lens: [f32; 2], time: f32) -> Ray {
         let (origin, axes) = view.pose(time);
         let screen = view.screen(place);
-        // The start of the ray through a pinhole, and the vector along the ray with z = 1.
+        // The origin of a pinhole's ray, and the vector along the ray with z = 1.
         let (start, forward) =
             if view.orthographic { (Vec3::new(screen.x, screen.y, 0.0), Vec3::Z) } else { (Vec3::ZERO, screen) };
         if !view.has_lens() {
@@ -391,7 +391,7 @@ impl CameraView {
         let (origin, axes) = self.pose(time);
         let to_camera = axes.inverse();
         let lens = if self.has_lens() { (concentric_disk(on_lens) * self.lens_radius).extend(0.0) } else { Vec3::ZERO };
-        // The screen position is the one of the ray's point in the plane in focus.
+        // The screen position is where the ray crosses the focal plane.
         let (screen, position) = if self.orthographic {
             let inner = to_camera * (point - origin);
             let focus = if self.has_lens() { 1.0 - inner.z / self.focal_distance } else { 0.0 };

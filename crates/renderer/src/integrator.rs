@@ -21,7 +21,7 @@ use dapple_core::Integrator;
 
 /// Returns the path tracer for a world, compiled without code for effects that the scene lacks.
 ///
-/// Code that is left out does not affect the image.
+/// Leaving out code does not affect the image.
 pub fn integrator(world: &World) -> Box<dyn Integrator + '_> {
     integrator_with(world, 0)
 }
@@ -38,8 +38,8 @@ pub fn integrator_with(world: &World, idle: u32) -> Box<dyn Integrator + '_> {
             Box::new(PathTracer::<$lens, $selector, { $code }>::new(world, NoVertexLight)) as Box<dyn Integrator + '_>
         };
     }
-    // Each form takes seconds to compile, so there is one only where leaving code out was measured to pay:
-    // environments, transmission and plain surfaces. Unused light selection and roulette cost one branch each.
+    // Each form takes seconds to compile, so forms exist only for effects whose unused code costs measurable time:
+    // environments, transmission and varied surfaces. Unused light selection and roulette cost one branch each.
     const MANY: u32 = SEVERAL_LIGHTS | ROULETTE | VARIED;
     const GLASS: u32 = MANY | ENVIRONMENT | TRANSMISSION;
     // The unit tests of this crate compile two forms only; the tests in tests/ use all of them.

@@ -152,14 +152,14 @@ struct SelectableEnvironment {
     whole: Arc<Environment>,
     /// The index of the environment's light, or of its first tile.
     light: u32,
-    /// The environment's tiles, and the index of the light of the second tile, which those of further tiles follow. `None` if
-    /// the environment is not divided.
+    /// The environment's tiles, and the light index of the second tile. The lights of further tiles follow it. `None` if the
+    /// environment is not divided.
     tiles: Option<(Arc<Tiles>, u32)>,
 }
 
 impl SelectableEnvironment {
     /// Returns the radiance from the unit direction `w`, and the index of the light that it belongs to. Also returns the
-    /// solid-angle density with which that light samples `w`, once it is selected.
+    /// solid-angle density with which that light, once selected, samples `w`.
     #[inline(always)]
     fn find(&self, w: Vec3) -> (Vec3, f32, u32) {
         match &self.tiles {
@@ -233,7 +233,7 @@ impl Lights {
         }
     }
 
-    /// Returns an approximation of each light's contribution. Learned selection uses it until it has samples.
+    /// Returns an approximation of each light's contribution. Learned selection uses it until samples are available.
     pub(crate) fn expectations(&self) -> Vec<Expectation> {
         self.lights.iter().map(LightSource::expectation).collect()
     }
@@ -387,9 +387,8 @@ impl Lights {
         self.lights[light as usize].emission_pdf(&self.scene, point, direction)
     }
 
-    /// Returns the solid-angle density with which [`Lights::sample_emission`] samples light that arrives from the unit
-    /// direction `w` out of an environment. It includes the probability of selecting the light. Returns 0 without an
-    /// environment.
+    /// Returns the solid-angle density with which [`Lights::sample_emission`] samples environment light that arrives from the
+    /// unit direction `w`. It includes the probability of selecting the light. Returns 0 without an environment.
     pub fn environment_emission_pdf(&self, w: Vec3) -> f32 {
         let density = |(_, pdf, light): (Vec3, f32, u32)| pdf * self.pmf(light);
         self.environments.iter().map(|environment| density(environment.find(w))).sum()

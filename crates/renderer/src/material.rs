@@ -439,7 +439,7 @@ fn conductor(fresnel: &ConductorFresnel) -> Result<Metal, String> {
     })
 }
 
-/// Checks a color that is a fraction of light, and clamps constant colors to `[0, 1]`. Textures are clamped at look-up.
+/// Checks the color of a reflectance or transmittance, and clamps constant colors to `[0, 1]`. Textures are clamped at look-up.
 fn share(color: &Color) -> Result<Color, String> {
     match color {
         Color::Constant(rgb) if rgb.iter().any(|x| !(x.is_finite() && *x >= 0.0)) => {
@@ -481,12 +481,12 @@ fn alpha(roughness: &Roughness) -> Result<[f32; 2], String> {
     }
 }
 
-/// Returns a copy of the scene that lacks an effect, made by [`Scene::without`]. If the edit replaces a material by a
-/// diffuse one, the diffuse one gets the material's approximate albedo.
+/// Returns a copy of the scene without an effect, made by [`Scene::without`]. A diffuse material that replaces another material
+/// has the same approximate albedo.
 ///
 /// # Errors
 ///
-/// [`WithoutError::NoLight`] if the edit would remove the last light of the scene.
+/// [`WithoutError::NoLight`] if the copy would have no light.
 pub fn without(scene: &Scene, effect: Effect) -> Result<Scene, WithoutError> {
     scene.without(effect, &albedo)
 }

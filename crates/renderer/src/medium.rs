@@ -167,15 +167,15 @@ impl Medium {
     fn balance(&self, share: Vec3, t: f32, value: Vec3, density: Vec3) -> Vec3 {
         let Vec3 { x, y, z } = self.extinction;
         if x == y && y == z {
-            // T cancels, so nothing can underflow. The sum of the shares is taken as 1.
+            // T cancels, so nothing can underflow. The sum of the shares is assumed to be 1.
             return value / density.x;
         }
         let of = |k: usize| {
             if !(value[k] > 0.0) {
                 return 0.0;
             }
-            // Transmittances are divided by the channel's own, whose term is then at least its share. This avoids 0/0;
-            // a sum that overflows gives weight 0.
+            // Transmittances are divided by the channel's transmittance, so that its term in the sum is at least its share.
+            // This avoids 0/0; if the sum overflows, the weight is 0.
             let term = |c: usize| {
                 let more = self.extinction[k] - self.extinction[c];
                 match share[c] * density[c] {
@@ -343,7 +343,7 @@ mod tests {
         let small = (-100_i16..0).map(f32::from).map(|e: f32| e.exp2());
         for u in lattice.chain(small).chain([1.0 - 0.5 * f32::EPSILON]) {
             let (found, exact) = (f64::from(depth_of(u)), -(-f64::from(u)).ln_1p());
-            // Below 2^-30 single precision in 1 - u would be lost; no point set goes there but 0.
+            // Below 2^-30, 1 - u loses precision in f32. Point sets return no such number except 0.
             assert!((found - exact).abs() <= 2e-7 * exact.abs() + 1e-16, "{u}: {found} {exact}");
         }
         assert_eq!(depth_of(0.0), 0.0);

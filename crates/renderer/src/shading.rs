@@ -205,7 +205,7 @@ fn mirror(w: Vec3, m: Vec3) -> Vec3 {
 }
 
 /// Returns the weight of a sample by the power heuristic with exponent 2 [Veach 1997, sec. 9.2.4], for two strategies with one
-/// sample each. `pdf` is the density of the strategy that generated the sample, and `other` that of the other strategy.
+/// sample each. `pdf` is the density of the strategy that generated the sample, and `other` the density of the other strategy.
 ///
 /// The result is in `[0, 1]` for non-negative densities. `power_heuristic(a, b) + power_heuristic(b, a)` is 1 within
 /// rounding, unless both are 0. The ratio is squared, not the densities, so nothing overflows. Two infinite densities

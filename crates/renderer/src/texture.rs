@@ -146,7 +146,7 @@ const BEYOND: usize = usize::MAX;
 #[inline]
 fn pair(first: i64, n: u32, wrap: Wrap) -> [usize; 2] {
     let n = i64::from(n);
-    // Mostly both are in the image, which avoids the slow integer division.
+    // Both are usually in the image. This case needs no slow integer division.
     if first >= 0 && first < n - 1 {
         return [first as usize, first as usize + 1];
     }
@@ -305,7 +305,7 @@ mod tests {
             (6, -0.1, -0.6, 1.0),
             (6, 0.1, 0.6, 0.0),
             (7, 0.25, 0.75, 0.1),
-            // One made of itself, and none such, are black.
+            // A texture that contains itself and a missing texture are black.
             (8, 0.25, 0.25, 0.0),
             (77, 0.5, 0.5, 0.0),
             (9, 0.5, 0.5, 0.7),
@@ -317,7 +317,7 @@ mod tests {
                 assert!((at(0, u + du, v + dv).x - value).abs() < 1e-6, "{u} {v}");
             }
         }
-        // The factor first, then 1 minus that, never below 0.
+        // The factor applies first, then 1 minus the value, never below 0.
         assert!((at(1, 0.75, 0.25) - Vec3::new(0.2, 0.0, 1.0)).length() < 1e-6, "{}", at(1, 0.75, 0.25));
         assert!([f32::NAN, f32::INFINITY, 1e38].into_iter().all(|bad| at(0, bad, 0.5).is_finite()));
         let scalars = [Scalar::Constant(3.0), Scalar::Texture(TextureId(2))];

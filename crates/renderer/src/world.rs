@@ -114,7 +114,7 @@ pub struct World {
     pub(crate) open: [f32; 2],
 }
 
-/// The point of an area light that a ray hits.
+/// The point at which a ray hits an area light.
 #[derive(Clone, Copy, Debug)]
 pub struct Emitter {
     /// The index of the light, for [`Lights::pdf`].
@@ -131,7 +131,7 @@ pub(crate) struct Part {
     pub(crate) material: u32,
     /// The index of the shape's light; `NO_LIGHT` if the shape emits nothing.
     pub(crate) light: u32,
-    /// -1 if the shape's normal is opposite to the one that the geometry reports, else 1.
+    /// -1 if the shape's normal is opposite to the geometry's normal, else 1.
     pub(crate) flip: f32,
     /// The unit vertex normals, in world space or in the space of the shape's object; empty if there are none.
     pub(crate) normals: Vec<Vec3>,

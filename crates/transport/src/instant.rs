@@ -1,11 +1,13 @@
 //! Instant radiosity [Keller 1997]: indirect lighting by virtual lights.
 //!
-//! Each pass traces a few paths from the lights and places a virtual light at each rough surface that they hit. A rough
-//! surface on a camera path is lit by all virtual lights of its half of the samples. The geometric factor of each virtual
-//! light is bounded. The path itself traces the light cut off by the bound [after Kollig and Keller 2004], so that none is
-//! lost.
+//! Each pass traces a few paths from the lights and places a virtual light at each non-specular surface that they hit. Each
+//! half of the samples has its own virtual lights, which light the non-specular surfaces on its camera paths. The geometric
+//! factor of each virtual light is bounded. The path itself traces the light cut off by the bound [after Kollig and Keller
+//! 2004], so that no light is lost.
 
-use crate::walk::{Arrival, Onwards, Sources, draws_of_half, is_rough, leaks, refuse, scattered_from, turned, visible};
+use crate::walk::{
+    Arrival, Onwards, Sources, draws_of_half, is_non_specular, leaks, refuse, scattered_from, turned, visible,
+};
 use dapple_core::integrator::{Pass, PreparationCost, Prepares};
 use dapple_core::options::Options as _;
 use dapple_core::{Draws, Frame, Integrator, Worker};
@@ -76,8 +78,8 @@ struct VirtualLights<'w> {
 /// The state of a path.
 #[derive(Clone, Copy, Default)]
 struct Gathered {
-    /// The position and unit shading normal of a rough surface lit by virtual lights: of the last one (`last`), and of the
-    /// current vertex (`next`).
+    /// The position and unit shading normal of a surface lit by virtual lights: the last such surface (`last`), and the current
+    /// vertex (`next`).
     last: Option<[Vec3; 2]>,
     next: Option<[Vec3; 2]>,
 }
@@ -91,7 +93,7 @@ impl<'w> VirtualLights<'w> {
     }
 
     fn arrive(&self, arrival: &Arrival<'_, 'w>, set: &mut Vec<VirtualLight<'w>>) -> Onwards {
-        if is_rough(arrival.bsdf) {
+        if is_non_specular(arrival.bsdf) {
             let &Arrival { from, frame, .. } = arrival;
             let (point, wi) = (*arrival.at.point(), frame.to_local(from));
             let turned = turned(frame.normal.dot(from), point.normal.dot(from));
@@ -111,7 +113,7 @@ impl VertexLight for VirtualLights<'_> {
 
     fn gather(&self, state: &mut Gathered, vertex: &GatherPoint<'_>, draws: &Draws<'_>, _: &mut Worker) -> (Vec3, u32) {
         state.next = None;
-        if !is_rough(vertex.bsdf) {
+        if !is_non_specular(vertex.bsdf) {
             return (Vec3::ZERO, 0);
         }
         let from = vertex.at.point().position;
@@ -137,16 +139,16 @@ impl VertexLight for VirtualLights<'_> {
     }
 
     fn share(&self, state: &Gathered, vertex: &GatherPoint<'_>) -> f32 {
-        let Some([position, normal]) = state.last.filter(|_| is_rough(vertex.bsdf)) else { return 1.0 };
+        let Some([position, normal]) = state.last.filter(|_| is_non_specular(vertex.bsdf)) else { return 1.0 };
         let (point, back) = (vertex.at.point(), vertex.back);
         let squared = point.position.distance_squared(position);
         let geometry = geometry(normal.dot(back), point.normal.dot(back), squared);
-        // Virtual lights bring `largest` of `geometry`.
+        // Virtual lights provide the fraction `largest / geometry` of this light.
         if geometry > self.largest { 1.0 - self.largest / geometry } else { 0.0 }
     }
 
     fn scattered(&self, state: &mut Gathered, specular: bool) {
-        // What follows a mirror is not lit by virtual lights in front of it.
+        // Virtual lights do not replace light from a specular lobe.
         state.last = state.next.filter(|_| !specular);
         state.next = None;
     }

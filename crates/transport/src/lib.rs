@@ -1,6 +1,8 @@
 #![doc = include_str!("../README.md")]
 //!
-//! [`make_integrator`] makes one of all [`integrators`]: those of the renderer, and those of this crate ([`ENTRIES`]).
+//! [`make_integrator`] makes any integrator of the table [`integrators`], by name.
+//!
+//! A surface is called *non-specular* in this crate if its widest lobe has a microfacet width of at least 0.3.
 
 mod bdpt;
 mod instant;
@@ -73,8 +75,7 @@ const fn entry<O: Options>(
     IntegratorEntry::new([name, about, source], O::PARAMETERS, make)
 }
 
-/// Returns the table of all integrators: first those of [`dapple_renderer::integrators`], whose first is the default, then
-/// [`ENTRIES`].
+/// Returns the table of all integrators: [`dapple_renderer::integrators`], with the default first, followed by [`ENTRIES`].
 pub fn integrators() -> &'static [IntegratorEntry] {
     static ALL: LazyLock<Vec<IntegratorEntry>> = LazyLock::new(|| [dapple_renderer::integrators(), ENTRIES].concat());
     &ALL

@@ -1,13 +1,13 @@
 //! Lightcuts [Walter et al. 2005]: direct lighting from many lights at the cost of a few groups of lights.
 //!
-//! Lights become points in binary trees. At the first rough surface of a path, a cut through the trees is refined until no
-//! group's error bound exceeds a given fraction of the estimate. Later surfaces sample lights as in the path tracer.
+//! Lights become points in binary trees. At the first non-specular surface of a path, a cut through the trees is refined until
+//! no group's error bound exceeds a given fraction of the estimate. Later surfaces sample lights as in the path tracer.
 
 mod common;
 mod tree;
 
 use crate::patches::{Division, Patches};
-use crate::walk::{LIGHT, TOWARDS, first_hit, grid, is_rough, refuse, scattered_from, visible};
+use crate::walk::{LIGHT, TOWARDS, first_hit, grid, is_non_specular, refuse, scattered_from, visible};
 use common::CommonCuts;
 use dapple_core::integrator::{Pass, PreparationCost, Prepares};
 use dapple_core::options::Options as _;
@@ -125,7 +125,7 @@ impl<'a> Lit<'a> {
     fn new(vertex: &'a GatherPoint<'a>, set: usize) -> Self {
         let side = if vertex.frame.normal.dot(vertex.back) < 0.0 { -1.0 } else { 1.0 };
         let mirrored = Vec3::new(-vertex.wo.x, -vertex.wo.y, vertex.wo.z);
-        // The peak of a rough lobe is close to the mirror direction, and hardly higher than there.
+        // The peak of a wide lobe is near the mirror direction, and hardly higher than the value there.
         let peak = luminance(vertex.bsdf.evaluate(vertex.wo, mirrored));
         let material = (luminance(vertex.bsdf.albedo()) * FRAC_1_PI).max(1.1 * peak);
         Self { vertex, normal: vertex.frame.normal * side, material, set }
@@ -162,7 +162,7 @@ impl<'w> CutLight<'w> {
                 let share = (count as f32).recip();
                 match ray.source {
                     Target::Surface(point) => {
-                        // Two-sided lamps emit half of the points on each side.
+                        // A two-sided light has half of its points on each side.
                         let sides = ray.cosine * FRAC_1_PI / ray.pdf.direction;
                         let intensity = ray.radiance * (share * sides / ray.pdf.position);
                         let target = Target::Surface(point);
@@ -193,7 +193,7 @@ impl<'w> CutLight<'w> {
     fn single_point(&self, light: u32) -> Option<PointLight> {
         let lights = self.world.lights();
         if let Some((centre, radius, radiance)) = lights.ball(light) {
-            // A ball above the horizon makes the irradiance of a point [e.g. Pharr et al. 2023, sec. 4.1].
+            // A sphere above the horizon gives the same irradiance as a point [e.g. Pharr et al. 2023, sec. 4.1].
             let point = PointLight::new(centre, Vec3::ZERO, radiance * (PI * radius * radius), Target::Point(centre));
             return Some(PointLight { radius, ..point });
         }
@@ -226,7 +226,7 @@ impl<'w> CutLight<'w> {
             return (Vec3::ZERO, 0);
         }
         let target = match light.target {
-            // Just above the ball's surface.
+            // Just above the sphere's surface.
             Target::Point(centre) if light.radius > 0.0 => {
                 let above = (light.radius * (1.0 + 1e-3)).min(0.5 * distance);
                 Target::Point(centre - wi * above)
@@ -253,7 +253,7 @@ impl<'w> CutLight<'w> {
         while (cut.members.len() as u32) < self.options.cut {
             let enough = self.enough(&sum);
             let Some((number, bound)) = cut.coarsest() else {
-                // All members, since the sum may be smaller than when they were made.
+                // All members are queued again, since the sum may be smaller than when they were added.
                 (0..cut.members.len()).for_each(|number| cut.note(number, enough));
                 if cut.coarse.is_empty() {
                     break;
@@ -279,7 +279,7 @@ impl<'w> CutLight<'w> {
             cut.note(number, enough);
             cut.note(cut.members.len() - 1, enough);
         }
-        // Subtractions leave rounding, so the sum is made anew.
+        // Subtractions leave rounding errors, so the sum is computed again.
         let light = |m: &Member| m.unit * self.trees[m.id.tree as usize].nodes[m.id.node as usize].intensity;
         CutSum { light: cut.members.iter().map(light).sum(), ..sum }
     }
@@ -324,7 +324,7 @@ impl VertexLight for CutLight<'_> {
 
     fn gather(&self, state: &mut Cut, vertex: &GatherPoint<'_>, draws: &Draws<'_>, worker: &mut Worker) -> (Vec3, u32) {
         state.next = false;
-        if state.is_made || !is_rough(vertex.bsdf) {
+        if state.is_made || !is_non_specular(vertex.bsdf) {
             return (Vec3::ZERO, 0);
         }
         (state.is_made, state.next) = (true, true);
@@ -335,7 +335,7 @@ impl VertexLight for CutLight<'_> {
     }
 
     fn samples_lights(&self, state: &Cut, vertex: &GatherPoint<'_>) -> bool {
-        state.is_made || !is_rough(vertex.bsdf)
+        state.is_made || !is_non_specular(vertex.bsdf)
     }
 
     fn scattered(&self, state: &mut Cut, specular: bool) {
@@ -399,6 +399,6 @@ impl CutLight<'_> {
         let (bsdf, frame) = self.world.scattering(&hit, || [0.5; 2])?;
         let (wo, back) = (frame.to_local(-direction), -direction);
         let vertex = GatherPoint { at: &hit, bsdf: &bsdf, frame: &frame, wo, back, depth: 0 };
-        is_rough(&bsdf).then(|| at(&vertex))
+        is_non_specular(&bsdf).then(|| at(&vertex))
     }
 }

@@ -32,10 +32,10 @@ const TOGETHER: u64 = 256;
 /// An integrator that samples indirect lighting (two or more scattering events) by Markov chains, and traces direct lighting
 /// separately.
 ///
-/// Each pass renders two images, with as many mutations as the image has pixels, and with separate chains and seeds. Passes
-/// are independent and unbiased: a chain starts at an independent sample, chosen in proportion to its brightness, and is
-/// weighted by the mean brightness of all candidates [after Veach 1997, ch. 11]. A pixel's samples in a pass use the pixel's
-/// value in these images. Their noise is correlated between pixels, which filters do not expect.
+/// Each pass renders two images with separate chains and seeds. Each image takes as many mutations as it has pixels. Passes are
+/// independent and unbiased: a chain starts at an independent sample, chosen in proportion to its brightness, and is weighted
+/// by the mean brightness of all candidates [after Veach 1997, ch. 11]. A pixel's samples in a pass use the pixel's value in
+/// these images. The noise is correlated between pixels; filters assume independent noise.
 ///
 /// Adaptive sampling affects only direct lighting. Worlds with media or transparency are rejected.
 #[derive(Debug)]
@@ -92,7 +92,7 @@ fn image_of(target: &dyn Target, frame: &Frame, key: u64, options: &MetropolisOp
         return ChainImage { light, rays };
     }
     let starts = starts(found.iter().map(|(brightness, _)| *brightness), total, count, key);
-    // The mean over mutations, times the number of pixels: each sample is one of all pixels'.
+    // A mutation is a sample of the whole image, so the mean over mutations is multiplied by the number of pixels.
     let scale = total / seeds as f64 / (count * length) as f64;
     let starts: Vec<(u64, u64)> = (0..).zip(starts).collect();
     for some in starts.chunks(TOGETHER as usize) {
@@ -121,7 +121,7 @@ fn starts(brightness: impl Iterator<Item = f64>, total: f64, count: u64, key: u6
             starts.push(i);
         }
     }
-    // Rounding may leave the last place open.
+    // Rounding may leave the last start unset.
     starts.resize(count as usize, last);
     starts
 }
@@ -196,7 +196,7 @@ impl Integrator for Metropolis<'_> {
     }
 
     fn memory(&self, frame: &Frame) -> u64 {
-        /// The number of pixel contributions per mutation: its own and a few splats, for two states.
+        /// The number of pixel contributions per mutation: the sample's own and a few splats, for two states.
         const DEPOSITS: u64 = 8;
         let pixels = frame.pixels() as u64;
         let images = (IMAGES * size_of::<[f32; 3]>() + size_of::<[f64; 3]>()) as u64 * pixels;

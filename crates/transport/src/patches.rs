@@ -60,7 +60,7 @@ impl Division {
         Ok(Self { count, largest, pieces })
     }
 
-    /// Returns the memory in bytes that computing the patches takes.
+    /// Returns the memory in bytes needed to compute the patches.
     pub(crate) fn bytes(&self) -> u64 {
         OF_A_PIECE * self.pieces
     }
@@ -146,7 +146,7 @@ impl Patches {
         }
         let indices: Vec<[u32; 3]> = (0..soup.len()).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
         let pieces = Triangles::new(&soup.positions, &indices).with_materials(&soup.materials);
-        // Pieces are finite, and there are some, so that clustering finds nothing wrong. Without clusters each were a patch.
+        // There are pieces and they are finite, so clustering does not fail. If it did, each piece would be a patch.
         let (labels, normals) = match cluster(&pieces, &ClusterParams::for_count(division.count)) {
             Ok(found) => {
                 let normals = found.clusters().iter().map(|cluster| Vec3::from(cluster.normal)).collect();
@@ -159,8 +159,7 @@ impl Patches {
         Self { shapes, triangles, labels, areas, normals }
     }
 
-    /// Returns the side of a patch from which a direction arrives at a hit: twice the patch's index, plus 0 or 1. The side is
-    /// the same everywhere on the patch.
+    /// Returns the index of the patch side from which a direction arrives at a hit: twice the patch's index, plus 0 or 1.
     pub(crate) fn side_at(&self, world: &World, at: &Interaction<'_>, direction: Vec3) -> usize {
         let (hit, position) = (at.hit(), at.point().position);
         let piece = match self.shapes[hit.shape as usize] {

@@ -1,14 +1,14 @@
 //! Photon mapping [Jensen 1996] in passes of one radius each [Knaus and Zwicker 2011].
 //!
-//! Each pass traces photons from the lights and stores those that arrive at rough surfaces. The path tracer adds radiance
-//! estimated from their density at the vertices of its paths. The radius shrinks from pass to pass, so that both bias and
-//! variance of the mean over passes converge to 0.
+//! Each pass traces photons from the lights and stores them where they arrive at non-specular surfaces. At the vertices of its
+//! paths, the path tracer adds radiance estimated from the density of photons. The radius shrinks from pass to pass, so that
+//! both bias and variance of the mean over passes converge to 0.
 
 mod map;
 
 use crate::walk::{
-    Arrival, MOST_TURNED, Onwards, Sources, draws_of_half, emitted, first_hit, grid, is_rough, pilot_draws, refuse,
-    scattered_from, walk,
+    Arrival, MOST_TURNED, Onwards, Sources, draws_of_half, emitted, first_hit, grid, is_non_specular, pilot_draws,
+    refuse, scattered_from, walk,
 };
 use dapple_core::integrator::{Pass, PreparationCost, Prepares};
 use dapple_core::options::Options as _;
@@ -21,9 +21,9 @@ use map::{Photon, PhotonMap, shrunk};
 /// The light that photons carry. Path tracing finds all other light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PhotonScope {
-    /// Caustics: light of small light sources that reaches rough surfaces through mirrors and clear glass only.
+    /// Caustics: light from small light sources that reaches non-specular surfaces by way of mirrors and clear glass only.
     Caustics,
-    /// All indirect lighting at the first rough surface of a path.
+    /// All indirect lighting at the first non-specular surface of a path.
     All,
 }
 
@@ -91,17 +91,17 @@ struct PhotonLight<'w> {
 #[derive(Clone, Copy, Default)]
 struct Gathered {
     now: Next,
-    /// The state to use after the next scattering event, unless that is specular.
+    /// The state to use after the next scattering event, unless the event is specular.
     next: Next,
-    /// The number of rough surfaces at which the path gathered.
+    /// The number of non-specular surfaces at which the path gathered photons.
     vertices: u32,
 }
 
 #[derive(Clone, Copy, Default)]
 struct Next {
-    /// True if photons at the last rough surface already provided the light that arrives there through specular chains.
+    /// True if photons at the last non-specular surface already provided the light that arrives there through specular chains.
     has_chains: bool,
-    /// True if photons provided all indirect lighting of that surface.
+    /// True if photons provided all indirect lighting of the last non-specular surface.
     ends: bool,
 }
 
@@ -123,7 +123,7 @@ impl<'w> PhotonLight<'w> {
         Self { world, options, sources, replaced, radius, maps: Default::default(), is_guided: false }
     }
 
-    /// Rejects a radius so small that no photons are found, or so large that all are.
+    /// Rejects a radius so small that no photons are found, or so large that all photons are.
     fn check_radius(&self) -> Result<(), MakeError> {
         let scene = self.world.lights().scene_sphere().1;
         let [least, most] = RADII.map(|of_scene| of_scene * scene);
@@ -179,7 +179,7 @@ impl<'w> PhotonLight<'w> {
         if caustics && !arrival.is_specular {
             return Onwards::Stop;
         }
-        if arrival.bounces > 0 && is_rough(arrival.bsdf) {
+        if arrival.bounces > 0 && is_non_specular(arrival.bsdf) {
             let &Arrival { from, flux, bounces, is_specular: is_caustic, .. } = arrival;
             let point = arrival.at.point();
             let (position, normal) = (point.position, point.normal);
@@ -217,7 +217,7 @@ impl VertexLight for PhotonLight<'_> {
 
     fn gather(&self, state: &mut Gathered, vertex: &GatherPoint<'_>, draws: &Draws<'_>, _: &mut Worker) -> (Vec3, u32) {
         state.next = Next::default();
-        if !is_rough(vertex.bsdf) || self.sources.is_empty() {
+        if !is_non_specular(vertex.bsdf) || self.sources.is_empty() {
             return (Vec3::ZERO, 0);
         }
         let all = self.options.what == PhotonScope::All && state.vertices >= self.options.gather;
@@ -255,7 +255,7 @@ impl VertexLight for PhotonLight<'_> {
         let mut prepared = PreparationCost::default();
         if !self.is_guided {
             let rays = self.guide();
-            // A resumed render guides again, which was counted before.
+            // A resumed render repeats the guiding, whose rays are already counted.
             prepared.rays += if pass.number == 0 { rays } else { 0 };
         }
         self.maps = Default::default();
@@ -268,7 +268,7 @@ impl VertexLight for PhotonLight<'_> {
     }
 
     fn memory(&self, frame: &Frame) -> u64 {
-        // Both maps, the photons of one before they are sorted, and numbers for each of them and for the buckets.
+        // Both maps, the unsorted photons of one map, and the indices of its photons and buckets.
         const BYTES: usize = 3 * size_of::<Photon>() + 6 * size_of::<u32>();
         (self.stored() * BYTES as f64 * f64::from(emitted(self.options.photons, frame))) as u64
     }

@@ -1,8 +1,8 @@
 //! Radiosity [Goral et al. 1984] with clusters of triangles as patches.
 //!
 //! Each pass traces particles from the lights and sums the flux that arrives at each patch [after Pattanaik and Mudur 1992].
-//! Patches are the clusters of \[Lan 2016\]. Camera paths look up the indirect lighting of diffuse surfaces in the patches,
-//! and end.
+//! Patches are the clusters of \[Lan 2016\]. A camera path looks up the indirect lighting of a diffuse surface in the patches,
+//! and ends there.
 
 use crate::patches::{Division, Patches};
 use crate::walk::{Arrival, MOST_TURNED, Onwards, Sources, draws_of_half, emitted, refuse, turned};
@@ -39,7 +39,7 @@ pub(crate) fn make<'w>(parameters: &str, world: &'w World) -> Result<Box<dyn Int
     Ok(path_tracer_with(world, PatchLight::new(world, options, division)))
 }
 
-/// The largest number of scattering events that are counted separately; light with more is counted with the last.
+/// The largest number of scattering events that are counted separately; light with more events is added to the last layer.
 const LAYERS: u32 = 16;
 /// The number of particles whose flux is buffered before it is added to the patches.
 const TOGETHER: u32 = 1 << 15;
@@ -82,7 +82,7 @@ impl<'w> PatchLight<'w> {
         if arrival.bounces > 0 {
             let side = self.patches.side_at(self.world, arrival.at, arrival.from);
             let place = side as u32 * self.layers + arrival.bounces.min(self.layers) - 1;
-            // Irradiance is that of the shading normal.
+            // Irradiance refers to the shading normal.
             let [shading, geometric] = [arrival.frame.normal, arrival.at.point().normal].map(|n| n.dot(arrival.from));
             if shading * geometric > 0.0 {
                 found.push((place, arrival.flux * turned(shading, geometric).min(MOST_TURNED)));
@@ -106,7 +106,8 @@ impl<'w> PatchLight<'w> {
         (sums, rays)
     }
 
-    /// Returns the irradiance of each patch side and layer: the flux per area, summed over layers up to this one.
+    /// Returns the irradiance of each patch side and layer: the flux per area, summed over all layers up to and including this
+    /// one.
     fn solution(&self, flux: &[DVec3], emitted: u32) -> Vec<Vec3> {
         let layers = self.layers as usize;
         let density = |patch: usize| match self.patches.areas[patch] {

@@ -1,5 +1,5 @@
-//! Paths from the lights: emission, specular and rough scattering, and passage through media. Also utilities that several
-//! integrators share: first-hit rays, shadow rays, and checks for unsupported effects.
+//! Paths from the lights: emission, scattering, and passage through media. Also utilities that several integrators share:
+//! first-hit rays, shadow rays, and checks for unsupported effects.
 
 use dapple_core::{Block, Draws, Frame, HostNumbers, SampleId, integrator::Pass, parallel, point_set::streams};
 use dapple_geometry::spawn_ray;
@@ -20,7 +20,7 @@ const SCATTER: Block = Block::new(2);
 const SURFACE: Block = Block::new(3);
 /// The distance between the groups of successive hits.
 const STRIDE: u32 = 2;
-/// The largest number of hits of a path, passed surfaces included.
+/// The largest number of hits of a path, including surfaces passed without scattering.
 const MOST_HITS: u32 = 10_000;
 
 /// Returns the random numbers of a first-hit ray.
@@ -28,7 +28,7 @@ pub(crate) fn pilot_draws(pixel: [u32; 2]) -> Draws<'static> {
     Draws::new(&HostNumbers, SampleId::new(pixel, streams::FIRST_HITS, 0))
 }
 
-/// Iterates over the pixels of a regular grid on an image, row by row.
+/// Iterates over the pixels of a regular grid on an image, in row-major order.
 pub(crate) fn grid(frame: &Frame, side: u32) -> impl Iterator<Item = [u32; 2]> {
     let [width, height] = frame.resolution().map(u64::from);
     let at = move |k: u32, length: u64| (u64::from(k) * length / u64::from(side)) as u32;
@@ -69,8 +69,8 @@ pub(crate) fn visible(world: &World, at: &Interaction<'_>, wi: Vec3, target: Tar
 /// image must not fill the memory.
 const EMITTED: [u32; 2] = [1000, 1 << 22];
 
-/// Returns the number of paths to emit per pass and half of the samples. It is `requested`, or for 0 one per pixel, clamped to
-/// [`EMITTED`].
+/// Returns the number of paths to emit per pass and half of the samples. If `requested` is 0, this is one path per pixel,
+/// clamped to [`EMITTED`].
 pub(crate) fn emitted(requested: u32, frame: &Frame) -> u32 {
     let pixels = u32::try_from(frame.pixels()).unwrap_or(u32::MAX);
     if requested == 0 { pixels.clamp(EMITTED[0], EMITTED[1]) } else { requested }
@@ -81,12 +81,12 @@ pub(crate) fn draws_of_half<'p>(pass: &'p Pass<'_>, half: usize, count: u32) -> 
     move |number| pass.draws(half as u64 * u64::from(count) + u64::from(number))
 }
 
-/// Returns true if a surface is rough enough to be lit by single points: photons, virtual lights and points of lights.
-/// Narrower lobes would make the points visible, and are left to path tracing.
-pub(crate) fn is_rough(bsdf: &Bsdf<'_>) -> bool {
-    /// The smallest microfacet width of a rough surface.
-    const ROUGH: f32 = 0.3;
-    bsdf.roughness() >= ROUGH
+/// Returns true for a non-specular surface, as the crate's front page defines it. Narrower lobes would make single photons or
+/// virtual lights visible, and are left to path tracing.
+pub(crate) fn is_non_specular(bsdf: &Bsdf<'_>) -> bool {
+    /// The smallest microfacet width of the widest lobe of a non-specular surface.
+    const LEAST_WIDTH: f32 = 0.3;
+    bsdf.roughness() >= LEAST_WIDTH
 }
 
 /// Returns the factor that converts flux measured at the geometric surface to the surface of the shading normal. The arguments
@@ -95,8 +95,8 @@ pub(crate) fn turned(shading: f32, geometric: f32) -> f32 {
     if shading == geometric { 1.0 } else { (shading / geometric).abs() }
 }
 
-/// The largest [`turned`] factor of a particle in density estimates. Without it, a particle along the surface would dominate
-/// all others. The limit darkens light from less than 6 degrees above a surface with interpolated normals.
+/// The largest [`turned`] factor of a particle in density estimates. Without it, a particle that grazes the surface would
+/// dominate all others. The limit darkens light from less than 6 degrees above a surface with interpolated normals.
 pub(crate) const MOST_TURNED: f32 = 10.0;
 
 /// A set of lights that emit paths, and the selection of their rays. The rays of each light are divided into a grid of cells.
@@ -114,7 +114,7 @@ pub(crate) struct Sources {
 struct SourceLight {
     index: u32,
     power: f32,
-    /// True if the grid divides the points that rays leave from, as for light from infinity; else it divides directions.
+    /// True if the grid divides the start points of rays, as for light from infinity; false if it divides their directions.
     by_place: bool,
 }
 
@@ -126,11 +126,11 @@ const PILOTS: u32 = 1 << 17;
 const PILOTS_IN_CELL: u32 = 8;
 /// The largest number of cells along a side.
 const MOST_SIDE: u32 = 64;
-/// The fraction of paths that are selected by power alone, so that no light is missed for long.
+/// The fraction of paths selected by power alone, so that no light is missed for long.
 const BLIND: f64 = 0.2;
 
 impl Sources {
-    /// Makes the set of the lights for which `includes` returns true, selected in proportion to their power.
+    /// Makes the set of all lights for which `includes` returns true. They are selected in proportion to power.
     pub(crate) fn new(world: &World, includes: impl Fn(u32) -> bool) -> Self {
         let all = world.lights();
         let light = |index: u32| {
@@ -299,7 +299,7 @@ pub(crate) fn walk<'w>(
         let rays = u64::from(hit) + 1;
         let Some(at) = world.closest_hit(&ray, 0.0) else { return rays };
         if hit == 0 {
-            // A light may lie in another medium than the camera: the one in front of the first border.
+            // The light may lie in another medium than the camera: the medium in front of the first border that the path hits.
             medium = world.medium_beyond(&at, -ray.direction, medium);
         }
         flux *= world.medium_transmittance(medium, at.distance());
@@ -342,9 +342,9 @@ pub(crate) fn walk<'w>(
     u64::from(MOST_HITS)
 }
 
-/// Returns the ratio of the scattering of light to that of importance under shading normals [Veach 1997, sec. 5.3.2]. The
-/// arguments are the cosines of the arriving and the leaving direction, with the shading normal and with the geometric one.
-/// The result is not finite for directions along the surface.
+/// Returns the ratio between the scattering of light and of importance under shading normals [Veach 1997, sec. 5.3.2]. The
+/// arguments are the cosines of the arriving and the leaving direction, with the shading normal and with the geometric one. The
+/// result is not finite for directions along the surface.
 pub(crate) fn adjoint(shading: [f32; 2], geometric: [f32; 2]) -> f32 {
     if shading == geometric {
         return 1.0;
@@ -352,8 +352,8 @@ pub(crate) fn adjoint(shading: [f32; 2], geometric: [f32; 2]) -> f32 {
     ((shading[0] * geometric[1]) / (geometric[0] * shading[1])).abs()
 }
 
-/// Returns true if light is transmitted by the geometric surface but reflected by that of the shading normal, or the reverse.
-/// The arguments are the cosines of both directions with each normal.
+/// Returns true if light is transmitted according to the geometric normal but reflected according to the shading normal, or the
+/// reverse. The arguments are the cosines of both directions with each normal.
 pub(crate) fn leaks(shading: [f32; 2], geometric: [f32; 2]) -> bool {
     (geometric[0] * geometric[1] > 0.0) != (shading[0] * shading[1] > 0.0)
 }

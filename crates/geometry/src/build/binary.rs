@@ -2,8 +2,8 @@
 //! after their parent. A leaf holds consecutive items.
 //!
 //! A node is split between two bins of centres where the expected cost is smallest [after Wald 2007]: the sum over both sides
-//! of area times number of items. The split of a large node is chosen by a subset of its items. Reinsertion improves the tree
-//! afterwards.
+//! of area times number of items. For a large node, the cost is estimated from a subset of the items. Reinsertion improves the
+//! tree afterwards.
 
 use super::items::{FEW, ItemBox};
 use super::reinsertion::reinsert;
@@ -13,7 +13,7 @@ use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::node::Bvh2Node;
 use rayon::prelude::*;
 
-/// The fraction of all nodes for which reinsertion searches a cheaper position.
+/// The fraction of all nodes for which reinsertion searches for a cheaper position.
 const REINSERTION: f32 = 0.01;
 /// The largest number of items for which a split uses half the number of bins.
 const COARSE: usize = 32;
@@ -168,14 +168,16 @@ fn part(items: &mut [ItemBox], plane: &Plane) -> (usize, [Extent; 2]) {
 
 /// The number of items that one task processes.
 const CHUNK: usize = 1 << 14;
-/// The largest number of items for which a median split is good enough, as many as fit a leaf: in trees of up to
-/// [`FEW_IN_ALL`] items, and in larger ones. With 8, a room of 712 triangles has 8 % more expected cost (docs/LOG.md).
+/// The largest number of items of a node that is always split at the median: in trees of up to [`FEW_IN_ALL`] items, and in
+/// larger trees. With 8 in small trees, a room of 712 triangles has 8 % more expected cost (docs/LOG.md).
 const SMALL: [usize; 2] = [4, 8];
 /// The largest number of items of a small tree.
 const FEW_IN_ALL: usize = 1 << 15;
-/// The number of items in the subset that chooses a node's split. It is used for nodes with at least twice as many items.
+/// The number of items in the subset from which a node's split is chosen. Nodes with fewer than twice as many items use all
+/// items.
 const CHOSEN_BY: usize = 1 << 12;
-/// The smallest area of the subset's bounding box relative to the node's. Below it, all items choose the split.
+/// The smallest area of the subset's bounding box relative to the node's box. If it is smaller, the split is chosen from all
+/// items.
 const SEEN: f32 = 0.8;
 /// 2^32 divided by the golden ratio. Its multiples are scattered modulo 2^32.
 const SCATTER: u32 = 2_654_435_769;
@@ -210,7 +212,7 @@ impl Extent {
 /// The parameters of splits.
 #[derive(Clone, Copy)]
 struct Rules {
-    /// The number of levels with the cheapest splits. Nodes below them are split at the median.
+    /// The number of levels whose nodes use the cheapest split. Nodes further down are split at the median.
     levels: usize,
     /// The largest number of items of a node that is always split at the median.
     small: usize,
@@ -240,8 +242,8 @@ struct Grid {
     scale: Vec3A,
 }
 
-/// The smallest f32 from which on consecutive f32 differ by 1. The sum of it and a small number is therefore rounded to an
-/// integer, which the lowest bits hold.
+/// The smallest f32 above which consecutive f32 differ by 1. Adding it to a small number therefore rounds the number to an
+/// integer, which the lowest bits of the sum hold.
 const WHOLE: f32 = (1u32 << 23) as f32;
 
 impl Grid {
@@ -273,11 +275,11 @@ impl Plane {
         let grid = Grid { low: extent.centres.min, scale };
         let run = items.len() / rules.chosen_by;
         let part = (run > 1).then(|| {
-            // One item of each run, not always the same one: meshes repeat themselves.
+            // One item of each run, at varying positions, since meshes are often periodic.
             let within = |n: usize| ((u64::from((n as u32).wrapping_mul(SCATTER)) * run as u64) >> 32) as usize;
             Bins::<N>::of((0..rules.chosen_by).map(|n| &items[n * run + within(n)]), &grid)
         });
-        // A part may lack the few large items of a node.
+        // The subset may lack the few large items of a node.
         let whole = extent.around.half_area();
         let part = part.filter(|part| part.around().half_area() >= rules.seen * whole);
         let bins = part.unwrap_or_else(|| Bins::of_all(items, &grid));
@@ -418,11 +420,11 @@ mod tests {
 
     #[test]
     fn a_part_of_the_items_chooses_cuts_that_cost_little_more() {
-        // As many clumps as a run has items: the first of each run would be of one clump.
+        // With as many clumps as a run has items, the first items of all runs are of the same clump.
         let items = clumped(60_000 / CHOSEN_BY);
         let [all, part, few] = [usize::MAX, CHOSEN_BY, 16].map(|chosen_by| cost_by(&items, chosen_by, 0.0));
         assert!(part < 1.02 * all, "{part}, not {all}");
-        // The control: too few choose badly.
+        // The control: a split chosen from too few items is bad.
         assert!(few > 1.05 * all, "{few}, beside {all}");
     }
 

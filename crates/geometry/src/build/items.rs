@@ -140,8 +140,8 @@ fn padded([a, b, c]: [Vec3; 3]) -> Bounds {
     grow([low, high], (high - low).max_element() * GROWTH)
 }
 
-/// Rounds a box from f64 to f32 and pads it. The padding covers this rounding and that of the f64 bounds, both within a few
-/// ulps.
+/// Rounds a box from f64 to f32 and pads it. The padding covers this rounding and the rounding of the f64 bounds, both within a
+/// few ulps.
 pub(super) fn padded_by_ulps(bounds: [DVec3; 2]) -> Bounds {
     let [low, high] = bounds.map(DVec3::as_vec3);
     grow([low, high], (high - low).max_element() * ULPS)
@@ -194,7 +194,7 @@ impl ItemBox {
 }
 
 /// Returns the boxes of eight triangles, per axis and side. Each is padded as in [`Items::bounds`].
-// Without closures, which compilers don't always compile for the vectors of the function around them.
+// Written without closures, since compilers don't always use the vectors of the enclosing function in them.
 #[inline(always)]
 pub(super) fn boxes<L: Lanes>(token: L::Token, triangles: &Triangles8) -> [[Eight; 2]; 3] {
     let [x, y, z] = [triangles.bounds::<L>(token, 0), triangles.bounds::<L>(token, 1), triangles.bounds::<L>(token, 2)];
@@ -209,7 +209,7 @@ fn sides<L: Lanes>([low, high]: [L; 2]) -> [Eight; 2] {
     [Eight(low.to_array()), Eight(high.to_array())]
 }
 
-/// Returns the larger magnitude of both sides.
+/// Returns the larger magnitude of the two bounds.
 #[inline(always)]
 fn reach<L: Lanes>([low, high]: [L; 2]) -> L {
     low.abs().max(high.abs())

@@ -5,8 +5,8 @@ use obvhs::bvh2::node::Bvh2Node;
 use obvhs::bvh2::reinsertion::{Reinsertion, find_reinsertion, reinsert_node};
 use rayon::prelude::*;
 
-/// Moves subtrees to cheaper positions, as obvhs's `ReinsertionOptimizer::run` does: in rounds with fewer and fewer
-/// candidates, the largest nodes. In obvhs, the order of nodes with equal area, and of moves with equal gain, depends on the
+/// Moves subtrees to cheaper positions, as obvhs's `ReinsertionOptimizer::run` does: in rounds, each with fewer candidates. The
+/// candidates are the largest nodes. In obvhs, the order of nodes with equal area, and of moves with equal gain, depends on the
 /// number of threads. Here, the node with the smaller number comes first.
 pub(super) fn reinsert(tree: &mut Bvh2, ratio: f32) {
     let nodes = tree.nodes.len();
@@ -30,8 +30,8 @@ pub(super) fn reinsert(tree: &mut Bvh2, ratio: f32) {
     }
 }
 
-/// Performs all moves, except moves at nodes that an earlier move of the same round has changed: their gain was computed
-/// without it. `moved` holds the last round in which each node was changed.
+/// Performs all moves, except moves that involve nodes changed by an earlier move of the same round, since their gain may be
+/// wrong. `moved` holds the last round in which each node was changed.
 fn make_moves(tree: &mut Bvh2, moves: &[Reinsertion], moved: &mut [u8], round: u8) {
     for &Reinsertion { from, to, .. } in moves {
         let parent = |node: u32| tree.parents[node as usize] as usize;
@@ -158,7 +158,7 @@ mod tests {
         let same =
             |a: &Bvh2, b: &Bvh2| bytemuck::cast_slice::<_, u8>(&a.nodes) == bytemuck::cast_slice::<_, u8>(&b.nodes);
         assert!(same(&once, &twice) && !same(&once, &tree()));
-        // The control: in the next round nothing stands against it.
+        // The control: in the next round, the move is performed.
         make_moves(&mut twice, &[found], &mut of_twice, 2);
         assert!(!same(&once, &twice));
     }

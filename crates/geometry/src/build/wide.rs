@@ -89,7 +89,7 @@ impl Wide<'_> {
             filled += 1;
         }
         let parts: Vec<Part> = open[filled..].par_iter().map(|root| self.subtree(root.below)).collect();
-        // The root of each part has its place in the top.
+        // The root of each part is already in the top of the tree.
         let mut nodes = Pages::zeroed(top.nodes.len() + parts.iter().map(|part| part.nodes.len() - 1).sum::<usize>());
         let mut filled_nodes = top.nodes.len();
         nodes[..filled_nodes].copy_from_slice(&top.nodes);
@@ -134,7 +134,7 @@ impl Wide<'_> {
         }
     }
 
-    /// Sets the child of a wide node in a lane to a subtree. A node is queued in `open`; a leaf of triangles is added to the
+    /// Makes a subtree the child of a wide node in a lane. A node is queued in `open`; a leaf of triangles is added to the
     /// part's loose leaves.
     fn place(&self, it: Chosen, (wide, lane): (u32, usize), part: &mut Part, open: &mut Vec<Open>) {
         let first = self.binary.nodes[it.node as usize].first_index;

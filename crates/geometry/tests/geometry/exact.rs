@@ -1,4 +1,4 @@
-//! Results that are equal bit for bit over scales, trees and orders; input that is refused, and rays that hit nothing.
+//! Results that are bit-identical over scales, trees and orders; rejected input; and rays that hit nothing.
 
 #![allow(clippy::print_stdout, reason = "the largest trees print their figures")]
 
@@ -35,7 +35,7 @@ fn rays(count: usize, seed: u64) -> Vec<Ray> {
         .collect()
 }
 
-/// Scaled by a power of two, hits are equal except `t`, which scales.
+/// After scaling by a power of two, hits are equal except for `t`, which is scaled.
 fn assert_scales(scale: f32, ray_count: usize) {
     let scene = geometry(room());
     let other = geometry(room().iter().map(|mesh| scaled(mesh, scale)).collect());
@@ -174,8 +174,8 @@ fn nothing_is_hit_in_empty_geometry() {
     }
 }
 
-/// Found by the fuzzer: a distance that no f32 represents in lengths of a very long direction. It was reported as 0,
-/// which is not above `tmin`.
+/// Found by the fuzzer: a distance too small for an f32 in units of a very long direction. It must not be reported as 0, which
+/// is not above `tmin`.
 #[test]
 fn a_hit_closer_than_f32_can_represent_lies_within_the_limits() {
     let triangle = (vec![[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.0]], vec![[0, 1, 2]]);
@@ -188,8 +188,8 @@ fn a_hit_closer_than_f32_can_represent_lies_within_the_limits() {
     assert!(scene.closest(&none).is_none() && !scene.occluded(&none));
 }
 
-/// Found by the fuzzer: boxes of tiny distant shapes were left before they were entered, along the axes in which a ray
-/// does not move.
+/// Found by the fuzzer: along an axis in which a ray does not move, the exit from the box of a tiny distant shape may seem to
+/// precede the entry.
 #[test]
 fn tiny_distant_triangles_are_met_by_axis_aligned_rays() {
     for size in [4e-34_f32, 1e-39, 1e-20, 1.0] {
@@ -290,7 +290,7 @@ fn invalid_rays_hit_nothing_g17() {
     }
 }
 
-/// A field of `2 rows columns` triangles, one unit wide: hills, or if rough an independent height for each corner.
+/// A height field of `2 rows columns` triangles, one unit wide: hills or, with `rough`, an independent height for each corner.
 fn field(rows: u32, columns: u32, rough: bool) -> Mesh {
     let place = |i: u32| {
         let [x, y] = [i % (columns + 1), i / (columns + 1)];
@@ -308,7 +308,7 @@ fn field(rows: u32, columns: u32, rough: bool) -> Mesh {
     Mesh::new(positions, (0..rows * columns).flat_map(cell).collect()).expect("sound")
 }
 
-/// The seconds to build the tree. Its bytes are compared with those in docs/results/memory.md.
+/// Returns the seconds to build the tree, whose size is compared with docs/results/memory.md.
 fn built(mesh: Mesh) -> f64 {
     let triangles = mesh.triangles().len();
     let start = Instant::now();

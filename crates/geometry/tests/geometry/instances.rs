@@ -49,8 +49,8 @@ fn sheet(n: u32, centre: Vec3) -> Soup {
     (positions, triangles)
 }
 
-/// The first hit of triangles in f64 [Moeller and Trumbore 1997], and whether it is clear: no edge and no other hit is
-/// so near that rounding may decide otherwise.
+/// The first hit of triangles in f64 [Moeller and Trumbore 1997], and true if it is clear: no edge and no other hit is so near
+/// that rounding matters.
 fn reference(triangles: &[[DVec3; 3]], ray: &Ray) -> (Option<(f64, usize)>, bool) {
     let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
     let (mut hits, mut clear) = (Vec::new(), true);
@@ -187,7 +187,7 @@ fn instances_are_watertight() {
     }
 }
 
-/// A hit from outside, with its ray.
+/// Returns a hit from outside, with its ray.
 fn hit_from(rng: &mut Pcg64Mcg, scene: &Geometry, target: DVec3, distance: f64) -> Option<(Ray, Hit)> {
     let origin = (target + direction(rng).as_dvec3() * distance).as_vec3();
     let ray = Ray::new(origin, (target - origin.as_dvec3()).as_vec3());
@@ -245,7 +245,7 @@ fn rays_that_leave_an_instance_do_not_meet_it_again_g18() {
     assert!(again > rays / 100, "without the error only {again} of {rays} rays met what they left");
 }
 
-/// Rays between two instances meet neither, from any point.
+/// Rays between two instances hit neither of them, from any point.
 #[test]
 fn rays_between_instances_meet_neither_g18() {
     let mut rng = generator(106);

@@ -19,7 +19,7 @@ fn triangle(corners: [Vec3; 3]) -> Option<Geometry> {
     (mesh.degenerate() == 0).then(|| alone(mesh.into()))
 }
 
-/// A point of the only shape, hit from a random place near it.
+/// Returns a point of the only shape, hit by a ray from a random nearby position.
 fn hit_somewhere(scene: &Geometry, aims: impl Fn(&mut Pcg64Mcg) -> Vec3, rng: &mut Pcg64Mcg) -> Option<SurfacePoint> {
     let [low, high] = scene.bounds()?;
     (0..20).find_map(|_| {
@@ -29,7 +29,7 @@ fn hit_somewhere(scene: &Geometry, aims: impl Fn(&mut Pcg64Mcg) -> Vec3, rng: &m
     })
 }
 
-/// Leaves the point `count` times and returns how often the flat shape is met again.
+/// Traces `count` rays from the point and returns how many hit the flat shape again.
 fn met_again(scene: &Geometry, point: &SurfacePoint, count: usize, rng: &mut Pcg64Mcg) -> usize {
     // The primitive at the start is omitted, since the offset is tested.
     let point = &SurfacePoint { primitive: PrimitiveId::NONE, ..*point };

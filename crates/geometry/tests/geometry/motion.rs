@@ -1,5 +1,5 @@
-//! Motions between their ends and the boxes around them. Meshes with moving vertices equal a still mesh of the same corners
-//! at each time.
+//! Motions at intermediate times, and their bounding boxes. At each time, a mesh with moving vertices equals a resting mesh
+//! with the same corners.
 
 use crate::support::*;
 use dapple_geometry::{Error, Geometry, Instance, Mesh, Motion, MovingMesh, Ray, Shape, Sphere, spawn_ray};
@@ -99,7 +99,7 @@ fn motions_through_flatness_are_refused() {
     assert!(!Motion::between(mirror, mirror).expect("it stands still").moves());
 }
 
-/// A moving object is met where a still copy at that time is.
+/// A moving object is hit at the same points as a resting copy in its pose at that time.
 #[test]
 fn a_moving_object_is_met_where_a_still_copy_is() {
     let mut rng = generator(94);
@@ -206,7 +206,8 @@ fn hits_equal_those_of_still_meshes() {
     assert!(control > 3000, "the control: {control} hits are not those of time 0");
 }
 
-/// Large trees of triangles alone have leaves of several in the binary tree. A far sphere makes leaves of one.
+/// In large trees of triangles only, a leaf of the binary tree has several triangles. With a far sphere, each leaf has one
+/// item.
 #[test]
 fn large_meshes_are_met_as_still_ones_and_as_one_by_one() {
     let mut rng = generator(64);

@@ -57,7 +57,7 @@ pub(crate) fn geometry(meshes: Vec<Soup>) -> Geometry {
     Geometry::build(shapes).expect("few triangles")
 }
 
-/// Uniform over directions.
+/// Returns a direction, uniform on the sphere.
 pub(crate) fn direction(rng: &mut Pcg64Mcg) -> Vec3 {
     loop {
         let v = DVec3::from_array(std::array::from_fn(|_| rng.random_range(-1.0..1.0)));

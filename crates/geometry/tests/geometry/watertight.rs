@@ -7,7 +7,7 @@ use rand::RngExt;
 
 const CENTRES: [DVec3; 3] = [DVec3::ZERO, DVec3::new(0.3, -0.7, 0.11), DVec3::new(148_376.0, 1_234.0, -223_423.0)];
 
-/// Vertices and edge midpoints of all triangles, each once.
+/// Returns the vertices and edge midpoints of all triangles, without duplicates.
 fn targets(positions: &[[f32; 3]], triangles: &[[u32; 3]]) -> Vec<DVec3> {
     let corner = |i: u32| Vec3::from_array(positions[i as usize]).as_dvec3();
     let of_triangle = |t: &[u32; 3]| {

@@ -5,8 +5,8 @@ use crate::support::id;
 use dapple_core::{PointSet, SampleId};
 use dapple_low_discrepancy::{BlueNoise, BlueNoiseKeys, Random, Sobol};
 
-/// The mean square of an image's errors, and 16 times that of their means over blocks of 4 x 4 pixels. For white
-/// noise the two are equal. The images have 128 x 128 pixels, one for each of four blocks of random numbers.
+/// Returns the mean squared error of the pixels, and 16 times the mean squared error of means over 4 x 4 pixels. For white
+/// noise, the two are equal. There is one image of 128 x 128 pixels for each of four blocks of random numbers.
 fn mean_squares(points: &dyn PointSet, spp: u64, f: fn(f64, f64) -> f64, mean: f64) -> [f64; 2] {
     let error = |x: u32, y: u32, block: u32| {
         let value = |index| {
@@ -25,7 +25,7 @@ fn mean_squares(points: &dyn PointSet, spp: u64, f: fn(f64, f64) -> f64, mean: f
     sums.map(|s| s / f64::from(4 << 14))
 }
 
-/// Of 4096 means over blocks, white noise has a mean square with a standard error of 2.2 %.
+/// With white noise, the mean square of 4096 block means has a standard error of 2.2 %.
 #[test]
 fn errors_have_little_energy_at_low_frequencies() {
     let disk = |x: f64, y: f64| f64::from(u8::from(x * x + y * y < 1.0));
@@ -46,7 +46,7 @@ fn errors_have_little_energy_at_low_frequencies() {
     }
 }
 
-/// The same number for all coordinates.
+/// A point set whose coordinates are all the same number.
 struct Constant(f32);
 
 impl PointSet for Constant {
@@ -63,14 +63,14 @@ impl PointSet for Constant {
 const SIDE: usize = 128;
 const PIXELS: usize = SIDE * SIDE;
 
-/// The shifted number in each pixel of a tile, row by row, in steps of 2^-24.
+/// Returns the shifted number in each pixel of a tile, in row-major order, in steps of 2^-24.
 fn shifted(u: f32) -> Vec<u32> {
     let points = BlueNoise::new(3, Constant(u));
     let pixel = |p| id([p % SIDE as u32, p / SIDE as u32], 0, 0);
     (0..PIXELS as u32).map(|p| (points.block(pixel(p), 0)[0] * 16_777_216.0) as u32).collect()
 }
 
-/// The tile has each of its ranks once, and shifts by them.
+/// Each rank occurs once in the tile, and shifts are equal to the ranks.
 #[test]
 fn shifts_are_exact_and_stay_below_one() {
     for u in [0, 1 << 22, 3 << 22, (1 << 24) - 1] {
@@ -87,8 +87,8 @@ fn independence_is_that_of_the_inner_set() {
     assert!(BlueNoise::new(0, Random::new(0)).is_independent() && !BlueNoise::new(0, Sobol::new(0)).is_independent());
 }
 
-/// The pixels below a threshold fill each block of 32 x 32 pixels equally. Independent pixels, the negative control,
-/// deviate by `sqrt(1024 p (1 - p))` pixels.
+/// Each block of 32 x 32 pixels has equally many pixels below a threshold. Independent pixels, the negative control, deviate by
+/// `sqrt(1024 p (1 - p))` pixels.
 #[test]
 fn every_threshold_is_evenly_spread() {
     let rms = |ranks: &[u16], below: usize| {
@@ -133,8 +133,8 @@ impl PointSet for WhiteKeys {
     }
 }
 
-/// Low-frequency errors over those of independent pixels. Of 4096 means over 4 x 4 pixels, white noise has a mean
-/// square with a standard error of 2.2 %. Random keys are the negative control: they leave the errors white.
+/// The energy of errors at low frequencies is compared with independent pixels. The mean square of 4096 block means has a
+/// standard error of 2.2 %. Negative control: with random keys, errors are white noise.
 #[test]
 fn errors_of_keys_have_little_energy_at_low_frequencies() {
     let (optimised, white, independent) = (BlueNoiseKeys::new(3), WhiteKeys(BlueNoiseKeys::new(3)), Sobol::new(3));
@@ -152,7 +152,7 @@ fn errors_of_keys_have_little_energy_at_low_frequencies() {
     }
 }
 
-/// Shifts break nets at the border of the square; keys keep them. So do random keys, whose errors are as large.
+/// Keys preserve nets, which shifts do not. Random keys preserve nets as well, with equally large errors.
 #[test]
 fn nets_that_stay_whole_have_less_error_than_shifted_ones() {
     let [_, (_, f, mean)] = INTEGRANDS;
@@ -165,7 +165,7 @@ fn nets_that_stay_whole_have_less_error_than_shifted_ones() {
     assert!(optimised[1] < 0.75 * white[1], "{} and {}", optimised[1], white[1]);
 }
 
-/// The first coordinate of a tile's pixel, as the difference in bits from its sample 0: without the pixel's key.
+/// Returns the bits of a pixel's first coordinate, combined by exclusive or with its sample 0, which removes the pixel's key.
 fn unkeyed(pixel: [u32; 2], block: u32, index: u64) -> u32 {
     let of = |index| (BlueNoiseKeys::new(3).block(id(pixel, 0, index), block)[0] * 16_777_216.0) as u32;
     of(index) ^ of(0)
@@ -188,7 +188,7 @@ fn shuffles_keep_every_prefix_of_a_power_of_two() {
     assert!(moved > 1000, "{moved} samples moved");
 }
 
-/// The bits of sample 0 in a tile's pixels, of which the upper 6 of x and of y are the keys but for a constant.
+/// Returns the bits of sample 0 in the pixels of a tile. The upper 6 bits of x and y are the keys, up to a constant.
 fn keyed() -> Vec<[u32; 2]> {
     let points = BlueNoiseKeys::new(3);
     let of = |p: u32| points.block(id([p % 64, p / 64], 0, 0), 0).map(|u| (u * 16_777_216.0) as u32);

@@ -8,24 +8,23 @@ use dapple_core::point_set::streams;
 use dapple_low_discrepancy::{BlueNoise, Halton, Lattice, LowDiscrepancy, Pmj02, Random, Sobol, Stratified, ZSobol};
 use dapple_metrics::log_log_fit;
 
-/// The root mean square error over `scrambles` pixels, which are so many columns and rows apart.
+/// Returns the root mean square error over `scrambles` pixels, which are `apart` columns and rows apart.
 fn rmse(points: &dyn PointSet, g: &Integrand, n: u32, scrambles: u32, apart: u32) -> f64 {
     rms((0..scrambles).map(|p| estimate(points, g.f, [p % 64 * apart, p / 64 * apart], 0, n.into()) - g.mean))
 }
 
-/// The slope of an error over counts on logarithmic axes.
+/// Returns the slope of the error over the sample count on logarithmic axes.
 fn slope(counts: &[u32], error: impl Fn(u32) -> f64) -> f64 {
     let errors: Vec<f64> = counts.iter().map(|n| error(*n)).collect();
     log_log_fit(&counts.iter().map(|n| f64::from(*n)).collect::<Vec<_>>(), &errors, 0.95).unwrap().slope.value
 }
 
-/// The exact variance of the mean of `x y` over an Owen-scrambled (0,m,2)-net of `n = 2^m` points.
+/// Returns the exact variance of the mean of `x y` over an Owen-scrambled (0,m,2)-net of `n = 2^m` points.
 ///
-/// The Haar components of `x` at level `k` have variance `2^-(2k+4)`; those of `x y` are their products.
-/// A net removes a component at levels `(j, k)` of both axes if `j + k + 2 <= m`.
-/// It doubles the component if `j + k = m - 1` (two points in the box, in opposite quarters) and leaves it otherwise.
-/// On one axis it removes levels below `m`. These are the gain coefficients of [Owen 1997], worked out here for this
-/// case.
+/// The Haar components of `x` at level `k` have variance `2^-(2k+4)`; those of `x y` are their products. A net removes a
+/// component at levels `(j, k)` of both axes if `j + k + 2 <= m`. It doubles the component if `j + k = m - 1` (two points in
+/// the box, in opposite quarters) and leaves it otherwise. On one axis it removes levels below `m`. These are the gain
+/// coefficients of [Owen 1997] for this case.
 fn owen_variance_of_product(m: i32) -> f64 {
     let both = |levels: i32| f64::from(levels + 1) * 2.0_f64.powi(-2 * levels - 8);
     let finer: f64 = (m..m + 60).map(both).sum();
@@ -33,8 +32,8 @@ fn owen_variance_of_product(m: i32) -> f64 {
     (2.0 * both(m - 1) + finer + one_axis) / 2.0_f64.powi(m)
 }
 
-/// The hash is as good as full Owen scrambling where theory has a number: the RMSE on `x y` is within 4.5 standard
-/// errors (1.1 % with 4000 scrambles).
+/// The hash is as good as full Owen scrambling: the RMSE on `x y` is within 4.5 standard errors of the theory (1.1 % with 4000
+/// scrambles).
 #[test]
 fn the_error_of_a_product_equals_owens_formula() {
     for m in 2..=8 {
@@ -50,11 +49,11 @@ fn the_error_of_a_product_equals_owens_formula() {
 /// 512 samples is a slope of -1.40 in closed form, and as `n^-0.75` on the edge of a disk. Jittering falls as `n^-1` and
 /// `n^-0.75`.
 ///
-/// The others have no published slope. Shuffled pairs of Halton's sequence, at their own counts, must beat jittering on
-/// `x y` and be no worse on an edge. pbrt-v2's points must not be worse than jittering. A shift makes a step at the
-/// border. So on `x y` shifted lattices converge like jittering, and shifted nets like `sqrt(log n) / n`, which has a
-/// slope of -0.87. `zsobol` keeps its nets, and so has the slope of Sobol' points. On an edge all have the slope of
-/// jittering. Sets that couple pixels have independent errors 128 columns or rows apart.
+/// The others have no published slope. Shuffled pairs of Halton's sequence, at their own counts, must beat jittering on `x y`
+/// and be no worse on an edge. pbrt-v2's points must not be worse than jittering. A shift causes a step at the border. On `x
+/// y`, shifted lattices therefore converge like jittering, and shifted nets like `sqrt(log n) / n`, which has a slope of -0.87.
+/// `zsobol` preserves nets, so it has the slope of Sobol' points. On an edge all have the slope of jittering. Sets that couple
+/// pixels have independent errors 128 columns or rows apart.
 #[test]
 fn errors_converge_at_their_rates() {
     type Make = fn(u32) -> Box<dyn PointSet>;
@@ -88,7 +87,7 @@ fn errors_converge_at_their_rates() {
     }
 }
 
-/// The RMS of the estimated error over that of the true error, for the mean of two halves.
+/// Returns the ratio of the RMS of the estimated error to the RMS of the true error, for the mean of two halves.
 fn honesty(halves: impl Fn(u32) -> [f64; 2], mean: f64) -> f64 {
     let pairs: Vec<[f64; 2]> = (0..4000).map(halves).collect();
     let estimated = rms(pairs.iter().map(|[a, b]| 0.5 * (a - b)));
@@ -120,13 +119,13 @@ fn two_streams_estimate_their_error_correctly() {
     }
 }
 
-/// 512 scrambles and every n up to 300: unbiased at each. At powers of two the variance is within Owen's bound of e times
-/// that of independent numbers; from 512 scrambles of a few samples it scatters by a tenth.
+/// Every n up to 300 is unbiased, over 512 scrambles. At powers of two, the variance is within Owen's bound, e times the
+/// variance of independent numbers. Estimated variances of a few samples scatter by 10 %.
 #[test]
 fn every_prefix_is_unbiased_s06() {
     let (gs, scrambles) = (integrands(), 512);
     for points in [&Sobol::new(6) as &dyn PointSet, &Halton::new(6), &Random::new(6)] {
-        // Sums over scrambles of the error of each prefix, and of its square.
+        // Sums over scrambles of each prefix's error and squared error.
         let mut sums = vec![[[0.0_f64; 2]; 8]; 301];
         for s in 0..scrambles {
             let mut totals = [0.0; 8];

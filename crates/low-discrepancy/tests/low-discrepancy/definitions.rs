@@ -1,4 +1,4 @@
-//! Point sets by their definitions: Sobol' points and lattices number by number, nets dealt to pixels, tabled sequences.
+//! Point sets compared with their definitions: Sobol' points, lattices, nets assigned to pixels, tabulated sequences.
 
 use crate::keys::{Seed, halves, nth_key, unit};
 use crate::support::id;
@@ -57,8 +57,8 @@ fn samples_of_a_lattice_are_multiples_of_its_vector() {
     }
 }
 
-/// The squared minimum distance of the lattice of `2^m` points with this multiplier, over that of the hexagonal
-/// lattice of equal density, `2 / sqrt(3)` per point. By Gauss' reduction of its basis.
+/// Returns the squared minimum distance of the lattice of `2^m` points, relative to the hexagonal lattice of equal density (`2
+/// / sqrt(3)` per point). It is computed by Gauss' reduction of the basis.
 fn quality(multiplier: u32, m: u32) -> f64 {
     let n = 1_i128 << m;
     let dot = |a: [i128; 2], b: [i128; 2]| a[0] * b[0] + a[1] * b[1];
@@ -75,7 +75,7 @@ fn quality(multiplier: u32, m: u32) -> f64 {
     }
 }
 
-/// `P_2` of the lattice of `2^m` points: the mean of a product of Bernoulli polynomials, less 1.
+/// Returns `P_2` of the lattice of `2^m` points: the mean of a product of Bernoulli polynomials, minus 1.
 fn p2(multiplier: u32, m: u32) -> f64 {
     let n = 1_u64 << m;
     let factor = |i: u64| {
@@ -86,7 +86,7 @@ fn p2(multiplier: u32, m: u32) -> f64 {
     sum / n as f64 - 1.0
 }
 
-/// Against all multipliers, as far as there is time for all.
+/// The multiplier is compared with all others for sizes at which this is fast enough.
 #[test]
 fn the_multiplier_has_the_stated_quality_at_every_size() {
     let ratio = |multiplier, m| {
@@ -112,7 +112,7 @@ fn the_criteria_have_their_closed_forms() {
     assert!((p2(1, 1) - wanted).abs() < 1e-12);
 }
 
-/// The `2^m` samples from a multiple of `2^m` on: their differences are the lattice of `2^m` points.
+/// The differences of `2^m` samples from a multiple of `2^m` on are the lattice of `2^m` points.
 #[test]
 fn aligned_runs_are_shifted_lattices() {
     let points = Lattice::new(3);
@@ -139,9 +139,8 @@ fn aligned_runs_are_shifted_lattices() {
     }
 }
 
-/// All 24 orders of a digit occur equally often: of the quarters that the four pixels of a block take. Chi-square with 23
-/// degrees of freedom over 24,000 blocks of random numbers; 64 is exceeded with probability 1e-5. Orders that keep pairs
-/// together, as a base-2 scramble makes, are 8 of them.
+/// The four pixels of a block use the four quarters in all 24 orders equally often. Chi-square with 23 degrees of freedom over
+/// 24,000 blocks of random numbers exceeds 64 with probability 1e-5. A base-2 scramble would give only 8 of the orders.
 #[test]
 fn all_orders_of_a_digit_occur_equally_often() {
     let mut counts = std::collections::BTreeMap::new();
@@ -154,7 +153,7 @@ fn all_orders_of_a_digit_occur_equally_often() {
     assert!(counts.len() == 24 && chi2 < 64.0, "{} orders, chi2 {chi2:.1}", counts.len());
 }
 
-/// Returns true if the points have one in each elementary interval of every shape.
+/// Returns true if there is one point in each elementary interval of every shape.
 fn is_net(points: &[[f32; 2]]) -> bool {
     let m = points.len().trailing_zeros();
     (0..=m).all(|a| {
@@ -182,15 +181,15 @@ fn aligned_blocks_of_pixels_are_nets() {
                 let net = |points: &dyn PointSet| is_net(&block_of(points, corner, side, count, first));
                 let what = format!("{count} samples, {side}x{side} pixels at {corner:?}");
                 assert!(net(&ZSobol::new(5, count as u32).unwrap()), "{what}");
-                // Negative control: pixels with sequences of their own.
+                // Negative control: each pixel has its own sequence.
                 assert!(side < 4 || !net(&Sobol::new(5)), "{what}: the control is a net too");
             }
         }
     }
 }
 
-/// The 1024 points of each of the 16 sequences of `pmj02`, in the order of one pixel's samples. The shift is taken off, up
-/// to the 8 bits that it hides, which decide nothing below.
+/// Returns the 1024 points of each of the 16 sequences of `pmj02`, in the order of one pixel's samples. The shift is removed,
+/// except in 8 bits that do not matter below.
 fn sequences() -> Vec<Vec<[f32; 2]>> {
     let points = Pmj02::new(3).with_independent_pixels();
     let of = |number: usize| {

@@ -70,8 +70,8 @@ fn permutations_are_bijections() {
     }
 }
 
-/// Each number goes to each place equally often, and so does each pair of neighbours. Chi-square over 64 and over
-/// 240 cells, 250,000 fixed keys, bound at 6 standard deviations.
+/// Each number is moved to each position equally often, and so is each pair of neighbours. Chi-square over 64 and over 240
+/// cells, 250,000 fixed keys, bound at 6 standard deviations.
 #[test]
 fn permutations_are_uniform() {
     for n in [8_usize, 16] {

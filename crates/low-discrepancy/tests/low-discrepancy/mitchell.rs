@@ -1,19 +1,19 @@
-//! Samples that are chosen together over pixels.
+//! Samples distributed jointly over pixels.
 
 use crate::support::id;
 use dapple_core::PointSet;
 use dapple_low_discrepancy::{Diffused, Mitchell1991, Random, Stratified};
 use dapple_metrics::{SpectrumRing, image_spectrum, point_spectrum};
 
-/// The mean power of rings of frequencies from `from` to `to`: white noise and independent points have 1.
+/// Returns the mean power at frequencies from `from` to `to`; it is 1 for white noise and independent points.
 fn mean_power(rings: &[SpectrumRing], from: f64, to: f64) -> f64 {
     let inside = || rings.iter().filter(|ring| (from..to).contains(&ring.frequency));
     let count = inside().map(|ring| ring.count).sum::<usize>();
     inside().map(|ring| ring.power * ring.count as f64).sum::<f64>() / count as f64
 }
 
-/// Below a quarter of the Nyquist frequency, which is 32 of these steps, under a tenth of white noise. About the Nyquist
-/// frequency under half of a jittered grid. The jittered grid is `random`, whose positions are independent.
+/// The power is below 0.1 of white noise under a quarter of the Nyquist frequency (32 steps). Around the Nyquist frequency, it
+/// is below half of a jittered grid's, which is `random` with independent positions.
 #[test]
 fn positions_have_little_power_up_to_the_nyquist_frequency() {
     for seed in 0..3 {
@@ -68,8 +68,8 @@ fn lens_and_time_have_little_power_at_low_frequencies() {
     }
 }
 
-/// A half-plane whose edge crosses the whole image during the exposure, one sample per pixel: covered if the time is
-/// below a ramp. After a box of 4 x 4 pixels its error is below that of independent and of jittered samples.
+/// The edge of a half-plane crosses the whole image during the exposure; a sample is covered if its time is below a ramp. At
+/// one sample per pixel, after a box filter of 4 x 4 pixels, the error is below independent and jittered samples.
 #[test]
 fn a_moving_edge_has_less_error_after_a_box_filter() {
     let error = |points: &dyn PointSet, seed_column: u32| {

@@ -1,11 +1,11 @@
-//! Every elementary interval holds its share of points.
+//! Every elementary interval contains the same number of points.
 
 use crate::support::id;
 use dapple_core::PointSet;
 use dapple_low_discrepancy::{BlueNoise, BlueNoiseKeys, Halton, LowDiscrepancy, Random, Sobol};
 
-/// The first shape of elementary intervals (the logarithm of its columns) in which the `2^k` samples from `start` on do
-/// not fall into one box each.
+/// Returns the first shape of elementary intervals, as the logarithm of its columns, in which the `2^k` samples from `start` on
+/// do not have one point per box.
 fn uneven_shape(points: &dyn PointSet, pixel: [u32; 2], block: u32, pair: usize, start: u64, k: u32) -> Option<u32> {
     let samples: Vec<[f32; 2]> = (start..start + (1 << k))
         .map(|i| {
@@ -27,8 +27,8 @@ fn uneven_shape(points: &dyn PointSet, pixel: [u32; 2], block: u32, pair: usize,
 proptest::proptest! {
     #![proptest_config(proptest::test_runner::Config::with_cases(1000))]
 
-    /// The first `2^k` samples, and `2^k` from any multiple of `2^k` on, as later rounds need them. No chance is involved:
-    /// every one must pass. Scrambling keys keep nets whole in every pixel.
+    /// The property holds for the first `2^k` samples, and for `2^k` samples from any multiple of `2^k` on, as in later rounds.
+    /// The test is exact. Scrambling keys preserve nets in every pixel.
     #[test]
     fn elementary_intervals_of_any_sample_hold_one_point_each_s02(
         seed: u64,
@@ -81,7 +81,7 @@ fn cells_of_stratified_hold_one_point_each_s02() {
     }
 }
 
-/// A test that points fill `columns x rows` boxes once each. An edge `k / 3^b` is not an `f32` number, so a point
+/// Returns true if each of the `columns x rows` boxes contains one point. An edge `k / 3^b` is not an `f32` number, so a point
 /// within 2^-24 below it may count for the box above.
 fn fill_boxes(samples: &[[f32; 2]], columns: u32, rows: u32) -> bool {
     let cells = |u: f32, n: u32| {

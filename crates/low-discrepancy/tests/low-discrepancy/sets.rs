@@ -5,7 +5,7 @@ use dapple_conformance::statistics::{Mean, sidak};
 use dapple_core::PointSet;
 use dapple_low_discrepancy::{BlueNoise, BlueNoiseKeys, Halton, LowDiscrepancy, Random, Sobol, Stratified, ZSobol};
 
-/// Sets beside [`every_set`], with other seeds and counts.
+/// Returns sets in addition to [`every_set`], with other seeds and sample counts.
 fn more_sets() -> Vec<Box<dyn PointSet>> {
     vec![
         Box::new(Random::new(1)),
@@ -31,7 +31,7 @@ fn every_set_conforms() {
 
 const BELOW_ONE: f32 = 1.0 - 1.0 / 16_777_216.0;
 
-/// Coordinates of each set, `draws` of them, over pixels, streams, blocks and indices.
+/// Tests `draws` coordinates of each set, over pixels, streams, blocks and indices.
 fn half_open_interval(draws: u64) {
     for points in every_set(3) {
         let (mut least, mut most) = (1.0_f32, 0.0_f32);
@@ -44,7 +44,7 @@ fn half_open_interval(draws: u64) {
         }
         let name = points.describe();
         assert!(least >= 0.0 && most <= BELOW_ONE, "{name}: {least:e} to 1 - {:e}", 1.0 - most);
-        // Either end is missed this far with probability e^-20.
+        // With probability e^-20, no coordinate is this close to an end.
         let reach = 20.0 / draws as f32;
         assert!(least <= reach && 1.0 - most <= reach.max(1.2e-7), "{name}: only {least:e} to 1 - {:e}", 1.0 - most);
     }
@@ -84,9 +84,9 @@ fn any_sample_can_be_computed_alone_s03() {
 
 /// Coordinates of 1000 bounces with four blocks each are uncorrelated.
 ///
-/// 17 coordinates are spread over all 16,000 and over powers of two, where a table would wrap around (1024 in pbrt-v3).
-/// Every two are correlated over 512 samples in each of 128 pixels, which are replicates. The false alarm rate is 1e-6
-/// per set. The bound for independent numbers is a correlation of 0.025.
+/// 17 coordinates are spread over all 16,000 and over powers of two, where a table would wrap around (1024 in pbrt-v3). The
+/// correlation of every two is computed over 512 samples in each of 128 pixels, which are replicates. The false alarm rate is
+/// 1e-6 per set. For independent numbers, the bound is 0.025.
 #[test]
 fn every_third_coordinate_of_a_thousand_bounces_is_uncorrelated_s04() {
     const PIXELS: u32 = 128;
@@ -152,7 +152,7 @@ fn indices_up_to_32_bits_are_distinct_s05() {
     }
 }
 
-/// The counters of a 4K image at 1024 samples.
+/// The numbers of samples are those of a 4K image at 1024 samples per pixel.
 #[test]
 fn counters_of_a_large_image_do_not_overflow_s05() {
     for points in every_set(7) {
@@ -185,8 +185,8 @@ fn batches_equal_one_go_s07() {
     }
 }
 
-/// Neighbouring seeds, and seeds that differ in one bit, are as good as unrelated ones. Pixels and streams are among what
-/// conformance checks.
+/// Neighbouring seeds, and seeds that differ in one bit, are as good as unrelated ones. The conformance tests check pixels and
+/// streams.
 #[test]
 fn two_pairs_of_seeds_are_uncorrelated_s08() {
     for (a, b) in [(0, 1), (7, 7 | 1 << 63)] {

@@ -10,7 +10,7 @@ pub(crate) fn id(pixel: [u32; 2], stream: u32, index: u64) -> SampleId {
     SampleId::new(pixel, stream, index)
 }
 
-/// One of each set whose pixels are independent, with grids and nets of 64 samples.
+/// Returns one of each set with independent pixels, with grids and nets of 64 samples.
 pub(crate) fn all_sets(seed: u64) -> Vec<Box<dyn PointSet>> {
     vec![
         Box::new(Random::new(seed)),
@@ -23,7 +23,7 @@ pub(crate) fn all_sets(seed: u64) -> Vec<Box<dyn PointSet>> {
     ]
 }
 
-/// One of each set that couples pixels.
+/// Returns one of each set that couples pixels.
 pub(crate) fn coupled_sets(seed: u64) -> Vec<Box<dyn PointSet>> {
     vec![
         Box::new(ZSobol::new(seed, 64).unwrap()),
@@ -35,7 +35,7 @@ pub(crate) fn coupled_sets(seed: u64) -> Vec<Box<dyn PointSet>> {
     ]
 }
 
-/// One of each set.
+/// Returns one of each set.
 pub(crate) fn every_set(seed: u64) -> Vec<Box<dyn PointSet>> {
     all_sets(seed).into_iter().chain(coupled_sets(seed)).collect()
 }
@@ -72,13 +72,13 @@ pub(crate) fn integrands() -> [Integrand; 8] {
     ]
 }
 
-/// One 2-D pair of one sample.
+/// Returns one 2-D pair of a sample.
 pub(crate) fn pair(points: &dyn PointSet, id: SampleId, block: u32, pair: usize) -> [f64; 2] {
     let u = points.block(id, block);
     [f64::from(u[2 * pair]), f64::from(u[2 * pair + 1])]
 }
 
-/// The mean of an integrand over the first `n` samples of one stream of a pixel, in the second pair of block 1.
+/// Returns the mean of an integrand over the first `n` samples of one stream of a pixel, in the second pair of block 1.
 pub(crate) fn estimate(points: &dyn PointSet, f: fn(f64, f64) -> f64, pixel: [u32; 2], stream: u32, n: u64) -> f64 {
     let sum: f64 = (0..n)
         .map(|i| {
@@ -89,7 +89,7 @@ pub(crate) fn estimate(points: &dyn PointSet, f: fn(f64, f64) -> f64, pixel: [u3
     sum / n as f64
 }
 
-/// The root mean square of numbers.
+/// Returns the root mean square.
 pub(crate) fn rms(numbers: impl Iterator<Item = f64>) -> f64 {
     let (mut sum, mut n) = (0.0, 0.0);
     for x in numbers {

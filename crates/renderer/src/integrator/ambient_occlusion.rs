@@ -30,8 +30,8 @@ pub struct AmbientOcclusion<'w> {
 }
 
 impl<'w> AmbientOcclusion<'w> {
-    /// Makes the integrator. Surfaces within `distance`, in units of the scene file, count as occluders; infinity
-    /// includes all.
+    /// Makes the integrator. Surfaces within `distance`, in units of the scene file, count as occluders; with infinity, all
+    /// surfaces do.
     pub fn new(world: &'w World, distance: f64) -> Self {
         Self { world, distance: (distance * world.space().scale()) as f32 }
     }

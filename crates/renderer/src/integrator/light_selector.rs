@@ -20,7 +20,7 @@ pub trait LightSelector: Sync {
     /// Makes the selector for the light selection that is set in `world`.
     fn of(world: &World) -> Self;
 
-    /// Returns the key of the distribution for a point whose lit side is the side of `normal`.
+    /// Returns the key of the distribution for a point lit from the side of `normal`.
     #[inline(always)]
     fn place(&self, _position: Vec3, _normal: Vec3) -> Self::Place {
         Self::NOWHERE
@@ -49,7 +49,7 @@ pub trait LightSelector: Sync {
         false
     }
 
-    /// Returns the largest memory for learning in bytes, training data included. `pixels` is the number of pixels, and `notes`
+    /// Returns the largest memory in bytes for learning, including training data. `pixels` is the number of pixels, and `notes`
     /// the largest number of lights recorded per sample.
     fn training_memory(&self, _pixels: u64, _notes: u64) -> u64 {
         0
@@ -60,7 +60,7 @@ pub trait LightSelector: Sync {
     fn learn(&mut self, _pass: &TrainingData) {}
 }
 
-/// A selector with the same distribution everywhere: that of [`Lights::select`].
+/// A selector with the same distribution everywhere: the distribution of [`Lights::select`].
 #[derive(Clone, Copy, Debug)]
 pub struct FixedSelector;
 

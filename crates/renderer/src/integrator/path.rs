@@ -86,8 +86,8 @@ enum Part {
     /// One non-specular surface or point in a medium has scattered the path. Lights that the next ray hits still count as
     /// direct lighting.
     Once,
-    /// The path has reached a second such vertex, whose lighting is indirect. Also the stage of all paths if neither features
-    /// nor indirect lighting are requested.
+    /// The path has reached a second non-specular surface or point in a medium, whose lighting is indirect. Also the stage of
+    /// all paths if neither features nor indirect lighting are requested.
     Indirect,
 }
 
@@ -380,8 +380,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32, G: VertexLight> PathTracer<'w,
 impl<L: Lens, S: LightSelector, const E: u32, G: VertexLight> Integrator for PathTracer<'_, L, S, E, G> {
     fn estimate(&self, draws: &Draws<'_>, training: &mut Worker) -> Estimate {
         let mut path = self.begin(draws);
-        // The estimate is filled in where it is returned, since moving a first hit takes more instructions than
-        // leaving it out.
+        // The estimate is filled in place, since moving its first hit would cost many instructions.
         let mut estimate = Estimate::new([0.0; 3]).with_cost(0);
         loop {
             path.rays += 1;

@@ -91,7 +91,7 @@ fn learned_selection_of_an_environment_maps_tiles_changes_no_mean() {
 /// A sphere of radius r at height h hides (r / h)^2 of the cosine-weighted hemisphere of the point below: its form factor.
 #[test]
 fn ambient_occlusion_below_a_sphere_is_one_minus_its_form_factor() {
-    // One pixel looks down from the side onto the point of the floor below the ball.
+    // The only pixel shows the point of the floor below the sphere.
     let mut scene = scene([1; 2], 0.01, DVec3::new(3.0, 0.0, 0.5), DVec3::ZERO);
     let clay = add_material(&mut scene, diffuse(0.5));
     let disk = Geometry::Disk { height: 0.0, radius: 50.0, inner_radius: 0.0 };
@@ -105,11 +105,11 @@ fn ambient_occlusion_below_a_sphere_is_one_minus_its_form_factor() {
         film.unwrap_or_else(|e| panic!("{e}")).mean(0)[1]
     };
     let share = |request: &str| mean(&mut *super::make(request, &world).unwrap_or_else(|e| panic!("{e}")), 1 << 14);
-    // Sobol' points: far below the 0.0034 of as many random ones.
+    // The error of Sobol' points is far below the 0.0034 of as many random points.
     assert!((share("ambient-occlusion") - 0.75).abs() < 1e-3, "{}", share("ambient-occlusion"));
     // Nothing is closer than the sphere's lowest point.
     assert_eq!(share("ambient-occlusion:distance=0.99"), 1.0);
-    // A furnace: every direction inside of a closed ball is occluded.
+    // Inside a closed sphere, every direction is occluded.
     assert_eq!(mean(&mut AmbientOcclusion::new(&closed(0.8, 1, &[]), f64::INFINITY), 1024), 0.0);
 }
 

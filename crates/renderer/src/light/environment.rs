@@ -32,9 +32,8 @@ impl Environment {
     ///
     /// # Errors
     ///
-    /// [`SceneError`] if a radiance or the scale is negative or not finite, if an equal-area image is not
-    /// square, or if an image is too large. Also if the transform flattens space, or if it stretches an environment
-    /// map.
+    /// [`SceneError`] if a radiance or the scale is negative or not finite, if an equal-area image is not square, or if an
+    /// image is too large. The same error if the transform flattens space, or stretches an environment map.
     pub fn new(radiance: &EnvironmentRadiance, to_world: DMat3, at: &Source) -> Result<Option<Self>, SceneError> {
         // Only directions matter, so a uniform scale has no effect.
         let inverse = to_world.inverse();
@@ -131,7 +130,7 @@ impl LightSource for Environment {
     }
 }
 
-/// Returns a sample of light from a unit direction. Returns `None` if it is black, or its density is not finite.
+/// Returns a sample of light from a unit direction. Returns `None` if the light is black or the density is not finite.
 #[inline(always)]
 fn lit(wi: Vec3, radiance: Vec3, pdf: f32) -> Option<LightSample> {
     let shines = pdf.is_finite() && radiance != Vec3::ZERO;
@@ -163,7 +162,7 @@ const SQUARE: [usize; 2] = [6, 6];
 /// The index of tiles that emit nothing, or almost nothing.
 const BLACK: u32 = u32::MAX;
 
-/// The tiles of an environment map. An environment of constant radiance is not divided, since that is not worth its cost.
+/// The tiles of an environment map. An environment of constant radiance is not divided, since learning would not pay.
 ///
 /// Directions in each tile are sampled by luminance. If tiles are selected in proportion to [`Tiles::share`],
 /// directions have the same density as without tiles. One look-up returns the radiance in a direction and its tile.
@@ -172,7 +171,7 @@ pub(crate) struct Tiles {
     whole: Arc<Environment>,
     grid: [usize; 2],
     parts: Vec<Part>,
-    /// For each tile, row by row, its index in `parts` or [`BLACK`].
+    /// The index in `parts` of each tile, in row-major order; [`BLACK`] for tiles without light.
     numbers: Vec<u32>,
 }
 

@@ -38,7 +38,7 @@ pub(super) enum Layout {
     EqualArea,
 }
 
-/// A rectangle of blocks of a map, which can be sampled separately.
+/// A rectangular region of a map, in whole blocks, which can be sampled separately.
 #[derive(Clone, Debug)]
 pub(super) struct Part {
     cells: PiecewiseConstant2d,
@@ -78,7 +78,7 @@ struct Texels {
     blocks: Vec<Block>,
     /// The numbers of blocks across and down.
     count: [usize; 2],
-    /// For each row of texels, grouped by rows of blocks: the density of a texel of weight 1 over the unit square.
+    /// The density over the unit square of a texel of weight 1, for each row of texels. Rows are grouped by rows of blocks.
     shares: Vec<[f32; SIDE]>,
     /// The mean luminance over the sphere of directions.
     mean: f32,
@@ -414,7 +414,7 @@ mod tests {
             suns += i32::from(radiance.x == 1e6);
             assert!(f64::from(radiance.x / pdf) < 8.01 * 4.0 * std::f64::consts::PI * map.average);
         }
-        // Less the mean, only the sun is left, beside an eighth of the rest.
+        // After subtracting the mean, only the sun is left, and an eighth of the rest.
         let sun = 1e6 * (std::f64::consts::PI * 300.5 / 1024.0).sin() / (2048.0 * 1024.0) * std::f64::consts::FRAC_PI_2;
         let found = f64::from(suns) / f64::from(count);
         assert!((found / (sun / (sun + 0.5 / 8.0)) - 1.0).abs() < 0.01, "{found} {sun}");

@@ -35,7 +35,7 @@ const FEW: usize = 8;
 pub(super) struct Facet {
     corner: Vec3,
     edges: [Vec3; 2],
-    /// The unit normal on the side from which the corners run counter-clockwise.
+    /// The unit normal on the side from which the corners appear counter-clockwise.
     normal: Vec3,
     /// 1 if `normal` is on the emitting side, -1 if it is on the other.
     side: f32,
@@ -46,7 +46,7 @@ pub(super) struct Facet {
     pub(super) share: f32,
     /// The squared distance from the centroid to the farthest corner.
     ///
-    /// From points nearer than this, the triangle is sampled by solid angle; from others, by area.
+    /// From points nearer than this, the triangle is sampled by solid angle; from farther points, by area.
     reach_squared: f32,
 }
 
@@ -299,8 +299,7 @@ impl LightSource for MeshLight {
 struct SphericalTriangle {
     /// The unit vectors from the point to the corners.
     corners: [DVec3; 3],
-    /// The triple product `a . (b x c)` of the corners. It is positive if they run counter-clockwise as seen from the
-    /// point.
+    /// The triple product `a . (b x c)` of the corners. It is positive if the corners appear counter-clockwise from the point.
     triple: f64,
     solid_angle: f64,
 }

@@ -52,7 +52,7 @@ impl PointLight {
         let intensity = (intensity.as_dvec3() * space.scale() * space.scale()).as_vec3();
         if position.abs().max_element() > FARTHEST || !intensity.is_finite() {
             let what =
-                "the light is too strong or too far away for a scene of this size; reduce it, or use a distant light";
+                "the light is too strong or too far away for a scene of this size; dim it, or use a distant light";
             return Err(SceneError::new(at, what));
         }
         // An intensity that underflows f32 counts as 0.
@@ -139,7 +139,7 @@ impl SpotLight {
         Ok(point.map(|point| Self { point, axis, edge: height(cone), core: height(falloff_start), falloff }))
     }
 
-    /// Returns the intensity relative to that on the axis, 0 to 1, at the angle whose `1 - cos` is `height`.
+    /// Returns the intensity relative to the intensity on the axis, 0 to 1, at the angle whose `1 - cos` is `height`.
     #[inline]
     fn share(&self, height: f32) -> f32 {
         if height <= self.core {

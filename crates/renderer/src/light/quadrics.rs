@@ -33,8 +33,8 @@ impl SphereLight {
         (radiance != Vec3::ZERO).then_some((self.centre, self.radius, radiance))
     }
 
-    /// Returns the squared sine of half the angle that the sphere subtends at the point `axis` (relative to its centre).
-    /// Returns `None` inside the sphere.
+    /// Returns the squared sine of half the angle that the sphere subtends at the point `axis`, given relative to the sphere's
+    /// centre. Returns `None` inside the sphere.
     #[inline]
     fn sine_squared(&self, axis: Vec3) -> Option<f32> {
         let squared = axis.length_squared();
@@ -106,8 +106,8 @@ impl LightSource for SphereLight {
             point.normal *= self.flip;
             return EmittedLight::from_surface(&self.lamp, point, towards, self.area() as f32);
         }
-        // The direction first, so that `towards` alone decides it; then a place on the disk that the ball shows. Together
-        // their density is the same.
+        // The direction is sampled first, by `towards` alone; then a point on the disk onto which the sphere projects. The
+        // joint density is the same.
         let direction = warp::uniform_sphere(towards);
         let (disk, frame) = (warp::concentric_disk(place), ShadingFrame::from_normal(direction));
         let cosine = (1.0 - disk.length_squared()).max(0.0).sqrt();

@@ -40,25 +40,25 @@ pub(crate) trait LightSource {
     /// Samples a ray that leaves the light, as [`Lights::sample_emission`](crate::light::Lights::sample_emission) does. The
     /// caller sets `light` and `pmf`.
     ///
-    /// The default serves light from infinity, with directions from [`Self::sample`].
+    /// The default is for light from infinity, with directions from [`Self::sample`].
     fn emit(&self, scene: &SceneSphere, place: [f32; 2], towards: [f32; 2]) -> Option<EmittedLight> {
         let sample = self.sample(scene.centre, towards)?;
         Some(scene.parallel(-sample.wi, sample.radiance, sample.pdf, place))
     }
 
-    /// Returns the densities of [`Self::emit`]; see [`Lights::emission_pdf`]. The default serves area lights.
+    /// Returns the densities of [`Self::emit`]; see [`Lights::emission_pdf`]. The default is for area lights.
     fn emission_pdf(&self, scene: &SceneSphere, point: &SurfacePoint, direction: Vec3) -> EmissionPdf {
         let cosine = point.normal.dot(direction);
         self.lamp().map_or(scene.parallel_pdf(0.0), |lamp| lamp.emission_pdf(cosine, self.area() as f32))
     }
 
     /// Returns the luminance of the light's radiant power, divided by pi. For an environment or distant light, this is the
-    /// power that enters the scene's bounding sphere, whose radius is `scene_radius`. The default serves area lights.
+    /// power that enters the scene's bounding sphere, whose radius is `scene_radius`. The default is for area lights.
     fn power(&self, _scene_radius: f64) -> f64 {
         self.area() * self.lamp().map_or(0.0, Lamp::brightness)
     }
 
-    /// Returns an approximation of the light's contribution. Learned selection uses it until it has samples.
+    /// Returns an approximation of the light's contribution. Learned selection uses it until samples are available.
     fn expectation(&self) -> Expectation;
 }
 
@@ -164,7 +164,7 @@ pub(super) fn sample_on(lamp: &Lamp, from: Vec3, point: SurfacePoint, side: f32,
     let wi = to * squared.sqrt().recip();
     let cosine = -side * point.normal.dot(wi);
     let radiance = lamp.radiance(cosine);
-    // The density is the one of `area_to_solid_angle`. It is 0 or NaN if the light touches the point.
+    // The same density as `area_to_solid_angle`. It is 0 or NaN if the light touches the point.
     let pdf = squared / (cosine.abs() * area);
     let target = Target::Surface(point);
     (radiance != Vec3::ZERO && pdf > 0.0).then_some(LightSample { wi, radiance, pdf, target, delta: false })
@@ -271,8 +271,8 @@ impl EmittedLight {
         Self::leaving(lamp, point, direction, area)
     }
 
-    /// Returns the ray from a point on an area light in a direction. Both were sampled with the densities of
-    /// [`Self::from_surface`].
+    /// Returns the ray from a point on an area light in a direction. The point and the direction were sampled with the
+    /// densities of [`Self::from_surface`].
     pub(super) fn leaving(lamp: &Lamp, point: SurfacePoint, direction: Vec3, area: f32) -> Option<Self> {
         let cosine = point.normal.dot(direction);
         let pdf = lamp.emission_pdf(cosine, area);
@@ -295,8 +295,8 @@ pub(crate) enum Expectation {
     Near {
         middle: Vec3,
         radius: f32,
-        /// The mean of the emitting sides' unit normals. It is shorter the more they differ, and zero for a light that emits
-        /// in all directions.
+        /// The mean of the emitting sides' unit normals. The more the normals differ, the shorter it is. It is zero for a light
+        /// that emits in all directions.
         facing: Vec3,
         /// The luminance of the radiant intensity along `facing`.
         intensity: f32,

@@ -76,7 +76,7 @@ impl TexturedLight {
         let plain = MeshLight::new(geometry, shape, emission.lamp, sides)?;
         let number = |facet: usize| plain.facets[facet].primitive.number() as usize;
         let mean: Vec3 = (0..plain.facets.len()).map(|facet| means[number(facet)] * plain.facets[facet].share).sum();
-        // Points that are all black leave a light of little power, since there may be light between them.
+        // If all points are black, the light keeps a tiny power, since texels between them may emit.
         let mean = mean.max(emission.lamp.radiance * f32::EPSILON);
         let least = LEAST * luminance(mean) as f32;
         let weight = |triangle: u32| least + luminance(means[triangle as usize]) as f32;
@@ -104,7 +104,7 @@ impl TexturedLight {
     }
 }
 
-// Cold functions, so that integrators hold the values of other lights in registers.
+// These functions are marked cold, so that integrators keep the values of other lights in registers.
 impl LightSource for TexturedLight {
     #[cold]
     #[inline(never)]

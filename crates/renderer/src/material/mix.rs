@@ -77,7 +77,7 @@ pub(crate) fn check_mixes(materials: &[Material]) -> Vec<MaterialError> {
             let MaterialKind::Mix { materials: parts, .. } = &material.kind else { return Vec::new() };
             let parts = parts.map(|part| part.0 as usize);
             for part in parts.iter().filter(|&&part| part >= materials.len()) {
-                wrong.push(MaterialError::new(material, format!("it mixes material {part}, which does not exist")));
+                wrong.push(MaterialError::new(material, format!("mixed material {part} does not exist; define it")));
             }
             parts.into_iter().filter(|&part| part < materials.len()).collect()
         })

@@ -56,7 +56,7 @@ fn mix(parts: [u32; 2], amount: f32) -> MaterialKind {
 
 #[test]
 fn one_coordinate_resolves_nested_mixes() {
-    // 0.25 of material 1; of the rest 0.4 interface.
+    // Material 1 has 0.25, and the interface has 0.4 of the rest.
     let kinds = [mix([2, 1], 0.25), diffuse(0.5), mix([3, 4], 0.4), diffuse(0.1), MaterialKind::Interface];
     let surfaces: Vec<Surface> = kinds.into_iter().map(sound).collect();
     let textures = Textures::default();
@@ -73,7 +73,7 @@ fn one_coordinate_resolves_nested_mixes() {
     assert!((passed_share(&surfaces, 0, &textures, || [0.0; 2].into()) - 0.3).abs() < 1e-6);
     let asked = || panic!("no mix, no coordinates");
     assert_eq!(passed_share(&surfaces, 4, &textures, asked), 1.0);
-    // What has no scattering of its own has none.
+    // Materials without scattering of their own have an empty BSDF.
     for surface in [&surfaces[0], &surfaces[4]] {
         assert_eq!(surface.bsdf(&textures, [0.0; 2]).albedo(), Vec3::ZERO);
     }
@@ -88,7 +88,7 @@ fn mixes_that_are_none_are_refused_by_name() {
     assert!(problems.len() == 1 && problems[0].contains("\"a\"") && problems[0].contains("\"b\""), "{problems:?}");
     assert_eq!(told(&[named("self", mix([0, 0], 0.5))]).len(), 2, "once for each part");
     assert!(told(&[named("lost", mix([7, 0], 0.5))]).iter().any(|p| p.contains("does not exist")));
-    // Deep, but no circle; beyond all measure, told once; and no stack overflows.
+    // Deep nesting without a cycle is reported once, and no stack overflows.
     let chain = |n: u32| -> Vec<Material> {
         let link = |i: u32| named("link", if i + 1 < n { mix([i + 1, i + 1], 0.5) } else { diffuse(0.5) });
         (0..n).map(link).collect()

@@ -13,8 +13,8 @@ use std::f32::consts::{FRAC_1_PI, PI};
 
 /// The largest microfacet width of a lobe that counts as smooth for the denoiser's features.
 ///
-/// A lobe of width 0.02 spans 2 degrees, so that its reflections show detail. Following lobes of width 0.1 blurred more than
-/// it preserved on four of six scenes.
+/// A lobe of width 0.02 spans 2 degrees, so that its reflections show detail. With a limit of 0.1, features blur more than they
+/// preserve on four of six scenes.
 const NARROW: f32 = 0.02;
 
 /// The BSDF at a surface point, with its textures already evaluated.
@@ -328,8 +328,8 @@ impl<'m> Bsdf<'m> {
         }
     }
 
-    /// Returns true if [`sample`](Self::sample) with this `lobe` samples a rough lobe so narrow that its reflections and
-    /// refractions show detail. It is used for the features of denoisers, not for light transport.
+    /// Returns true if [`sample`](Self::sample) with this `lobe` samples a non-specular lobe so narrow that its reflections and
+    /// refractions show detail. It determines features for denoisers and does not affect light transport.
     #[inline(never)]
     pub fn samples_narrow_lobe(&self, wo: Vec3, lobe: f32) -> bool {
         let narrow = |m: &TrowbridgeReitz| m.alpha()[0].max(m.alpha()[1]) <= NARROW;

@@ -9,15 +9,15 @@
 //!
 //! * `f_coat`: the coat's own reflection.
 //! * `rho`: the reflectance of the base; `eta`: the coat's index of refraction relative to the outside's.
-//! * `T(w)`: the fraction of light from `w` that reaches the base in one pass through the coat. By reciprocity, light
-//!   that leaves towards `wo` has the factor `T(wo) / eta^2`.
+//! * `T(w)`: the fraction of light from `w` that reaches the base in one pass through the coat. By reciprocity, light that
+//!   leaves towards `wo` is multiplied by `T(wo) / eta^2`.
 //! * `F`: the fraction of the base's light that the coat reflects back to the base.
 //! * `K`: the largest number of reflections from the base. pbrt-v4's walk of depth `d` has `K = ceil(d / 2)` and drops
 //!   the rest: 4 % of the base's light for `d = 10` and `rho = 0.9`.
 //!
-//! `T` and `F` include absorption by `exp(-thickness / |cos|)` on every crossing, as pbrt-v4's undocumented behaviour
-//! does: 1 % per crossing at the default thickness. Both are integrated over visible microfacet normals when the
-//! material is made; `T` is a table over the cosine. The formula is exactly reciprocal and needs no random numbers.
+//! `T` and `F` include absorption by `exp(-thickness / |cos|)` on every crossing, as in pbrt-v4 (undocumented): 1 % per
+//! crossing at the default thickness. Both are integrated over visible microfacet normals when the material is made; `T` is a
+//! table over the cosine. The formula is exactly reciprocal and needs no random numbers.
 
 use super::microfacet::TrowbridgeReitz;
 use super::{Error, fresnel, interpolate};

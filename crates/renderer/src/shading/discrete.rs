@@ -15,7 +15,7 @@ const MAX_SIDE: usize = 1 << 20;
 /// A distribution without a positive weight is *empty*: no item can be sampled.
 ///
 /// A random number of 24 bits selects an item with a probability that is a multiple of 2^-24. With 10^6 items, the frequencies
-/// of single items can be off by some percent, but those of ranges of items are not.
+/// of single items can be off by some percent, but the frequencies of ranges of items are not.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Discrete {
     /// `ends[i]` is the cumulative probability of items `0..=i`. It is 1 at and after the last item with a positive weight.
@@ -99,8 +99,8 @@ impl Discrete {
 
 /// A distribution over the cells of a grid, with probabilities proportional to their weights.
 ///
-/// Sampling inverts the cumulative distribution of the rows, then that of the row's cells. A cell of weight 0 is never
-/// sampled. The distribution takes about 5 bytes per cell.
+/// Sampling inverts the cumulative distribution of the rows, then the one of the cells in the selected row. A cell of weight 0
+/// is never sampled. The distribution takes about 5 bytes per cell.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PiecewiseConstant2d {
     rows: Discrete,

@@ -32,8 +32,8 @@ pub fn pane(cos: f32, eta: f32) -> f32 {
     2.0 * face / (1.0 + face)
 }
 
-/// Returns the cosine beyond a dielectric interface by Snell's law, or `None` on total internal reflection. The arguments are
-/// those of [`dielectric`].
+/// Returns the cosine beyond a dielectric interface by Snell's law, or `None` on total internal reflection. `cos` and `eta` are
+/// as in [`dielectric`].
 #[inline]
 pub fn transmitted_cosine(cos: f32, eta: f32) -> Option<f32> {
     let cos = cos.clamp(0.0, 1.0);

@@ -181,7 +181,7 @@ impl Schlick {
         self.normal + beyond * (self.at_grazing() - self.normal)
     }
 
-    /// Returns the fraction of light that a layer reflects, from the table's values at a cosine and their mean.
+    /// Returns the fraction of light that a layer reflects, from the table's value at a cosine and the table's mean.
     #[inline]
     fn reflected(self, at: Split, mean: Split) -> Vec3 {
         let once = self.normal * at.x + self.at_grazing() * at.y;
@@ -229,7 +229,7 @@ impl Table {
                 let cosine = (j as f32 / CELLS as f32).powi(2).max(1e-4);
                 *entry = albedo(&microfacets, cosine);
             }
-            // The integral of 2 mu over mu = x^2 is that of 4 x^3 over x; both ends of each interval are averaged.
+            // With mu = x^2, the weight 2 mu dmu becomes 4 x^3 dx; both ends of each interval are averaged.
             let mut mean = Split::default();
             for (j, pair) in row.windows(2).enumerate() {
                 let [a, b] = [j, j + 1].map(|k| (k as f32 / CELLS as f32).powi(4));

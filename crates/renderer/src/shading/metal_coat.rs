@@ -320,7 +320,8 @@ impl Walks<'_> {
                 weight *= self.crossing(w.z.abs());
                 let Some((up, factor)) = self.base(-w, [u[0], u[1]]) else { break };
                 weight *= factor * self.crossing(up.z);
-                // The walk is seen from below and turned by half a turn about the normal, which changes nothing.
+                // The walk continues in a frame seen from below, turned by half a turn about the normal. The lobes are
+                // symmetric, so this changes nothing.
                 let [back, out] = self.border(up, 1.0 / eta, [u[2], u[3]]);
                 if let Some((_, share)) = out {
                     let share = f64::from(weight * share) / WALKS as f64;

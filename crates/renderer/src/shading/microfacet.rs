@@ -1,4 +1,4 @@
-//! Rough surfaces as microfacets: the Trowbridge-Reitz (GGX) distribution with Smith's masking and shadowing.
+//! Microfacet models of rough surfaces: the Trowbridge-Reitz (GGX) distribution with Smith's masking and shadowing.
 
 use super::Error;
 use super::trigonometry::sin_cos_turn;

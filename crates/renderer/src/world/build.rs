@@ -157,7 +157,7 @@ fn mark_passable(parts: &mut [Part], object_parts: &mut [Part], surfaces: &[Surf
         has_transmission |= surface.transmits;
         has_passable_surfaces |= part.passable;
     }
-    // The materials of a mix are materials of no part, so all materials are checked.
+    // The materials of a mix belong to no part, so all materials are checked.
     has_transmission |= has_passable_surfaces && surfaces.iter().any(|surface| surface.transmits);
     [has_transmission, has_passable_surfaces]
 }

@@ -53,9 +53,9 @@ impl World {
     }
 }
 
-/// Returns the normal of a surface with unit normal `n` that a height displaces along `n`. `derivatives` are the derivatives
-/// of the position with respect to u and v, and `rise` those of the height. The result is `(p_u + h_u n) x (p_v + h_v n)`, on
-/// the side of `n` [Pharr et al. 2023, eq. 10.16, for a height of 0].
+/// Returns the normal of a surface with unit normal `n` that a height displaces along `n`. `derivatives` are the derivatives of
+/// the position with respect to u and v, and `rise` the derivatives of the height. The result is `(p_u + h_u n) x (p_v + h_v
+/// n)`, on the side of `n` [Pharr et al. 2023, eq. 10.16, for a height of 0].
 fn tilt(n: Vec3, derivatives: [Vec3; 2], rise: [f32; 2]) -> Vec3 {
     // Vertex normals are not perpendicular to their triangle, so only the derivatives' parts perpendicular to `n`
     // count.
@@ -64,7 +64,7 @@ fn tilt(n: Vec3, derivatives: [Vec3; 2], rise: [f32; 2]) -> Vec3 {
     let side = if level.dot(n) < 0.0 { -1.0 } else { 1.0 };
     let tilted = level + rise[0] * n.cross(p_v) + rise[1] * p_u.cross(n);
     let largest = tilted.abs().max_element();
-    // Without derivatives with respect to u and v there is no slope.
+    // Without derivatives with respect to u and v, the slope is unknown.
     if largest > 0.0 && largest.is_finite() { side / largest * tilted } else { n }
 }
 

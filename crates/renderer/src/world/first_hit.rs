@@ -27,14 +27,14 @@ pub struct SampleDimensions {
     /// The point on the light: two dimensions, or none unless the only light is an area light or an environment.
     pub light: BlockDimensions,
     /// The first use of other random numbers, as a noun phrase: multiple scattering, scattering in media, surfaces that rays
-    /// may pass, the selection among lights, or scattered directions towards an area light or environment. `None` if there is
-    /// none.
+    /// may pass, the selection among lights, or scattered directions towards an area light or environment. `None` if there are
+    /// no others.
     pub outside: Option<&'static str>,
 }
 
 impl World {
-    /// Returns the sample dimensions of the path tracer with a meaning. Returns `None` for pixel filters other than a box
-    /// of one pixel, in which the position in the pixel is not a random number.
+    /// Returns the sample dimensions of the path tracer with a geometric meaning. Returns `None` for pixel filters other than a
+    /// box of one pixel, in which the position in the pixel is not a random number.
     pub fn sample_dimensions(&self) -> Option<SampleDimensions> {
         let is_light_a_coordinate = self.lights.len() == 1 && !self.lights.has_delta();
         self.filter.is_one_pixel().then(|| SampleDimensions {
@@ -123,8 +123,8 @@ impl World {
     }
 
     /// Returns the trajectory of a camera ray's first hit: its depth, and its motion across the image while the shutter is
-    /// open. The motion includes that of the object and of the camera. Reflections and objects behind glass are assumed to
-    /// move with the surface that was hit.
+    /// open. Both the object's and the camera's motion count. Reflections and objects behind glass are assumed to move with the
+    /// surface that was hit.
     ///
     /// Returns `None` for a hit in the plane of the lens, and for a motion that overflows `f32`.
     pub fn trajectory(&self, at: &Interaction<'_>) -> Option<Trajectory> {
@@ -307,13 +307,13 @@ mod tests {
     fn moved_samples_hit_the_same_point_of_the_object() {
         let mut panning = boxed("lens");
         panning.camera.moves_to = Some(panning.camera.to_world * at(0.02, 0.01, 0.1));
-        // Rotating objects leave the straight line between their ends.
+        // Points of rotating objects do not move in a straight line.
         for (scene, least, tolerance) in [(boxed("motion"), 40, 0.1), (panning, 100, 1e-3)] {
             let world = small(&scene, SIZE);
             let (mut moved, mut worst) = (0, 0.0_f64);
             for (_, _, at, path, time) in hits(&world) {
                 moved += usize::from(path.motion != [0.0; 3]);
-                // The point at the middle of the exposure, carried by its object.
+                // The same point of the object, at the middle of the exposure.
                 let (here, later) = (at.point.position.as_dvec3(), world.time(0.5));
                 let map = |time| world.geometry.to_world(at.hit.shape, time);
                 let inner = map(time).map(|map| map.inverse().transform_point3(here));

@@ -101,7 +101,7 @@ impl World {
             }
             let surface = &self.surfaces[part.material as usize];
             let alpha = self.alpha(&at);
-            // A mixed material lets through the fraction of its interfaces, and an unlit one all.
+            // A mixed material transmits the fraction of its interfaces, and an unlit material all light.
             let empty =
                 material::passed_share(&self.surfaces, part.material, &self.textures, || self.texture_point(&at));
             let through = 1.0 - alpha + alpha * empty;

@@ -83,7 +83,7 @@ fn instances_look_like_copies() {
         let copy = |place: &DAffine3, shape: &Shape| Shape { to_world: *place * shape.to_world, ..shape.clone() };
         let mut copies: Vec<Shape> =
             places.iter().flat_map(|place| shapes.iter().map(|shape| copy(place, shape))).collect();
-        // The boxes of objects are larger than what is in them: a still dot each makes both spaces the same.
+        // Boxes of objects are larger than their contents. The same small spheres at rest give both scenes the same space.
         let dots = [-15.0, 15.0].map(|x| Shape { to_world: at(x, x, x), ..sphere(1e-3, 30, 7) });
         copies.extend(dots.clone());
         let placed = world(&scene(dots.into(), vec![shapes], &places.map(|place| (0, place, None))));
@@ -137,7 +137,7 @@ fn what_moves_stands_where_its_time_says() {
             for _ in 0..200 {
                 let origin = place.translation + vector(&mut rng) * 5.0;
                 let target = place.translation + vector(&mut rng) * 0.5;
-                // Compared in the file's space.
+                // Rays are compared in the file's space.
                 let ray = |space: &Space| {
                     let [from, to] = [origin, target].map(|p| space.point(p).as_vec3());
                     Ray::new(from, to - from)
@@ -150,7 +150,7 @@ fn what_moves_stands_where_its_time_says() {
                     let [n, m] = [&found, &expected].map(|at| at.as_ref().map_or(Vec3::ZERO, |at| at.point.normal));
                     assert!((n - m).length() < 1e-3, "{n} {m} at {time}");
                 } else {
-                    // Only a ray along an edge may be decided otherwise.
+                    // Only for a ray along an edge may the results differ.
                     odd += u32::from(t != s);
                 }
             }
@@ -220,7 +220,7 @@ fn what_cannot_be_placed_is_told_with_its_line() {
         (scene(vec![moving_lamp], vec![], &[]), "made.pbrt:10: a shape that moves cannot emit light"),
         (rolling([1.0, 0.0], [0.0, 1.0]), "the shutter is open from 0 to 1"),
         (rolling([0.0, 1.0], [0.0, f64::NAN]), "the shutter is open"),
-        // Objects that stand nowhere, and empty ones, are fine.
+        // Objects without instances and empty objects are valid.
         (scene(vec![ball()], vec![vec![ball()], vec![]], &[(1, identity, None)]), ""),
     ] {
         let told = refusal(&scene);

@@ -1,4 +1,4 @@
-//! BSDFs: sampling, density and value agree on both sides; energy is conserved; both directions are alike.
+//! BSDFs: sampling, density and value agree on both sides; energy is conserved; BSDFs are reciprocal.
 
 use crate::densities::{Below, Case, albedo, check_agreement, chi_square_of, outgoing};
 use crate::support::*;
@@ -16,7 +16,7 @@ fn opaque(name: String, bsdf: Bsdf<'static>, alpha: [f32; 2]) -> Case<'static> {
     Case { name, bsdf, alpha, below: Below::Nothing }
 }
 
-/// A white sheet and metals: widths from the narrowest that is rough to the widest, and anisotropic ones.
+/// Returns a white sheet, and metals from the narrowest rough width to the widest, some anisotropic.
 fn conductors() -> Vec<Case<'static>> {
     let diffuse = Bsdf::Diffuse { reflectance: Vec3::new(1.0, 0.5, 0.1) };
     let mut cases = vec![opaque("diffuse".into(), diffuse, [1.0; 2])];
@@ -28,7 +28,7 @@ fn conductors() -> Vec<Case<'static>> {
 
 const WIDTHS: [[f32; 2]; 7] = [[1e-3; 2], [0.01; 2], [0.1; 2], [0.5; 2], [1.0; 2], [0.05, 0.5], [1e-4, 0.3]];
 
-/// Coats of optical thickness and depth as in pbrt-v4's defaults.
+/// Coats with the optical thickness and depth of pbrt-v4's defaults.
 static COATS: LazyLock<[(f32, Coat); 4]> = LazyLock::new(|| {
     [0.0, 1e-3, 0.1, 0.6].map(|a| (a, Coat::new(CoatOptions { alpha: [a; 2], ..Default::default() }).unwrap()))
 });
@@ -50,7 +50,7 @@ fn green() -> Tint {
     Tint { reflectance: Vec3::new(0.2, 0.9, 0.1), transmittance: Vec3::new(0.5, 0.7, 0.0) }
 }
 
-/// Crown glass, diamond, a bubble; tinted; a sheet.
+/// Returns crown glass, diamond, a bubble, tinted glass, and a transmitting sheet.
 fn transmitting() -> Vec<Case<'static>> {
     let mut list: Vec<_> = WIDTHS.map(|alpha| glass(1.5, alpha, Tint::WHITE)).into();
     list.extend([glass(2.4, [0.2; 2], Tint::WHITE), glass(0.75, [0.3; 2], Tint::WHITE), glass(1.5, [0.3; 2], green())]);
@@ -60,7 +60,7 @@ fn transmitting() -> Vec<Case<'static>> {
     list
 }
 
-/// Coats (smooth, nearly smooth, rough, anisotropic) over metals (likewise); the narrowest width of each pair.
+/// Smooth, nearly smooth, rough and anisotropic coats over metals of the same kinds, with the narrowest width of each pair.
 static METAL_COATS: LazyLock<Vec<(String, f32, MetalCoat)>> = LazyLock::new(|| {
     let made = |(coat, metal): ([f32; 2], [f32; 2])| {
         let made = MetalCoat::new(CoatOptions { alpha: coat, ..Default::default() }, metal).unwrap();
@@ -82,8 +82,8 @@ static LAYERS: LazyLock<[(f32, Layers); 3]> = LazyLock::new(|| {
     layers.map(|(narrowest, coat)| (narrowest, Layers { normal: Vec3::new(0.04, 0.05, 0.06), grazing: 1.0, coat }))
 });
 
-/// Every roughness with all layers and all shares of metal. Of three that follow each other, each share occurs once; every
-/// third is a Latin square of roughness, layers and share.
+/// Returns every roughness with all layers and all fractions of metal. Any three consecutive cases contain each fraction once.
+/// Every third case belongs to a Latin square of roughness, layers and fraction.
 fn layered() -> Vec<Case<'static>> {
     let base = Vec3::new(0.4, 0.2, 0.1);
     let mut list = Vec::new();
@@ -122,12 +122,12 @@ fn all() -> Vec<Case<'static>> {
     conductors().into_iter().chain(coats()).chain(glossy()).chain(transmitting()).collect()
 }
 
-/// Every second direction from inside.
+/// Returns outgoing directions, every second one from inside.
 fn both_sides() -> Vec<Vec3> {
     outgoing().iter().enumerate().map(|(i, w)| if i % 2 == 0 { *w } else { -*w }).collect()
 }
 
-/// Some of the surfaces of each kind with a fourth of the directions each, thoroughly all with all.
+/// The test uses some surfaces of each kind with a quarter of the directions each; the thorough test uses all.
 #[test]
 fn samples_agree_with_their_pdf_l10() {
     for (cases, directions, step) in [
@@ -156,8 +156,8 @@ fn narrow_lobes_at_grazing_angles_agree_with_their_pdf_l10() {
     check_agreement(&coats(), &outgoing(), 100_000, false, 1);
 }
 
-/// Negative controls: a density tilted by 5 % across the lobe is detected, for each BSDF; it is 15 % below a smooth coat over
-/// the roughest metal, where most light stays inside. So is one with 10 % too little for transmitted light.
+/// Negative controls: for each BSDF, a density tilted by 5 % across the lobe is detected (15 % for the roughest metal below a
+/// smooth coat, where most light stays inside). A density with 10 % too little transmission is detected as well.
 #[test]
 fn a_wrong_pdf_is_rejected_l10() {
     for case in all().into_iter().step_by(thorough(2, 1)) {
@@ -209,7 +209,7 @@ fn specular_lobes_have_no_density_l10() {
                 let is_reflected = sample.eta == 1.0 && sample.wi == Vec3::new(-wo.x, -wo.y, wo.z);
                 assert!(if crosses { tangents < 1e-6 } else { is_reflected }, "Snell: {bsdf:?} {wo} {sample:?}");
             }
-            // A lobe of small probability may fall between the 256.
+            // The 256 samples may miss a lobe of small probability.
             assert!(share <= 1.0 + 1e-6 && share > 1.0 - 1.0 / 128.0, "{bsdf:?} {wo}: {share}");
         }
     }
@@ -243,7 +243,7 @@ fn no_light_comes_from_nowhere_l10() {
     assert!(black.sample(Vec3::Z, [0.5; 2], 0.5).is_none_or(|s| s.weight == Vec3::ZERO));
 }
 
-/// At 32 angles; half of them from inside for surfaces that light passes.
+/// The test uses 32 angles. For transmitting surfaces, half of them are from inside.
 #[test]
 fn surfaces_conserve_energy_l11() {
     let cases = all();
@@ -259,9 +259,9 @@ fn surfaces_conserve_energy_l11() {
     }
 }
 
-/// A coat that absorbs nothing over a white base is a furnace: all light returns. Rough glass loses the light that a second
-/// facet would scatter: none if it is nearly smooth. White layers reflect all, but for the table's interpolation. With a gain
-/// of 0.5 %, the negative control, a furnace is refused.
+/// A coat without absorption over a white base returns all light. Rough glass loses the light that a second facet would
+/// scatter, and nearly smooth glass none. White layers reflect all light, up to the table's interpolation. Negative control: a
+/// gain of 0.5 % is detected.
 #[test]
 fn white_surfaces_are_furnaces_l11() {
     let lossless = CoatOptions { thickness: 0.0, max_depth: u32::MAX, ..Default::default() };
@@ -297,8 +297,8 @@ fn white_surfaces_are_furnaces_l11() {
     }
 }
 
-/// Smooth glass and panes lose nothing: each lobe's flux is exactly its probability. So is a mirror below a smooth coat if
-/// the coat absorbs nothing and the metal reflects all.
+/// Smooth glass and panes lose no light: each lobe's flux equals its probability. The same holds for a mirror of reflectance 1
+/// below a smooth coat without absorption.
 #[test]
 fn smooth_surfaces_are_exact_furnaces_l11() {
     for eta in [1.0, 1.33, 1.5, 2.4, 0.5] {
@@ -323,7 +323,7 @@ fn smooth_surfaces_are_exact_furnaces_l11() {
     }
 }
 
-/// Refraction is symmetric except for the square of the index, to the last digits.
+/// Refraction is symmetric up to the squared index and rounding.
 #[test]
 fn surfaces_are_reciprocal_l11() {
     let mut random = Pcg32::seed_from_u64(11);
@@ -365,7 +365,7 @@ fn surfaces_are_reciprocal_l11() {
     }
 }
 
-/// Values computed by hand along the normal, at a facet of the mean plane.
+/// Values along the normal are compared with values computed by hand.
 #[test]
 fn values_along_the_normal() {
     use std::f32::consts::PI;

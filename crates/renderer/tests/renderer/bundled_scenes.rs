@@ -1,8 +1,8 @@
 //! Bundled scenes: closed forms, idle code, and committed images of them, made with another point set, other seeds and 4096
 //! samples per pixel (`tests/references` at the repository's root).
 //!
-//! After a change that is meant to change images, delete these. Missing ones are made by
-//! `cargo test --release -p dapple-renderer --test renderer -- --ignored bundled_scenes::generate`
+//! After an intended change of images, delete the committed images. Missing ones are rendered by `cargo test --release -p
+//! dapple-renderer --test renderer -- --ignored bundled_scenes::generate`
 #![allow(clippy::print_stderr)]
 
 use crate::support::*;
@@ -47,8 +47,8 @@ fn integral(f: impl Fn(f64) -> f64) -> f64 {
     (0..=n).map(|i| weight(i) * f(f64::from(i) / f64::from(n))).sum::<f64>() / f64::from(3 * n)
 }
 
-/// The plate's mean reflectance: `sin(a + b) = sin a cos b + cos a sin b` makes it `0.5 + 0.9 s c`, with the Fresnel
-/// integrals `s` and `c` of `k = 80 pi`. The mean without rings, the negative control, differs by twice the tolerance.
+/// The plate's mean reflectance: `sin(a + b) = sin a cos b + cos a sin b` makes it `0.5 + 0.9 s c`, with the Fresnel integrals
+/// `s` and `c` of `k = 80 pi`. Negative control: the mean without rings differs by twice the tolerance.
 #[test]
 fn the_zone_plate_has_the_mean_of_its_closed_form() {
     let k = 80.0 * PI;
@@ -58,15 +58,15 @@ fn the_zone_plate_has_the_mean_of_its_closed_form() {
     assert!(found.iter().all(|m| (m - wanted).abs() < 6e-4), "{found:?}, not {wanted}");
 }
 
-/// The part of a lamp's rectangle from the foot of a point up to `(x, y)`, at this height: its irradiance at the point for
-/// radiance 1, horizontal both. The classical form of Lambert's formula for a corner.
+/// Returns the irradiance at a horizontal surface from a horizontal rectangle of radiance 1 at this height. One corner is above
+/// the surface point, and the opposite one at offset `(x, y)`. This is Lambert's formula for a corner.
 fn corner(x: f64, y: f64, height: f64) -> f64 {
     let [a, b] = [x, y].map(|c| (c * c + height * height).sqrt());
     0.5 * (x / a * (y / a).atan() + y / b * (x / b).atan())
 }
 
-/// The radiance of the floor at `(x, y)`. A card at height 2 to the left of `edge` hides the lamp's part with a smaller
-/// x than `2 edge - x`.
+/// Returns the radiance of the floor at `(x, y)`. A card at height 2 to the left of `edge` hides the part of the lamp below `2
+/// edge - x` along x.
 fn floor(x: f64, y: f64, edge: f64) -> f64 {
     let from = (2.0 * edge - x).clamp(-0.6, 0.6);
     let part = |u: f64, v: f64| corner(u - x, v - y, 4.0);
@@ -74,8 +74,8 @@ fn floor(x: f64, y: f64, edge: f64) -> f64 {
     0.8 / PI * 40.0 * irradiance
 }
 
-/// Column means of the image beside the closed form: 60 columns, each within 0.6 % of the largest radiance. A card that is
-/// 0.02 further to the right, the negative control, is told apart.
+/// Each of 60 column means is within 0.6 % of the largest radiance from the closed form. Negative control: a card 0.02 further
+/// to the right is detected.
 #[test]
 fn the_penumbra_has_its_closed_form() {
     let size = [60, 60];
@@ -93,7 +93,7 @@ fn the_penumbra_has_its_closed_form() {
     assert!(found < 6e-3 && wrong > 0.02, "largest deviation {found:.5}, with a wrong card {wrong:.5}");
 }
 
-/// Code of effects that a scene does not need changes no bit and requests no random numbers.
+/// Code for effects that a scene does not need changes no bit and requests no random numbers.
 #[test]
 fn idle_code_changes_no_bit_l14() {
     use code::*;
@@ -121,7 +121,7 @@ fn path(name: &str) -> PathBuf {
     PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/references")).join(format!("{name}.exr"))
 }
 
-/// The bundled scene, 64 pixels wide, box filter.
+/// Returns the bundled scene at a width of 64 pixels with a box filter.
 fn reduced(name: &str) -> Scene {
     let mut scene = bundle(name);
     let [w, h] = scene.film.resolution;
@@ -172,7 +172,7 @@ fn reference(name: &str, size: [u32; 2]) -> [Vec<[f64; 3]>; 2] {
         let pixels: Vec<[f64; 3]> = (0..r.len()).map(|i| [r[i], g[i], b[i]].map(f64::from)).collect();
         block_means(size, &pixels)
     });
-    // The variance of a mean of n pixels is the mean of their variances over n.
+    // The variance of a mean of n pixels is the mean of their variances, divided by n.
     let side = |n: u32, at: u32| f64::from((at + 8).min(n) - at);
     let [w, h] = size;
     let counts = (0..h).step_by(8).flat_map(|y| (0..w).step_by(8).map(move |x| side(w, x) * side(h, y)));
@@ -180,8 +180,8 @@ fn reference(name: &str, size: [u32; 2]) -> [Vec<[f64; 3]>; 2] {
     [means, variances]
 }
 
-/// The largest deviation of a block and of the whole image, over what is allowed: 1e-6 for all scenes together, Sidak over
-/// blocks and channels.
+/// Returns the largest deviation of a block or the whole image, divided by the allowed one. The level is 1e-6 for all scenes
+/// together, corrected by Sidak over blocks and channels.
 fn deviation(scene: &Scene, [means, variances]: &[Vec<[f64; 3]>; 2], spp: u64) -> f64 {
     let ours = blocks_of(&replicates(&world(scene), scene.film.resolution, spp, 0));
     let alpha = FAMILY / bundled::names().len() as f64;
@@ -210,8 +210,8 @@ fn deviation(scene: &Scene, [means, variances]: &[Vec<[f64; 3]>; 2], spp: u64) -
     worst
 }
 
-/// A t-test of image means between replicates, for every second scene or, thoroughly, for all; 1e-6 for all together.
-/// Negative control: one lamp 1 % brighter.
+/// A t-test compares image means of replicates, at a level of 1e-6 for all scenes together. The short test uses every second
+/// scene. Negative control: one lamp 1 % brighter.
 #[test]
 fn own_scenes_look_as_they_did() {
     for name in bundled::names().iter().step_by(thorough(2, 1)) {

@@ -15,7 +15,7 @@ fn view(camera: &Camera, size: [u32; 2]) -> CameraView {
     try_view(camera, size).unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// Turned, larger by half, and moved.
+/// Returns a transform that rotates, scales by 1.5 and moves.
 fn placed() -> DAffine3 {
     DAffine3::from_mat3_translation(DMat3::from_rotation_y(0.7) * 1.5, DVec3::new(3.0, -2.0, 5.0))
 }
@@ -25,8 +25,7 @@ fn clip(view: &CameraView, p: Vec3) -> [f32; 4] {
     view.world_to_clip().map(|r: [f32; 4]| r[0] * p.x + r[1] * p.y + r[2] * p.z + r[3])
 }
 
-/// Perspective and orthographic cameras, with and without a lens, with a window off the centre, under a transform that
-/// shears.
+/// Returns perspective and orthographic cameras, with and without a lens, with an off-centre window, under a shear.
 fn sheared() -> Vec<(Camera, CameraView)> {
     let shear = DMat3::from_cols(DVec3::new(1.1, 0.2, 0.0), DVec3::new(0.0, 0.9, 0.1), DVec3::new(0.1, 0.0, 1.4));
     let turn = DMat3::from_rotation_y(0.7) * DMat3::from_rotation_x(-0.4);
@@ -46,8 +45,8 @@ fn sheared() -> Vec<(Camera, CameraView)> {
         .into()
 }
 
-/// Points along camera rays lead back to their rays, and project to the rays' points on the film. Orthographic rays are
-/// parallel, a fixed distance apart.
+/// Points along camera rays connect to the same rays, and project to the rays' image positions. Orthographic rays are parallel,
+/// at equal distances.
 #[test]
 fn points_of_camera_rays_lead_back_to_their_rays() {
     for (camera, view) in sheared() {
@@ -82,7 +81,7 @@ fn points_of_camera_rays_lead_back_to_their_rays() {
     assert!([0.1, 1.0, 1e3].into_iter().all(|distance| (flat.footprint(distance) - 0.1).abs() < 1e-6));
 }
 
-/// The area between the rays of neighbouring places, across the ray, is the inverse density.
+/// The area between neighbouring rays, perpendicular to the ray, is the reciprocal of the density.
 #[test]
 fn the_density_is_that_of_rays_at_uniform_places() {
     for (camera, view) in sheared() {
@@ -90,7 +89,7 @@ fn the_density_is_that_of_rays_at_uniform_places() {
         {
             let ray_at = |offset: Vec2| view.ray_at(Vec2::from(place) + offset, [0.3, 0.7], 0.0);
             let ray = ray_at(Vec2::ZERO);
-            // Where a ray meets the plane across the middle ray.
+            // The point at which a ray crosses the plane perpendicular to the middle ray.
             let (middle, normal) = (ray.at(t).as_dvec3(), ray.direction.as_dvec3());
             let meets = |offset: Vec2| {
                 let [origin, direction] = [ray_at(offset).origin, ray_at(offset).direction].map(|v| v.as_dvec3());
@@ -116,7 +115,7 @@ fn sample_stays_in_its_pixel_r01() {
             assert!((f64::from(place) - centre).abs() <= 0.5, "u = {u}, x = {x}: {place}");
         }
     }
-    // No sample counts for a neighbour: counts are exact with the worst points.
+    // No sample falls into a neighbouring pixel: sample counts are exact even with the worst points.
     let mut scene = room([65536, 1]);
     scene.max_depth = Some(1);
     let film = film_of(&world(&scene), [65536, 1], 2, Points(|_, _| [BELOW_ONE; 4]));
@@ -259,7 +258,7 @@ fn a_crop_is_a_part_of_the_full_frame_r06() {
     }
 }
 
-/// Conversely, a lens of another radius changes the image.
+/// Negative control: a lens of another radius changes the image.
 #[test]
 fn a_lens_of_radius_0_is_a_pinhole_r07() {
     let with = |radius: f64, distance: f64| {
@@ -305,7 +304,7 @@ fn lens_rays_meet_in_focus_r07() {
     }
 }
 
-/// A ray from the lens' edge leaves the one through its centre by the circle of confusion, in pixels of the image.
+/// The circle of confusion is the distance, in pixels, between the rays from the lens' edge and from its centre.
 #[test]
 fn circles_of_confusion_are_the_distances_of_lens_rays_in_pixels() {
     for projection in [Projection::Perspective { fov: 40.0 }, Projection::Orthographic] {
@@ -337,8 +336,8 @@ fn circles_of_confusion_are_the_distances_of_lens_rays_in_pixels() {
     }
 }
 
-/// The general camera makes the same rays, bit for bit, as either of the two special ones. At the ends of its motion a
-/// camera equals a still one; in between it turns evenly.
+/// The general camera's rays are bit-identical to the rays of both special cameras. At the ends of its motion, a camera equals
+/// a camera at rest; in between it turns at constant speed.
 #[test]
 fn the_general_camera_agrees_with_the_special_ones_r07() {
     let pose = |angle: f64, x: f64| {

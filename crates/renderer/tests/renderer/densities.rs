@@ -1,11 +1,11 @@
-//! Chi-square of samples against their density: directions on a grid around an axis, and those of a BSDF in cells that
-//! follow its lobe.
+//! Chi-square tests of samples against their density, for directions on a grid around an axis and for BSDFs in cells that
+//! follow the lobe.
 
 use crate::support::*;
 use dapple_renderer::shading::{Bsdf, BsdfSample};
 use rayon::prelude::*;
 
-/// Directions within `angle` of `axis`. All others, and refused samples, form one separate cell.
+/// A grid over the directions within `angle` of `axis`. All other directions and rejected samples form one separate cell.
 pub(crate) struct Cone {
     pub(crate) axis: DVec3,
     pub(crate) angle: f64,
@@ -14,11 +14,11 @@ pub(crate) struct Cone {
 impl Cone {
     const ROWS: usize = 16;
     const COLUMNS: usize = 24;
-    /// Points of the rule in a cell, since a density may end anywhere in it. They are Roberts' R2 sequence [after Roberts
-    /// 2018].
+    /// The number of quadrature points per cell, since a density may end anywhere in it. They are Roberts' R2 sequence [after
+    /// Roberts 2018].
     const POINTS: usize = 2048;
 
-    /// p-value of `samples` draws against the [`masses`](Self::masses) of a density.
+    /// Returns the p-value of `samples` draws against the [`masses`](Self::masses) of a density.
     pub(crate) fn test(&self, samples: u64, mut draw: impl FnMut() -> Option<Vec3>, masses: &[f64]) -> f64 {
         let (rows, columns) = (Self::ROWS, Self::COLUMNS);
         let (x, y) = self.axis.any_orthonormal_pair();
@@ -41,7 +41,7 @@ impl Cone {
         chi_square(&observed, &expected.collect::<Vec<_>>())
     }
 
-    /// Integrals of `pdf` over the cells.
+    /// Returns the integrals of `pdf` over the cells.
     pub(crate) fn masses(&self, pdf: impl Fn(Vec3) -> f32) -> Vec<f64> {
         let (rows, columns) = (Self::ROWS, Self::COLUMNS);
         let (x, y) = self.axis.any_orthonormal_pair();
@@ -65,9 +65,9 @@ impl Cone {
 /// The scattering below a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Below {
-    /// No light gets there.
+    /// No light is scattered there.
     Nothing,
-    /// Refraction by microfacets, with the index of the inside over the outside's.
+    /// Refraction by microfacets, with the index inside relative to the index outside.
     Refracted(f64),
     /// The lobe of reflection, mirrored at the surface.
     Mirrored,
@@ -79,13 +79,13 @@ pub(crate) struct Case<'m> {
     pub(crate) name: String,
     /// The BSDF under test.
     pub(crate) bsdf: Bsdf<'m>,
-    /// Widths of the narrowest lobe.
+    /// The widths of the narrowest lobe.
     pub(crate) alpha: [f32; 2],
     /// The layout of cells below the surface.
     pub(crate) below: Below,
 }
 
-/// Twenty outgoing directions: along the normal, 89.99 degrees, a cosine of 1e-6, below the surface.
+/// Returns twenty outgoing directions, including the normal, 89.99 degrees, a cosine of 1e-6 and directions below the surface.
 pub(crate) fn outgoing() -> Vec<Vec3> {
     let at = |cos: f64, turn: f64| {
         let sin = (1.0 - cos * cos).sqrt();
@@ -99,8 +99,8 @@ pub(crate) fn outgoing() -> Vec<Vec3> {
     list
 }
 
-/// Polar cells over the half vector's slopes, in units of the lobe's widths. They resolve any lobe and any hemisphere.
-/// Cells above the surface come first, then those below.
+/// Polar cells over the half vector's slopes, in units of the lobe's widths. They resolve any lobe and any hemisphere. Cells
+/// above the surface come first, then the cells below.
 struct Rings {
     /// The outgoing direction, mirrored to lie above.
     wo: DVec3,
@@ -109,7 +109,7 @@ struct Rings {
     below: Below,
     /// The index below over the index above, as seen from `wo`.
     eta: f64,
-    /// Squares of the rings' outer radii, but for the last, which is infinite.
+    /// The squared outer radii of the rings, except the last, which is infinite.
     borders: [f64; RINGS - 1],
 }
 
@@ -135,12 +135,12 @@ impl Rings {
         rings
     }
 
-    /// Hemispheres with cells.
+    /// Returns the number of hemispheres with cells.
     fn sides(&self) -> usize {
         if self.below == Below::Nothing { 1 } else { 2 }
     }
 
-    /// The radius of a (continuous) ring number, and its derivative.
+    /// Returns the radius of a continuous ring number, and its derivative.
     fn radius(&self, ring: f64) -> (f64, f64) {
         let n = (RINGS - 2) as f64;
         let last = LAST / self.alpha[0].min(self.alpha[1]);
@@ -171,7 +171,7 @@ impl Rings {
         ring * SECTORS + ((turn * SECTORS as f64) as usize).min(SECTORS - 1) + if beyond { CELLS } else { 0 }
     }
 
-    /// The density over (ring number, sector number) for a density over `wi`.
+    /// Returns the density over (ring number, sector number) for a density over `wi`.
     fn density(&self, pdf: impl Fn(Vec3) -> f32, beyond: bool, ring: f64, sector: f64) -> f64 {
         let [ax, ay] = self.alpha;
         let phi = TAU * sector / SECTORS as f64;
@@ -203,7 +203,7 @@ impl Rings {
         f64::from(pdf((self.side * wi).as_vec3())) * ratio * inverse.powi(3) * area
     }
 
-    /// Integral of a density over each cell.
+    /// Returns the integral of a density over each cell.
     fn integrals(&self, pdf: impl Fn(Vec3) -> f32, samples: u32) -> Vec<f64> {
         // Halvings of a quarter cell at most: the horizon cuts the density off, and more samples show more.
         let depth = if samples > 200_000 { 9 } else { 5 };
@@ -224,7 +224,7 @@ impl Rings {
     }
 }
 
-/// p-value of `samples` samples against `gain * pdf`; checks the pdf and weight of every fifth on the way.
+/// Returns the p-value of `samples` samples against `gain * pdf`. Checks the pdf and weight of every fifth sample.
 pub(crate) fn chi_square_of(case: &Case<'_>, wo: Vec3, samples: u32, gain: impl Fn(Vec3) -> f32, seed: u64) -> f64 {
     let Case { name, bsdf, .. } = case;
     let rings = Rings::new(wo, case);
@@ -240,7 +240,7 @@ pub(crate) fn chi_square_of(case: &Case<'_>, wo: Vec3, samples: u32, gain: impl 
                 }
                 rings.cell(sample.wi)
             }
-            // Refused and specular samples have one cell: the rest of the density to 1.
+            // Rejected and specular samples share one cell, with the rest of the density to 1.
             _ => refused,
         };
         observed[cell] += 1;
@@ -281,8 +281,8 @@ pub(crate) fn resolved(case: &Case<'_>, wo: Vec3, samples: u32) -> bool {
     wo.z.abs() > 1e-3 || case.alpha[0].max(case.alpha[1]) > narrowest
 }
 
-/// Fails if samples and density disagree, for the directions that f32 resolves, or for those it does not. Each case has
-/// a `step`-th of the directions, two by two, other ones than the case before it.
+/// Asserts that samples agree with the density, for the directions that f32 resolves or for the others. Each case uses one in
+/// `step` of the directions, in pairs, which differ from case to case.
 pub(crate) fn check_agreement(cases: &[Case<'_>], outgoing: &[Vec3], samples: u32, resolvable: bool, step: usize) {
     let level = sidak(FAMILY, cases.len() * outgoing.len());
     let failure = |(i, j): (usize, usize)| {
@@ -299,7 +299,7 @@ pub(crate) fn check_agreement(cases: &[Case<'_>], outgoing: &[Vec3], samples: u3
     assert!(failures.is_empty(), "{failures:#?}");
 }
 
-/// The verdict by `judge` on the mean weight, of flux: the factor of refraction on radiance is undone. Samples are
+/// Returns the verdict of `judge` on the mean weight of flux, which lacks the factor of refraction on radiance. Samples are
 /// doubled while it is undecided.
 pub(crate) fn albedo(
     bsdf: &Bsdf<'_>,

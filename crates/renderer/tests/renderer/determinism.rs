@@ -14,7 +14,7 @@ fn points(name: &str) -> registry::AnyPoints {
     registry::points(name, PointSettings { seed: 11, spp: Some(SPP) }).unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// The hash of an image with this sampler, points, schedule and number of threads.
+/// Returns the hash of an image with this sampler, point set, schedule and number of threads.
 fn rendered(world: &World, sampler: &str, name: &str, schedule: Schedule, threads: usize) -> u64 {
     let frame = Frame::new(SIZE[0], SIZE[1]).expect("not empty");
     let limits = Limits::samples(SPP * frame.pixels() as u64).with_schedule(schedule);
@@ -29,8 +29,8 @@ fn rendered(world: &World, sampler: &str, name: &str, schedule: Schedule, thread
     fnv(hash(&film), format!("{extra:?}").bytes())
 }
 
-/// Every sampler with one point set, and every point set with one a-priori and one adaptive sampler: a sampler sees its
-/// points through one trait, so that other pairs add time but no case.
+/// Every sampler is tested with one point set, and every point set with one a-priori and one adaptive sampler. Since samplers
+/// use point sets through one trait, other pairs would add time but no case.
 #[test]
 fn threads_and_tiles_change_no_bit_d01() {
     let worlds = [world(&room(SIZE)), small(&bundle("plates"), SIZE)];
@@ -83,7 +83,7 @@ fn fresh_processes_render_the_same_bits_d03() {
     assert_eq!(hashes.len(), 1, "{hashes:?}");
 }
 
-/// Any sample replayed alone equals the one in the film: a film of n + 1 samples is a film of n plus that sample.
+/// A film of n + 1 samples equals a film of n samples plus the last sample, computed alone.
 #[test]
 fn one_sample_replayed_alone_is_the_same_d03() {
     let world = world(&room(SIZE));
@@ -102,8 +102,7 @@ fn one_sample_replayed_alone_is_the_same_d03() {
     }
 }
 
-/// Shapes whose coordinates f32 holds exactly, also after moving by a power of two; with the camera, under a map of the
-/// world.
+/// Returns a scene, transformed by `map`, whose coordinates are exact in f32, even after a translation by a power of two.
 fn dyadic(map: DAffine3) -> Scene {
     let mut scene = scene(SIZE, 50.0, DVec3::new(0.0, -4.0, 0.5), DVec3::new(0.0, 0.0, 0.5));
     let grey = add_material(&mut scene, diffuse(0.7));
@@ -145,7 +144,7 @@ fn a_mirrored_lamp_emits_to_its_own_side_l12() {
     assert!((0..3).all(|c| (plain[c] / mirrored[c] - 1.0).abs() < 5e-3), "{plain:?} {mirrored:?}");
 }
 
-/// Every pair of every block that the integrator really requests is a net, with every set of base 2.
+/// With every point set in base 2, each pair of each block that the integrator requests is a net.
 #[test]
 fn the_integrators_pairs_are_nets_s02() {
     let (asked, points) = (Mutex::new(BTreeSet::new()), Sobol::new(1));

@@ -1,5 +1,4 @@
-//! A scene renders with exactly the effects that it needs: they are rendered, refused or left out on request, and cost
-//! nothing in scenes without them.
+//! A scene's effects are rendered, rejected, or left out on request. They cost nothing in scenes without them.
 #![allow(clippy::print_stderr)]
 
 use crate::support::*;
@@ -19,7 +18,7 @@ const SIZE: [u32; 2] = [16, 12];
 const SPP: u64 = 8;
 const SAMPLES: u64 = SIZE[0] as u64 * SIZE[1] as u64 * SPP;
 
-/// A diffuse floor that fills the view and a lamp above it, out of sight: direct light only.
+/// Returns a diffuse floor that fills the view, lit directly by a lamp out of view.
 fn direct() -> Scene {
     let mut scene = empty(SIZE);
     let grey = add_material(&mut scene, diffuse(0.5));
@@ -32,7 +31,7 @@ fn direct() -> Scene {
 /// The number of requests of each block, and the number of rays.
 type Cost = (BTreeMap<u32, u64>, u64);
 
-/// An image's hash and its cost.
+/// Returns an image's hash and cost.
 fn counted(scene: &Scene) -> (u64, Cost) {
     let (asked, points) = (Mutex::new(BTreeMap::new()), Sobol::new(1));
     let recorded = Points(|id, block| {
@@ -45,7 +44,7 @@ fn counted(scene: &Scene) -> (u64, Cost) {
     (hash(&film), (asked, film.record().rays))
 }
 
-/// Materials, textures and lights that nothing uses.
+/// Adds unused materials, textures and lights.
 fn add_unused(scene: &mut Scene) {
     add_material(scene, metal(0.1));
     add_material(scene, metal(0.0));
@@ -56,7 +55,7 @@ fn add_unused(scene: &mut Scene) {
     add_sky(scene, 0.0);
 }
 
-/// The floor with a ball and unused objects, and with one more effect; all have soft shadows.
+/// Returns the floor with a sphere, unused objects and one more effect. All these scenes have soft shadows.
 fn with(effect: Effect) -> Scene {
     let mut scene = direct();
     let own = add_material(&mut scene, diffuse(0.5));
@@ -96,8 +95,8 @@ fn with(effect: Effect) -> Scene {
     scene
 }
 
-/// A scene's effects are rendered, or refused by name and line; never left out silently. Leaving one out on request gives
-/// another image, and leaving out an absent one the same bits: for every effect, in a scene with every other one.
+/// A scene's effects are rendered, or rejected by name and line; never left out silently. Leaving an effect out on request
+/// changes the image if the scene has it, and no bit otherwise. All pairs of effects are tested.
 #[test]
 fn needed_effects_are_rendered_and_absent_ones_change_no_bit_l14() {
     for present in Effect::ALL {
@@ -121,8 +120,8 @@ fn needed_effects_are_rendered_and_absent_ones_change_no_bit_l14() {
     }
 }
 
-/// Clear air, an opacity of 1, unused objects and an image without light call for no effect: the path tracer without code
-/// for them renders the same bits at the same cost.
+/// Clear air, an opacity of 1, unused objects and a black image need no effect: the path tracer without code for effects
+/// renders the same bits at the same cost.
 #[test]
 fn what_does_nothing_changes_no_bit_l14() {
     let plain = with(Effect::SoftShadows);
@@ -167,12 +166,12 @@ fn effects_request_their_own_blocks_and_rays_l14() {
     let (asked, rays) = cost(&half);
     let hits = asked[&scatter(0)];
     assert!(hits > 0 && hits < SAMPLES && asked.len() == 2 && rays <= SAMPLES + 2 * hits, "{asked:?}");
-    // A second light takes a choice at each scattering event.
+    // With a second light, each scattering event requests a choice.
     let mut two = direct();
     add_sky(&mut two, 0.5);
     let (asked, _) = cost(&two);
     assert!(asked.get(&choose(0)) == Some(&SAMPLES) && asked.len() == 3, "{asked:?}");
-    // Long paths take a choice (roulette) from the fifth event on, and none before.
+    // Long paths request a choice (roulette) from the fifth event on, and none before.
     let mut long = direct();
     long.max_depth = Some(12);
     let grey = long.shapes[0].material;
@@ -224,7 +223,7 @@ fn no_light_is_black_and_an_unseen_one_too_l06() {
     let mut dark = direct();
     dark.shapes[1].emission = None;
     dark.max_depth = None;
-    // A lamp shut in its own box.
+    // A lamp enclosed by its own box.
     let mut unseen = dark.clone();
     let grey = unseen.shapes[0].material;
     add(&mut unseen, Geometry::Mesh(Arc::new(cube())), at(0.0, 10.0, 5.0), grey, None);
@@ -240,7 +239,7 @@ const ALBEDO: f32 = 0.6;
 /// The index of the lamp's shape.
 const LAMP: u32 = 2;
 
-/// Pinhole, diffuse surfaces, one light, direct light: two rectangles under a lamp.
+/// Returns a pinhole camera and two diffuse rectangles under a lamp, with direct light only.
 fn simplest() -> World {
     let mut scene = scene([32, 32], 45.0, DVec3::new(0.0, -4.0, 2.0), DVec3::new(0.0, 0.0, 0.5));
     scene.max_depth = Some(1);
@@ -253,8 +252,8 @@ fn simplest() -> World {
     world(&scene)
 }
 
-/// The same estimator, reduced to the needs of this scene. Its lamp's triangles are those of the world's geometry, and
-/// the numbers are added in the same order.
+/// Computes the same estimate with only the code that this scene needs. The lamp's triangles come from the world's geometry,
+/// and numbers are added in the same order.
 #[inline(never)]
 fn by_hand(world: &World, draws: &Draws<'_>) -> [f32; 3] {
     let (geometry, lights, view) = (world.geometry(), world.lights(), world.camera());
@@ -322,10 +321,10 @@ fn the_hand_written_loop_is_the_same_estimator_l14() {
     assert!(bright > 5000, "{bright} samples see light");
 }
 
-/// The environment variable with the loop that this process runs under callgrind, and the number of times.
+/// The environment variable that selects the loop to run under callgrind, and the number of iterations.
 const ROLE: &str = "DAPPLE_L14";
 
-/// Instructions per sample, without the start of the process.
+/// Returns the number of instructions per sample, without the start of the process.
 fn instructions(role: &str) -> Option<f64> {
     const SAMPLES: u64 = 20_000;
     let counted = |samples: u64| {

@@ -1,10 +1,10 @@
-//! Scenes with one of their effects left out: other descriptions for the same renderer.
+//! Scenes with one of their effects left out.
 
 use crate::support::*;
 
 const SIZE: [u32; 2] = [24, 16];
 
-/// A room with lamps, metals, a coat and a sky, through a lens, with a texture on the floor.
+/// Returns a room with lamps, metals, a coat, an environment and a textured floor, seen through a lens.
 fn full() -> Scene {
     let mut scene = room(SIZE);
     (scene.camera.lens_radius, scene.camera.focal_distance) = (0.05, 4.5);
@@ -17,7 +17,7 @@ fn without(scene: &Scene, effect: Effect) -> Scene {
     dapple_renderer::without(scene, effect).unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// The room's effects can be left out one by one, in any order. Each time another scene remains, with another image.
+/// The room's effects can be left out one by one, in any order. Each step changes the scene and the image.
 #[test]
 fn each_effect_goes_alone_and_all_go_together() {
     let scene = full();
@@ -43,7 +43,7 @@ fn each_effect_goes_alone_and_all_go_together() {
     assert_eq!((less.shapes.len(), less.max_depth), (scene.shapes.len(), scene.max_depth));
 }
 
-/// The last light does not go; a dark scene has none to lose. Of several, the strongest stays, and so do bodies.
+/// The last light cannot be left out. Of several lights, the strongest stays; shapes that emitted stay as well.
 #[test]
 fn the_strongest_light_stays() {
     let mut sky = ground(SIZE);
@@ -71,7 +71,7 @@ fn the_strongest_light_stays() {
     }
 }
 
-/// Small lights replace lamps: the same power, and the same image from afar.
+/// Point lights replace lamps, with the same power and the same image from afar.
 #[test]
 fn lamps_become_points_of_the_same_power() {
     let far = |geometry: &Geometry, to_world: DAffine3, two_sided: bool| {
@@ -105,7 +105,7 @@ fn lamps_become_points_of_the_same_power() {
     assert!((power(&lights, 2) - 24.0 * 12.0 / 4.0).abs() < 1e-3, "{lights:?}");
 }
 
-/// Energy is kept: under a constant sky, a plane looks the same from straight above.
+/// Energy is preserved: under a constant environment, a plane looks the same from above.
 #[test]
 fn shiny_surfaces_become_diffuse_of_equal_brightness() {
     let color = Color::Constant([0.9, 0.6, 0.3]);
@@ -136,7 +136,7 @@ fn shiny_surfaces_become_diffuse_of_equal_brightness() {
     assert_eq!(less.materials[1], scene.materials[1], "rough ones stay");
 }
 
-/// A textured coat keeps its texture, times its albedo over a base of the texture's mean, 0.4.
+/// A textured coat keeps its texture, multiplied by the coat's albedo over a base of 0.4, the texture's mean.
 #[test]
 fn a_textured_coat_keeps_its_texture() {
     let mut scene = full();

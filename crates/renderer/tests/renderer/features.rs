@@ -1,5 +1,5 @@
-//! The features that filters read: those of the first rough surface behind mirrors, glass and smooth coats; emission seen
-//! directly; and indirect lighting, all but what one rough surface or one point in a medium scatters.
+//! Features for filters: surface features of the first non-specular surface behind mirrors, glass and smooth coats; directly
+//! visible emission; and indirect lighting, scattered more than once by non-specular surfaces or media.
 
 use crate::support::*;
 use dapple_renderer::light::LightSelection;
@@ -15,7 +15,7 @@ struct Seen {
     hits: u32,
     albedo: Vec3,
     normal: Vec3,
-    /// The depth over that of the first hit.
+    /// The depth, relative to the depth of the first hit.
     depth: f32,
     variance: Option<f32>,
     material: u32,
@@ -37,8 +37,8 @@ fn seen(scene: &Scene, spp: u64) -> Seen {
     }
 }
 
-/// A pixel that looks from y = -4 along y under a sky, at planes at some places, which face the camera or the other way and
-/// cover the view.
+/// Returns a scene of one pixel, seen from y = -4 along y under an environment. The planes cover the view and face the camera
+/// or away from it.
 fn view(planes: &[(MaterialKind, f64)]) -> Scene {
     let mut scene = scene([1, 1], 0.1, DVec3::new(0.0, -4.0, 0.0), DVec3::ZERO);
     add_sky(&mut scene, 1.0);
@@ -61,8 +61,8 @@ fn pane() -> MaterialKind {
     MaterialKind::ThinDielectric { eta: 1.5 }
 }
 
-/// Mirrors show the features of what they reflect, the sky included, which has no normal; nearly smooth metal too, and rough
-/// metal its own. Glass shows what is behind it.
+/// Mirrors and nearly smooth metals show the features of what they reflect, and rough metal its own features. The environment
+/// has no normal. Glass shows the features behind it.
 #[test]
 fn smooth_surfaces_show_the_features_of_what_is_seen_by_them() {
     let (back, front) = (Vec3::Y, Vec3::NEG_Y);
@@ -88,7 +88,7 @@ fn smooth_surfaces_show_the_features_of_what_is_seen_by_them() {
     }
 }
 
-/// The coat reflects the sky, whose normal is 0. So the length of the mean normal is the share of the base.
+/// The coat reflects the environment, whose normal is 0, so the length of the mean normal is the fraction of the base.
 #[test]
 fn a_coat_shows_its_base_and_what_it_reflects_in_their_shares() {
     let coat = Coat::new(CoatOptions { thickness: 0.0, max_depth: 100, ..CoatOptions::default() }).expect("in range");
@@ -117,7 +117,7 @@ fn facing_mirrors_end_with_the_features_of_a_mirror() {
     assert!(found.albedo.x > 0.9f32.powi(21) - 1e-4 && found.albedo.x < 0.9f32.powi(5), "{}", found.albedo);
 }
 
-/// Features, emission and the rest are reported on request only, and the request changes no bit.
+/// Features, emission and indirect lighting are recorded on request only, and the request changes no bit of the image.
 #[test]
 fn features_change_no_bit_l14() {
     let world = world(&room([16, 12]));
@@ -128,7 +128,7 @@ fn features_change_no_bit_l14() {
     let seen = |i| emission.emission(0, i).expect("recorded");
     let above = |i: &usize| (0..3).any(|c| f64::from(seen(*i)[c]) > emission.mean(*i)[c] * (1.0 + 1e-6));
     assert_eq!((0..16 * 12).find(above), None, "emission is a part of the radiance");
-    // Features alone take one ray and one block, and more only behind what is smooth.
+    // Features alone take one ray and one block, and more only behind smooth surfaces.
     let features: u64 = (0..16 * 12).map(|i| u64::from(full.features(i).expect("recorded").samples)).sum();
     let alone = features - 8 * 16 * 12;
     assert!(alone >= 4 * 16 * 12);
@@ -138,8 +138,8 @@ fn features_change_no_bit_l14() {
     assert!(more >= alone && more < 2 * alone, "{more} blocks for {alone} samples of features");
 }
 
-/// Cameras see the sky directly, and so do mirrors; what surfaces scatter is not seen directly. A pane reflects 8 % of the
-/// samples; these are left out.
+/// The environment is directly visible to cameras and in mirrors; scattered light is not directly visible. The 8 % of samples
+/// that a pane reflects are left out.
 #[test]
 fn emission_is_seen_directly_but_for_scattering() {
     for (planes, expected, tolerance) in [
@@ -158,8 +158,8 @@ fn emission_is_seen_directly_but_for_scattering() {
     }
 }
 
-/// The same random numbers give the same first hit, features and emission with and without light. Paths end before roulette,
-/// which features alone do not play.
+/// The same random numbers give the same first hit, features and emission with and without light. Paths end before Russian
+/// roulette, which is not used for features alone.
 #[test]
 fn features_without_light_are_those_of_whole_samples() {
     let points = Sobol::new(3);
@@ -196,7 +196,7 @@ fn sum_of_indirect(film: &Film) -> f64 {
     (0..film.frame().pixels()).map(|i| film.indirect(i).expect("recorded").mean[1]).sum()
 }
 
-/// Direct light is that of the same samples, stopped after one scattering.
+/// Direct lighting equals the light of the same samples with at most one scattering event.
 #[test]
 fn direct_light_is_that_of_one_scattering() {
     let clear = bundle("cornell");

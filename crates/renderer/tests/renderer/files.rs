@@ -1,5 +1,5 @@
-//! Files of others: images beside pbrt-v4's (`shared/references`, `-rgb`: half the size, same depth and box filter), single models,
-//! and odd images in every place of a scene file.
+//! Third-party files: scenes compared with pbrt-v4's images (`shared/references`, `-rgb`: half the size, same depth and box
+//! filter), single models, and unusual images in every position of a scene file.
 #![allow(clippy::print_stderr)]
 
 use crate::support::*;
@@ -15,7 +15,7 @@ fn shared_scenes() -> PathBuf {
     std::env::var_os("DAPPLE_SCENES").map_or(beside, PathBuf::from)
 }
 
-/// A scene with its reference. Noise is that between renders with different seeds, and the reference's own from its README.
+/// A scene with its reference. Noise is estimated from renders with different seeds; the reference's noise is from its README.
 struct Case {
     scene: Scene,
     reference: Image,
@@ -25,7 +25,7 @@ struct Case {
     bound: f64,
 }
 
-/// An image of half the width and height, by the box filter.
+/// Returns an image of half the width and height, by a box filter.
 fn halved(image: &Image) -> Image {
     let [w, h] = image.size.map(|n| n / 2);
     let at = |x: u32, y: u32| Vec3::from(image.pixels[(y * 2 * w + x) as usize]);
@@ -34,7 +34,7 @@ fn halved(image: &Image) -> Image {
     Image::new([w, h], pixels).expect("as many as its size")
 }
 
-/// Name; the noise of the reference's mean, and the tolerance of the mean.
+/// The name of each scene, the noise of the reference's mean, and the tolerance of the mean.
 const CASES: [(&str, f64, f64); 3] = [("cornell-box", 1e-4, 5e-3), ("veach-mis", 2.1e-3, 1e-2), ("teapot", 4e-4, 5e-3)];
 
 fn case(&(name, noise, bound): &(&str, f64, f64)) -> Option<Case> {
@@ -52,7 +52,7 @@ fn case(&(name, noise, bound): &(&str, f64, f64)) -> Option<Case> {
     Some(Case { scene, reference, noise, bound })
 }
 
-/// The result: per channel the ratio of means, its standard error, and 5, 50 and 95 % of the ratios of 5x5 blocks.
+/// The ratio of means per channel, its standard error, and the 5, 50 and 95 % quantiles of the ratios of 5x5 blocks.
 struct MeasuredRatio {
     ratio: [f64; 3],
     error: [f64; 3],
@@ -84,8 +84,8 @@ fn render(case: &Case, replicates: u64, spp: u64) -> MeasuredRatio {
     found
 }
 
-/// No deviation exceeds the tolerance and the noise together (one family of 1e-6), so that a failure with few samples is a
-/// bug. Negative control: lamps brighter by 6 % are refuted even with few samples.
+/// No deviation exceeds the sum of tolerance and noise, at a level of 1e-6, so that a failure with few samples is a bug.
+/// Negative control: lamps brighter by 6 % are detected even with few samples.
 #[test]
 fn references_are_not_refuted() {
     let refuted = |case: &Case, found: &MeasuredRatio| {
@@ -178,8 +178,7 @@ fn check_clustered(name: &str, world: World) {
     }
 }
 
-/// Every mesh of `../shared/scenes` is read, built, clustered, traced and rendered, or refused with the message listed
-/// here.
+/// Every mesh of `../shared/scenes` is read, built, clustered and rendered, or rejected with the message listed here.
 #[test]
 fn downloaded_meshes_render_or_are_refused() {
     let mut waiting = vec![shared_scenes().join("meshes")];
@@ -215,14 +214,14 @@ fn downloaded_meshes_render_or_are_refused() {
     }
 }
 
-/// A PFM file of these pixels.
+/// Returns a PFM file of these pixels.
 fn pfm(size: [u32; 2], value: impl Fn(u32) -> f32) -> Vec<u8> {
     let mut bytes = format!("PF\n{} {}\n-1.0\n", size[0], size[1]).into_bytes();
     (0..3 * size[0] * size[1]).for_each(|i| bytes.extend(value(i).to_le_bytes()));
     bytes
 }
 
-/// Lines after `WorldBegin` with the image in another place: the texture's kind, and its user.
+/// Lines after `WorldBegin` that use the image in different positions, with the kind of the texture.
 const PLACES: [(&str, &str, &str); 8] = [
     ("colour", "spectrum", "Material \"diffuse\" \"texture reflectance\" \"t\""),
     ("roughness", "float", "Material \"conductor\" \"texture roughness\" \"t\""),
@@ -259,7 +258,7 @@ fn outcome((place, kind, user): (&str, &str, &str), bytes: &[u8]) -> Result<[f64
     Ok(mean)
 }
 
-/// Images without pixels, of one pixel and with invalid pixels: a finite image, or an error that names the file.
+/// Images without pixels, of one pixel or with invalid pixels give a finite render, or an error that names the file.
 #[test]
 fn odd_images_are_read_or_refused_everywhere_i10() {
     for place in PLACES {

@@ -3,13 +3,13 @@
 
 use crate::support::*;
 
-/// The least distance between seeds, so that doubled samples never meet another test's.
+/// The smallest distance between seeds, so that tests never share samples, even after doubling.
 const SEED: u64 = 7100;
-/// Tests in this file, for the false-alarm rate of each.
+/// The number of tests in this file, which determines the false-alarm rate of each.
 const TESTS: usize = 64;
 
-/// Equivalence within `delta` of `reference`, relatively. Samples are doubled while undecided, up to `most` spp. With 255
-/// degrees of freedom Student's t is 1.03 times as large as a normal deviate.
+/// Tests equivalence with `reference` within the relative tolerance `delta`. Samples are doubled while undecided, up to `most`
+/// spp. With 255 degrees of freedom Student's t is 1.03 times as large as a normal deviate.
 fn equivalent(scene: &Scene, reference: f64, delta: f64, most: u64) -> Verdict {
     let z = 1.03 * critical(sidak(FAMILY, TESTS));
     let mut spp = 16;
@@ -24,7 +24,7 @@ fn equivalent(scene: &Scene, reference: f64, delta: f64, most: u64) -> Verdict {
     }
 }
 
-/// The inside of a closed surface that reflects `rho` and emits 1.
+/// Returns the inside of a closed surface with albedo `rho` and emission 1.
 fn furnace(inside: Geometry, rho: f32, depth: Option<u32>) -> Scene {
     let mut scene = scene([32, 32], 70.0, DVec3::new(0.2, 0.3, -0.1), DVec3::new(-0.9, 0.5, 0.4));
     let wall = add_material(&mut scene, diffuse(rho));
@@ -54,7 +54,7 @@ fn check_furnaces(cases: &[(f32, Option<u32>, f64)], most: u64) {
     }
 }
 
-/// Tolerances of noisy cases are 0.4 to 10 %. With roulette, 0.1 % takes minutes; the slow test has it.
+/// Tolerances of noisy cases are 0.4 to 10 %. The slow test has 0.1 %, which takes minutes with roulette.
 #[test]
 fn closed_furnace_has_its_closed_form_l01() {
     let rhos = thorough(&[0.5, 0.99][..], &[0.0, 0.5, 0.9, 0.99]);
@@ -91,7 +91,7 @@ fn bundled_furnace_is_white_l01() {
     assert_eq!(found.equals(1.0, 5e-3, critical(sidak(FAMILY, TESTS))), Verdict::Pass, "{found:?}");
 }
 
-/// A white body in the middle of the view.
+/// Returns a body of albedo `rho` in the middle of the view, under an environment of radiance `sky`.
 fn white_body(body: &MeshData, rho: f32, sky: f32) -> Scene {
     let mut scene = scene([16, 16], 35.0, DVec3::new(2.5, -3.5, 2.0), DVec3::new(0.0, 0.0, 0.1));
     let white = add_material(&mut scene, diffuse(rho));
@@ -101,7 +101,7 @@ fn white_body(body: &MeshData, rho: f32, sky: f32) -> Scene {
     scene
 }
 
-/// A cube without its lid and with walls of thickness 0: light bounces inside.
+/// Returns a cube without its lid, in which light is reflected repeatedly. Its walls have no thickness.
 fn open_box() -> MeshData {
     let mut body = cube();
     let lid = |t: &[u32; 3]| t.iter().all(|&v| body.positions[v as usize].z > 0.0);
@@ -122,7 +122,7 @@ fn white_body_is_invisible_l02() {
     }
 }
 
-/// No single pixel deviates. Samples are independent, so that each pixel knows its own error.
+/// No single pixel deviates. Samples are independent, so that each pixel's error can be estimated.
 #[test]
 fn no_pixel_stands_out_l02() {
     let world = world(&white_body(&open_box(), 1.0, 1.0));

@@ -1,5 +1,5 @@
-//! Shapes that emit: light by light sampling, by BSDF sampling, and by both, in closed form; samples against densities;
-//! the side that shines.
+//! Emitting shapes: light by light sampling, by BSDF sampling and by both against closed forms; samples against densities; the
+//! emitting side.
 #![allow(clippy::print_stderr)]
 
 use crate::densities::Cone;
@@ -20,7 +20,7 @@ enum Strategy {
 
 const STRATEGIES: [Strategy; 3] = [Strategy::Light, Strategy::Bsdf, Strategy::Both];
 
-/// Light scattered by a white diffuse point, by one strategy, with coordinates as in the renderer.
+/// Returns the light scattered by a white diffuse point, by one strategy, with the renderer's coordinates.
 fn scattered(world: &World, at: &SurfacePoint, strategy: Strategy, u: [f32; 4], choice: f32) -> f32 {
     let frame = ShadingFrame::from_normal(at.normal);
     let bsdf = Bsdf::Diffuse { reflectance: Vec3::ONE };
@@ -56,13 +56,13 @@ fn scattered(world: &World, at: &SurfacePoint, strategy: Strategy, u: [f32; 4], 
     sum
 }
 
-/// The place of the origin in a world.
+/// Returns the position of the scene's origin in a world.
 fn origin(world: &World) -> Vec3 {
     world.space().point(DVec3::ZERO).as_vec3()
 }
 
-/// Adds samples to the irradiance at the origin of the scene, normal +z, in units of the lamp's radiance: to sums of 64
-/// scrambles of a net.
+/// Adds samples of the irradiance at the scene's origin with normal +z, in units of the lamp's radiance, to 64 sums, one per
+/// scramble of a net.
 fn add_irradiance(world: &World, strategy: Strategy, sums: &mut [f64; 64], samples: Range<u64>) {
     let position = origin(world);
     let error = position.abs() * f32::EPSILON;
@@ -78,9 +78,9 @@ fn add_irradiance(world: &World, strategy: Strategy, sums: &mut [f64; 64], sampl
     }
 }
 
-/// A sequential test of equivalence within `delta`: samples are doubled while undecided.
+/// Performs a sequential test of equivalence within `delta`: samples are doubled while undecided.
 fn verdict(world: &World, strategy: Strategy, reference: f64, delta: f64, most: u64) -> Verdict {
-    // One-sided 1e-6 over all tests. With 63 degrees of freedom Student's t at this level is 1.2 times as large.
+    // The one-sided level is 1e-6 over all tests. With 63 degrees of freedom, Student's t is 1.2 times the normal quantile.
     let z = 1.2 * critical(sidak(FAMILY, TESTS));
     let (mut sums, mut samples) = ([0.0; 64], 512);
     add_irradiance(world, strategy, &mut sums, 0..samples);
@@ -96,8 +96,8 @@ fn verdict(world: &World, strategy: Strategy, reference: f64, delta: f64, most: 
     }
 }
 
-/// Irradiance at the origin, normal +z, from a planar polygon of radiance 1: Lambert's formula on its part above the
-/// horizon [Lambert 1760].
+/// Returns the irradiance at the origin with normal +z from a planar polygon of radiance 1, by Lambert's formula for its part
+/// above the horizon [Lambert 1760].
 fn polygon_irradiance(corners: &[DVec3]) -> f64 {
     let mut above = Vec::new();
     for (i, &a) in corners.iter().enumerate() {
@@ -122,19 +122,19 @@ struct Lamp {
     name: String,
     geometry: Geometry,
     to_world: DAffine3,
-    /// A sphere around the lamp.
+    /// The centre of a sphere around the lamp.
     centre: DVec3,
     radius: f64,
     /// The ground's irradiance in closed form.
     irradiance: f64,
-    /// True if light sampling is tested. Right over a lamp all light comes from a spot as small as the height.
+    /// True if light sampling is tested. Directly above a lamp, all light comes from a spot as small as the height.
     is_sampled: bool,
     /// True if samples are tested against their density, from the origin.
     is_counted: bool,
 }
 
 impl Lamp {
-    /// A polygon that is turned to face the origin.
+    /// Returns a polygon turned to face the origin.
     fn polygon(name: &str, corners: &[DVec3]) -> Self {
         let (centre, normal) = (corners[0], (corners[1] - corners[0]).cross(corners[2] - corners[1]));
         let mut turned = corners.to_vec();
@@ -151,13 +151,13 @@ impl Lamp {
         Self::polygon(name, &[c - u - v, c + u - v, c + u + v, c - u + v])
     }
 
-    /// A sphere of radius 1.
+    /// Returns a sphere of radius 1.
     fn sphere(name: &str, centre: DVec3) -> Self {
         let irradiance = PI * centre.z / centre.length().powi(3);
         Self::new(name, Geometry::Sphere { radius: 1.0 }, DAffine3::from_translation(centre), (centre, 1.0), irradiance)
     }
 
-    /// A ring of radius 1 that faces down, by the form factor of a disk parallel to the ground.
+    /// Returns a ring of radius 1 that faces down, with the form factor of a disk parallel to the ground.
     fn ring(name: &str, centre: DVec3, inner_radius: f64) -> Self {
         let (h2, p2) = (centre.z * centre.z, centre.x * centre.x + centre.y * centre.y);
         let disk = |a2: f64| 0.5 * (1.0 - (p2 + h2 - a2) / ((p2 + h2 + a2).powi(2) - 4.0 * a2 * p2).sqrt());
@@ -189,9 +189,9 @@ impl Lamp {
         scene
     }
 
-    /// Equivalence within 0.1 %. It is out of reach in a CI run if cosine-weighted directions hit the lamp less than once
-    /// in 4 times, thoroughly in 10. Their 3 10^5 samples then only must not refute the closed form. With fewer than 1000 expected hits
-    /// there is no test.
+    /// Tests equivalence within 0.1 %. This takes too long if fewer than 1 in 4 cosine-weighted directions hit the lamp
+    /// (thorough test: 1 in 10). In that case, 3 10^5 samples must not refute the closed form. With fewer than 1000 expected
+    /// hits, there is no test.
     fn check(&self) {
         let (world, name) = (world(&self.scene()), &self.name);
         for strategy in STRATEGIES.into_iter().filter(|s| self.is_sampled || *s != Strategy::Light) {
@@ -207,7 +207,7 @@ impl Lamp {
     }
 }
 
-/// A flat square `[-1, 1]^2` of 32 uneven triangles that faces down.
+/// Returns a flat square `[-1, 1]^2` of 32 uneven triangles that faces down.
 fn uneven() -> Geometry {
     let at = [-1.0, -0.9, 0.1, 0.15, 1.0];
     let positions = (0..25).map(|i| DVec3::new(at[i % 5], at[i / 5], 0.0)).collect();
@@ -225,7 +225,7 @@ fn flat_lamps() -> Vec<Lamp> {
     let mut mesh = rectangle("uneven mesh", p(0.3, 0.2, 1.0), x, y).counted();
     (mesh.geometry, mesh.to_world) = (uneven(), at(0.3, 0.2, 1.0));
     vec![
-        // Near lamps are sampled by the solid angle: from below the inside, beside an edge, and at a slant.
+        // Near lamps are sampled by solid angle: from below the inside, beside an edge, and at a slant.
         triangle("triangle", p(0.5, -0.3, 1.0), x, y),
         triangle("triangle, close", p(-0.3, -0.3, 0.05), x, y),
         triangle("triangle, beside", p(0.1, -0.4, 0.2), x, y),
@@ -258,7 +258,7 @@ fn spheres() -> Vec<Lamp> {
     straight.into_iter().chain(slant).chain(counted).collect()
 }
 
-/// Negative controls: a reference half a percent off is refuted, and so is a lamp that faces away.
+/// Negative controls: a reference 0.5 % off and a lamp that faces away are detected.
 #[test]
 fn flat_lamps_have_their_closed_form_l03() {
     let lamps = flat_lamps();
@@ -296,7 +296,7 @@ fn spheres_have_their_closed_form_l04() {
     }
 }
 
-/// p-value of samples of the only lamp of a world, from the origin, against the masses of the given lamp's density.
+/// Returns the p-value of samples of a world's only lamp from the origin, against the masses of the given lamp's density.
 fn lamp_test(world: &World, lamp: &Lamp, seed: u64, cone: &Cone, masses: &[f64]) -> f64 {
     let from = origin(world);
     let mut random = Pcg32::seed_from_u64(seed);
@@ -305,7 +305,7 @@ fn lamp_test(world: &World, lamp: &Lamp, seed: u64, cone: &Cone, masses: &[f64])
         let drawn = world.lights().sample(from, random.random(), u)?;
         assert!(drawn.pdf > 0.0 && !drawn.delta && drawn.radiance.x == 1.0, "{drawn:?}");
         let Target::Surface(point) = &drawn.target else { panic!("on a surface") };
-        // Both ways to the density agree.
+        // Both ways to compute the density agree.
         let again = world.lights().pdf(0, from, point);
         assert!((again / drawn.pdf - 1.0).abs() < 1e-3, "{} {again}", drawn.pdf);
         // At the limb of a sphere the direction is more exact than the point: 2e-4 of its radius.
@@ -318,7 +318,7 @@ fn lamp_test(world: &World, lamp: &Lamp, seed: u64, cone: &Cone, masses: &[f64])
     cone.test(200_000, draw, masses)
 }
 
-/// Every second lamp, thoroughly all. Negative control: a lamp moved by 3 % of its radius is refuted.
+/// The short test uses every second lamp. Negative control: a lamp moved by 3 % of its radius is detected.
 #[test]
 fn area_light_samples_match_their_densities_l04() {
     let lamps = flat_lamps().into_iter().chain(spheres()).filter(|lamp| lamp.is_counted);
@@ -340,7 +340,7 @@ fn area_light_samples_match_their_densities_l04() {
     }
 }
 
-/// A two-sided lamp of one triangle.
+/// Returns the world of a two-sided lamp of one triangle.
 fn triangle_lamp(corners: [DVec3; 3]) -> World {
     let mut scene = empty([1, 1]);
     let grey = add_material(&mut scene, diffuse(0.5));
@@ -353,7 +353,7 @@ fn corner(random: &mut Pcg32) -> DVec3 {
     DVec3::from([0, 1, 2].map(|_| 2.0 * random.random::<f64>() - 1.0))
 }
 
-/// Receivers of one triangle: at random, in its plane, on an edge, at a corner, very near, very far.
+/// Returns receivers for a triangle: random, in its plane, on an edge, at a corner, very near and very far.
 fn receivers([a, b, c]: [DVec3; 3], random: &mut Pcg32) -> Vec<DVec3> {
     let normal = (b - a).cross(c - a).normalize();
     let mut all = vec![a, b, c];
@@ -368,7 +368,7 @@ fn receivers([a, b, c]: [DVec3; 3], random: &mut Pcg32) -> Vec<DVec3> {
     all
 }
 
-/// Some 130,000 pairs of a triangle and a receiver; thoroughly, 10^8.
+/// The test uses 130,000 pairs of a triangle and a receiver; the thorough test uses 10^8.
 #[test]
 fn triangle_lights_are_sound_at_any_receiver_l05() {
     let mut random = Pcg32::seed_from_u64(1);
@@ -395,12 +395,12 @@ fn triangle_lights_are_sound_at_any_receiver_l05() {
             }
         }
     }
-    // In its own plane a triangle is no wider than rounding, and at its corners some samples have no distance.
+    // From its own plane, a triangle is no wider than rounding; at its corners, some samples are at distance 0.
     assert!(none < pairs / 4, "{none} of {pairs}");
 }
 
-/// The mean of 1/pdf over a lattice of coordinates is the solid angle of the triangle [Van Oosterom and Strackee 1983],
-/// also right above it, where few samples of its area matter (a ratio of 0.842 at a height of 1e-3).
+/// The mean of 1/pdf over a lattice of coordinates is the solid angle of the triangle [Van Oosterom and Strackee 1983], even
+/// directly above the triangle, where few samples of its area matter (a ratio of 0.842 at a height of 1e-3).
 #[test]
 fn solid_angles_of_triangles_match_their_closed_form_l05() {
     let exact = |corners: [DVec3; 3], from: DVec3| {
@@ -436,7 +436,7 @@ fn solid_angles_of_triangles_match_their_closed_form_l05() {
     assert!((found(corners, DVec3::ZERO) / exact(other, DVec3::ZERO) - 1.0).abs() > 0.01);
 }
 
-/// True if the shape emits towards an eye above (+z), and below; checks that light sampling agrees.
+/// Returns true for each side, above (+z) and below, to which the shape emits. Checks that light sampling agrees.
 fn shines(geometry: Geometry, to_world: DAffine3, reversed: bool) -> [bool; 2] {
     let mut scene = empty([1, 1]);
     let grey = add_material(&mut scene, diffuse(0.5));
@@ -444,7 +444,7 @@ fn shines(geometry: Geometry, to_world: DAffine3, reversed: bool) -> [bool; 2] {
     scene.shapes[lamp].reversed = reversed;
     let world = world(&scene);
     [1.0, -1.0].map(|side| {
-        // Off the centre, where rings have a hole.
+        // The centre is avoided, where rings have a hole.
         let eye = world.space().point(DVec3::new(0.6, 0.1, 4.0 * side)).as_vec3();
         let met = world.emitter(&Ray::new(eye, Vec3::Z * -side as f32)).expect("it is in the way");
         let seen = met.radiance != Vec3::ZERO;
@@ -456,8 +456,8 @@ fn shines(geometry: Geometry, to_world: DAffine3, reversed: bool) -> [bool; 2] {
     })
 }
 
-/// pbrt-v4's rules of normals, mirrors and `ReverseOrientation`, as in `scene::Shape`: a mirror across the lamp's plane
-/// turns its normal with it, one along the plane does not; vertex normals override the winding; a sphere emits outwards.
+/// pbrt-v4's rules of normals, mirrors and `ReverseOrientation`, as in `scene::Shape`: mirroring across the lamp's plane flips
+/// the normal, mirroring along the plane does not; vertex normals override the winding; spheres emit outwards.
 #[test]
 fn shapes_emit_from_the_side_of_their_normal_l12() {
     let mesh = |normal: Option<f32>| {
@@ -495,7 +495,7 @@ fn stretched_round_lamps_are_refused_l06() {
     }
 }
 
-/// Irradiance of the environment on a floor that faces up: a midpoint rule over equal cosine-weighted areas.
+/// Returns the irradiance of the environment on a floor that faces up, by a midpoint rule over equal cosine-weighted areas.
 fn floor_irradiance(world: &World) -> f64 {
     let one = |i: u32| {
         let [r2, turn] = [i % 1024, i / 1024].map(|k| (f64::from(k) + 0.5) / 1024.0);
@@ -506,8 +506,8 @@ fn floor_irradiance(world: &World) -> f64 {
     PI * (0..1 << 20).map(one).sum::<f64>() / f64::from(1 << 20)
 }
 
-/// The radiances of several infinite lights in all layouts add up, each with its own weights. Within one percent: of
-/// four lights, light sampling takes one, and half of its light is below the floor.
+/// The radiances of several environments in all layouts add up, each with its own weights. The tolerance is 1 %, since light
+/// sampling selects one of four lights, and half of its light is below the floor.
 #[test]
 fn several_environments_add_up_l09() {
     let mut scene = empty([1, 1]);

@@ -1,4 +1,4 @@
-//! Light selection by power, by turns and learned per cell: no light is lost, no mean changes, and learning pays.
+//! Light selection by power, uniform, and learned per cell: no light is lost, no mean changes, and learning reduces the error.
 
 use crate::support::*;
 use dapple_job::registry::{self, MethodInputs, PointSettings};
@@ -8,7 +8,7 @@ use dapple_renderer::shading::Discrete;
 /// Coordinates of the point sets have 24 bits.
 const LATTICE: u32 = 1 << 24;
 
-/// A patch of ground amid point lights, and their positions.
+/// Returns a patch of ground among point lights, and their positions.
 fn points(intensities: &[f32]) -> (World, Vec<DVec3>) {
     let mut scene = ground([1, 1]);
     let mut random = Pcg32::seed_from_u64(17);
@@ -22,16 +22,16 @@ fn points(intensities: &[f32]) -> (World, Vec<DVec3>) {
     (world(&scene), positions)
 }
 
-/// Mixes with one light of 1 - 1e-9 of the power among the others, with one of 1e-9 of it, and with all magnitudes.
+/// Returns mixes in which one light has 1 - 1e-9 of the power, one light has 1e-9 of it, and lights have all magnitudes.
 fn mixes(count: usize) -> [Vec<f32>; 3] {
     let one = |special: f32| (0..count).map(|i| if i == count / 3 { special } else { 1.0 }).collect();
     let all = (0..count).map(|i| 10_f32.powi((i % 41) as i32 - 20)).collect();
     [one(count as f32 * 1e9), one(count as f32 * 1e-9), all]
 }
 
-/// Every light has a probability, and they sum to 1. Over all values of a coordinate, each light's weighted
-/// contributions add up to its light: none is lost, none is overweighted. Thoroughly for a million lights. Negative control:
-/// with selection by power alone, 24 bits never choose most of the lights.
+/// Every light has a probability, and they sum to 1. Over all values of a coordinate, each light's weighted contributions add
+/// up to its light. The thorough test has a million lights. Negative control: with selection by power alone, 24 bits never
+/// select most of the lights.
 #[test]
 fn extreme_mixes_of_lights_keep_the_weakest_l07() {
     let mixes = mixes(thorough(100_000, 1_000_000));
@@ -69,7 +69,8 @@ fn extreme_mixes_of_lights_keep_the_weakest_l07() {
     assert!(seen.iter().filter(|s| !**s).count() > 99_000);
 }
 
-/// Points by power or uniformly; powers of all kinds of lights together, in watts computed by hand (over pi).
+/// Point lights are selected by power or uniformly. The powers of all kinds of lights are compared with values computed by
+/// hand, in watts divided by pi.
 #[test]
 fn lights_are_selected_by_power_or_uniformly_l07() {
     let (mut world, _) = points(&[1.0, 2.0, 5.0]);
@@ -118,8 +119,8 @@ fn uniform(world: &World, seed: u64, spp: u64) -> Film {
     film_of(world, SIZE, spp, Sobol::new(seed))
 }
 
-/// In an image of few samples of a room of eight lamps: for 24 blocks, Student's t with 15 degrees of freedom stays below
-/// 6.5, each with 1e-5. Negative control: an image that lacks a bounce is detected.
+/// In images of few samples of a room with eight lamps, Student's t with 15 degrees of freedom stays below 6.5 for 24 blocks
+/// (level 1e-5 each). Negative control: an image that lacks a bounce is detected.
 #[test]
 fn learned_choices_change_no_mean() {
     let spp = thorough(4, 16);
@@ -162,7 +163,7 @@ fn learned_choices_do_not_depend_on_threads_or_tiles() {
     }
 }
 
-/// With one light or none nothing is learned, and nothing changes.
+/// With one light or none, nothing is learned and the image is unchanged.
 #[test]
 fn one_light_leaves_nothing_to_learn() {
     for name in ["cornell", "furnace"] {
@@ -175,8 +176,8 @@ fn one_light_leaves_nothing_to_learn() {
     }
 }
 
-/// A courtyard open to the sky. Its walls hide a part of the sky from the floor, with most of the light behind one of
-/// them.
+/// Returns a courtyard under an environment. Its walls hide a part of the environment from the floor, and most of the light is
+/// behind one wall.
 fn courtyard(choice: LightSelection) -> World {
     let mut scene = scene(SIZE, 60.0, DVec3::new(0.0, -2.5, 2.0), DVec3::new(0.0, 0.0, 0.2));
     let white = add_material(&mut scene, diffuse(0.6));
@@ -197,9 +198,9 @@ fn courtyard(choice: LightSelection) -> World {
     world
 }
 
-/// At 8 samples per pixel in a room of eight lamps and under one sky, whose parts are lights for the selection, beside a
-/// truth of 192 samples per pixel (thoroughly, 1024). Larger images of the room with more seeds have 0.26 of the error of
-/// selection by turns, and 0.23 of selection by power (docs/results/adaptive.md).
+/// Images at 8 samples per pixel are compared with a reference of 192 samples per pixel (thorough test: 1024). The scenes are a
+/// room with eight lamps, and a courtyard under an environment whose tiles are selected. Larger images of the room have 0.26 of
+/// the error of uniform selection and 0.23 of selection by power (docs/results/adaptive.md).
 #[test]
 fn learned_choices_pay() {
     let errors = |worlds: [World; 3]| {
@@ -219,7 +220,7 @@ fn learned_choices_pay() {
     assert!(learned < 0.7 * power, "{learned} of {power}");
 }
 
-/// A sky made whole again gives the same light as before.
+/// An environment whose tiles are joined again gives the same light as before.
 #[test]
 fn a_sky_cut_up_is_made_whole() {
     let mut world = courtyard(LightSelection::Power);

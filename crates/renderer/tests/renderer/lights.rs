@@ -1,5 +1,5 @@
-//! Points, spots, parallel light and environments: closed forms in the whole renderer, samples against densities, and light
-//! that leaves lights and lamps; invalid lights.
+//! Points, spots, parallel light and environments: closed forms in images, samples against densities, emitted rays, and invalid
+//! lights.
 #![allow(clippy::print_stderr)]
 
 use crate::densities::Cone;
@@ -10,8 +10,8 @@ use dapple_renderer::light::{EmittedLight, Environment, LightSelection, Target};
 const TESTS: usize = 128;
 const CHOICES: [LightSelection; 2] = [LightSelection::Power, LightSelection::Learned];
 
-/// A diffuse floor of albedo 1/2 through `middle`, normal +z, seen by a camera of tiny view that looks at `middle`. All
-/// lengths are times `unit`.
+/// Returns a diffuse floor of albedo 1/2 with normal +z through `middle`, seen by a camera with a tiny field of view. All
+/// lengths are multiplied by `unit`.
 fn floor(middle: DVec3, unit: f64) -> Scene {
     let mut scene = scene([1, 1], 1e-5, middle + unit * DVec3::new(0.0, -3.0, 3.0), middle);
     let grey = add_material(&mut scene, diffuse(0.5));
@@ -20,12 +20,12 @@ fn floor(middle: DVec3, unit: f64) -> Scene {
     scene
 }
 
-/// The irradiance at the floor's middle, from the image.
+/// Returns the irradiance at the floor's middle, from the image.
 fn irradiance(scene: &Scene) -> f64 {
     mean(&image(scene, 4, 1))[0] * 2.0 * PI
 }
 
-/// The transform of a light: +z along `axis`, the origin at `at`.
+/// Returns a transform that maps +z to `axis` and the origin to `at`.
 fn aimed(at: DVec3, axis: DVec3) -> DAffine3 {
     let z = axis.normalize();
     let (x, y) = z.any_orthonormal_pair();
@@ -44,7 +44,7 @@ fn spot(intensity: f32, cone: f32, falloff_start: f32, falloff: SpotFalloff) -> 
     LightKind::Spot { intensity: [intensity; 3], cone, falloff_start, falloff }
 }
 
-/// The falloff of a spot at an angle from its axis.
+/// Returns the falloff of a spot light at an angle from its axis.
 fn falls(angle: f64, cone: f32, start: f32, falloff: SpotFalloff) -> f64 {
     let [edge, core] = [cone, start].map(|a| f64::from(a).to_radians().cos());
     let x = match start == cone {
@@ -54,8 +54,8 @@ fn falls(angle: f64, cone: f32, start: f32, falloff: SpotFalloff) -> f64 {
     if falloff == SpotFalloff::Smoothstep { x * x * (3.0 - 2.0 * x) } else { x.powi(4) }
 }
 
-/// In all units of length and at all origins, which change nothing in the file's units. Scale and rotation of a point's
-/// transform have no effect, and a light below the floor gives nothing.
+/// The closed forms hold in all units of length and at all origins. The scale and rotation of a point light's transform have no
+/// effect, and a light below the floor contributes nothing.
 #[test]
 fn lights_on_a_plane_match_their_closed_forms_l03() {
     let p = DVec3::new;
@@ -81,14 +81,14 @@ fn lights_on_a_plane_match_their_closed_forms_l03() {
         for (cone, start) in [(30.0_f32, 10.0_f32), (20.0, 20.0), (120.0, 0.0), (2.0, 0.5), (180.0, 0.0)] {
             for falloff in [SpotFalloff::Smoothstep, SpotFalloff::Quartic] {
                 for share in [0.0, 0.3, 0.7, 0.9, 0.999, 1.01] {
-                    // An axis turned so that the floor's middle lies at this fraction of the cone.
+                    // The axis is rotated so that the floor's middle lies at this fraction of the cone.
                     let angle = f64::from(cone).to_radians() * share;
                     let towards = -position.normalize();
                     let (across, _) = towards.any_orthonormal_pair();
                     let axis = towards * angle.cos() + across * angle.sin();
                     let to_world = aimed(middle + unit * position, axis) * DAffine3::from_scale(p(-2.0, -2.0, 2.0));
                     let full = 3.0 * from(position);
-                    // Directions round to 6e-8, which matters beside the width of the cone.
+                    // Directions have rounding errors of 6e-8, which matter relative to the width of the cone.
                     let tolerance = full * 3e-7 / f64::from(cone).to_radians();
                     if angle <= PI {
                         let kind = spot(3.0, cone, start, falloff);
@@ -125,7 +125,7 @@ fn lights_without_extent_cast_shadows_l03() {
     }
 }
 
-/// A light without extent is found by light sampling alone, and reports no density.
+/// A light without extent is found only by light sampling, and its density for BSDF sampling is 0.
 #[test]
 fn lights_without_extent_are_found_by_light_sampling_only_l09() {
     let mut scene = floor(DVec3::ZERO, 1.0);
@@ -259,15 +259,16 @@ fn sky_of(radiance: &EnvironmentRadiance, turn: DMat3) -> Environment {
     Environment::new(radiance, turn, &Source::default()).expect("sound").expect("not black")
 }
 
-/// Cells around the image's pole, where the density of a lat-long image is unbounded, and the masses of a sky in them.
+/// Returns cells around the image's pole, where the density of a lat-long image is unbounded, and an environment's masses in
+/// them.
 fn masses_of(radiance: &EnvironmentRadiance, turn: DMat3) -> (Cone, Vec<f64>) {
     let (cone, sky) = (Cone { axis: (turn * DVec3::Z).normalize(), angle: PI }, sky_of(radiance, turn));
     let masses = cone.masses(|w| sky.direction_pdf(w));
     (cone, masses)
 }
 
-/// p-value of a sky's sampling against the masses of a sky; of every fifth sample, the share whose radiance and density
-/// are not those of their direction.
+/// Returns the p-value of an environment's samples against given masses. Also returns, for every fifth sample, the fraction
+/// whose radiance or density differs from the values for the direction.
 fn sky_test(
     radiance: &EnvironmentRadiance,
     turn: DMat3,
@@ -305,8 +306,8 @@ fn sky_test(
     [p, f64::from(5 * differ) / samples as f64]
 }
 
-/// In one piece, and in parts whose sum is the whole; at texel borders, directions round. Negative controls: a sky turned by
-/// a degree, mirrored, or read in the other layout is refuted.
+/// Environments are tested whole and in tiles. At texel borders, directions are rounded. Negative controls: an environment that
+/// is rotated by a degree, mirrored, or read in the other layout is detected.
 #[test]
 fn environment_samples_match_radiance_and_density_l08() {
     let level = sidak(FAMILY, TESTS);
@@ -336,7 +337,7 @@ fn environment_samples_match_radiance_and_density_l08() {
     assert!(sky_test(&square, turn, &masses_of(&other, turn), LightSelection::Power)[0] < level);
 }
 
-/// The equal-area layout at places from pbrt-v4's definition: row 0 is at -y, the middle at +z.
+/// Positions in the equal-area layout follow pbrt-v4's definition: row 0 is at -y, the middle at +z.
 #[test]
 fn equal_area_texels_cover_equal_solid_angles_l08() {
     let p = Vec3::new;
@@ -353,13 +354,13 @@ fn equal_area_texels_cover_equal_solid_angles_l08() {
     ] {
         let sky = sky_of(&equal_area(5, |x, y| if (x, y) == place { 2.0 } else { 0.0 }), DMat3::IDENTITY);
         assert_eq!(sky.radiance(w.normalize()).x, 1.0, "{place:?}");
-        // A texel of 25 fills 4 pi / 25 at any place.
+        // Each of 25 texels has the solid angle 4 pi / 25.
         let density = f64::from(sky.direction_pdf(w.normalize()));
         assert!((density * 4.0 * PI / 25.0 - 1.0).abs() < 1e-6, "{place:?}: {density}");
     }
 }
 
-/// Rays that leave a world's lights; none for numbers that were rejected.
+/// Returns rays that leave a world's lights; `None` for rejected random numbers.
 fn emitted(world: &World, seed: u64) -> impl Iterator<Item = Option<EmittedLight>> {
     let mut random = rand_pcg::Pcg64Mcg::seed_from_u64(seed);
     (0..100_000).map(move |_| {
@@ -368,7 +369,7 @@ fn emitted(world: &World, seed: u64) -> impl Iterator<Item = Option<EmittedLight
     })
 }
 
-/// Emission alone is not the scene's light: a ground with one lamp, whose lengths are 1.5 times those given.
+/// Returns a ground with one lamp, whose shape is `geometry` scaled by 1.5.
 fn with_lamp(geometry: Geometry, two_sided: bool) -> Scene {
     let mut scene = ground([4, 4]);
     let number = add(&mut scene, geometry, DAffine3::from_scale(DVec3::splat(1.5)), MaterialId(0), None);
@@ -383,15 +384,15 @@ fn with_light(kind: LightKind) -> Scene {
     scene
 }
 
-/// The mean flux of emitted rays, in the scene's units of length. An area A of radiance L has the power pi A L on each side.
-/// False alarms: `FAMILY` for all lights together; negative control: a power off by 3 %.
+/// The mean flux of emitted rays is the lights' power, in the scene's units of length. An area A of radiance L has the power pi
+/// A L on each side. False alarms: `FAMILY` for all lights together; negative control: a power off by 3 %.
 #[test]
 fn emitted_rays_carry_the_power_of_each_light() {
     let rectangle = || rectangle(DVec3::Z, 0.3 * DVec3::X, 0.2 * DVec3::Y);
     let power = 2.0 * PI * 2.25;
     let disk = Geometry::Disk { height: 0.3, radius: 0.5, inner_radius: 0.2 };
     let cap = |degrees: f64| 2.0 * PI * (1.0 - degrees.to_radians().cos());
-    // The mean of both falloffs over the cosine between the two cones is 1/2 and 1/5.
+    // The mean of the two falloff functions over the cosine between the two cones is 1/2 and 1/5.
     let of_spot = |mean: f64, start: f64| 3.0 * (cap(start) + mean * (cap(40.0) - cap(start)));
     // The disk has the radius of the scene's sphere, sqrt(2) and the padding of its box.
     let cross = PI * f64::from(world(&ground([4, 4])).lights().scene_sphere().1).powi(2);
@@ -423,7 +424,7 @@ fn emitted_rays_carry_the_power_of_each_light() {
         let unit = world.space().scale().powi(2);
         let found: Mean =
             emitted(&world, seed as u64).map(|r| r.map_or(0.0, |r| f64::from(r.flux().y) / unit)).collect();
-        // A light without variance has rounding only.
+        // A light without variance has rounding errors only.
         let off = |expected: f64| ((found.mean - expected) / found.standard_error().max(2e-6 * expected)).abs();
         let limit = critical(sidak(FAMILY, 16));
         assert!(off(expected) < limit && off(1.03 * expected) > limit, "light {seed}: {found:?}, not {expected}");

@@ -1,5 +1,5 @@
-//! Homogeneous media: transmittance, distances, the phase function, single scattering and a white furnace, all
-//! against closed forms. In images, Beer and Lambert's law on the way to the camera, to a lamp and between them.
+//! Homogeneous media: transmittance, distances, the phase function, single scattering and a white furnace, all against closed
+//! forms. In images, the Beer-Lambert law on the way to the camera, to a lamp and between them.
 #![allow(clippy::print_stderr)]
 
 use crate::densities::Cone;
@@ -12,7 +12,7 @@ fn medium(absorption: [f32; 3], scattering: [f32; 3], g: f32) -> Medium {
     *Media::new(&[fog(absorption, scattering, g)], 1.0).expect("sound").medium(0)
 }
 
-/// Equivalence with the reference, one-sided 1e-6 over all tests of this file.
+/// Tests equivalence with the reference, at a one-sided level of 1e-6 over all tests of this file.
 fn equals(found: &Mean, reference: f64, delta: f64) -> Verdict {
     found.equals(reference, delta, critical(sidak(FAMILY, TESTS)))
 }
@@ -43,7 +43,7 @@ fn transmittance_is_exact() {
     assert!((gray.transmittance(2.0) - Vec3::splat((-1.0_f32).exp())).abs().max_element() < 2e-7);
 }
 
-/// Fractions of distances that pass, scatter before the middle, and scatter after it, channel by channel.
+/// Fractions of light that pass, scatter in the first half and scatter in the second half have closed forms per channel.
 #[test]
 fn distances_add_up() {
     let limit = 1.3_f32;
@@ -95,7 +95,7 @@ fn distances_add_up() {
     }
 }
 
-/// Distances are finite for extreme limits, coordinates and throughputs.
+/// Distances are finite for extreme limits, random numbers and throughputs.
 #[test]
 fn distances_at_the_ends() {
     let ends = [0.0, 1e-30, 0.5, BELOW_ONE];
@@ -116,13 +116,13 @@ fn distances_at_the_ends() {
     }
 }
 
-/// Henyey and Greenstein's density for the cosine between the direction of travel and the new one.
+/// Returns Henyey and Greenstein's density for the cosine between the directions of travel before and after scattering.
 fn density(g: f64, cosine: f64) -> f64 {
     (1.0 - g * g) / (4.0 * PI * (1.0 + g * g - 2.0 * g * cosine).powf(1.5))
 }
 
-/// Single scattering in a slab, of parallel light that enters where the ray does, at a slant. Its closed form is
-/// `s p (1 - exp(-e L (1 + 1/mu))) / (e (1 + 1/mu))`. Negative control: 5 % more.
+/// Parallel light enters a slab at a slant on the same side as the ray, and scatters once. Its closed form is `s p (1 - exp(-e
+/// L (1 + 1/mu))) / (e (1 + 1/mu))`. Negative control: 5 % more.
 #[test]
 fn single_scattering_in_a_slab() {
     let (absorption, scattering, g) = ([0.1, 0.5, 0.0], [0.2, 1.5, 4.0], 0.4);
@@ -152,7 +152,7 @@ fn single_scattering_in_a_slab() {
     }
 }
 
-/// Paths from anywhere in a ball of a medium that absorbs nothing leave it with their full brightness.
+/// Returns the brightness of paths that leave a sphere of a medium, starting anywhere inside. Without absorption it is 1.
 fn furnace(scattering: [f32; 3], absorption: [f32; 3], g: f32, seed: u64) -> [Mean; 3] {
     let medium = medium(absorption, scattering, g);
     let mut random = Pcg32::seed_from_u64(seed);
@@ -194,7 +194,8 @@ fn white_furnace_in_a_medium() {
     assert!(lossy.iter().skip(1).all(|m| equals(m, 1.0, 0.02) == Verdict::Fail), "{lossy:?}");
 }
 
-/// Values by the formula; samples by chi-square, with their mean cosine. Negative control: another asymmetry.
+/// Values equal the formula. Samples pass a chi-square test and have the right mean cosine. Negative control: another
+/// asymmetry.
 #[test]
 fn henyey_greenstein_is_its_formula_and_samples_it() {
     let travel = DVec3::new(0.3, -0.5, 0.8).normalize();
@@ -209,7 +210,7 @@ fn henyey_greenstein_is_its_formula_and_samples_it() {
             let found = f64::from(phase.evaluate(Vec3::Z, wi));
             assert!((found / exact - 1.0).abs() < 2e-3, "{g} {angle}: {found} {exact}");
         }
-        // A narrow lobe is tested closely, and as a whole.
+        // A narrow lobe is tested near its axis and as a whole.
         let lobe = 4.0 * (1.0 - f64::from(g.abs()));
         for angle in [PI, lobe].into_iter().take(if lobe < 1.0 { 2 } else { 1 }) {
             let cone = Cone { axis: travel * f64::from(1.0_f32.copysign(g)), angle };
@@ -275,8 +276,8 @@ fn invalid_media_are_refused_all_at_once() {
     assert!(!media.medium(0).scatters() && media.medium(1).scatters());
 }
 
-/// Fills all space with ink. Adds a border without a medium on either side, off all rays, for which shadow rays must still
-/// look.
+/// Fills all space with an absorbing medium. Adds a border without a medium on either side, which no ray hits, but which shadow
+/// rays must test.
 fn fill(scene: &mut Scene, absorption: [f32; 3], border: Option<DVec3>) {
     scene.media.push(fog(absorption, [0.0; 3], 0.0));
     scene.camera.medium = Some(MediumId(0));
@@ -319,8 +320,8 @@ fn light_through_an_absorbing_medium_is_beer_and_lamberts() {
     }
 }
 
-/// Lamps of every kind, glossy things and several bounces in ink: the longer walk, which looks for transparent surfaces,
-/// gives the same image. The control: a tenth more of the medium is detected.
+/// The scene has all kinds of lights, glossy surfaces and several bounces in an absorbing medium. The longer walk, which looks
+/// for transparent surfaces, gives the same image. Negative control: 10 % more of the medium is detected.
 #[test]
 fn the_short_way_through_a_medium_gives_the_image_of_the_longer_walk() {
     let inked = |border: Option<DVec3>, by: f32, seed: u64| {

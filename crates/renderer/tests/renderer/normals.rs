@@ -1,4 +1,4 @@
-//! Shading normals in images: those of vertices, bump maps and normal maps.
+//! Shading normals in images: vertex normals, bump maps and normal maps.
 #![allow(clippy::print_stderr)]
 
 use crate::support::*;
@@ -11,13 +11,13 @@ fn relief(scene: &mut Scene, size: [u32; 2], pixels: Vec<[f32; 3]>, wrap: Wrap) 
     add_texture(scene, "relief", TextureKind::Image { image, scale, shift, factor: 1.0, invert: false, wrap })
 }
 
-/// Numbers from -1 to 1 without a pattern.
+/// Returns pseudorandom numbers from -1 to 1.
 fn noise(count: u32) -> Vec<[f32; 3]> {
     let number = |i: u32| (i.wrapping_mul(0x9e37_79b9) >> 8) as f32 / (1u32 << 23) as f32 - 1.0;
     (0..count).map(|i| [0, 1, 2].map(|c| number(3 * i + c + 1))).collect()
 }
 
-/// Surfaces of these microfacet widths where they have two.
+/// Returns materials of several kinds; the substrate has these microfacet widths.
 fn kinds(u: f32, v: f32) -> Vec<MaterialKind> {
     let white = Color::Constant([1.0; 3]);
     let roughness = Roughness::constant(u, v, false);
@@ -32,7 +32,7 @@ fn kinds(u: f32, v: f32) -> Vec<MaterialKind> {
     ]
 }
 
-/// A mesh of `side` x `side` squares over a grid of points, with texture coordinates from 0 to 1.
+/// Returns a mesh of `side[0]` x `side[1]` squares over a grid of points, with texture coordinates from 0 to 1.
 fn grid(side: [u32; 2], point: impl Fn(u32, u32) -> DVec3, normals: Vec<[f32; 3]>) -> MeshData {
     let columns = side[0] + 1;
     let points = (0..columns * (side[1] + 1)).map(|i| (i % columns, i / columns));
@@ -43,7 +43,7 @@ fn grid(side: [u32; 2], point: impl Fn(u32, u32) -> DVec3, normals: Vec<[f32; 3]
     MeshData { positions, triangles, normals, uvs: points.map(uv).collect(), ..MeshData::default() }
 }
 
-/// The maps that tilt the normals of the sheet, besides its vertices.
+/// The maps that tilt the normals of the sheet, in addition to vertex normals.
 #[derive(Clone, Copy, Debug)]
 enum Tilt {
     Vertices,
@@ -53,8 +53,8 @@ enum Tilt {
 
 const TILTS: [Tilt; 3] = [Tilt::Vertices, Tilt::Bump, Tilt::NormalMap];
 
-/// A sheet of these vertex normals that fills the view, between the camera above and a lamp. The lamp lies below without
-/// reaching past the sheet, or hangs above.
+/// Returns a sheet with these vertex normals that fills the view of a camera above. A lamp is below and hidden by the sheet, or
+/// above.
 fn sheet(kind: MaterialKind, tilt: Tilt, normals: Vec<[f32; 3]>, is_lit_from_below: bool) -> Scene {
     let mut scene = scene([16, 16], 40.0, DVec3::new(0.0, -2.0, 3.0), DVec3::ZERO);
     let material = add_material(&mut scene, kind);
@@ -79,7 +79,7 @@ fn sound(film: &Film) -> bool {
     film.record().rejected == 0 && film.image().iter().flatten().all(|&x| x.is_finite() && x >= 0.0)
 }
 
-/// No light crosses a sheet, whatever its shading normals. The negative control hangs the lamp above it.
+/// No light crosses a sheet, whatever its shading normals. Negative control: a lamp above the sheet lights it.
 #[test]
 fn no_light_crosses_a_surface_l12() {
     for (kind, tilt) in kinds(0.2, 0.2).into_iter().flat_map(|kind| TILTS.map(|tilt| (kind.clone(), tilt))) {
@@ -89,7 +89,7 @@ fn no_light_crosses_a_surface_l12() {
     }
 }
 
-/// Opposed, missing and equal normals with one texture coordinate, as in real files.
+/// The cases are opposed, missing and equal normals with equal texture coordinates, as in real files.
 #[test]
 fn bad_vertices_render_l12() {
     let opposed = (0..81).map(|i| [0.0, 0.0, if i % 2 == 0 { 1.0 } else { -1.0 }]).collect();
@@ -103,8 +103,8 @@ fn bad_vertices_render_l12() {
     }
 }
 
-/// A constant slope shades like its normal: a diffuse floor of albedo 1/2, seen from straight above, under one far lamp,
-/// level or with a bump map or a normal map of a slope.
+/// A bump map or normal map of constant slope is shaded like its normal. The scene is a diffuse floor of albedo 1/2 under one
+/// far lamp, seen from above.
 #[test]
 fn slopes_shade_like_their_normals_l12() {
     let lights = [[0.3, 0.2, 1.0], [-0.6, 0.1, 0.7], [0.1, -0.8, 0.5]].map(|light| DVec3::from(light).normalize());
@@ -144,9 +144,8 @@ fn slopes_shade_like_their_normals_l12() {
 /// The width of the terminator's image.
 const SIDE: u32 = 40;
 
-/// A coarse ball with smooth normals looks round: triangles of 1.5 pixels that turn from the light before their normals
-/// leave no black specks beyond a band of two pixels about the terminator and the rim. Negative control: without the normals
-/// they do.
+/// A coarse sphere with smooth normals looks round: its triangles of 1.5 pixels leave no black pixels farther than two pixels
+/// from the terminator and the rim. Negative control: without normals, they do.
 #[test]
 fn the_terminator_of_a_coarse_ball_shows_no_facets_l12() {
     let coarse = |smooth: bool| {

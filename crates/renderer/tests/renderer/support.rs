@@ -23,17 +23,17 @@ pub use std::sync::Arc;
 /// The largest number below 1.
 pub const BELOW_ONE: f32 = 1.0 - 0.5 * f32::EPSILON;
 
-/// The short form of a test, or the long one by `DAPPLE_THOROUGH=1`.
+/// Returns `long` if `DAPPLE_THOROUGH` is set, else `short`.
 pub fn thorough<T>(short: T, long: T) -> T {
     if std::env::var_os("DAPPLE_THOROUGH").is_some() { long } else { short }
 }
 
-/// The world of a scene; panics with the reasons if it has none.
+/// Returns the world of a scene; panics with the problems if the scene is invalid.
 pub fn world(scene: &Scene) -> World {
     World::new(scene).unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// The reason why a scene has no world; empty if it has one.
+/// Returns the problems of an invalid scene; empty for a valid one.
 pub fn refusal(scene: &Scene) -> String {
     World::new(scene).err().map(|e| e.to_string()).unwrap_or_default()
 }
@@ -50,12 +50,12 @@ pub fn at(x: f64, y: f64, z: f64) -> DAffine3 {
     DAffine3::from_translation(DVec3::new(x, y, z))
 }
 
-/// An empty scene of some pixels.
+/// Returns an empty scene with this image size.
 pub fn empty(size: [u32; 2]) -> Scene {
     scene(size, 40.0, DVec3::new(0.0, -3.0, 2.0), DVec3::ZERO)
 }
 
-/// The square `[-1, 1]^2` at height 0 of albedo 1/2, the first material.
+/// Returns the square `[-1, 1]^2` at height 0 with albedo 1/2 as the first material.
 pub fn ground(size: [u32; 2]) -> Scene {
     let mut scene = empty(size);
     let grey = add_material(&mut scene, diffuse(0.5));
@@ -63,7 +63,7 @@ pub fn ground(size: [u32; 2]) -> Scene {
     scene
 }
 
-/// Adds a rectangle: its centre and half axes, with the normal `u x v`.
+/// Adds a rectangle, given by its centre and half axes, with the normal `u x v`.
 pub fn plate(scene: &mut Scene, [centre, u, v]: [DVec3; 3], material: MaterialId, shines: Option<f32>) -> usize {
     add(scene, rectangle(centre, u, v), DAffine3::IDENTITY, material, shines)
 }
@@ -72,13 +72,13 @@ pub fn ball(scene: &mut Scene, centre: DVec3, radius: f64, material: MaterialId,
     add(scene, Geometry::Sphere { radius }, DAffine3::from_translation(centre), material, shines)
 }
 
-/// Adds a light of line 200 and the lines that follow.
+/// Adds a light with a source line from 200 on.
 pub fn add_light(scene: &mut Scene, kind: LightKind, to_world: DAffine3) {
     let source = line(200 + scene.lights.len() as u32);
     scene.lights.push(Light { kind, to_world, source });
 }
 
-/// Adds a texture, and gives its number.
+/// Adds a texture and returns its index.
 pub fn add_texture(scene: &mut Scene, name: &str, kind: TextureKind) -> TextureId {
     scene.textures.push(Texture { name: name.into(), kind, source: line(300 + scene.textures.len() as u32) });
     TextureId(scene.textures.len() as u32 - 1)
@@ -102,23 +102,23 @@ pub fn equal_area(side: u32, value: impl Fn(u32, u32) -> f32) -> EnvironmentRadi
     EnvironmentRadiance::EqualArea { image: grey_image([side; 2], value), scale: 0.5 }
 }
 
-/// A medium of line 500 with equal coefficients in all channels.
+/// Returns a medium with equal coefficients in all channels and source line 500.
 pub fn fog(absorption: [f32; 3], scattering: [f32; 3], g: f32) -> Medium {
     Medium { name: "fog".into(), absorption, scattering, g, source: line(500) }
 }
 
-/// A direction with this cosine to the normal, along x.
+/// Returns a direction in the xz plane with this cosine to the normal.
 pub fn slanted(cos: f64) -> Vec3 {
     DVec3::new((1.0 - cos * cos).sqrt(), 0.0, cos).as_vec3()
 }
 
-/// A film of a frame.
+/// Renders a frame.
 pub fn film_in(world: &World, frame: Frame, needs: Needs, sampler: &mut dyn Sampler, limits: &Limits) -> Film {
     let film = Render::new(frame, limits).needs(needs).run(&mut *integrator(world), sampler);
     film.unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// `spp` samples in every pixel of the whole frame.
+/// Renders `spp` samples in every pixel of the whole frame.
 pub fn film_with(world: &World, size: [u32; 2], spp: u64, needs: Needs, points: impl PointSet) -> Film {
     let frame = Frame::new(size[0], size[1]).expect("the size is at least 1x1");
     film_in(world, frame, needs, &mut Uniform::new(points), &Limits::samples(spp * frame.pixels() as u64))
@@ -128,12 +128,12 @@ pub fn film_of(world: &World, size: [u32; 2], spp: u64, points: impl PointSet) -
     film_with(world, size, spp, Needs::none(), points)
 }
 
-/// `spp` Sobol' samples in every pixel of the scene's image.
+/// Renders `spp` Sobol' samples in every pixel of the scene's image.
 pub fn image(scene: &Scene, spp: u64, seed: u64) -> Film {
     film_of(&world(scene), scene.film.resolution, spp, Sobol::new(seed))
 }
 
-/// Films of 16 seeds.
+/// Renders films with 16 seeds.
 pub fn replicates(world: &World, size: [u32; 2], spp: u64, seed: u64) -> Vec<Film> {
     (seed..seed + 16).map(|seed| film_of(world, size, spp, Sobol::new(seed))).collect()
 }
@@ -142,18 +142,18 @@ pub fn pixels(film: &Film) -> Vec<[f64; 3]> {
     (0..film.frame().pixels()).map(|i| film.mean(i)).collect()
 }
 
-/// The mean over pixels of one channel. Pixels have independently scrambled points, so that they are replicates where all
-/// have the same expectation.
+/// Returns the mean over pixels of one channel. Pixels have independently scrambled points, so they are replicates if all have
+/// the same expected value.
 pub fn pixel_mean(film: &Film, channel: usize) -> Mean {
     pixels(film).iter().map(|p| p[channel]).collect()
 }
 
-/// Mean of all pixels, per channel.
+/// Returns the mean of all pixels, per channel.
 pub fn mean(film: &Film) -> [f64; 3] {
     [0, 1, 2].map(|c| pixel_mean(film, c).mean)
 }
 
-/// FNV-1a of the means' and counts' bits.
+/// Returns the FNV-1a hash of the bits of all means and sample counts.
 pub fn hash(film: &Film) -> u64 {
     let values =
         (0..film.frame().pixels()).flat_map(|i| film.mean(i).map(f64::to_bits).into_iter().chain([film.count(i)]));
@@ -164,7 +164,7 @@ pub fn fnv(hash: u64, bytes: impl Iterator<Item = u8>) -> u64 {
     bytes.fold(hash, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3))
 }
 
-/// Means of 8x8 blocks, smaller at the border, row by row.
+/// Returns the means of 8x8 blocks (smaller at the border) in row-major order.
 pub fn block_means([w, h]: [u32; 2], pixels: &[[f64; 3]]) -> Vec<[f64; 3]> {
     let [w, h] = [w, h].map(|n| n as usize);
     let corners = (0..h).step_by(8).flat_map(|y| (0..w).step_by(8).map(move |x| (x, y)));
@@ -177,7 +177,7 @@ pub fn block_means([w, h]: [u32; 2], pixels: &[[f64; 3]]) -> Vec<[f64; 3]> {
     corners.map(mean).collect()
 }
 
-/// Block means, `[replicate][block]`.
+/// Returns the block means, indexed by replicate, then by block.
 pub fn blocks_of(films: &[Film]) -> Vec<Vec<[f64; 3]>> {
     films.iter().map(|film| block_means(film.frame().size(), &pixels(film))).collect()
 }

@@ -5,13 +5,13 @@ use dapple_geometry::Ray;
 use dapple_renderer::light::Target;
 use std::f32::consts::FRAC_1_PI;
 
-/// Tests of means in this file, for the false-alarm rate of each.
+/// The number of tests of means in this file, which determines the false-alarm rate of each.
 const TESTS: usize = 32;
 
-/// Texels of 4x4, row by row from the top: some are black, and one is bright.
+/// 4x4 texels in row-major order from the top: some are black, and one is bright.
 const TEXELS: [f32; 16] = [0.0, 0.0, 1.0, 2.0, 0.5, 0.0, 0.0, 0.0, 8.0, 0.0, 0.25, 0.0, 1.0, 1.0, 0.0, 0.5];
 
-/// A square `[-1, 1]^2` at height 1 that shines downwards: a grid of `side * side` squares of two triangles each.
+/// Returns a square `[-1, 1]^2` at height 1 that emits downwards: a grid of `side * side` squares of two triangles each.
 fn panel(side: u32) -> MeshData {
     let mut mesh = MeshData::default();
     let at = |k: u32| f64::from(k) / f64::from(side);
@@ -68,8 +68,7 @@ fn rays_see_the_texel_that_they_hit() {
     }
 }
 
-/// The irradiance at a point by directions sampled towards the light, and by directions that hit it by chance. The normal
-/// points up.
+/// Returns the irradiance at a point with an upward normal, by light sampling and by cosine-weighted directions.
 fn irradiances(world: &World, from: DVec3, samples: u64, seed: u64) -> [Mean; 2] {
     let mut random = Pcg32::seed_from_u64(seed);
     let point = world.space().point(from).as_vec3();
@@ -113,7 +112,7 @@ fn a_textured_lamp_sampled_is_the_lamp_hit() {
     assert!(differ >= 6, "a lamp without its texture is told from one with it {differ} times of 8");
 }
 
-/// The density of a direction is that with which it was sampled, and its integral over all directions to the lamp is 1.
+/// The density of a direction equals the density of the sample, and integrates to 1 over all directions to the lamp.
 #[test]
 fn densities_of_textured_lamps_are_those_of_their_samples() {
     let z = critical(sidak(FAMILY, TESTS));
@@ -179,7 +178,7 @@ fn spheres_with_emissive_textures_are_refused() {
     assert!(message.contains("made.pbrt:10: a sphere cannot emit a texture; use a mesh"), "{message}");
 }
 
-/// An unlit plate, in front of a lamp and above a floor, and a mirror behind it.
+/// Returns an unlit plate in front of a lamp and above a floor, with a mirror behind it.
 fn with_plate(plate: Option<MaterialKind>) -> Scene {
     let mut scene = ground([48, 32]);
     let black = add_material(&mut scene, diffuse(0.0));

@@ -4,7 +4,7 @@ use crate::support::*;
 use dapple_renderer::shading::warp::*;
 use dapple_renderer::shading::{Discrete, Error, GridCell, PiecewiseConstant2d, ShadingFrame, power_heuristic};
 
-/// The corners' neighbourhoods and 10^6 random points.
+/// Returns points near the corners and 10^6 random points.
 fn squares() -> impl Iterator<Item = [f32; 2]> {
     let ends = [0.0, 0.5 * f32::EPSILON, 0.5, BELOW_ONE];
     let corners = ends.into_iter().flat_map(move |a| ends.into_iter().map(move |b| [a, b]));
@@ -12,7 +12,7 @@ fn squares() -> impl Iterator<Item = [f32; 2]> {
     corners.chain((0..1_000_000).map(move |_| [random.random(), random.random()]))
 }
 
-/// Directions have length 1. Narrow cones keep the digits of the distance from their axis.
+/// Directions have length 1. In narrow cones, the distance from the axis keeps its precision.
 #[test]
 fn warps_stay_in_range_at_corners_s10() {
     for u in squares() {
@@ -35,8 +35,8 @@ fn warps_stay_in_range_at_corners_s10() {
     }
 }
 
-/// Coordinates that are uniform on the square if samples are: of height or radius, and angle. Negative control: samples
-/// proportional to the cosine are neither uniform nor those of a power of the cosine 5 % higher.
+/// Height (or radius) and angle are mapped to coordinates that are uniform on the square if samples have the stated density.
+/// Negative control: samples proportional to the cosine are neither uniform nor those of a power of the cosine 5 % higher.
 #[test]
 fn warps_match_their_densities_s10() {
     type Coordinates = fn([f32; 2]) -> [f64; 2];
@@ -102,8 +102,8 @@ fn degenerate_weights_are_refused_or_handled_s09() {
     assert_eq!([d.pmf(1), d.pmf(2)], [0.5, 0.5]);
 }
 
-/// A million items in groups of 1000, since single ones are below a coordinate's resolution; and few items. Negative control:
-/// one weight 5 % off.
+/// A million items are tested in groups of 1000, since single items are below a coordinate's resolution; few items are tested
+/// singly. Negative control: one weight 5 % off.
 #[test]
 fn discrete_samples_match_their_weights_s09() {
     let mut random = Pcg32::seed_from_u64(9);
@@ -138,7 +138,7 @@ fn discrete_samples_match_their_weights_s09() {
     }
 }
 
-/// Also for the rest of the random numbers, which is uniform in each cell.
+/// The rescaled random numbers are uniform in each cell.
 #[test]
 fn grid_samples_match_their_weights_s09() {
     for size in [[7, 5], [1, 9], [9, 1], [1000, 300]] {

@@ -1,5 +1,5 @@
-//! Random walks that sample camera and light paths. For camera paths, they also record what the path tracer reports: features
-//! for filters, and the emission of directly visible lights.
+//! Random walks that sample camera and light paths. For camera paths, they also record the same data as the path tracer:
+//! features for filters, and the emission of directly visible lights.
 
 use super::Bdpt;
 use super::vertex::{From, Kind, Vertex, on_light, point_in_space};
@@ -15,8 +15,8 @@ const ROULETTE_FROM: u32 = 4;
 /// The largest survival probability of Russian roulette, so that every path ends.
 const SURVIVAL: f32 = 0.99;
 
-/// The number of the light path's first group. The groups of the camera path have smaller numbers. Those of time, and of media
-/// (which are rejected), have larger ones ([`blocks`]).
+/// The number of the light path's first group. The groups of the camera path have smaller numbers; the groups of time and of
+/// media (which are rejected) have larger ones ([`blocks`]).
 pub(crate) const OF_LIGHT: u32 = 1 << 27;
 /// The group for the start of the light path: the light (dimension 0) and the point on it (2 and 3).
 const LIGHT_START: Block = Block::new(OF_LIGHT);
@@ -61,7 +61,7 @@ impl Walk {
     }
 }
 
-/// Returns two blocks of random numbers. The second is requested only if the path `goes_on`; else it is zero.
+/// Returns two blocks of random numbers. The second is requested only if `goes_on` is true; otherwise it is zero.
 fn numbers(draws: &Draws<'_>, [first, second]: [Block; 2], goes_on: bool) -> [[f32; 4]; 2] {
     if goes_on { draws.two_blocks([first, second]) } else { [draws.block(first), [0.0; 4]] }
 }
@@ -154,7 +154,7 @@ impl<'w> Bdpt<'w> {
         for event in 0.. {
             *rays += 1;
             let Some(at) = world.closest_hit(&walk.ray, time) else { break };
-            // The vertex behind needs one event more to reach the camera.
+            // The next vertex needs one more event to reach the camera.
             let goes_on = event + 1 < most;
             let [choices, scatter] = numbers(draws, [light_choose(event), light_scatter(event)], goes_on);
             path.push(self.surface(&at, &walk, &path[path.len() - 1], choices[0]));
@@ -204,7 +204,7 @@ struct Seen<'a> {
     is_rare: bool,
     /// True while all scattering so far was specular with a probability of at least [`CERTAIN_LOBE`].
     is_direct: bool,
-    /// The number of vertices whose emission is directly visible, the camera included.
+    /// The number of vertices whose emission is directly visible, including the camera.
     direct: usize,
 }
 

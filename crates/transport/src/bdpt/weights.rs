@@ -92,7 +92,7 @@ impl<'w> Path<'_, 'w> {
         if n == 2 {
             return 1.0;
         }
-        // Strategy 1 samples the light for the vertex that it lights, not as light paths start.
+        // Strategy 1 samples the light from the lit vertex, with another density than the start of a light path.
         let sampling = if self.is_possible(1, fewest) { self.sampling(lights) } else { 1.0 };
         let own = if s == 1 { sampling } else { 1.0 };
         let term = |strategy: usize, ratio: f64| {
@@ -111,7 +111,7 @@ impl<'w> Path<'_, 'w> {
             ratio *= from_light / from_camera;
             sum += term(i + 1, ratio);
         }
-        // Densities that under- or overflow leave no other strategy, or none at all.
+        // If densities under- or overflow, the weight may become 1, 0 or NaN.
         let weight = (1.0 / sum) as f32;
         if weight.is_nan() { 0.0 } else { weight }
     }
@@ -211,7 +211,7 @@ impl Bdpt<'_> {
         }
         let of_lit = lit.connect(From::Light, direction)?;
         let of_eye = eye.connect(From::Camera, -direction)?;
-        // The factor at the light path's end has the cosine with which light leaves; the camera path's has its own.
+        // Each factor includes the cosine at its own vertex.
         let radiance = lit.throughput * of_lit.factor * of_eye.factor * eye.throughput / squared;
         if !self.arrives(radiance, || spawn_ray_to(&lit.point, &eye.point), (time, rays)) {
             return None;
@@ -223,8 +223,8 @@ impl Bdpt<'_> {
         Some(Contribution { radiance, ends })
     }
 
-    /// Calls `add` for each vertex of a light path that the camera sees (t = 1), with its image position and contribution. The
-    /// position is in pixels from the top left corner. The contribution is that to the mean over the image's pixels.
+    /// Calls `add` for each vertex of a light path that the camera sees (t = 1), with its image position and its contribution
+    /// to the mean over all pixels. The position is in pixels from the top left corner.
     pub(super) fn seen(
         &self,
         draws: &Draws<'_>,

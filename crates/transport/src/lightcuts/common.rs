@@ -70,7 +70,8 @@ impl CutLight<'_> {
         (common.unwrap_or_default(), rays)
     }
 
-    /// Returns the coarsest common ancestor cut of two sorted cuts: everywhere the upper of their nodes, sorted.
+    /// Returns the coarser combination of two sorted cuts: where they differ, the node nearer to the root. The result is
+    /// sorted.
     fn upper(&self, cuts: [&[NodeId]; 2]) -> Vec<NodeId> {
         let (mut waiting, mut found): (Vec<NodeId>, _) = (self.roots().collect(), Vec::new());
         while let Some(id) = waiting.pop() {

@@ -104,7 +104,7 @@ impl LightTree {
         let [a, b] = children.map(|child| self.nodes[child as usize]);
         let (axis, cone) = join([(a.axis, a.cone), (b.axis, b.cone)]);
         let strength = a.strength + b.strength;
-        // One child's light stands for both, by chance in proportion to intensity.
+        // The light of one child represents both children. It is selected at random in proportion to intensity.
         let lights = std::array::from_fn(|set| {
             let u = hash(number, set as u32);
             if u * strength < a.strength { a.lights[set] } else { b.lights[set] }
@@ -116,7 +116,8 @@ impl LightTree {
     }
 }
 
-/// Returns a small cone that contains two cones. The axis lies between theirs, and the result does not depend on their order.
+/// Returns a small cone that contains two cones. The axis lies between the axes of both, and the result does not depend on the
+/// order of the cones.
 fn join([(a, of_a), (b, of_b)]: [(Vec3, [f32; 2]); 2]) -> (Vec3, [f32; 2]) {
     const ALL: (Vec3, [f32; 2]) = (Vec3::ZERO, [-1.0, 0.0]);
     if of_a[0] <= -1.0 || of_b[0] <= -1.0 {
@@ -159,11 +160,11 @@ impl Node {
     /// Returns an upper bound on the luminance of the irradiance from the group's lights at a point. The point's unit normal
     /// is on the lit side. A bound far below `enough` need not be tight.
     ///
-    /// The bound is the strength times the largest cosine at the surface and the largest cosine at the lights, divided by the
-    /// smallest squared distance. Each extreme is taken over the whole box and cone [Walter et al. 2005].
+    /// The bound is the group's intensity times the largest cosine at the surface and the largest cosine at the lights, divided
+    /// by the smallest squared distance. Each extreme is taken over the whole box and cone [Walter et al. 2005].
     pub(super) fn bound(&self, far: bool, position: Vec3, normal: Vec3, enough: f32) -> f32 {
         if far {
-            // Directions towards the lights within the box around them.
+            // The box contains the directions towards the lights.
             let most = self.low.max(self.high);
             let best = (normal * self.low).max(normal * most);
             return self.strength * (best.x + best.y + best.z).clamp(0.0, 1.0);
@@ -178,7 +179,7 @@ impl Node {
         if at_surface <= 0.0 {
             return 0.0;
         }
-        // The cosine towards the point is that of the opposite axis from it.
+        // The cosine at a light equals the cosine between the opposite axis and the vector from the point to the light.
         let at_lights = match self.cone[0] <= -1.0 {
             true => 1.0,
             false => widened(largest_cosine([low, high], squared, self.reach, -self.axis), self.cone),
@@ -196,8 +197,8 @@ fn largest_cosine([low, high]: [Vec3; 2], squared: f32, reach: f32, axis: Vec3) 
     if along <= 0.0 {
         return 0.0;
     }
-    // The least squared length across the axis that a point of the box may have: that of the box's least distance from the
-    // origin, if nothing better is known.
+    // A lower bound on the distance between the axis and any point of the box. The length of a vector is at least the smallest
+    // distance of the box.
     let middle = (low + high) * 0.5;
     let across = ((middle - axis * middle.dot(axis)).length() - reach).max(0.0);
     (along / (along * along + across * across).max(squared).sqrt()).min(1.0)

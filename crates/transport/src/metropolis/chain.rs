@@ -35,7 +35,7 @@ fn place_of(block: u32) -> (usize, u32) {
     match block {
         0..OF_LIGHT => (0, block),
         OF_LIGHT..OTHERS => (1, block - OF_LIGHT),
-        // The time is the only one of them.
+        // The only such group is the time.
         _ => (2, block & 0xff),
     }
 }
@@ -145,7 +145,7 @@ impl Chains<'_> {
         let sum = light.iter().fold(Vec3::ZERO, |sum, (_, light)| sum + *light);
         let brightness = dapple_core::film::luminance(sum.to_array().map(f64::from));
         let brightness = if brightness.is_finite() && brightness > 0.0 { brightness } else { 0.0 };
-        // The place in the image belongs to the state, whether the camera ray was requested or not.
+        // The image position belongs to the state, even if the camera ray was not requested.
         proposal.used[0].fetch_max(1, Ordering::Relaxed);
         Sample { state: proposal.into_state(), light, brightness, rays }
     }

@@ -3,7 +3,7 @@
 use glam::{IVec3, Vec3};
 use std::f32::consts::PI;
 
-/// Returns the squared radius of a pass relative to that of the first pass.
+/// Returns the squared radius of a pass, divided by the squared radius of the first pass.
 pub(super) fn shrunk(alpha: f64, pass: u32) -> f64 {
     (1..=pass).map(f64::from).fold(1.0, |square, i| square * (i + alpha) / (i + 1.0))
 }
@@ -36,7 +36,7 @@ pub(super) struct PhotonMap {
 }
 
 impl PhotonMap {
-    /// Sorts the `arrived` photons, of `emitted` ones, into cells. A cell is as wide as the look-up's disk.
+    /// Sorts the `arrived` photons into cells as wide as the look-up's disk. `emitted` is the number of photons emitted.
     pub(super) fn new(arrived: &[Photon], emitted: u32, radius: f32) -> Self {
         let buckets = arrived.len().next_power_of_two();
         let mut map = Self { photons: Vec::new(), starts: vec![0; buckets + 1], radius, density: 0.0 };
@@ -79,7 +79,7 @@ impl PhotonMap {
             for y in low.y..=high.y {
                 for x in low.x..=high.x {
                     let bucket = self.bucket(IVec3::new(x, y, z));
-                    // Two cells may share a bucket. Rounding could make three cells of two.
+                    // Two cells may share a bucket. Rounding could yield a third cell along an axis.
                     if seen[..count].contains(&bucket) || count == seen.len() {
                         continue;
                     }

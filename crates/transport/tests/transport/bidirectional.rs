@@ -8,7 +8,7 @@ fn bdpt<'w>(world: &'w World, options: &str) -> Box<dyn Integrator + 'w> {
     made(&format!("bdpt:{options}"), world)
 }
 
-/// A room, the inside of a ball, that `camera` looks into, with a ball of the third material.
+/// The inside of a large sphere, seen by `camera`, with a small sphere of the material `middle`.
 fn hall(camera: Camera, middle: MaterialKind, lamp: bool) -> Scene {
     let mut scene = Scene { max_depth: Some(3), camera, ..Scene::default() };
     scene.film.resolution = [8; 2];
@@ -36,8 +36,8 @@ fn cameras() -> [(&'static str, Camera); 3] {
     [("pinhole", pinhole), ("lens", lens), ("orthographic", orthographic)]
 }
 
-/// Asserts the path tracer's mean with splats and without, for each number of scattering events, with so little noise that 5 %
-/// more light would show.
+/// Asserts that the mean equals the path tracer's, with and without splats and for each number of scattering events. The noise
+/// is low enough to detect 5 % more light.
 fn has_the_path_tracers_light(name: &str, scene: &Scene, spp: u64) {
     let mut world = world(scene);
     for events in 1..=2 {
@@ -50,7 +50,7 @@ fn has_the_path_tracers_light(name: &str, scene: &Scene, spp: u64) {
     }
 }
 
-/// By a lens; thoroughly, by all cameras, through rough glass, and from a point, which no ray can hit.
+/// The scene is seen through a lens. The thorough test adds all cameras, rough glass, and a point light, which no ray can hit.
 #[test]
 fn light_in_a_hall_is_the_path_tracers() {
     let [pinhole, lens, orthographic] = cameras();
@@ -66,7 +66,7 @@ fn light_in_a_hall_is_the_path_tracers() {
     }
 }
 
-/// A ball before two disks that face each other at an angle, in the light of the sky and of the sun.
+/// A sphere in front of two disks that face each other at an angle, lit by an environment and a distant light.
 #[test]
 fn light_from_infinity_is_the_path_tracers() {
     let [(_, camera), ..] = cameras();
@@ -84,15 +84,15 @@ fn light_from_infinity_is_the_path_tracers() {
     }
 }
 
-/// Replicates of an image by an integrator.
+/// Returns images rendered by an integrator with independent seeds.
 pub(crate) fn replicates(integrator: &mut dyn Integrator, size: [u32; 2], spp: u64, seed: u64) -> Vec<Vec<[f64; 3]>> {
     (0..16).map(|i| pixels(&film_by(integrator, size, spp, seed + i))).collect()
 }
 
 const SIZE: [u32; 2] = [24, 16];
 
-/// The p-value of equal expectations, and the largest deviation of the image's mean in standard errors of the difference,
-/// of images 24 pixels wide.
+/// Returns the p-value for equal expected images, and the largest deviation of the image means in standard errors of the
+/// difference. Images are 24 pixels wide.
 pub(crate) fn compared(a: &[Vec<[f64; 3]>], b: &[Vec<[f64; 3]>]) -> (f64, f64) {
     let mean = |set: &[Vec<[f64; 3]>], c: usize| -> Mean {
         set.iter().map(|image| image.iter().map(|p| p[c]).sum::<f64>() / image.len() as f64).collect()
@@ -101,9 +101,8 @@ pub(crate) fn compared(a: &[Vec<[f64; 3]>], b: &[Vec<[f64; 3]>]) -> (f64, f64) {
     (images(24, a, b).p(), z)
 }
 
-/// On two scenes, thoroughly on six: images by 1e-6 over all, and means within 3 standard errors of the difference. That
-/// alone gives a false alarm with probability 0.03 for six scenes of three channels with other seeds. Negative control: 5 %
-/// more light.
+/// Images agree at a level of 1e-6 over all scenes, and means agree within 3 standard errors of the difference. With other
+/// seeds, the second test alone fails with probability 0.03 for six scenes. Negative control: 5 % more light.
 #[test]
 fn means_are_the_path_tracers() {
     for name in &["cornell", "lens", "teapot", "motion", "room", "plates"][..thorough(2, 6)] {
@@ -122,7 +121,7 @@ fn means_are_the_path_tracers() {
     }
 }
 
-/// The geometric series, whatever the strategies.
+/// The closed form is a geometric series. It does not depend on the strategies.
 #[test]
 fn furnaces_have_their_closed_form() {
     for (depth, rho) in [(Some(0), 0.5), (Some(1), 0.5), (Some(2), 0.8), (Some(5), 0.8), (None, 0.5)] {
@@ -142,7 +141,7 @@ fn media_and_transparency_are_refused_with_their_object() {
     assert!(refused.contains("scene.pbrt:") && refused.contains("--without"), "{refused}");
 }
 
-/// A window of the image shows the light that the whole image has there, splats included.
+/// A window shows the same light as the whole image in that place, including splats.
 #[test]
 fn a_window_shows_the_light_of_the_whole_image() {
     let size = [32, 24];
@@ -162,7 +161,7 @@ fn a_window_shows_the_light_of_the_whole_image() {
             };
             (0..thorough(8, 16)).map(of).collect()
         };
-        // About as many light paths in either.
+        // Both have about the same number of light paths.
         let (expected, found) = (mean(whole, 8), mean(window, 96));
         let test = found.against_estimate(&expected);
         assert!(test.standard_error < 0.1 * expected.mean, "{request}: too noisy a test: {found:?}, {expected:?}");
@@ -170,7 +169,7 @@ fn a_window_shows_the_light_of_the_whole_image() {
     }
 }
 
-/// Films of splats have the same bits for any threads, and when resumed.
+/// Films with splats are bit-identical for any number of threads, and when resumed.
 #[test]
 fn bits_do_not_depend_on_threads_or_interruptions() {
     let scene = bundled::files("cornell").expect("bundled").read().expect("it reads");
@@ -179,8 +178,8 @@ fn bits_do_not_depend_on_threads_or_interruptions() {
     }
 }
 
-/// Light of a lamp of a hundredth of a ball's radius through the ball of glass. Two methods that share no weights of strategies
-/// with the path tracer agree on the focus, of which it finds nothing.
+/// A glass sphere focuses the light of a lamp of 1/100 of its radius. Two methods that share no strategy weights with the path
+/// tracer agree on the focus, which the path tracer misses.
 #[test]
 fn splats_and_chains_find_the_light_of_a_tiny_lamp_through_glass() {
     let size = [32, 24];
@@ -222,7 +221,7 @@ fn errors_of_the_caustic() {
     }
 }
 
-/// `depth=` cuts paths as the scene's own limit does, and nothing shines in the dark.
+/// `depth=` limits paths like the scene's own limit, and a scene without lights is black.
 #[test]
 fn depth_limits_paths_and_a_dark_scene_is_black() {
     let [(_, camera), ..] = cameras();
@@ -237,8 +236,8 @@ fn depth_limits_paths_and_a_dark_scene_is_black() {
     assert!(image(&dark, "").iter().all(|p| *p == [0.0; 3]));
 }
 
-/// The same random numbers give the same first hit, features and emission with and without light. Paths end before roulette, which
-/// features alone do not play.
+/// The same random numbers give the same first hit, features and emission with and without light. Paths end before Russian
+/// roulette, which is not used for features alone.
 #[test]
 fn features_without_light_are_those_of_whole_samples() {
     const SIZE: [u32; 2] = [40, 30];

@@ -57,7 +57,7 @@ fn no_node_contributes_more_than_its_bound() {
                 let bound = node.bound(false, position, normal, 0.0);
                 let all: f32 = below.iter().map(|l| irradiance(&tree.lights[*l as usize], position, normal)).sum();
                 assert!(all <= 1.0001 * bound + 1e-6, "{all} of at most {bound}");
-                // What stands for the node is within the bound as well.
+                // The node's representative light is within the bound as well.
                 let light = &tree.lights[node.lights[1] as usize];
                 let stands = irradiance(light, position, normal) * node.strength / luminance(light.intensity);
                 assert!(stands <= 1.0001 * bound + 1e-6);

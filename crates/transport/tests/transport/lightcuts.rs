@@ -7,7 +7,7 @@ const SIZE: [u32; 2] = [24, 18];
 
 /// A floor with two columns under 300 points, 100 small lamps and a distant light; light scatters once.
 fn many(shadows: bool) -> Scene {
-    // No lamp is in view: the camera would find them by chance.
+    // No lamp is in view, since the camera would find lamps by chance.
     let mut scene = scene(SIZE, 24.0, DVec3::new(0.0, -3.5, 1.2), DVec3::new(0.0, 0.0, -0.1));
     scene.max_depth = Some(1);
     let grey = add_material(&mut scene, diffuse(0.5));
@@ -36,7 +36,7 @@ fn image(scene: &Scene, request: &str, spp: u64) -> Film {
     film(&world(scene), request, SIZE, spp, 5)
 }
 
-/// The largest relative difference of two films' pixels, and the mean one.
+/// Returns the largest and the mean relative difference between the pixels of two films.
 fn differences(a: &Film, b: &Film) -> [f64; 2] {
     let relative = |i: usize| (a.mean(i)[1] / b.mean(i)[1] - 1.0).abs();
     let all: Vec<f64> = (0..a.frame().pixels()).filter(|i| b.mean(*i)[1] > 0.0).map(relative).collect();
@@ -51,7 +51,7 @@ fn the_error_is_within_its_bound_and_rays_fall_with_it() {
     let mut before = exact.record().rays;
     for error in [0.002, 0.02, 0.2] {
         let cut = image(&scene, &format!("lightcuts:error={error},cut=100000"), 4);
-        // Bounds are of single groups; their errors have both signs.
+        // Bounds hold for single groups, whose errors have both signs.
         let [largest, mean] = differences(&cut, &exact);
         assert!(largest <= 2.0 * error && mean <= error, "{largest}, {mean} with a bound of {error}");
         assert!(cut.record().rays < before, "{} rays with a bound of {error}", cut.record().rays);
@@ -97,7 +97,7 @@ fn cuts_and_virtual_lights_have_the_same_bits_on_any_threads() {
     assert_same_bits_on_threads(&world(&chamber(metal(0.0))), "instant:paths=8", [12, 12]);
 }
 
-/// Negative controls: cuts of one group, and common cuts change bits.
+/// Negative controls: cuts of one group differ, and common cuts change bits.
 #[test]
 fn common_cuts_leave_the_light() {
     let mut world = bundle("many-lights", SIZE);

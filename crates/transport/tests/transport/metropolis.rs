@@ -6,7 +6,7 @@ use crate::support::*;
 
 const SIZE: [u32; 2] = [24, 16];
 
-/// Discarded samples too, so that the halves of the film stay independent.
+/// This includes discarded samples, so that the halves of the film stay independent.
 #[test]
 fn samples_of_a_half_take_the_image_of_that_half() {
     let world = bundle("cornell", SIZE);
@@ -31,8 +31,8 @@ fn samples_of_a_half_take_the_image_of_that_half() {
     assert!(halves[0] > 0.0 && (halves[0] / halves[1] - 1.0).abs() > 1e-3, "other chains make other light: {halves:?}");
 }
 
-/// With any share of large steps, 1 included (independent samples), with few seeds, and with chains of one step, whose light is
-/// that of their start. Negative controls: without the chains light is missing, and 10 % more light shows in `cornell`.
+/// Cases: any fraction of large steps, including 1 (independent samples), few seeds, and chains of one step, which only use
+/// their start. Negative controls: light is missing without chains, and 10 % more light is detected in `cornell`.
 #[test]
 fn the_mean_is_the_path_tracers() {
     let all = ["", "large=1", "large=0.02,length=64", "seeds=1,length=1"];

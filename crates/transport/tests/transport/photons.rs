@@ -7,8 +7,8 @@ mod map;
 use crate::support::*;
 use map::{Photon, PhotonMap, shrunk};
 
-/// A floor seen from above under a light at height 2, behind a pane of index 1 if `pane`: the pane changes no light, but
-/// hides the light from light sampling.
+/// A floor seen from above under a light at height 2. With `pane`, the light is behind a pane of index 1, which changes no
+/// light, but hides the light from light sampling.
 fn floor(kind: Option<LightKind>, pane: bool) -> Scene {
     let mut scene = scene([16, 16], 30.0, DVec3::new(0.0, -2.0, 1.2), DVec3::ZERO);
     let grey = add_material(&mut scene, diffuse(0.5));
@@ -30,7 +30,7 @@ fn floor(kind: Option<LightKind>, pane: bool) -> Scene {
     scene
 }
 
-/// A point light is found by photons alone: paths cannot meet it through glass.
+/// Only photons find a point light behind glass, since paths cannot hit it.
 #[test]
 fn light_through_clear_panes_is_that_without_them() {
     let falloff = SpotFalloff::Smoothstep;
@@ -51,8 +51,8 @@ fn light_through_clear_panes_is_that_without_them() {
     }
 }
 
-/// A ball of glass over a floor under a lamp of radius 0.5, which paths can find. The camera sees the caustic alone: the
-/// lamp's reflection in the ball would be noise.
+/// A glass sphere between a floor and a lamp of radius 0.5, which paths can find. The camera sees only the caustic, since the
+/// lamp's reflection in the sphere would add noise.
 fn ball() -> Scene {
     let mut scene = scene([16, 16], 12.0, DVec3::new(-2.5, -1.0, 1.2), DVec3::new(-0.4, 0.0, 0.0));
     let grey = add_material(&mut scene, diffuse(0.5));
@@ -74,7 +74,7 @@ fn caustics_of_a_glass_ball_are_those_of_path_tracing() {
     assert!(without < 0.95, "the caustic is {without} of the light");
 }
 
-/// The lamp alone lies in ink, which the camera is not in. Negative control: light that the ink does not absorb.
+/// The lamp is in an absorbing medium, and the camera outside. Negative control: light that the medium does not absorb.
 #[test]
 fn photons_of_a_lamp_in_a_medium_are_absorbed_there() {
     let mut scene = ball();
@@ -91,8 +91,8 @@ fn photons_of_a_lamp_in_a_medium_are_absorbed_there() {
     assert!(bright > 1.5, "ink takes light: {bright}");
 }
 
-/// A ball of radius r around a point of a sphere covers pi r^2 of it, so density estimation has no bias. Without photons
-/// nothing but rounding is left.
+/// The part of a sphere within distance r of one of its points has area pi r^2, so density estimation has no bias. The images
+/// without photons differ by rounding only.
 #[test]
 fn furnaces_have_their_radiance() {
     let cases = [(0.5, None), (0.8, Some(3)), (0.8, None), (0.8, Some(1))];
@@ -115,7 +115,7 @@ fn photons_have_the_same_bits_on_any_threads_and_resumed_within_a_pass() {
     }
 }
 
-/// Radii that do not fit the scene, motion and unknown kinds of light.
+/// Rejected are radii that do not fit the scene, motion, and unknown kinds of light.
 #[test]
 fn what_photons_lack_is_refused() {
     let mut moving = ball();

@@ -6,12 +6,12 @@ mod parts;
 use crate::support::*;
 use parts::{divide, part_at, triangle_area};
 
-/// Negative control: patches as large as walls are no image.
+/// Negative control: patches as large as walls have a large bias.
 #[test]
 fn the_bias_falls_with_smaller_patches() {
     let world = world(&chamber(diffuse(0.6)));
     let expected = pixels(&film(&world, "path", [12, 12], 1024, 3));
-    // The root of the mean square of relative differences, pixel by pixel in green.
+    // The root mean square of the relative differences of pixels in the green channel.
     let at = |patches: u32, gather: u32| {
         let request = format!("radiosity:patches={patches},gather={gather},particles=20000");
         let found = pixels(&film(&world, &request, [12, 12], 16, 40));
@@ -20,12 +20,12 @@ fn the_bias_falls_with_smaller_patches() {
     };
     let shown = [8, 64, 512].map(|patches| at(patches, 0));
     let gathered = [8, 512].map(|patches| at(patches, 1));
-    // The noise of 16 spp, with that of the reference, is part of all these.
+    // All these include the noise of 16 spp and of the reference.
     assert!(shown[0] > 2.0 * shown[1] && shown[1] > 1.3 * shown[2] && shown[2] < 0.03, "shown {shown:.4?}");
     assert!(shown[0] > 0.1 && gathered[0] > 2.0 * gathered[1], "{shown:.4?}, {gathered:.4?}");
 }
 
-/// Glossy walls, mirrors and sheets that light passes have no bias of their own. Negative control: direct light alone.
+/// Glossy walls, mirrors and transmitting sheets add no bias. Negative control: direct light alone.
 #[test]
 fn means_are_the_path_tracers() {
     let [reflectance, transmittance] = [0.4, 0.3].map(|x| Color::Constant([x; 3]));
@@ -92,7 +92,7 @@ fn parts_of_a_triangle_are_found_by_their_weights() {
             number += 1;
         });
         assert_eq!(number, parts * parts);
-        // Weights that rounding puts outside lie in a part.
+        // Weights moved out of the triangle by rounding belong to a part.
         for weights in [[1.0, 0.0], [0.0, 1.0], [0.5, 0.500_001], [1.0, 1.0]] {
             assert!(part_at(weights, parts) < parts * parts);
         }

@@ -1,4 +1,4 @@
-//! Published scenes beside pbrt-v4's images of them, by its photons and its bidirectional paths.
+//! Published scenes compared with pbrt-v4's images, rendered by its photon mapping and bidirectional path tracing.
 //!
 //! ```sh
 //! cargo test --release -p dapple-transport --test transport -- --ignored references --nocapture
@@ -10,10 +10,10 @@ use dapple_scene::image::{Encoding, Image, read_image};
 use dapple_scene::pbrt::{ReadOptions, read_scene};
 use std::path::PathBuf;
 
-/// A window of pixels: columns and rows.
+/// A window of pixels, as ranges of columns and rows.
 type Window = [std::ops::Range<usize>; 2];
 
-/// A scene of the size of its reference, box filter; `None` without the files.
+/// Returns a scene in the size of its reference, with a box filter; `None` if the files are missing.
 fn case(name: &str, image: &str) -> Option<(World, Image)> {
     let beside = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/scenes"));
     let scenes = std::env::var_os("DAPPLE_SCENES").map_or(beside, PathBuf::from);
@@ -31,8 +31,8 @@ fn case(name: &str, image: &str) -> Option<(World, Image)> {
     Some((world(&scene), reference))
 }
 
-/// The ratios of means of Dapple's images to the reference in windows, per channel, over four seeds. Pixels in `hidden` and
-/// those brighter than `glint` are left out.
+/// Returns the ratio of the means of Dapple's images and of the reference, per window and channel, over four seeds. Pixels in
+/// `hidden` and pixels brighter than `glint` are left out.
 fn ratios(
     (world, reference): &(World, Image),
     integrator: &str,
@@ -84,8 +84,8 @@ fn water_caustic_is_that_of_photon_mapping() {
     }
 }
 
-/// The plain RGB reference of 1.03 % of noise for photons. The spectral one is known to 0.2 %, and plain RGB differs by 1 % at
-/// most.
+/// Photons are compared with the RGB reference, which has 1.03 % of noise. The spectral reference has 0.2 %, and RGB differs by
+/// at most 1 %.
 #[test]
 #[ignore = "slow: minutes"]
 fn veach_bidir_is_that_of_bidirectional_paths() {

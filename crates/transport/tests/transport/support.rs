@@ -17,7 +17,7 @@ pub use dapple_scene::*;
 pub use dapple_transport::make_integrator;
 pub use glam::{DAffine3, DMat3, DVec3, Vec3};
 
-/// The short form of a test, or the long one by `DAPPLE_THOROUGH=1`.
+/// Returns `long` if `DAPPLE_THOROUGH` is set, else `short`.
 pub fn thorough<T>(short: T, long: T) -> T {
     if std::env::var_os("DAPPLE_THOROUGH").is_some() { long } else { short }
 }
@@ -31,12 +31,12 @@ pub fn bundle(name: &str, size: [u32; 2]) -> World {
     World::with_resolution(&scene, size).unwrap_or_else(|e| panic!("{name}: {e}"))
 }
 
-/// An integrator by its words.
+/// Returns the integrator of a request.
 pub fn made<'w>(request: &str, world: &'w World) -> Box<dyn Integrator + 'w> {
     make_integrator(request, world).unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// The film of `spp` Sobol' samples in every pixel.
+/// Renders `spp` Sobol' samples in every pixel.
 pub fn film_by(integrator: &mut dyn Integrator, [width, height]: [u32; 2], spp: u64, seed: u64) -> Film {
     let frame = Frame::new(width, height).expect("a frame");
     let limits = Limits::samples(spp * u64::from(width * height));
@@ -50,7 +50,7 @@ pub fn film(world: &World, request: &str, size: [u32; 2], spp: u64, seed: u64) -
     film_by(&mut *made(request, world), size, spp, seed)
 }
 
-/// The mean of all pixels of some films, in green, one value for each seed.
+/// Returns the mean over all pixels in the green channel, with one value per seed.
 pub fn means_by(integrator: &mut dyn Integrator, size: [u32; 2], spp: u64, seeds: impl Iterator<Item = u64>) -> Mean {
     seeds.map(|seed| mean_of(&film_by(integrator, size, spp, seed))).collect()
 }
@@ -68,8 +68,8 @@ pub fn mean_of(film: &Film) -> f64 {
     pixels(film).iter().map(|p| p[1]).collect::<Mean>().mean
 }
 
-/// Asserts that two means differ relatively by `tolerance` at most, and that the noise is below `noise`. All tests together
-/// exceed 5.5 standard errors once in 10^6 runs.
+/// Asserts that the relative difference of two means is at most `tolerance`, and that the noise is below `noise`. All tests
+/// together exceed 5.5 standard errors once in 10^6 runs.
 pub fn assert_near(name: &str, found: &Mean, expected: &Mean, tolerance: f64, noise: f64) {
     let bias = found.mean / expected.mean - 1.0;
     let error = found.standard_error().hypot(expected.standard_error()) / expected.mean;
@@ -81,7 +81,7 @@ pub fn exactly(mean: f64) -> Mean {
     [mean; 2].into_iter().collect()
 }
 
-/// A diffuse room with a lamp below its ceiling, a ball on the floor, and a wall of this material.
+/// A diffuse room with a lamp below the ceiling, a sphere on the floor, and one wall of this material.
 pub fn chamber(wall: MaterialKind) -> Scene {
     let mut scene = scene([12, 12], 60.0, DVec3::new(0.0, -0.9, 0.2), DVec3::new(0.0, 0.5, -0.2));
     let grey = add_material(&mut scene, diffuse(0.6));
@@ -101,7 +101,7 @@ pub fn add_walls(scene: &mut Scene, material: impl Fn(DVec3) -> MaterialId, shin
     }
 }
 
-/// The inside of a sphere, or of a cube, that reflects `rho` and emits 1, and its radiance.
+/// Returns the inside of a sphere or cube with albedo `rho` and emission 1, and its radiance.
 pub fn furnace(rho: f32, depth: Option<u32>, is_cubic: bool) -> (Scene, Mean) {
     let mut scene = scene([8, 8], 70.0, DVec3::new(0.2, 0.3, -0.1), DVec3::new(-0.9, 0.5, 0.4));
     let wall = add_material(&mut scene, diffuse(rho));
@@ -117,7 +117,7 @@ pub fn furnace(rho: f32, depth: Option<u32>, is_cubic: bool) -> (Scene, Mean) {
     (scene, exactly((1.0 - lost) / (1.0 - rho)))
 }
 
-/// Asserts the same bits from one and from three threads.
+/// Asserts that one and three threads give bit-identical results.
 pub fn assert_same_bits_on_threads(world: &World, request: &str, size: [u32; 2]) {
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
@@ -126,8 +126,8 @@ pub fn assert_same_bits_on_threads(world: &World, request: &str, size: [u32; 2])
     assert!(on(1) == on(3), "{request}");
 }
 
-/// Requires the same bits of 5 spp in 48x40 pixels from one to three threads, resumed after each slice and not. Returns the
-/// film, and the numbers of samples after which it was resumed.
+/// Asserts that one to three threads give bit-identical films of 5 spp in 48x40 pixels, with and without a resume after each
+/// slice. Returns the film, and the numbers of samples after which it was resumed.
 pub fn with_the_same_bits_on_any_threads_and_resumed(scene: &Scene, request: &str) -> (Film, Vec<u64>) {
     let world = World::with_resolution(scene, [48, 40]).unwrap_or_else(|e| panic!("{e}"));
     let (frame, limits) = (Frame::new(48, 40).expect("a frame"), Limits::samples(5 * 48 * 40));

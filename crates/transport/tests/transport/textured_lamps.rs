@@ -1,4 +1,4 @@
-//! Lamps whose emission is a texture, by every integrator.
+//! Lamps whose emission is a texture, in every integrator.
 
 use crate::support::*;
 
@@ -13,8 +13,7 @@ fn chamber_with_checks() -> Scene {
     scene
 }
 
-/// All integrators find the path tracer's light, within the bias of those that have one. Negative control: a lamp without
-/// its texture is told from it.
+/// All integrators agree with the path tracer, within their bias. Negative control: a lamp without its texture differs.
 #[test]
 fn integrators_agree_on_a_textured_lamp() {
     let scene = chamber_with_checks();
@@ -35,7 +34,7 @@ fn integrators_agree_on_a_textured_lamp() {
     assert!(bias.abs() > 0.05, "a flat lamp differs by {bias}");
 }
 
-/// Paths from the lights cannot pass what only the camera sees.
+/// Paths from the lights do not support surfaces that only the camera sees.
 #[test]
 fn bidirectional_paths_refuse_unlit_surfaces() {
     let scene = chamber(MaterialKind::Unlit { color: Color::Constant([0.5; 3]) });

@@ -2,7 +2,7 @@
 //! directly visible on the way.
 //!
 //! They are recorded while a path is traced, without additional rays or random numbers. Where a surface both reflects and
-//! refracts, or shows its base through a coat, they follow the lobe that the path samples.
+//! refracts, or shows its base through a coat, the features follow the sampled lobe.
 
 use super::transmission::MediumEnd;
 use super::{LightSelector, NoVertexLight, Path, PathTracer, VertexLight, code};
@@ -85,8 +85,8 @@ impl<'w> AnyPath<'w> {
         estimate
     }
 
-    /// Samples the next ray as for a complete sample. Returns false if the path ends at this surface, or if the sampled lobe
-    /// is rough.
+    /// Samples the next ray as for a complete sample. Returns false if the path ends at this surface, or if the sampled lobe is
+    /// neither specular nor narrow.
     fn passes_on(&self, draws: &Draws<'_>, path: &mut Path<(), ()>, at: &Interaction<'w>, surface: &Surface) -> bool {
         let world = self.world;
         if surface.black {

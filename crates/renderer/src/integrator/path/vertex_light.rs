@@ -81,7 +81,7 @@ pub struct GatherPoint<'a> {
     pub at: &'a Interaction<'a>,
     /// The BSDF of the surface.
     pub bsdf: &'a Bsdf<'a>,
-    /// The shading frame, in which the BSDF's directions are.
+    /// The shading frame, in which the BSDF's directions are given.
     pub frame: &'a ShadingFrame,
     /// The unit direction towards the previous vertex, in the shading frame.
     pub wo: Vec3,
