@@ -1,4 +1,4 @@
-//! Statistics that a single method records, besides those of a film.
+//! Statistics that a single method records, in addition to those of every film.
 
 use crate::{Error, Estimate, Film};
 use serde::{Deserialize, Serialize};

@@ -184,8 +184,8 @@ impl Snapshot {
         }
     }
 
-    /// Restores the sampler's state. Checks that the snapshot belongs to a render with this sampler, frame and limits, and
-    /// records `needs`.
+    /// Restores the sampler's state. Checks that the snapshot belongs to a render with this sampler, frame and limits,
+    /// and that it has all statistics in `needs`.
     pub(crate) fn restore_sampler(
         &self,
         sampler: &mut dyn Sampler,

@@ -171,7 +171,7 @@ impl<'a> Session<'a> {
                 continued(snapshot, &mut *sampler, &mut meter, (&needs, limits), &frame)?
             }
         };
-        // Only a limit of time asks for the time, unless the caller does.
+        // Only a time limit reads the clock, unless the caller sets one.
         let clock = if meter.seconds().is_some() { Clock::of_machine() } else { Clock::none() };
         let (clock, limits) = (Stopwatch::start(clock, seconds), limits.clone());
         let (began, over, given_out, tile_side) = (0.0, false, None, 32);
@@ -287,8 +287,8 @@ impl<'a> Session<'a> {
         self.state.film
     }
 
-    /// The state of the session as bytes for [`Snapshot::from_bytes`]. A session resumed from the end plans the last round
-    /// again, so that round's budget is left out.
+    /// The state of the session as bytes for [`Snapshot::from_bytes`]. At the end, it leaves out the last round's budget,
+    /// since a resumed session plans that round again.
     pub fn snapshot(&mut self) -> Vec<u8> {
         let shown = if self.over { self.state.film.record.budgets.pop() } else { None };
         let bytes = self.view(self.clock.seconds()).write();
@@ -320,7 +320,7 @@ impl<'a> Session<'a> {
         Ok(!self.over)
     }
 
-    /// Closes the round that was traced, or stopped. Returns `true` if the render ends here because it was stopped.
+    /// Closes the open round after it was traced or stopped. Returns `true` if the render ends here because it was stopped.
     pub(super) fn close(&mut self, stopped: Stopped) -> Result<bool, Error> {
         let Some(open) = self.state.open.take() else { return Ok(true) };
         let (film, trace_seconds) = (&mut self.state.film, self.clock.seconds() - self.began);

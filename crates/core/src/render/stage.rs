@@ -10,8 +10,8 @@ use super::{Methods, Monitor, NoMonitor, Render, Session};
 use crate::{Clock, Error, Film, Frame, Integrator, Sampler, Snapshot, film::Record, film::keep_first, snapshot::View};
 use std::ops::Range;
 
-/// The state of an integrator between two calls of [`Render::trace_rows`]: how many training passes it has learned, and the
-/// pass that it is prepared for. A new integrator needs a new value.
+/// The state of an integrator between two calls of [`Render::trace_rows`]: the number of training passes it has learned,
+/// and the pass it is prepared for. A new integrator needs a new value.
 #[derive(Clone, Debug, Default)]
 pub struct Readiness {
     learned: usize,
@@ -107,7 +107,7 @@ impl Session<'_> {
             plan_seconds: 0.0,
             traced_seconds: 0.0,
         };
-        // Samples of the round that the rows have already are no samples before it.
+        // Samples of this round in the rows do not count as samples before the round.
         open.before -= open.plan.total() - open.rest(width).total();
         let (round, passes, open, stage) =
             (self.state.round, self.state.passes.clone(), Some(open), Some(stage.clone()));
@@ -180,7 +180,7 @@ impl Session<'_> {
             ..Record::default()
         };
         if record.passes > film.record.passes {
-            // Each machine prepares the same, which counts once.
+            // All machines repeat the same preparation, which counts once.
             film.record.passes = record.passes;
             film.record.prepare_rays += record.prepare_rays;
             film.record.rays += record.prepare_rays;
@@ -233,8 +233,7 @@ impl Render<'_> {
     /// Traces rows from [`Session::rows_of`] to the end of their stage. Returns the traced rows for [`Session::join`];
     /// `None` if the monitor stopped the render.
     ///
-    /// The integrator learns the training passes that are new according to `ready`, and is prepared for the pass unless it
-    /// already is.
+    /// The integrator learns the training passes that `ready` lacks, and is prepared for the pass unless it already is.
     ///
     /// # Errors
     ///
@@ -284,7 +283,7 @@ fn samples_in(film: &Film, rows: Frame) -> u64 {
 }
 
 impl Film {
-    /// The rows `frame` as a separate film, with the record of a render that begins there.
+    /// The rows `frame` as a separate film, with the record of a render that has the samples of these rows.
     fn rows_of(&self, frame: Frame) -> Self {
         let mut film = self.part(frame, crate::plan::Retention::Keep);
         if film.discarded.is_empty() && !self.discarded.is_empty() {
