@@ -161,10 +161,10 @@ pub enum Error {
         /// The fault, as a clause.
         what: &'static str,
     },
-    /// A snapshot of a render whose settings differ from those of the resumed render.
-    #[error("the snapshot is of another render: {what}; resume with the settings of that render, or start a new one")]
+    /// A snapshot, or traced rows of a stage, of a render with other settings or at another point.
+    #[error("the saved state does not fit this render: {what}")]
     OtherRender {
-        /// The settings that differ, in words.
+        /// The difference, and what to do about it.
         what: String,
     },
     /// A sample that is NaN, infinite or negative, under [`InvalidSample::Fail`](crate::InvalidSample).

@@ -91,7 +91,8 @@ impl Meter {
             self.total = total;
         }
         if self.total < planned {
-            let what = format!("{planned} samples are traced or planned already, but the budget is {}", self.total);
+            let what =
+                format!("{planned} samples are traced or planned already; raise the budget of {} samples", self.total);
             return Err(Error::OtherRender { what });
         }
         Ok(())
@@ -194,7 +195,7 @@ impl Stopwatch {
     }
 }
 
-/// The inverse of the fraction of image rows on which a filter is timed.
+/// The divisor of the image's rows that gives the number of rows on which a filter is timed.
 const PART: u32 = 16;
 /// The minimum number of pixels on which a filter is timed; smaller images are filtered whole. A larger number would take
 /// much of a short time limit.

@@ -308,7 +308,7 @@ impl<'a> Session<'a> {
         self.state.passes.iter().for_each(|pass| integrator.learn(pass));
     }
 
-    /// Opens a round to trace: the one that is open already, or the next. Returns `false` at the end of the render.
+    /// Plans the next round, unless one is open already. Returns `false` at the end of the render.
     pub(super) fn open(&mut self) -> Result<bool, Error> {
         if self.state.open.is_none() {
             self.state.open = self.plan()?;
@@ -443,7 +443,7 @@ impl Session<'_> {
     }
 }
 
-/// The inverse of the largest fraction of a round's remaining samples that its next part may have under a time limit.
+/// The divisor of a round's remaining samples that limits its next part under a time limit.
 const TIMED: u64 = 4;
 
 /// The samples per pixel of the next part of a round, after `traced` samples. A part has at most as many samples as were

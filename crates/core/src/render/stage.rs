@@ -152,24 +152,24 @@ impl Session<'_> {
     pub fn join(&mut self, stage: &Stage, rows: TracedRows) -> Result<Range<u32>, Error> {
         let other = |what: &str| Err(Error::OtherRender { what: what.into() });
         let State { film: mut part, round, open: Some(traced), stage: of, .. } = rows.0 else {
-            return other("the rows belong to no open round");
+            return other("the rows belong to no open round; join only traced rows");
         };
         if of.as_ref() != Some(stage) || round != self.state.round {
-            return other("the rows belong to another stage");
+            return other("the rows belong to another stage; join only rows of this one");
         }
         if traced.cursor.start != stage.end() {
-            return other("the rows are not traced to the end of their stage");
+            return other("the rows are not traced to the end of their stage; trace them again");
         }
-        let Some(open) = self.state.open.as_mut() else { return other("no round is open") };
+        let Some(open) = self.state.open.as_mut() else { return Err(no_round()) };
         let film = &mut self.state.film;
         if part.needs != film.needs || part.recorders != film.recorders {
-            return other("the rows record other statistics");
+            return other("the rows record other statistics; trace them with the session's needs");
         }
         let top = part.frame.origin()[1] - stage.frame.origin()[1];
         let rows = top..top + part.frame.size()[1];
         let (had, new) = (samples_in(film, part.frame), planned(open, stage, &rows));
         if part.record.samples != had + new {
-            return other("the rows were joined already");
+            return other("the rows were joined already; join each row once");
         }
         let record = std::mem::take(&mut part.record);
         part.record = Record {
