@@ -217,8 +217,8 @@ fn wrong_uses_of_tiles_are_refused_and_named() {
         tile.samples().next().unwrap()
     }
     assert!(message(&|tile| tile.add(&first(tile), [1.0; 3])).contains("pixel (0, 0) was added twice"));
-    assert!(message(&|tile| tile.push([3, 2], [1.0; 3])).contains("pixel (3, 2) got more than the 1 requested samples"));
-    assert!(message(&|tile| tile.push([4, 0], [1.0; 3])).contains("pixel (4, 0) got more than the 0 requested samples"));
+    assert!(message(&|tile| tile.push([3, 2], [1.0; 3])).contains("pixel (3, 2) got more than the 1 requested"));
+    assert!(message(&|tile| tile.push([4, 0], [1.0; 3])).contains("pixel (4, 0) got more than the 0 requested"));
     let other = round.tile([4, 4, 8, 8]).unwrap();
     assert!(message(&|tile| tile.add(&first(&other), [1.0; 3])).contains("belongs to another tile"));
     let few = |tile: &mut Tile<'_>| tile.add_all(&[first(tile)], Vec::<[f32; 3]>::new());
