@@ -1,7 +1,7 @@
 //! Adaptive sampling and denoising for any Monte Carlo renderer: more samples where an image needs them.
 //!
-//! Your renderer keeps its loop, its threads, its rays and its materials. A [`Session`] returns which samples to trace, takes
-//! their results and makes the image:
+//! Your renderer keeps its loop, its threads, its rays and its materials. A [`Session`] requests samples, takes their
+//! results and makes the image:
 //!
 //! ```
 //! use dapple::{Error, Estimate, FirstHit, Frame, Limits, Rng, Session};

@@ -34,7 +34,7 @@ pub fn points(description: &str, seed: u64) -> Result<Box<dyn PointSet>, Error> 
 /// # Errors
 ///
 /// [`Error::Method`] for an unknown name or key, listing the known ones, and for a value out of range.
-/// `cluster-thesis` needs clusters and first-hit rays, which `dapple_registry::sampler` takes.
+/// `cluster-thesis` needs clusters and first-hit rays: use `dapple_registry::sampler` for it.
 pub fn sampler(description: &str, points: Box<dyn PointSet>) -> Result<Box<dyn Sampler>, Error> {
     Ok(dapple_registry::sampler(description, points, &HostClusters::none())?.sampler)
 }
@@ -50,7 +50,7 @@ pub fn sampler(description: &str, points: Box<dyn PointSet>) -> Result<Box<dyn S
 /// # Errors
 ///
 /// [`Error::Method`] for an unknown name or key, listing the known ones, and for a value out of range.
-/// `cluster-gaussian` needs clusters, which `dapple_registry::filter` takes.
+/// `cluster-gaussian` needs clusters: use `dapple_registry::filter` for it.
 pub fn filter(description: &str) -> Result<Box<dyn Filter>, Error> {
     Ok(dapple_registry::filter(description, &HostClusters::none())?)
 }

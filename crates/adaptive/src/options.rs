@@ -78,18 +78,18 @@ impl AdaptiveOptions {
         let is_one_round = crosses || policy == PilotPolicy::Discard;
         let name = || policy.name().to_owned();
         let (option, value, allowed) = if pilot == 1 && !reads_neighbours {
-            ("pilot", pilot.to_string(), "use at least 2, since a variance needs two samples; 0 chooses")
+            ("pilot", pilot.to_string(), "at least 2, since a variance needs two samples; 0 chooses")
         } else if crosses && (1..4).contains(&pilot) {
-            ("pilot", pilot.to_string(), "use at least 4, since each half needs two samples; 0 chooses")
+            ("pilot", pilot.to_string(), "at least 4, since each half needs two samples; 0 chooses")
         } else if is_one_round && rounds > 1 {
-            ("rounds", rounds.to_string(), "use 1 with discard or cross, as more rounds would bias the image")
+            ("rounds", rounds.to_string(), "1 with discard or cross, as more rounds would bias the image")
         } else if reads_neighbours && rounds > 2 {
-            let allowed = "use 1 or 2 with neighbours, as a third round would bias the image; policy=keep allows more";
+            let allowed = "1 or 2 with neighbours, as a third round would bias the image; policy=keep allows more";
             ("rounds", rounds.to_string(), allowed)
         } else if crosses && cost == 1 {
-            ("policy", name(), "use keep, neighbours or discard with cost=1, as costs are not recorded per half")
+            ("policy", name(), "keep, neighbours or discard with cost=1, as costs are not recorded per half")
         } else if reads_neighbours && radius == 0 {
-            ("policy", name(), "use keep or discard with radius 0, or a larger radius with neighbours")
+            ("policy", name(), "keep or discard with radius 0, or a larger radius with neighbours")
         } else {
             return Ok(());
         };

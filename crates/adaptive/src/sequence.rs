@@ -51,7 +51,7 @@ impl<A: Sampler, B: Sampler> Sequence<A, B> {
     /// [`Error::OutOfRange`] for an `spp` of 0.
     pub fn new(first: A, spp: u32, second: B) -> Result<Self, Error> {
         if spp == 0 {
-            return Err(Error::out_of_range("spp", spp, "use at least 1 sample per pixel for the first sampler"));
+            return Err(Error::out_of_range("spp", spp, "at least 1 sample per pixel for the first sampler"));
         }
         let fresh = second.save();
         Ok(Self { first, spp, second, is_second: false, fresh })

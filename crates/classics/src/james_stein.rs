@@ -81,7 +81,7 @@ impl<F: Filter> JamesStein<F> {
     pub fn with_options(of: F, options: JamesSteinOptions) -> Result<Self, Error> {
         options.check_ranges()?;
         if of.needs().halves {
-            let allowed = "use a filter that needs no halves, such as gaussian";
+            let allowed = "a filter that needs no halves, such as gaussian";
             return Err(Error::OutOfRange { name: "of", value: of.name().to_owned(), allowed });
         }
         Ok(Self { of, options })

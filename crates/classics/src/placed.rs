@@ -110,7 +110,7 @@ impl Domain {
         let is_place = |axis: &Axis| axis.role == Role::Place;
         let placed = axes.iter().take_while(|axis| is_place(axis)).count();
         let once = |axis: &Axis| axes.iter().filter(|a| (a.block, a.lane) == (axis.block, axis.lane)).count() == 1;
-        let allowed = "use 2 to 8 distinct axes with lanes up to 3, and two Role::Place first";
+        let allowed = "2 to 8 distinct axes with lanes up to 3, and two Role::Place first";
         let all = axes.iter().filter(|axis| is_place(axis)).count();
         if placed != 2 || all != 2 || axes.len() > Self::MOST || !axes.iter().all(|a| a.lane < 4 && once(a)) {
             return Err(Error::OutOfRange { name: "domain", value: format!("{axes:?}"), allowed });

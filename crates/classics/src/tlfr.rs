@@ -52,7 +52,7 @@ impl FilterMethod<FilmPoints> for TlfrOptions {
     /// Returns an error if samples depend on a lens of unknown blur.
     fn check(&self, points: &FilmPoints) -> Result<(), Error> {
         if Axes::of(points.domain()).has_lens() && points.defocus().is_none() {
-            let allowed = "use a perspective camera with a thin lens or without a lens";
+            let allowed = "a perspective camera with a thin lens or without a lens";
             return Err(Error::OutOfRange { name: "lens", value: "unknown blur".to_owned(), allowed });
         }
         Ok(())

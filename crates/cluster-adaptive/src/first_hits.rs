@@ -146,7 +146,7 @@ pub fn first_hits(
     let clock = Clock::of_machine();
     let k = placement.per_pixel();
     if !(1..=256).contains(&k) || u64::from(k) > points.capacity() {
-        let allowed = "use 1 to 256, and at most the number of samples in the point set";
+        let allowed = "1 to 256, and at most the number of samples in the point set";
         return Err(Error::range("first-hit rays per pixel", k, allowed));
     }
     let width = frame.size()[0] as usize * k as usize;

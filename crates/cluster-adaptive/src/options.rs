@@ -45,7 +45,7 @@ impl ClusterThesisOptions {
     pub fn check(&self) -> Result<(), Error> {
         self.check_ranges()?;
         if self.max != 0 && self.max < self.min {
-            return Err(Error::range("max", self.max, "use at least min; 0 chooses"));
+            return Err(Error::range("max", self.max, "at least min; 0 chooses"));
         }
         Ok(())
     }

@@ -139,7 +139,7 @@ impl<P: PointSet> ClusterThesis<P> {
         options: ClusterThesisOptions,
     ) -> Result<Self, Error> {
         if options.lights > 0 {
-            return Err(Error::range("lights", options.lights, "use 0, or use ClusterThesis::tracing"));
+            return Err(Error::range("lights", options.lights, "0, or any number with ClusterThesis::tracing"));
         }
         let importance = importance(first_hits, clusters, &size, &options)?;
         let prior = Some(Prior::new(*first_hits.frame(), importance));
@@ -163,7 +163,7 @@ impl<P: PointSet> ClusterThesis<P> {
         options.check()?;
         let placement = source.placement;
         if !(1..=256).contains(&placement.per_pixel()) {
-            return Err(Error::range("rays", placement, "use centre, or 1 to 256 per pixel"));
+            return Err(Error::range("rays", placement, "centre, or 1 to 256 per pixel"));
         }
         let handle = FirstHitsHandle(vec![Arc::default()]);
         Ok(Self { points, size, options, placement, source: Some(source), visible: None, handle, prior: None })
@@ -199,7 +199,7 @@ impl<P: PointSet> ClusterThesis<P> {
         let mut importance = importance(&first_hits, &source.clusters, &self.size, &self.options)?;
         let (rays, clock) = (self.options.lights, Clock::of_machine());
         if rays > 0 {
-            let lacks = || Error::range("lights", rays, "use 0, or set a function that traces shadow rays");
+            let lacks = || Error::range("lights", rays, "0, or any number with a function that traces shadow rays");
             let visible = self.visible.as_ref().ok_or_else(lacks)?;
             let clusters = source.clusters.len();
             importance
@@ -257,7 +257,7 @@ impl<P: PointSet> Sampler for ClusterThesis<P> {
         // The bounds of the table adapt to the budget. The user's bounds are kept, or an error is returned.
         let asked = self.options.min.max(budget.min_spp);
         if asked > ceiling {
-            let allowed = "use at least the floor of samples per pixel";
+            let allowed = "at least the floor of samples per pixel";
             return Err(dapple_core::Error::OutOfRange { name: "max", value: ceiling.to_string(), allowed });
         }
         let needed = pixels as u64 * u64::from(asked);

@@ -32,7 +32,7 @@ pub struct Allocation {
     pub replaced: usize,
 }
 
-/// A pixel's error `f(n)` as a function of its sample count `n`, and the counts that a pixel may have.
+/// A pixel's error `f(n)` as a function of its sample count `n`, and the allowed counts.
 trait Steps: Sync {
     /// The smallest allowed count above `n`.
     fn next(&self, n: u32) -> u32;
@@ -105,7 +105,7 @@ impl<'a> PixelDemand<'a> {
     }
 }
 
-/// Allocates the budget. `rung` replaces the ceiling, unless all scores are equal or the budget does not fit below `rung`.
+/// Allocates the budget. `rung` replaces the ceiling, except if all scores are equal or the budget does not fit below it.
 fn share_out(demand: &PixelDemand<'_>, rung: u32, steps: &impl Steps) -> Result<Allocation, Error> {
     let PixelDemand { scores, floors, ceiling, total } = *demand;
     let (range, replaced) = Range::of(scores);
@@ -161,7 +161,7 @@ fn share_out_clean(demand: &PixelDemand<'_>, needed: u64, steps: &impl Steps) ->
         if threshold == 0.0 {
             break;
         }
-        // Lowered in growing steps. Below the least threshold all steps are listed: those from the last rung to the ceiling.
+        // Lower the threshold in growing steps; finally list all steps, from the last rung to the ceiling.
         lower *= 2.0;
         threshold = if threshold > LEAST { threshold * (1.0 - lower).max(1e-9) } else { 0.0 };
     }
@@ -233,9 +233,9 @@ impl Range {
         self.clean_one(self.least) == self.clean_one(self.top)
     }
 
-    /// The score, divided by the largest and clamped to `[1e-60, 1]`. NaN and negative scores count as 0, infinite ones as
-    /// the largest finite score. A score of 0 becomes 1e-60: such pixels get samples only after all others are at the
-    /// ceiling, and then equally many.
+    /// The score, divided by the largest and clamped to `[1e-60, 1]`. NaN and negative scores count as 0, infinite ones
+    /// as the largest finite score. A score of 0 becomes 1e-60: such pixels get samples only after all others are at the
+    /// ceiling, and then equal numbers.
     fn clean_one(&self, g: f64) -> f64 {
         // Relative to the largest, so that scores of 1e300 do not overflow.
         let g = if g.is_nan() || g < 0.0 { 0.0 } else { g.min(self.most) };
@@ -249,10 +249,10 @@ impl Range {
 
 /// Two close thresholds of the gain (error decrease) per sample, between which the budget runs out.
 struct Bracket {
-    /// A threshold within the budget, and the samples spent there: all steps with at least this gain fit. `None` if only
-    /// the floors fit.
+    /// A threshold within the budget, and the number of samples spent there. All steps with at least this gain fit.
+    /// `None` if only the floors fit.
     within: Option<(f64, u64)>,
-    /// A threshold beyond the budget: all steps with at least this gain exceed it. 0 if the search found none.
+    /// A threshold beyond the budget, which is too small for all steps with at least this gain. 0 if the search found none.
     beyond: f64,
 }
 
@@ -271,7 +271,7 @@ fn threshold_of_some(demand: &PixelDemand<'_>, reach: impl Fn(f64, u32, f64) -> 
     bracket.within.map_or(start, |(threshold, _)| threshold)
 }
 
-/// The approximate number of pixels from which [`threshold_of_some`] estimates.
+/// The approximate number of pixels that [`threshold_of_some`] uses.
 const SOME: usize = 2048;
 
 /// Searches for the gain (error decrease) per sample above which all steps together spend `total` samples.

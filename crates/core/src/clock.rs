@@ -1,9 +1,9 @@
-//! Readings of wall time.
+//! A source of wall-clock time.
 
 use std::sync::Arc;
 use std::time::Instant;
 
-/// A function that reads wall time. [`Clock::none`] always reads 0.
+/// A function that reads wall-clock time. [`Clock::none`] always reads 0.
 ///
 /// ```
 /// use dapple_core::Clock;

@@ -1,9 +1,9 @@
 //! The container format of checkpoints and messages: named sections, each with a checksum.
 //!
-//! A container begins with a signature and the version. Each section consists of a name and bytes, both preceded by their
-//! length, and of the CRC-32 of both.
+//! A container begins with a signature and the version. Each section consists of a name and bytes, each preceded by its
+//! length, and the CRC-32 of both.
 //!
-//! Sections can be appended: programs add what they need to resume a state.
+//! Programs may append sections of their own, with the data that they need to resume.
 
 /// The signature at the start of every container.
 const MAGIC: &[u8; 8] = b"dapple\r\n";

@@ -93,8 +93,8 @@ impl Points<'_> {
 }
 
 impl Draws<'static> {
-    /// The random numbers of sample `id`, from a point set that the host shares with its sampler. They borrow nothing, so a
-    /// generator made by [`Draws::into_rng`] can be stored in a thread-local variable or in an enum of samplers.
+    /// The random numbers of sample `id`, from a point set that the host shares with its sampler. The result borrows nothing,
+    /// so a generator made by [`Draws::into_rng`] can be stored in a thread-local variable or in an enum of samplers.
     ///
     /// ```
     /// # use dapple_core::{Draws, PointSet, SampleId};
@@ -130,13 +130,13 @@ impl<'a> Draws<'a> {
         self.cursor.set(0);
     }
 
-    /// The random numbers of sample `id`, without requests for first hits and other statistics.
+    /// The random numbers of sample `id`, which request no first hits or other statistics from the integrator.
     #[inline]
     pub fn new(points: &'a dyn PointSet, id: SampleId) -> Self {
         Self::for_film(points, id, Needs::none())
     }
 
-    /// The random numbers of sample `id`, with requests to the integrator for what a film that records `needs` reads.
+    /// The random numbers of sample `id`, which request the statistics listed in `needs` from the integrator.
     #[inline]
     pub fn for_film(points: &'a dyn PointSet, id: SampleId, needs: Needs) -> Self {
         Self::of(Points::Borrowed(points), id, needs)

@@ -9,9 +9,9 @@ pub enum Error {
     /// A time limit without a clock.
     #[error("a time limit needs a clock, and this machine has none; pass one to Session::with_clock")]
     NoClock,
-    /// Random numbers of the host that repeat those of an earlier round.
+    /// Random numbers of the host that are the same as in an earlier round.
     #[error(
-        "the random numbers repeat: in all {pixels} pixels compared, the first samples equal those of an \
+        "the random numbers repeat: in all {pixels} pixels compared, the first samples are those of an \
          earlier round; seed the generator with the pixel and the sample's number (Tile::pixels), or use one generator for \
          all rounds"
     )]
@@ -70,7 +70,7 @@ pub enum Error {
         pixels: usize,
     },
     /// A parameter outside its range.
-    #[error("{name} = {value} is out of range: {allowed}")]
+    #[error("{name} = {value} is out of range; allowed: {allowed}")]
     OutOfRange {
         /// The parameter's name on the command line.
         name: &'static str,
@@ -89,7 +89,7 @@ pub enum Error {
         points: String,
         /// The number of samples per pixel and stream before the point set repeats.
         capacity: u64,
-        /// The number of samples per pixel that are planned.
+        /// The planned number of samples per pixel.
         requested: u64,
     },
     /// A plan that breaks the rules of [`Plan`](crate::plan::Plan).
@@ -100,7 +100,7 @@ pub enum Error {
         /// The fault of the plan, in words.
         what: String,
     },
-    /// A film that lacks statistics that a sampler or filter reads.
+    /// A film without the statistics that a sampler or filter reads.
     #[error("{who} reads {what}, which this film does not record; pass the needs() of {who} to Render::needs")]
     NotRecorded {
         /// The name of the sampler or filter.
@@ -135,7 +135,7 @@ pub enum Error {
         /// The difference, and what to do about it.
         what: String,
     },
-    /// A round of a [`Session`](crate::Session) that was handed out, and of which no tile was submitted.
+    /// A round of a [`Session`](crate::Session) of which no tile was submitted.
     #[error(
         "no tile of the last round was submitted, and {left} of its samples are left; pass each traced tile to \
          Round::submit, or end with Session::finish"
@@ -144,7 +144,7 @@ pub enum Error {
         /// The number of samples left in the round.
         left: u64,
     },
-    /// A tile that its round does not accept.
+    /// A tile that was not accepted by its round.
     #[error(
         "the tile of columns {}..{} and rows {}..{} was not accepted: {what}",
         .area[0], .area[2], .area[1], .area[3]
@@ -161,10 +161,10 @@ pub enum Error {
         /// The fault, as a clause.
         what: &'static str,
     },
-    /// A snapshot of a render whose settings differ from those of the resumed render.
-    #[error("the snapshot is of another render: {what}; resume with the settings of that render, or start a new one")]
+    /// A snapshot, or traced rows of a stage, of a render with other settings or at another point.
+    #[error("the saved state does not fit this render: {what}")]
     OtherRender {
-        /// The settings that differ, in words.
+        /// The difference, and what to do about it.
         what: String,
     },
     /// A sample that is NaN, infinite or negative, under [`InvalidSample::Fail`](crate::InvalidSample).

@@ -27,7 +27,7 @@ use crate::plan::{Combine, Retention};
 use crate::{Error, FirstHit, Frame, Needs, SampleId, point_set::streams, recorder::Recorders};
 use std::sync::Arc;
 
-/// Per-pixel statistics of a render, row by row over its window, and its [`Record`].
+/// The per-pixel statistics of a render's window, in row-major order, and the render's [`Record`].
 ///
 /// Samplers and filters read films. A renderer with its own loop fills one with [`Film::push_estimate`]. Tests can push
 /// radiance alone:
@@ -52,17 +52,17 @@ pub struct Film {
     pub(crate) frame: Frame,
     pub(crate) needs: Needs,
     pub(crate) combine: Combine,
-    /// Statistics of kept samples (those in the image): of all, or of each half.
+    /// Statistics of kept samples (those in the image): one entry for all, or one per half.
     pub(crate) kept: Vec<Half>,
-    /// Statistics of discarded samples (those not in the image): of all, or of each half. Empty until samples are
-    /// discarded.
+    /// Statistics of discarded samples (those not in the image): one entry for all, or one per half. Empty until samples
+    /// are discarded.
     pub(crate) discarded: Vec<Half>,
     /// Squared deviations of kept samples.
     pub(crate) spread: Spread,
     /// Squared deviations of discarded samples. Empty until samples are discarded.
     pub(crate) discarded_spread: Spread,
-    /// For each half, the number of each pixel's discarded samples that were in the image before. Empty until samples are
-    /// withdrawn.
+    /// For each half and pixel, the number of withdrawn samples, which were in the image before they were discarded.
+    /// Empty until samples are withdrawn.
     pub(crate) withdrawn: Vec<Vec<u32>>,
     pub(crate) beside: Beside,
     pub(crate) lamp_edges: LampEdges,
@@ -72,17 +72,17 @@ pub struct Film {
     pub(crate) record: Record,
     /// The number of samples that report neither a hit nor a miss. Only [`Film::require`] reads it.
     pub(crate) unreported: u64,
-    /// The half of another film that this film was made from ([`Film::half_film`]).
+    /// The half that this film was made from by [`Film::half_film`].
     pub(crate) half_of: Option<usize>,
 }
 
 impl Film {
-    /// An empty film of `frame` that records the statistics `needs`.
+    /// An empty film of `frame` that records the statistics listed in `needs`.
     pub fn new(frame: Frame, needs: Needs) -> Self {
         Self::with_recorders(frame, needs, [])
     }
 
-    /// An empty film of `frame` that records the statistics `needs`, and those of the recorders.
+    /// An empty film of `frame`. It records the statistics listed in `needs` and those of `recorders`.
     pub fn with_recorders(frame: Frame, needs: Needs, recorders: impl IntoIterator<Item = Arc<dyn Recorder>>) -> Self {
         let mut film = Self::without_planes(frame, needs);
         film.recorders = Recorders::new(recorders);
@@ -120,7 +120,7 @@ impl Film {
         Layout { needs: self.needs, recorders: self.recorders.names.len() }
     }
 
-    /// The bytes per pixel of a film that records `needs`, before any sample is discarded, and without the recorders' words.
+    /// The bytes per pixel of a film with these `needs`, without discarded samples and the recorders' words.
     pub fn bytes_per_pixel(needs: &Needs) -> usize {
         let halves = if needs.halves { 2 } else { 1 };
         let splats = if needs.splats { halves * size_of::<[i128; 3]>() } else { 0 };
@@ -133,7 +133,7 @@ impl Film {
         halves * Self::half_bytes_per_pixel(needs) + Spread::bytes_per_pixel(&Layout { needs: *needs, recorders: 0 })
     }
 
-    /// The bytes per pixel for the statistics of one half alone: all but squared deviations.
+    /// The bytes per pixel for the statistics of one half alone, without squared deviations.
     pub fn half_bytes_per_pixel(needs: &Needs) -> usize {
         Half::bytes_per_pixel(&Layout { needs: *needs, recorders: 0 })
     }
@@ -217,7 +217,7 @@ impl Film {
     /// Count, mean and sum of squared deviations of all kept samples of pixel `i`, both halves together. Without
     /// [`Needs::variance`] the deviations are NaN. The mean excludes splats.
     ///
-    /// Sums are accumulated in `f32`; those of a million samples are accurate to 1e-4.
+    /// Sums are accumulated in `f32`; for a million samples they are accurate to 1e-4.
     pub fn moments(&self, i: usize) -> RgbMoments {
         self.merged(&self.kept, |half| half.means[i], &self.spread.m2, i)
     }
@@ -289,8 +289,8 @@ impl Film {
         self.beside.features.get(i).map(Into::into)
     }
 
-    /// The first hits of the first samples of pixel `i`, as many as [`Needs::first_hits`]. An element is `None` if its
-    /// sample missed or was not traced.
+    /// The first hits of pixel `i`'s first samples, [`Needs::first_hits`] in number. An element is `None` if its sample
+    /// missed or was not traced.
     pub fn first_hits(&self, i: usize) -> &[Option<FirstHit>] {
         let k = usize::from(self.needs.first_hits);
         &self.beside.first_hits[i * k..(i + 1) * k]
@@ -317,8 +317,8 @@ impl Film {
         (0..self.frame.pixels()).map(|i| self.count(i)).collect()
     }
 
-    /// Checks that the film records `needs`, except emission and indirect lighting, which are optional. A filter calls this
-    /// first.
+    /// Checks that the film records the statistics in `needs`. Emission and indirect lighting are optional. A filter
+    /// calls this first.
     ///
     /// # Errors
     ///
@@ -373,7 +373,7 @@ impl Film {
         }
     }
 
-    /// The identity of kept sample `number`, from 0, of pixel `i`: of half 0 or 1, or of all samples in a film without halves.
+    /// The identity of pixel `i`'s kept sample `number` (from 0): of half 0 or 1, or of all samples in a film without halves.
     pub fn sample_id(&self, half: usize, i: usize, number: usize) -> SampleId {
         let half = half % self.kept.len();
         let stream = match (self.kept.len(), self.half_of) {

@@ -106,15 +106,15 @@ pub trait Filter: Send + Sync {
         Vec::new()
     }
 
-    /// The memory in bytes that [`Filter::apply`] takes for a film of this frame that records `needs`. The default
-    /// assumes a filter that holds only its image and an error per pixel.
+    /// The memory in bytes that [`Filter::apply`] takes for a film of this frame with these `needs`. The default assumes
+    /// a filter that holds only its image and an error per pixel.
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
         let _ = needs;
         FilterMemory::new(frame, 0, ImagePlanes::RadianceAndError)
     }
 
-    /// The number of passes that [`Filter::apply`] makes over a film that records `needs` with `spp` samples per pixel.
-    /// Under a time limit, the filter is timed on few samples. The time reserved for it is proportional to the passes.
+    /// The number of passes that [`Filter::apply`] makes over a film with these `needs` and `spp` samples per pixel.
+    /// Under a time limit, the filter is timed on few samples; the reserved time grows in proportion to the passes.
     fn runs(&self, needs: &Needs, spp: f64) -> u32 {
         let _ = (needs, spp);
         1

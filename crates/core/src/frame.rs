@@ -28,7 +28,7 @@ impl Frame {
     ///
     /// # Errors
     ///
-    /// [`Error::EmptyFrame`] if either is zero, [`Error::FrameTooLarge`] for more than 2^32 - 1 pixels.
+    /// [`Error::EmptyFrame`] if a side is 0, [`Error::FrameTooLarge`] for more than 2^32 - 1 pixels.
     pub fn new(width: u32, height: u32) -> Result<Self, Error> {
         if width == 0 || height == 0 {
             return Err(Error::EmptyFrame { resolution: [width, height] });

@@ -119,8 +119,8 @@ pub struct SurfaceFeatures {
     pub depth: f32,
     /// True if the path chose a lobe of low probability, such as the reflection of glass seen head-on.
     ///
-    /// Few samples of a pixel do so, and their features would add noise to the pixel's mean. The film leaves them out,
-    /// unless the pixel has no features yet.
+    /// Such samples are few, and their features would add noise to the pixel's mean. The film leaves them out, unless the
+    /// pixel has no features yet.
     pub rare: bool,
 }
 
@@ -248,7 +248,7 @@ impl Estimate {
         self
     }
 
-    /// Sets the features of a surface seen through or in the first hit: [`SurfaceFeatures`], or an `Option` of them.
+    /// Sets the features of a surface seen through the first hit or reflected in it: `None` means that there is none.
     #[inline]
     #[must_use]
     pub fn with_features(mut self, features: impl Into<Option<SurfaceFeatures>>) -> Self {
@@ -321,8 +321,8 @@ pub trait Integrator: Sync {
         None
     }
 
-    /// The statistics that the film must record for this integrator: [splats](Needs::with_splats), for example. [`Render`]
-    /// requests them; the host of a [`Session`](crate::Session) does so itself.
+    /// The statistics that the film must record for this integrator: [splats](Needs::with_splats), for example.
+    /// [`Render`] requests them; the host of a [`Session`](crate::Session) must request them itself.
     ///
     /// [`Render`]: crate::Render
     fn needs(&self) -> Needs {
@@ -338,8 +338,8 @@ pub trait Integrator: Sync {
     /// Learns from the values noted in one training pass ([`Worker::note`]), between two passes. Notes are merged
     /// in a fixed order, so the result does not depend on threads.
     ///
-    /// The first pass traces one sample per pixel. Each later pass traces as many as all passes before it, at most the
-    /// rest of the round: 1, 1, 2, 4, …
+    /// The first pass traces one sample per pixel. Each later pass traces as many as all earlier passes together, but at
+    /// most the rest of the round: 1, 1, 2, 4, …
     ///
     /// The learned state must depend on the training passes only. A render resumed from a [`Snapshot`](crate::Snapshot)
     /// replays the recorded passes in order, so the learned state is not saved.
@@ -435,7 +435,7 @@ impl TrainingData {
             }
             same
         });
-        // Kept for the whole render, and mostly much shorter now.
+        // Kept for the whole render; merging mostly shortens the list.
         entries.shrink_to_fit();
         Self { entries }
     }

@@ -51,7 +51,7 @@
 //! * No geometry, scene or image file: all public items use `[f32; 3]`, slices and numbers.
 //! * No sampling of arbitrary densities. Each use of randomness names its [`Block`], or takes the next number of a cursor,
 //!   [`Draws::rng`].
-//! * Each estimate belongs to one pixel. An integrator samples pixel filters wider than a pixel itself.
+//! * Each estimate belongs to one pixel. Pixel filters wider than a pixel are sampled by the integrator.
 
 mod allocate;
 mod clock;

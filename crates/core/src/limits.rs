@@ -94,7 +94,7 @@ pub struct Limits {
 }
 
 impl Budget {
-    /// Returns `true` for a number of samples, which no measurement during the render changes.
+    /// Returns `true` for a budget given in samples, which does not change during the render.
     pub(crate) fn is_of_samples(&self) -> bool {
         matches!(self, Self::Samples(_) | Self::PerPixel(_))
     }

@@ -1,6 +1,6 @@
-//! Macros that spare repetition: traits on references and boxes, and methods that set a field.
+//! Macros that avoid repetition: trait implementations for references and boxes, and methods that set a field.
 
-/// Implements a trait for references and boxes of its implementers. Lists the methods that take `&self` after `ref`, then
+/// Implements a trait for references and boxes of its implementers. Methods that take `&self` are listed after `ref`,
 /// those that take `&mut self` after `mut`.
 macro_rules! forward {
     ($Trait:ident for $($Owner:ty),*; $methods:tt) => { $(forward! { @ $Trait, $Owner, $methods })* };

@@ -7,7 +7,7 @@ use crate::{Film, Frame, Limits, Needs};
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SamplerMemory {
-    /// The bytes of the statistics of discarded or withdrawn samples, which the film stores besides those of the kept
+    /// The bytes of the statistics of discarded or withdrawn samples, which the film stores in addition to those of kept
     /// samples.
     pub discarded: u64,
     /// The bytes of state that the sampler keeps from one round to the next.
@@ -19,7 +19,7 @@ pub struct SamplerMemory {
 }
 
 impl SamplerMemory {
-    /// The memory of a sampler without state that takes `bytes_per_pixel`, besides the plan, while it plans.
+    /// The memory of a sampler without state that takes `bytes_per_pixel` for planning, in addition to the plan.
     pub fn planning(frame: &Frame, bytes_per_pixel: usize) -> Self {
         let plan = frame.bytes(4);
         Self { planning: plan.saturating_add(frame.bytes(bytes_per_pixel)), plan, ..Self::default() }
@@ -73,8 +73,7 @@ pub struct FilterMemory {
 }
 
 impl FilterMemory {
-    /// The memory of a filter that takes at most `bytes_per_pixel`, the filtered image included, and returns these
-    /// planes.
+    /// The memory of a filter that takes at most `bytes_per_pixel`, the filtered image included, and returns `planes`.
     pub fn new(frame: &Frame, bytes_per_pixel: usize, planes: ImagePlanes) -> Self {
         let image = frame.bytes(match planes {
             ImagePlanes::Radiance => 12,

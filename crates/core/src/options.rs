@@ -22,7 +22,7 @@ impl Parameter {
 
 /// A value outside its parameter's range.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{name} = {value} is out of range: {allowed}")]
+#[error("{name} = {value} is out of range; allowed: {allowed}")]
 pub struct OutOfRange {
     /// The parameter's name.
     pub name: &'static str,

@@ -101,7 +101,7 @@ impl Plan {
         [Some(&mut self.counts), self.second_half.as_mut()].into_iter().flatten()
     }
 
-    /// A copy of the plan with `of(counts)` as counts, which withdraws no samples.
+    /// A copy of the plan with the counts `of(counts)` and without withdrawals.
     pub(crate) fn with_counts(&self, of: impl Fn(&[u32]) -> Vec<u32>) -> Self {
         let second_half = self.second_half.as_deref().map(&of);
         Self { counts: of(&self.counts), second_half, withdraw: None, ..*self }

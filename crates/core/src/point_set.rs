@@ -8,8 +8,8 @@ use std::sync::Arc;
 
 /// The identity of one sample of one pixel.
 ///
-/// Four coordinates depend on the identity, a block number and the seed of the [`PointSet`], and on nothing else. So any
-/// sample can be replayed alone.
+/// Four coordinates depend only on the identity, a block number and the seed of the [`PointSet`]. So any sample can be
+/// replayed alone.
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct SampleId {
@@ -40,8 +40,8 @@ pub mod streams {
     /// The streams of the image's samples in a render with two halves. If samples alternate between the halves, a
     /// pixel's sample `i` is sample `i >> 1` of stream `HALVES[i & 1]`.
     pub const HALVES: [u32; 2] = [1, 2];
-    /// The stream of discarded samples, which do not enter the image. A separate stream keeps the image's samples an
-    /// unbroken prefix of their own sequence.
+    /// The stream of discarded samples, which do not enter the image. A stream of their own leaves no gaps in the
+    /// sequence of the image's samples.
     pub const DISCARDED: u32 = 3;
     /// The streams of discarded samples in a render with two halves.
     pub const DISCARDED_HALVES: [u32; 2] = [4, 5];
@@ -93,7 +93,7 @@ pub mod streams {
 /// assert!(u.iter().all(|x| (0.0..1.0).contains(x)));
 /// ```
 pub trait PointSet: Send + Sync {
-    /// The name and every parameter, as the command line takes them: `sobol:seed=7`.
+    /// The name and every parameter, in the form of the command line: `sobol:seed=7`.
     fn describe(&self) -> String;
 
     /// Coordinates `4 * block .. 4 * block + 4` of the sample, each in `[0, 1)`.

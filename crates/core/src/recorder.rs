@@ -1,4 +1,4 @@
-//! Statistics that a single method records, besides those of a film.
+//! Statistics that a single method records, in addition to those of every film.
 
 use crate::{Error, Estimate, Film};
 use serde::{Deserialize, Serialize};
@@ -103,7 +103,8 @@ impl Film {
         let found = self.recorders.names.iter().filter_map(|name| Some(given.active[given.position(name)?].clone()));
         let active: Vec<_> = found.collect();
         if active.len() != self.recorders.names.len() || active.len() != given.names.len() {
-            let what = format!("its recorders are {:?}, not {:?}", self.recorders.names, given.names);
+            let what =
+                format!("its recorders are {:?}, not {:?}; use the same methods", self.recorders.names, given.names);
             return Err(Error::OtherRender { what });
         }
         self.recorders.active = active;

@@ -28,9 +28,8 @@ use std::sync::Arc;
 
 /// A render to run or resume: the frame, the limits, the statistics to record and a monitor.
 ///
-/// The film records the statistics that the sampler and the integrator need and those of [`Render::needs`]. An error limit
-/// adds halves.
-/// Tracing uses the current rayon thread pool.
+/// The film records the statistics that the sampler, the integrator and [`Render::needs`] request. An error limit adds
+/// halves. Tracing uses the current rayon thread pool.
 ///
 /// ```
 /// # use dapple_core::{PointSet, SampleId};

@@ -31,7 +31,7 @@ use crate::{Block, Draws, SampleId, point_set::mix};
 ///
 /// # Guarantees
 ///
-/// Each number is a function of the sample's identity and of the numbers taken before it. A path may take any count of numbers.
+/// Each number is a function of the sample's identity and of the numbers taken before it. There is no limit to their number.
 ///
 /// # Limits
 ///

@@ -191,7 +191,7 @@ pub trait Sampler: Send {
     ///
     /// # Errors
     ///
-    /// [`Error::BadSnapshot`] for bytes that `save` of such a sampler did not write.
+    /// [`Error::BadSnapshot`] for bytes that were not written by `save` of such a sampler.
     fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
         match saved {
             [] => Ok(()),

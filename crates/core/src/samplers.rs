@@ -5,8 +5,7 @@ use crate::{Error, Frame, Limits, Needs, PointSet, Sampler};
 
 /// Uniform sampling: the same number of samples for every pixel.
 ///
-/// If the budget is not a multiple of the number of pixels, a hash of the pixel's index picks those that get one sample
-/// more.
+/// If the budget is not a multiple of the number of pixels, a hash of the pixel's index picks the pixels that get one more.
 ///
 /// *Guarantees*: unbiased, the exact budget, counts that do not depend on samples. *Weaknesses*: spends as much on a
 /// constant wall as on its shadow.
@@ -75,7 +74,7 @@ impl<P: PointSet> Sampler for Uniform<P> {
         let now: Vec<u32> = (0..seen.pixels()).map(|i| saturating_u32(seen.film.count(i))).collect();
         let is_uneven = |wanted: &[u32]| wanted.iter().zip(&now).any(|(wanted, now)| wanted < now);
         if seen.budget.spent != sum(&now) || is_uneven(&wanted) {
-            // After the rounds of another sampler: pixels that have more keep it, or samples of theirs are discarded.
+            // After rounds of another sampler, which may have discarded samples: pixels above the level keep theirs.
             let total = sum(&now) + seen.budget.left();
             wanted = allocate(&vec![1.0; now.len()], &now, seen.budget.max_spp, total)?.counts;
         }

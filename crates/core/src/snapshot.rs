@@ -184,8 +184,8 @@ impl Snapshot {
         }
     }
 
-    /// Restores the sampler's state. Checks that the snapshot belongs to a render with this sampler, frame and limits, and
-    /// records `needs`.
+    /// Restores the sampler's state. Checks that the snapshot belongs to a render with this sampler, frame and limits,
+    /// and that it has all statistics in `needs`.
     pub(crate) fn restore_sampler(
         &self,
         sampler: &mut dyn Sampler,
@@ -220,7 +220,8 @@ impl Snapshot {
         if let Err(Error::NotRecorded { what, .. }) = film.require("", &missing) {
             differ.push(format!("{what} was not recorded and is now needed"));
         }
-        if differ.is_empty() { Ok(()) } else { Err(Error::OtherRender { what: differ.join("; ") }) }
+        let what = differ.join(", ") + "; use the settings of its render, or start a new one";
+        if differ.is_empty() { Ok(()) } else { Err(Error::OtherRender { what }) }
     }
 
     fn check(&self) -> Result<(), Error> {

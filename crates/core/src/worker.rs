@@ -46,9 +46,9 @@ impl Worker {
     /// Adds light of this sample to another pixel, at column and row of the full image: light of a path that starts at a
     /// light source, for example.
     ///
-    /// The image gets the sum of all splats divided by the mean number of samples per pixel, beside the mean of the pixel's
-    /// own samples. Splats outside the frame's window are dropped. In a cropped window, that mean is over all pixels of the
-    /// full image, since splats may land anywhere in it. Splats that are NaN, infinite, negative or above 9e17 are
+    /// The image gets the sum of all splats divided by the mean number of samples per pixel, in addition to the mean of the
+    /// pixel's own samples. In a cropped window, the mean number is over all pixels of the full image, since splats may land
+    /// anywhere in it. Splats outside the frame's window are dropped. Splats that are NaN, infinite, negative or above 9e17 are
     /// rejected, and the sample is listed. Without [`Needs::splats`](crate::Needs::with_splats), splats are ignored.
     #[inline]
     pub fn splat(&mut self, pixel: [u32; 2], radiance: [f32; 3]) {

@@ -8,10 +8,10 @@ use dapple_core::render::{Control, Monitor, Stage, Status, TracedRows};
 use dapple_core::{Error, Integrator, Session, container};
 use std::ops::Range;
 
-/// The processes of a render, connected by messages: those of an MPI job, or threads ([`local`]).
+/// The processes of a render, which exchange messages: the processes of an MPI job, or threads ([`local`]).
 ///
-/// Process 0 coordinates: it plans, distributes rows, joins the results, and has the film. The others trace the rows that
-/// it sends.
+/// Process 0 coordinates: it plans, distributes rows, joins the results, and holds the film. The others trace the rows
+/// that it sends.
 pub trait Processes {
     /// The number of this process, from 0.
     fn rank(&self) -> u32;
@@ -67,11 +67,11 @@ pub fn rows_of_part(session: &Session<'_>, stage: &Stage, index: u32, parts: u32
     runs.into_iter().skip(index as usize).step_by(parts as usize).collect()
 }
 
-/// Runs a render on process 0, to the end of its last stage. Returns `false` if any process was stopped; the session is
-/// then at the end of the previous stage.
+/// Coordinates a render of several processes; called on process 0. Returns `false` if any process was stopped; the
+/// session is then at the end of the previous stage.
 ///
 /// The session may be new, or resumed from a snapshot of a render with the same settings, by any number of processes.
-/// `monitor` is called after each stage and at the end, `stop` between slices of this process's own rows.
+/// `monitor` is called after each stage and at the end. `stop` is called between slices of this process's own rows.
 ///
 /// # Errors
 ///
@@ -85,7 +85,7 @@ pub fn coordinate(
 ) -> Result<bool, Error> {
     session.teach(integrator);
     let outcome = stages(session, integrator, processes, monitor, stop);
-    // All are told, whatever happened; the first error is the one that counts.
+    // All processes learn that the render is over, even after an error. The first error is returned.
     let told = dismiss(processes);
     let complete = outcome?;
     told?;
@@ -114,7 +114,7 @@ fn stages(
         for rows in rows_of_part(session, &stage, 0, processes.size()) {
             traced.push(session.trace_rows_here(&stage, rows, integrator, &mut watch));
         }
-        // All answers are taken, whatever happened: nobody is left with a message that no one reads.
+        // All answers are received, even after an error, so that no process waits with an unread message.
         for _ in 1..processes.size() {
             let (rank, answer) = processes.receive()?;
             let of = |e: &dyn std::fmt::Display| Error::other(format!("process {rank}"), e.to_string());
@@ -128,7 +128,7 @@ fn stages(
             }
         }
         let traced = traced.into_iter().collect::<Result<Vec<_>, _>>()?;
-        // A stage that was stopped anywhere counts nowhere, so that the state is always one that a file can hold.
+        // If one process was stopped, the whole stage is dropped, so that a file can hold the state.
         let Some(traced) = traced.into_iter().collect::<Option<Vec<_>>>() else { return Ok(false) };
         for rows in traced {
             session.join(&stage, rows)?;
@@ -171,7 +171,7 @@ pub fn serve(
     }
 }
 
-/// Waits until the render is over, on a process that could not prepare for it. Reports `why` to process 0.
+/// Reports to process 0 that this process cannot prepare, with the reason `why`, and waits until the render is over.
 ///
 /// # Errors
 ///
@@ -180,7 +180,7 @@ pub fn refuse(why: &str, processes: &mut dyn Processes) -> Result<(), Error> {
     serve(|_| Err(Error::other("preparing for the render", why)), processes)
 }
 
-/// Tells all other processes that the render is over, even if some have already ended.
+/// Sends the end of the render to all other processes, even if some have already ended.
 ///
 /// # Errors
 ///

@@ -32,6 +32,6 @@ impl Processes for LocalProcess {
     }
 
     fn receive(&mut self) -> Result<(u32, Vec<u8>), Error> {
-        self.from.recv().map_err(|e| Error::other("the other processes", e))
+        self.from.recv().map_err(|_| Error::other("the other processes", "all have ended"))
     }
 }

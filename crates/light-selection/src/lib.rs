@@ -9,7 +9,7 @@ pub use light_cells::{Guidance, LightCellOptions, LightCells};
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
     /// A parameter is outside its range.
-    #[error("{name} = {value} is out of range: {allowed}")]
+    #[error("{name} = {value} is out of range; allowed: {allowed}")]
     OutOfRange {
         /// The name of the parameter, such as "prior".
         name: &'static str,

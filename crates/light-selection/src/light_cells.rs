@@ -31,7 +31,7 @@ impl Default for LightCellOptions {
 pub enum Guidance {
     /// Each cell selects lights by its own distribution.
     Cells,
-    /// All cells select lights by one common distribution, since the cells' distributions differ too little to be worthwhile.
+    /// All cells select lights by one common distribution, because distributions per cell would reduce the variance too little.
     Global,
 }
 
@@ -83,8 +83,8 @@ const COUNTED: usize = 64;
 /// The number of voxels along each side of a neighbourhood. Cells without samples share a row per neighbourhood and
 /// orientation, so 27 times fewer rows are needed (9 times in a flat box).
 const NEIGHBOURHOOD: u32 = 3;
-/// The largest predicted second moment with one distribution per cell, relative to the global distribution's, at which
-/// cells are used.
+/// The threshold for a distribution per cell: the predicted second moment, relative to that with the global distribution.
+/// Above it, the global distribution is used.
 const WORTH: f64 = 0.97;
 
 impl LightCells {
@@ -182,7 +182,7 @@ impl LightCells {
         let row = self.row(cell);
         // Clamped below: the last cumulative probability is 1, but `u` may be 1.
         let light = if row.len() <= COUNTED {
-            // Without a check for overflow, which would keep it from becoming vectors.
+            // Wrapping, since a check for overflow would prevent vectorisation.
             row.iter().fold(0_u32, |below, end| below.wrapping_add(u32::from(u >= *end))) as usize
         } else {
             row.partition_point(|end| u >= *end)
@@ -206,7 +206,7 @@ impl LightCells {
         &self.ends[row * self.lights..][..self.lights]
     }
 
-    /// Returns the key of a cell and a light, under which [`LightCells::learn`] takes their samples.
+    /// Returns the key of a cell and a light, which [`LightCells::learn`] takes with their samples.
     #[inline]
     pub fn key(&self, cell: u32, light: u32) -> u64 {
         u64::from(cell) * self.lights as u64 + u64::from(light)

@@ -6,7 +6,7 @@ use crate::{MetricsError, Pixels};
 /// The constant added to the squared reference in relMSE, so that black pixels do not dominate [after Rousselle 2011].
 pub const RELATIVE_EPSILON: f64 = 0.01;
 
-/// The fraction of pixels excluded from [`Comparison::rel_mse_trimmed`], those with the largest errors: 0.1 %.
+/// The fraction of pixels, those with the largest errors, that [`Comparison::rel_mse_trimmed`] leaves out: 0.1 %.
 pub const TRIMMED_SHARE: f64 = 0.001;
 
 /// The side length in pixels of the blocks searched for [`Comparison::worst_block`].
@@ -38,7 +38,7 @@ pub struct Comparison {
     /// Mean of x divided by mean of r, for each channel; 1 if they are equal, even if both are 0. A mean of r closer to 0
     /// than 1e-20 counts as 1e-20, so that the ratio is finite.
     pub channel_ratios: [f64; 3],
-    /// Mean of x divided by mean of r over all channels together; finite as [`channel_ratios`](Self::channel_ratios) are.
+    /// Mean of x divided by mean of r over all channels together; finite like [`channel_ratios`](Self::channel_ratios).
     pub mean_ratio: f64,
     /// The number of channel values of x (not pixels) that are NaN or infinite.
     pub non_finite: u64,
@@ -74,7 +74,7 @@ pub struct WorstBlock {
 ///
 /// # Errors
 /// [`MetricsError::Sizes`] if the sizes differ; [`MetricsError::NonFiniteReference`] for NaN or infinity in the
-/// reference. Non-finite values in the image are counted and are no error.
+/// reference. Non-finite values in the image are not an error; they are counted.
 pub fn compare(image: Pixels<'_>, reference: Pixels<'_>) -> Result<Comparison, MetricsError> {
     check(image, reference)?;
     let mut sums = Sums::default();

@@ -103,11 +103,11 @@ pub struct ReferenceNoise {
 }
 
 impl<'a> Measurement<'a> {
-    /// Compares an image with its reference. `variance` is that of the reference's pixel means, per pixel and channel, in
-    /// squared radiance. Metrics that can correct for this noise do so.
+    /// Compares an image with its reference. `variance` is the variance of the reference's pixel means, per pixel and
+    /// channel, in squared radiance. Metrics that can correct for this noise do so.
     ///
     /// # Errors
-    /// Those of [`compare`] and [`compare_corrected`].
+    /// The errors of [`compare`] and [`compare_corrected`].
     pub fn new(image: Pixels<'a>, reference: Pixels<'a>, variance: Option<Pixels<'a>>) -> Result<Self, MetricsError> {
         let noise = variance.map(|variance| -> Result<ReferenceNoise, MetricsError> {
             let corrected = compare_corrected(image, NoisyReference::Variance { mean: reference, variance })?;

@@ -45,7 +45,8 @@ pub struct Corrected {
 pub struct CorrectedError {
     /// The error as [`compare`](crate::compare) measures it, with the reference's noise.
     pub measured: f64,
-    /// The contribution of the reference's noise to `measured`: its mean variance, which relMSE divides by `r^2 + 0.01`.
+    /// The part of `measured` caused by noise in the reference: the reference's variance, averaged over the image. For
+    /// relMSE, each variance is first divided by `r^2 + 0.01`.
     pub reference: f64,
     /// `measured - reference`: the estimated error against the noiseless reference. At 0 or below, the reference is too
     /// noisy to measure the image.
@@ -217,7 +218,7 @@ pub fn difference(a: &[Pixels<'_>], b: &[Pixels<'_>]) -> Result<Difference, Metr
     Ok(Difference { rel_mse: jackknife(&rel_mse), mean_lost: jackknife(&mean_lost) })
 }
 
-/// All pairs of two numbers in `0..n` other than `skip`, each pair once.
+/// All pairs of different numbers in `0..n` without `skip`, each pair once.
 fn pairs(n: usize, skip: usize) -> impl Iterator<Item = (usize, usize)> {
     let kept = move |k: &usize| *k != skip;
     (0..n).filter(kept).flat_map(move |s| (s + 1..n).filter(kept).map(move |t| (s, t)))

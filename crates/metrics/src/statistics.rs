@@ -24,7 +24,7 @@ pub enum StatisticsError {
     #[error("series of {} and {} values cannot be paired; use the same seeds or budgets for both", .0[0], .0[1])]
     Lengths([usize; 2]),
     /// A value that is NaN or infinite.
-    #[error("value {index} is {value}, which is not finite; correct its source, or exclude it and report that")]
+    #[error("value {index} is {value}, which is not finite; find its cause, or exclude it and report the exclusion")]
     NotFinite {
         /// The index of the value in its series, from 0.
         index: usize,

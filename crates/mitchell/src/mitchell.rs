@@ -50,8 +50,8 @@ impl Rule for MitchellOptions {
         self.check_ranges()?;
         match (self.initial, self.additional) {
             (0, 0) => {}
-            (0, _) => return out("initial", 0, "use 1 or more if additional is set; 0 for both chooses by the budget"),
-            (_, 0) => return out("additional", 0, "use 1 or more if initial is set; 0 for both chooses by the budget"),
+            (0, _) => return out("initial", 0, "1 or more if additional is set; 0 for both chooses by the budget"),
+            (_, 0) => return out("additional", 0, "1 or more if initial is set; 0 for both chooses by the budget"),
             (1, _) if self.radius == 0 => {
                 return out("initial", 1, "a single sample has no contrast; use 2 or more, or a radius above 0");
             }

@@ -83,13 +83,13 @@ impl Rule for MitchellPbrtOptions {
         self.check_ranges()?;
         let Self { min, max, .. } = self;
         if max < min {
-            return out("max", max, "use at least min");
+            return out("max", max, "at least min");
         }
         if max > 1 << 31 || min > 1 << 30 {
-            return out("max", max, "use at most 2^31, and at most 2^30 for min");
+            return out("max", max, "at most 2^31, and at most 2^30 for min");
         }
         if self.test != PbrtTest::Contrast && min > MOST_HITS {
-            return out("min", min, "use at most 128 with test=shapeid or shape, which record all first hits");
+            return out("min", min, "at most 128 with test=shapeid or shape, which record all first hits");
         }
         let min = min.next_power_of_two();
         Ok(Self { min, max: max.next_power_of_two().max(2 * min), ..self })

@@ -3,7 +3,7 @@
 use dapple_core::Error;
 use dapple_distributed::Processes;
 
-/// The bytes that process `rank` gets, some of them none.
+/// The bytes for process `rank`, which are sometimes empty.
 fn bytes(rank: u32, round: u32) -> Vec<u8> {
     (0..rank * 7 * round).map(|k| (k * 31 + rank) as u8).collect()
 }

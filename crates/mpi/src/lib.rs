@@ -47,7 +47,7 @@ impl MpiProcesses {
         let (universe, threading) = mpi::initialize_with_threading(mpi::Threading::Funneled)
             .ok_or_else(|| refused("it was already started in this process"))?;
         if threading < mpi::Threading::Funneled {
-            return Err(refused("this library does not support MPI_THREAD_FUNNELED; install one that does"));
+            return Err(refused("the MPI library does not support MPI_THREAD_FUNNELED; install one that does"));
         }
         Ok(Self { world: universe.world(), at_once: AT_ONCE, _universe: universe })
     }

@@ -5,11 +5,11 @@ use std::ffi::OsString;
 /// The variable and value that make Open MPI use shared memory, without a network search of 0.2 s.
 const SHARED_MEMORY: (&str, &str) = ("OMPI_MCA_pml", "ob1");
 
-/// The prefixes of variables with which a user chooses the transport, or a file of settings.
+/// The prefixes of variables that choose the transport or name a file of settings.
 const CHOSEN: [&str; 4] = ["OMPI_MCA_pml", "OMPI_MCA_btl", "OMPI_MCA_mtl", "OMPI_MCA_mca_base"];
 
-/// Makes Open MPI use shared memory if mpirun started all processes on this machine and the user has not chosen a
-/// transport: no `--mca pml`, `btl` or `mtl`, variable or file of settings. Other MPI libraries do not read the variable.
+/// Makes Open MPI use shared memory if mpirun started all processes on this machine and the user has not chosen a transport, by
+/// `--mca pml`, `btl` or `mtl`, a variable or a file of settings. Other MPI libraries do not read the variable.
 ///
 /// MPI reads environment variables when it starts. This function does nothing if the process already has other threads.
 pub(crate) fn prefer_shared_memory() {

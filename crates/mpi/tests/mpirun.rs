@@ -1,11 +1,11 @@
-//! Messages between processes that mpirun starts. Where it is missing, the tests report that they are skipped.
+//! Messages between processes that mpirun starts. Without mpirun, the tests report that they are skipped.
 
 #![expect(clippy::print_stderr, reason = "tests report what they skip")]
 
 use std::path::PathBuf;
 use std::process::{Command, Output};
 
-/// Runs the example `messages` by `mpirun`; `None` where that is not installed.
+/// Runs the example `messages` by `mpirun`; `None` if it is not installed.
 fn messages(processes: u32, arguments: &[&str]) -> Option<Output> {
     if Command::new("mpirun").arg("--version").output().is_err() {
         eprintln!("skipped: mpirun is not installed (apt-get install openmpi-bin)");

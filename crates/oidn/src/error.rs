@@ -19,10 +19,10 @@ pub enum LoadError {
         /// The system's message for the first of the names.
         why: String,
     },
-    /// A path in the variable that is not a loadable library.
+    /// A path in `DAPPLE_OIDN` that is not a loadable library.
     #[error("{VARIABLE} = \"{}\" cannot be loaded: {why}; {ADVICE}", path.display())]
     NotLoaded {
-        /// The path in the variable.
+        /// The path in `DAPPLE_OIDN`.
         path: PathBuf,
         /// The system's message.
         why: String,
@@ -60,7 +60,7 @@ pub enum RunError {
     /// An error that the library reports.
     #[error("Open Image Denoise reports: {0}")]
     Reported(String),
-    /// An image of the wrong number of values; a bug of this crate.
+    /// An image with the wrong number of values; a bug of this crate.
     #[error("the image \"{name}\" has {found} values instead of {expected}; this is a bug in dapple-oidn")]
     Size {
         /// The image's name.

@@ -82,7 +82,7 @@ impl Filter for Oidn {
 }
 
 /// The peak in bytes while the library runs: planes of colour, albedo, normal and output, and the library's own memory
-/// (measured with OIDN 2.5.1: some 700 bytes per pixel up to its limit, and 64 MiB of code and weights).
+/// (measured with OIDN 2.5.1: about 700 bytes per pixel up to its limit, and 64 MiB of code and weights).
 fn memory(frame: &Frame) -> u64 {
     const PLANES: u64 = 4 * 12;
     const WORKING: u64 = 700;
@@ -95,9 +95,9 @@ fn memory(frame: &Frame) -> u64 {
 
 /// The plain mean of the images of [`Oidn`] and of another filter.
 ///
-/// Filters of different kinds have different errors. With `cluster-regression` on adaptive counts, the mean has less error
-/// than either image at 1 to 8 samples per pixel on nine scenes (docs/results/oidn.md). Above some 64 samples per pixel,
-/// the other filter alone may be better where there is fine detail.
+/// Filters of different kinds have different errors. With `cluster-regression` on adaptive sample counts, the mean has
+/// less error than either image at 1 to 8 samples per pixel on nine scenes (docs/results/oidn.md). Above about 64 samples
+/// per pixel, the other filter alone may be better in fine detail.
 ///
 /// There is no error estimate, since the error of OIDN's image is unknown.
 pub struct OidnBlend<F> {
@@ -117,7 +117,7 @@ impl<F: Filter> Filter for OidnBlend<F> {
         "oidn-blend"
     }
 
-    /// The name, the parameters of OIDN, then those of the other filter.
+    /// The filter's name, the parameters of OIDN, and those of the other filter.
     fn describe(&self) -> String {
         let parameters = [self.oidn.describe(), self.other.describe()];
         let parameters: Vec<&str> = parameters.iter().filter_map(|d| d.split_once(':')).map(|d| d.1).collect();

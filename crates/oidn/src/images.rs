@@ -5,11 +5,11 @@ use dapple_core::{Film, Filtered, film::luminance};
 /// The least width and height of an image for OIDN. Below 16 pixels OIDN darkens constant images: a single pixel to 0.18.
 const LEAST_SIDE: usize = 32;
 
-/// The largest colour that OIDN gets, in units of the image's level. OIDN preserves the light of 4x4 pixels of 10^3 to 1 %,
-/// of 10^4 to 7 %, and doubles that of 10^10.
+/// The largest colour that OIDN gets, in units of the image's level. OIDN preserves the light of 4x4 pixels to 1 % at a
+/// colour of 10^3 and to 7 % at 10^4, and doubles it at 10^10.
 const BRIGHTEST: f64 = 1e4;
 
-/// Radii in pixels of the windows in which a pixel without samples searches for others.
+/// Radii in pixels of the windows in which a pixel without samples searches for pixels with samples.
 const REACH: [usize; 3] = [1, 2, 4];
 
 /// Colour, albedo and normal of a pixel.
@@ -43,7 +43,7 @@ impl Inputs {
         Some(inputs)
     }
 
-    /// Converts OIDN's output to the film's image: crops it, scales it back, and adds the light that OIDN did not get.
+    /// Converts OIDN's output to the film's image: crops it, scales it back, and adds the light that was withheld from OIDN.
     pub(crate) fn image(&self, film: &Film, output: &[f32]) -> Filtered {
         let size = film.frame().size();
         let width = size[0] as usize;

@@ -1,7 +1,7 @@
 //! Intel Open Image Denoise (OIDN), a neural denoiser, as a filter of Dapple.
 //!
 //! * [`Oidn`]: OIDN on the film's means, guided by the albedo and normals of first hits.
-//! * [`OidnBlend`]: the plain mean of OIDN's image and that of another filter.
+//! * [`OidnBlend`]: the plain mean of the images of OIDN and another filter.
 //! * [`Library`]: the shared library, loaded at run time. The crate builds without it.
 //!
 //! ```

@@ -1,7 +1,7 @@
 //! The shared library: found and loaded at run time, and called through its C interface.
 //!
-//! All `unsafe` code of the workspace is in this file. Types and signatures follow `oidn.h` of OIDN 2. What the calls
-//! rely on:
+//! All `unsafe` code of the crate is in this file. Types and signatures follow `oidn.h` of OIDN 2. The calls rely on
+//! these facts:
 //!
 //! * The signatures hold for every version 2. [`Library::open`] refuses other versions.
 //! * A loaded library is never unloaded, so its functions live as long as the process.
@@ -32,8 +32,8 @@ const MAJOR: c_int = 2;
 const DEVICE_CPU: c_int = 1;
 const FORMAT_FLOAT3: c_int = 3;
 const QUALITY_HIGH: c_int = 6;
-/// The memory in MiB above which OIDN cuts the image into overlapping tiles. It is fixed, so that neither the image nor the
-/// memory forecast depends on the machine's memory. Images above some 5 million pixels are cut.
+/// The memory in MiB above which OIDN cuts the image into overlapping tiles. It is fixed, so that neither the image nor
+/// the memory forecast depends on the machine's memory. Images above about 5 million pixels are cut.
 pub(crate) const MEMORY_LIMIT_MB: u64 = 3000;
 /// The code of "no error".
 const NO_ERROR: c_int = 0;
@@ -127,7 +127,7 @@ impl Library {
             match Self::open(&path) {
                 Ok(Ok(library)) => return Ok(library),
                 Ok(Err(why)) => missing = missing.or(Some(why)),
-                // An older version, say: another may lie elsewhere.
+                // It may be an older version; another may lie elsewhere.
                 Err(error) => refused = refused.or(Some(error)),
             }
         }
@@ -306,7 +306,7 @@ impl<'l> Device<'l> {
     }
 }
 
-/// The first error of the device since the last call; with a null pointer, that of the calling thread.
+/// The first error of the device since the last call. With a null pointer, the calling thread's error.
 fn error(library: &Functions, device: Raw) -> Option<String> {
     let mut message: *const c_char = ptr::null();
     // SAFETY: the device is alive or null, which the function allows; `message` is a place for one pointer.

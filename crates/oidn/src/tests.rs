@@ -118,7 +118,7 @@ fn a_library_is_found_in_a_folder_and_below_its_lib() {
     assert!(found.contains("lib") && found.ends_with(", version 2.7.1"), "{found}");
 }
 
-/// Beside the programs of `PATH`, as Homebrew and conda install it, and where pip does. A library that is refused is passed over.
+/// Folders: beside the programs of `PATH`, as Homebrew and conda install it, and where pip does. Refused libraries are skipped.
 #[test]
 fn a_library_is_found_beside_programs_and_among_pythons_packages() {
     if Library::search(None, &[]).is_ok() {

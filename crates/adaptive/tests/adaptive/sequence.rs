@@ -147,7 +147,7 @@ fn the_description_names_both_samplers_and_their_policies() {
     let inside = Sequence::new(sequence, 6, Uniform::new(POINTS())).unwrap();
     assert_eq!(inside.describe(), format!("sequence:first={},spp=6,second=uniform", nested(&described)));
     let refused = Sequence::new(Uniform::new(POINTS()), 0, Uniform::new(POINTS())).err().unwrap().to_string();
-    assert_eq!(refused, "spp = 0 is out of range: use at least 1 sample per pixel for the first sampler");
+    assert_eq!(refused, "spp = 0 is out of range; allowed: at least 1 sample per pixel for the first sampler");
 }
 
 #[test]

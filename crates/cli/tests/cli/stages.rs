@@ -53,7 +53,7 @@ fn wrong_plans_and_parts_are_refused() {
     let before = folder.read("0.plan");
     for (words, expected) in [
         ("plan 1.part -o 1.plan", "are missing; pass every part exactly once"),
-        ("plan 1.part 1.part 2.part -o 1.plan", "1.part: the rows are joined already"),
+        ("plan 1.part 1.part 2.part -o 1.plan", "1.part: the rows were joined already"),
         ("plan 1.part foreign.part -o 1.plan", "foreign.part: it belongs to another render than 1.part: "),
         ("plan 1.part cut.part -o 1.plan", "cut.part: it is "),
         ("plan 1.part nowhere.part -o 1.plan", "nowhere.part: there is no such file; check the name of the part"),

@@ -30,7 +30,7 @@ pub enum Ladder {
 }
 
 impl Ladder {
-    /// The ladder for a film that records `needs`: [`Ladder::Halves`] with halves, else [`Ladder::Whole`].
+    /// The ladder for a film with these `needs`: [`Ladder::Halves`] with halves, else [`Ladder::Whole`].
     pub const fn of(needs: &Needs) -> Self {
         if needs.halves { Self::Halves } else { Self::Whole }
     }
@@ -55,9 +55,9 @@ impl Ladder {
     /// that falls as `n^-exponent`. The exponent is 1 for independent samples, and about 1.3 for images sampled with
     /// low-discrepancy nets.
     ///
-    /// Among pixels whose floor is on the ladder, at most one gets a count off the ladder, which makes the sum exact. There
+    /// Of the pixels whose floor is on the ladder, at most one gets a count off the ladder, to make the sum exact. There
     /// are more only if the budget fills every pixel to the last rung below `ceiling`. If all scores are equal, counts
-    /// differ by at most 1 as far as floors allow.
+    /// differ by at most 1, unless the floors differ by more.
     ///
     /// # Errors
     ///
@@ -76,7 +76,7 @@ impl Ladder {
         exponent: f64,
     ) -> Result<Allocation, Error> {
         if !(exponent > 0.0 && exponent <= 3.0) {
-            return Err(Error::out_of_range("exponent", exponent, "the rate at which errors fall lies in (0, 3]"));
+            return Err(Error::out_of_range("exponent", exponent, "above 0 and at most 3"));
         }
         let demand = PixelDemand::new(scores, floors, ceiling, total);
         share_out(&demand, self.floor(ceiling), &Rungs::new(exponent, self))

@@ -50,8 +50,8 @@ pub(super) fn steps_above(
     waiting
 }
 
-/// Applies the `waiting` steps in their order until the `left` samples are used up. Returns the number of samples left
-/// over. A step from count `n` raises its pixel to `end(n)`; the last step may stop short.
+/// Applies the `waiting` steps in order until the `left` remaining samples are used up. Returns the number of unused
+/// samples. A step from count `n` raises its pixel to `end(n)`; the last step may stop short.
 pub(super) fn hand_out(mut waiting: Vec<Waiting>, counts: &mut [u32], mut left: u64, end: impl Fn(u32) -> u32) -> u64 {
     let width = |step: &Waiting| u64::from(end(step.count) - step.count);
     if waiting.iter().map(width).sum::<u64>() > left {

@@ -25,7 +25,7 @@ const MOST_ROUNDS: u32 = 64;
 ///
 /// NaN and negative weights count as 0, infinite ones as the largest finite weight; [`Allocation::replaced`] counts both.
 /// Pixels whose weight is 0, or below 1e-60 of the largest weight, get samples only after all others are at the ceiling, and
-/// then equally many. If `total` is too small for `base` samples in every pixel, counts are as equal as the floors allow.
+/// then equal numbers. If `total` is too small for `base` samples in every pixel, counts are as equal as the floors allow.
 ///
 /// ```
 /// let counts = dapple_core::plan::share(&[1.0, 2.0, 3.0], 4, &[0; 3], 100, 72)?.counts;

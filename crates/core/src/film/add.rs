@@ -12,14 +12,14 @@ pub fn luminance([r, g, b]: [f64; 3]) -> f64 {
     0.2126 * r + 0.7152 * g + 0.0722 * b
 }
 
-/// The planes that one task of a round writes: those of some pixels, for kept or for discarded samples.
+/// The planes of the pixels that one task of a round writes, for kept or for discarded samples.
 pub(crate) struct Strip<'a> {
     /// The statistics of each half; the second is empty in a film without halves.
     pub(crate) halves: [HalfRows<'a>; 2],
     spread: SpreadRows<'a>,
     pub(crate) beside: BesideRows<'a>,
-    /// The numbers of withdrawn samples in each half, whose indices precede those of kept samples. Empty if none were
-    /// withdrawn.
+    /// For each half, the numbers of withdrawn samples per pixel. Their indices precede those of kept samples. Empty if
+    /// none were withdrawn.
     withdrawn: [&'a [u32]; 2],
     retention: Retention,
     needs: Needs,
@@ -223,11 +223,11 @@ impl HalfRows<'_> {
     }
 }
 
-/// Adds `square` to a sum of squares, rounded stochastically to `f32`, so that the expected sum is exact. Rounding to
-/// nearest would lose small squares: 4e-4 of a sum of a million. A hash of the square decides the direction of rounding.
+/// Adds `square` to a sum of squares, rounded stochastically to `f32`, so that the expected sum is exact. Rounding to nearest
+/// would lose small squares: a fraction of 4e-4 in a sum of a million. A hash of the square decides the direction.
 #[inline]
 fn with_square(sum: f32, square: f64) -> f32 {
-    /// The number of mantissa bits that `f64` has beyond those of `f32`.
+    /// The number of mantissa bits that `f64` has and `f32` lacks.
     const MORE: u32 = 29;
     let chance = square.to_bits().wrapping_mul(0x9e37_79b9_7f4a_7c15) >> (64 - MORE);
     let sum = (f64::from(sum) + square).min(f64::from(f32::MAX));
@@ -312,7 +312,7 @@ impl Film {
 
     /// Adds a kept sample of which only the radiance is known.
     ///
-    /// Nothing is recorded about what the sample hit. Filters that read features refuse a film with such samples only.
+    /// Nothing is recorded about what the sample hit. Filters that read features refuse a film that has only such samples.
     ///
     /// # Panics
     ///

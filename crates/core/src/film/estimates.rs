@@ -65,8 +65,8 @@ fn changed(mean: [f64; 3], change: [f64; 3]) -> [f64; 3] {
 }
 
 impl Film {
-    /// The estimated squared error of pixel `i`'s mean, per channel. `None` in a film without halves, or if a half of
-    /// the pixel has no samples.
+    /// The estimated squared error of pixel `i`'s mean, per channel. `None` in a film without halves, and for a pixel
+    /// without samples in one of the two halves.
     ///
     /// The estimate comes from the difference of the means A and B of the two halves, which are scrambled independently: `E
     /// (A - B)^2 = var A + var B`. That sum is split by sample counts, for a pixel mean of `w A + (1 - w) B`. Each pixel
@@ -87,8 +87,8 @@ impl Film {
         Some(error)
     }
 
-    /// The estimated squared error of every pixel's mean, averaged over the channels ([`Film::squared_error`]).
-    /// Infinite if a half of the pixel has no samples. `None` in a film without halves.
+    /// The estimated squared error of every pixel's mean, averaged over the channels ([`Film::squared_error`]). Infinite
+    /// for a pixel without samples in one of the two halves. `None` in a film without halves.
     pub fn squared_errors(&self) -> Option<Vec<f32>> {
         if self.kept.len() != 2 {
             return None;

@@ -38,9 +38,9 @@ impl FeatureMoments {
     /// Returns `true` if more feature-only samples would help: there are fewer than `FEW` samples, or fewer than `MANY`
     /// that vary.
     pub(crate) fn wants_more(&self) -> bool {
-        /// The number of samples after which equal features count as those of the whole pixel.
+        /// The number of samples that suffice if their features are equal.
         const FEW: u16 = 4;
-        /// The number of samples at which features count as known.
+        /// The number of samples that suffice if their features vary.
         const MANY: u16 = 12;
         /// The variances of normal and albedo, summed over channels, below which features count as equal.
         const EQUAL: [f32; 2] = [1e-3, 1e-4];
@@ -56,13 +56,13 @@ fn sums([nx, ny, nz, r, g, b, x, y, z, depth]: &[f32; 10]) -> [f32; 4] {
     [nx + ny + nz, r + g + b, x + y + z, *depth]
 }
 
-/// Mean and sample variance of one pixel's [`SurfaceFeatures`](crate::SurfaceFeatures). A sample without them contributes
-/// those of its first hit. Means are over the samples that hit a surface.
+/// Mean and sample variance of one pixel's [`SurfaceFeatures`](crate::SurfaceFeatures). For a sample without surface
+/// features, the features of its first hit count. Means are over the samples that hit a surface.
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Features {
     /// The number of samples of the pixel, at most 65,535. It includes [feature-only
-    /// samples](crate::Integrator::features_alone), and excludes those left out as [rare](crate::SurfaceFeatures::rare).
+    /// samples](crate::Integrator::features_alone), and excludes [rare](crate::SurfaceFeatures::rare) ones that were left out.
     pub samples: u32,
     /// The number of samples that hit a surface.
     pub hits: u32,

@@ -29,9 +29,8 @@ impl Film {
         Ok(Film { record: self.record.clone(), unreported: self.unreported, rejected, ..part })
     }
 
-    /// A copy of the film without some samples: those in half 0 or 1 of pixel `i` for which `is_marked(half, i)` is true.
-    /// `None` if nothing is marked. If one half of a pixel remains, its variance is NaN unless the film records
-    /// [`Needs::half_variance`].
+    /// A copy of the film without the samples in half 0 or 1 of pixel `i` for which `is_marked(half, i)` is true. `None` if
+    /// nothing is marked. If one half of a pixel remains, its variance is NaN unless the film records [`Needs::half_variance`].
     pub fn without_samples(&self, is_marked: impl Fn(usize, usize) -> bool) -> Option<Film> {
         let pixels = self.frame.pixels();
         let marked = |half: usize| (0..pixels).map(|i| is_marked(half, i)).collect::<Vec<_>>();
@@ -111,12 +110,11 @@ impl Film {
 
     /// The samples of half 0 or 1 as a film without halves, so that a filter can be applied to one half alone.
     ///
-    /// Counts, means, emission, recorders' words, splats and discarded samples are those of the half. Variances are those
-    /// of the half if the film records them [per half](Needs::half_variance); otherwise the new film has none. Features are
-    /// those of the half if the film records them [per half](Needs::feature_halves); otherwise they cover both halves.
-    /// First hits and surfaces always cover both halves. The emission of [feature-only samples](Film::emission_alone) is
-    /// that of the half. Costs and the record of rounds are left out. A filter that needs halves refuses the film.
-    ///
+    /// Counts, means, emission, recorders' words, splats and discarded samples are restricted to the half, and so is the
+    /// emission of [feature-only samples](Film::emission_alone). Variances and features are restricted to it if the film
+    /// records them per half ([`Needs::half_variance`], [`Needs::feature_halves`]). Otherwise the new film has no
+    /// variances, and features of both halves. First hits and surfaces always cover both halves. Costs and the record of
+    /// rounds are left out. A filter that needs halves refuses the film.
     /// The new film takes [`Film::bytes_per_pixel`] of its own [`Needs`].
     ///
     /// ```
@@ -174,7 +172,7 @@ impl Film {
             },
             recorders: self.recorders.clone(),
             splats: self.splats.half(half),
-            // Of samples that report no hits, only whether all are such is read.
+            // The field is only tested for being as large as the number of samples.
             unreported: if self.unreported < self.record.samples { 0 } else { samples },
             record: Record { samples, rejected: rejected.len() as u64, ..Record::default() },
             rejected,

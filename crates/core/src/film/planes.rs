@@ -56,7 +56,7 @@ macro_rules! planes {
             }
 
             #[allow(dead_code, reason = "kept and discarded samples alone change places")]
-            /// Exchanges the values of the marked pixels with those of other planes.
+            /// Swaps the values of the marked pixels with those in `other`.
             pub(crate) fn exchange(&mut self, other: &mut Self, marked: &[bool]) {
                 $(exchange(&mut self.$plane, &mut other.$plane, marked);)*
             }
@@ -93,8 +93,8 @@ planes! {
 }
 
 planes! {
-    /// Sums of squared deviations from the means of the halves, for kept or for discarded samples. They are summed over
-    /// both halves, or stored side by side with [`Needs::half_variance`].
+    /// Sums of squared deviations from the means of the halves, for kept or for discarded samples: one sum over both
+    /// halves, or one per half with [`Needs::half_variance`].
     Spread, SpreadRows(layout) {
         /// Squared deviations of the radiance.
         m2: [f32; 3] = [0.0; 3], layout.needs.sums();
@@ -119,7 +119,7 @@ planes! {
     }
 }
 
-/// The surface of a sample that missed or was not traced: no renderer has a shape with this index.
+/// The surface of a sample that missed or was not traced. No shape has this index.
 pub(super) const NO_SURFACE: [u32; 2] = [u32::MAX; 2];
 
 /// A value of a plane.
@@ -198,10 +198,10 @@ fn exchange<T>(one: &mut [T], other: &mut [T], marked: &[bool]) {
     }
 }
 
-/// The mean of a pixel whose samples were all rejected: -0, which no mean of valid samples is.
+/// The mean of a pixel whose samples were all rejected: -0, which is never the mean of valid samples.
 pub(super) const NONE_VALID: [f64; 3] = [-0.0; 3];
 
-/// Returns `true` for [`NONE_VALID`], by its bits, since -0 equals 0.
+/// Returns `true` for [`NONE_VALID`]. Compares bits, since -0 equals 0.
 pub(super) fn is_none_valid(mean: [f64; 3]) -> bool {
     mean.map(f64::to_bits) == NONE_VALID.map(f64::to_bits)
 }

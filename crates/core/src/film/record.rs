@@ -40,7 +40,7 @@ pub struct Rejected {
     pub reason: RejectedReason,
 }
 
-/// The sample count and timings of one round: the samples that are planned together.
+/// The sample count and timings of one round (samples that are planned together).
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RoundRecord {
@@ -48,9 +48,9 @@ pub struct RoundRecord {
     pub samples: u64,
     /// `true` if the samples stayed in the image, `false` if they were discarded.
     pub kept: bool,
-    /// The wall seconds that planning the round took.
+    /// Wall-clock seconds spent on planning the round.
     pub plan_seconds: f64,
-    /// The wall seconds that tracing the round took.
+    /// Wall-clock seconds spent on tracing the round.
     pub trace_seconds: f64,
 }
 
@@ -72,11 +72,11 @@ pub struct Record {
     pub passes: u32,
     /// The number of rays traced to prepare the integrator, included in `rays`.
     pub prepare_rays: u64,
-    /// The wall seconds of preparing the integrator, included in those of the rounds.
+    /// Wall-clock seconds spent on preparing the integrator, included in the seconds of the rounds.
     pub prepare_seconds: f64,
     /// The number of samples rejected as NaN, infinite or negative.
     pub rejected: u64,
-    /// The last predicted relMSE of the filtered image, for an error limit with [`Render::error_of`](crate::Render::error_of).
+    /// The last predicted relMSE of the filtered image, for the error limit of [`Render::error_of`](crate::Render::error_of).
     #[serde(skip)]
     pub filtered_relmse: Option<f64>,
     /// `true` if a monitor stopped the render before its limits.
@@ -85,12 +85,12 @@ pub struct Record {
 }
 
 impl Record {
-    /// Wall seconds of planning, summed over rounds.
+    /// Wall-clock seconds spent on planning, summed over rounds.
     pub fn plan_seconds(&self) -> f64 {
         self.rounds.iter().map(|r| r.plan_seconds).sum()
     }
 
-    /// Wall seconds of tracing, summed over rounds.
+    /// Wall-clock seconds spent on tracing, summed over rounds.
     pub fn trace_seconds(&self) -> f64 {
         self.rounds.iter().map(|r| r.trace_seconds).sum()
     }

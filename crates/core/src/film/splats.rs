@@ -17,7 +17,7 @@ pub(crate) struct Splats {
     pub(crate) frame: Option<Frame>,
     /// Linear RGB per pixel; one plane, or one per half. Empty if the film does not record splats.
     pub(crate) sums: Vec<Vec<[i128; 3]>>,
-    /// The number of samples that could splat, in the image or withdrawn from it, for each plane.
+    /// For each plane, the number of samples that could splat, withdrawn ones included.
     pub(crate) samples: [u64; 2],
 }
 
@@ -37,7 +37,7 @@ impl Splats {
         self.frame.map_or(Self::default(), |frame| Self::new(frame, self.sums.len()))
     }
 
-    /// The splats of one half, as those of a film without halves.
+    /// The splats of one half, for a film without halves.
     pub(super) fn half(&self, half: usize) -> Self {
         let sums = self.sums.get(half).cloned().into_iter().collect();
         Self { frame: self.frame, sums, samples: [self.samples[half], 0] }
@@ -79,8 +79,8 @@ impl Splats {
 
     /// The mean radiance that splats add to pixel `i` in one half: their sum divided by the number of samples per pixel.
     ///
-    /// Samples of a cropped window splat onto the whole image, so the number of samples per pixel is over all pixels of the
-    /// full image.
+    /// Samples of a cropped window splat onto the whole image. Their number per pixel is therefore taken over all pixels
+    /// of the full image.
     pub(super) fn mean(&self, half: usize, i: usize) -> [f64; 3] {
         match (self.frame, self.sums.get(half)) {
             (Some(frame), Some(sums)) if self.samples[half] > 0 => {

@@ -3,8 +3,8 @@
 use crate::{Error, Film, Filter, Filtered};
 use std::collections::VecDeque;
 
-/// Applies `filter` to `film`, and fills each pixel without valid samples from the nearest pixel that has some. Distances
-/// are steps along rows and columns.
+/// Applies `filter` to `film`, and fills each pixel without valid samples from the nearest pixel that has some. Distance
+/// is the number of steps along rows and columns.
 ///
 /// # Errors
 ///

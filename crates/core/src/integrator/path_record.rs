@@ -37,7 +37,7 @@ pub struct PathRecord {
     radiance: [f32; 3],
     emission: [f32; 3],
     indirect: [f32; 3],
-    /// True after a specular lobe of a probability below [`CERTAIN_LOBE`]; `is_rare`: below [`RARE_LOBE`].
+    /// True after a specular lobe with a probability below [`CERTAIN_LOBE`] (`is_rare`: below [`RARE_LOBE`]).
     is_uncertain: bool,
     is_rare: bool,
 }

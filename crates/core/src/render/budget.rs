@@ -22,7 +22,7 @@ const RESERVE: f64 = 0.1;
 /// The minimum remaining time for which another round is planned, as a fraction of the time limit.
 const ENOUGH: f64 = 0.03;
 
-/// The minimum samples per pixel that a time limit must allow besides feature-only samples. Other values were not measured.
+/// The minimum ordinary samples per pixel within a time limit that has feature-only samples. Other values were not measured.
 const BESIDE_FEATURES: u64 = 4;
 /// The assumed number of rays per pixel for feature-only samples, from which a time limit reserves their time. Pixels get 4
 /// to 12 such samples; this is the mean.
@@ -33,7 +33,7 @@ impl Meter {
         let Limits { min_spp, max_spp, .. } = *limits;
         if min_spp > max_spp || max_spp == 0 {
             let value = format!("{min_spp} .. {max_spp}");
-            let allowed = "the minimum must not exceed the maximum, which must be at least 1";
+            let allowed = "a minimum up to the maximum, and a maximum of at least 1";
             return Err(Error::OutOfRange { name: "samples per pixel", value, allowed });
         }
         let out = |name, value: f64, allowed| Err(Error::OutOfRange { name, value: value.to_string(), allowed });
@@ -91,7 +91,8 @@ impl Meter {
             self.total = total;
         }
         if self.total < planned {
-            let what = format!("{planned} samples are traced or planned already, but the budget is {}", self.total);
+            let what =
+                format!("{planned} samples are traced or planned already; raise the budget of {} samples", self.total);
             return Err(Error::OtherRender { what });
         }
         Ok(())
@@ -142,7 +143,7 @@ impl Meter {
                 if predicted.relmse <= *relmse && predicted.confirmed || spent >= *at_most {
                     return false;
                 }
-                // The guess is limited to twice the samples. An unconfirmed error needs as many as show it.
+                // At most twice the samples. An unconfirmed error gets enough new samples to confirm it.
                 let least = if predicted.confirmed { 1.125 } else { 1.5 };
                 let growth = (predicted.relmse / relmse).powf(1.0 / predicted.fall).clamp(least, 2.0);
                 self.total = ((spent as f64 * growth) as u64).min(*at_most);
@@ -171,10 +172,10 @@ impl Meter {
     }
 }
 
-/// A stopwatch for wall time that leaves out the time in the monitor.
+/// A stopwatch for wall-clock time, without the time in the monitor.
 pub(super) struct Stopwatch {
     pub(super) clock: Clock,
-    /// The reading of the clock at which the stopwatch showed 0, and the time that was left out.
+    /// The clock's reading when the stopwatch showed 0, plus the time left out since.
     zero: f64,
 }
 
@@ -194,7 +195,7 @@ impl Stopwatch {
     }
 }
 
-/// The inverse of the fraction of image rows on which a filter is timed.
+/// The divisor of the image's rows that gives the number of rows on which a filter is timed.
 const PART: u32 = 16;
 /// The minimum number of pixels on which a filter is timed; smaller images are filtered whole. A larger number would take
 /// much of a short time limit.
@@ -208,8 +209,8 @@ pub(super) fn timed_rows(frame: &Frame) -> Range<u32> {
     top..top + rows
 }
 
-/// Estimates the wall seconds that a filter takes on an image of some height: the time that it takes on some rows, in
-/// proportion to the pixels. 0 if the filter fails.
+/// Estimates the wall-clock seconds that a filter takes on an image of `height` rows, in proportion to its time on the
+/// rows in `part`. Returns 0 if the filter fails.
 ///
 /// A quarter of the rows is filtered first, untimed, since the first run may start threads or load a library.
 pub(super) fn time_of(filter: &dyn Filter, part: &Film, height: u32, clock: &Clock) -> f64 {

@@ -31,7 +31,7 @@ pub(super) enum Turn {
 }
 
 impl Turn {
-    /// Returns `self`, or `Never` if a film that records `needs` gets no feature-only samples. Features recorded per half
+    /// Returns `self`, or `Never` if a film with these `needs` gets no feature-only samples. Features recorded per half
     /// come from ordinary samples only.
     pub(super) fn of_film(self, needs: &Needs, retention: Retention) -> Self {
         let wanted = needs.features && !needs.feature_halves && retention == Retention::Keep;
@@ -54,11 +54,11 @@ const EMISSION: u64 = 32;
 /// The ratio of two samples' emission above which a pixel counts as lying at the edge of a light source. Skies vary by less.
 const EDGE: f32 = 2.0;
 
-/// Adds feature-only samples to the features of a pixel, for a film that records `needs`. Returns their cost, and their
+/// Adds feature-only samples to the features of a pixel, for a film with these `needs`. Returns their cost, and their
 /// emission if the pixel is at the edge of a light source.
 ///
-/// The number of samples depends on the samples alone and not on the plan, so that a render can continue one with a smaller
-/// budget.
+/// The number of samples depends on the samples alone and not on the plan. A render that resumes one with a smaller
+/// budget therefore takes the same samples.
 ///
 /// The samples whose emission is averaged have streams of their own. The samples that detect an edge are excluded, and so
 /// are later samples of their stream, which fill the gaps between them. Including either would lose light if a light source

@@ -101,8 +101,8 @@ impl FilteredError {
         Ok(Some(Self { samples, own, prediction, ratio, variance, image, error, counts, means }))
     }
 
-    /// Measures the image's true error divided by the filter's own estimate, with the samples that the film has gained
-    /// since. Returns this ratio and its variance; `None` if too few blocks have new samples in both halves.
+    /// Measures the image's true error divided by the filter's own estimate, with the samples added since the last
+    /// prediction. Returns this ratio and its variance; `None` if too few blocks have new samples in both halves.
     fn measure(&self, film: &Film, size: [usize; 2]) -> Option<(f64, f64)> {
         let [width, height] = size;
         let columns = width.div_ceil(BLOCK);

@@ -3,7 +3,7 @@
 use crate::{Filter, Needs, Sampler, film::Recorder};
 use std::sync::Arc;
 
-/// A sampler and a filter that work together: what a [`Session`](crate::Session) needs besides a frame and limits.
+/// A sampler and a filter that work together, for a [`Session`](crate::Session).
 ///
 /// ```
 /// # use dapple_core::{PointSet, SampleId};
@@ -24,7 +24,7 @@ pub struct Methods<'a> {
     pub sampler: Box<dyn Sampler + 'a>,
     /// The filter; with `None`, each pixel is the mean of its own samples.
     pub filter: Option<Box<dyn Filter + 'a>>,
-    /// The statistics that the film records besides those that sampler and filter need.
+    /// The statistics that the film records in addition to the needs of sampler and filter.
     pub needs: Needs,
     /// The recorders of the film besides those of the sampler.
     pub recorders: Vec<Arc<dyn Recorder>>,
@@ -46,7 +46,7 @@ impl<'a> Methods<'a> {
         self
     }
 
-    /// Adds statistics that the film must record besides those that sampler and filter need.
+    /// Adds statistics that the film must record in addition to the needs of sampler and filter.
     #[must_use]
     pub fn with_needs(self, needs: Needs) -> Self {
         Self { needs: self.needs.and(needs), ..self }

@@ -14,7 +14,7 @@ pub struct Status<'a> {
     pub samples: u64,
     /// The total number of samples to trace, as far as known; a time or error limit may change it.
     pub expected: u64,
-    /// Wall seconds of planning and tracing so far, without the monitor's own time.
+    /// Wall-clock seconds spent on planning and tracing so far, without the monitor's own time.
     pub seconds: f64,
     /// The time limit in seconds, if there is one.
     pub seconds_limit: Option<f64>,
@@ -24,8 +24,8 @@ pub struct Status<'a> {
 }
 
 impl Status<'_> {
-    /// The state of the render as bytes for [`Snapshot::from_bytes`](crate::Snapshot::from_bytes), about as many as the
-    /// film has in memory. A render resumed from them ends bit-identical to this one.
+    /// The state of the render as bytes for [`Snapshot::from_bytes`](crate::Snapshot::from_bytes), about as large as the
+    /// film in memory. A render resumed from them ends bit-identical to this one.
     pub fn snapshot(&self) -> Vec<u8> {
         self.view.write()
     }

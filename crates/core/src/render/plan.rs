@@ -5,7 +5,7 @@ use super::turns::{Order, Turns};
 use crate::plan::{BudgetLeft, Plan, Retention};
 use crate::{Error, Film, Sampler};
 
-/// Applies a plan's withdrawals and discarding to the film, and returns the round to trace.
+/// Applies a plan's withdrawals to the film, makes room for discarded samples, and returns the round to trace.
 pub(super) fn begin(plan: Plan, film: &mut Film, plan_seconds: f64) -> OpenRound {
     if plan.retention == Retention::Discard {
         film.open_discarded();

@@ -3,13 +3,13 @@
 use crate::{Frame, point_set::mix};
 use std::collections::BTreeMap;
 
-/// The number of samples that are kept from the start of each part, per watched pixel.
+/// The number of samples per watched pixel that are kept from the start of each part.
 pub(super) const KEPT: u32 = 4;
 /// The maximum number of watched pixels in an image; at least half as many are watched. The selection is by a power of two,
 /// so that no sample needs a division.
 const WATCHED: u64 = 512;
-/// The minimum number of pixels whose samples repeat, while those of no other pixel differ. Two samples of a pixel, one lit
-/// and one not, repeat by chance in 1 of 4 cases.
+/// The minimum number of compared pixels for an error, if all of them repeat. Two samples of a pixel, one lit and one
+/// not, repeat by chance in 1 of 4 cases.
 const ENOUGH: u32 = 16;
 
 /// The first samples of some pixels in one part of a round.

@@ -28,7 +28,7 @@ struct Inputs<'a> {
     plan: &'a Plan,
     width: usize,
     origin: [u32; 2],
-    /// The samples of the slice: of each pixel, those from `samples[0]` to below `samples[1]`.
+    /// The range of samples of each pixel in the slice: from `samples[0]` to below `samples[1]`.
     samples: [u32; 2],
     streams: [u32; 2],
     order: Order,
@@ -82,7 +82,7 @@ pub(super) fn trace(
         if begins {
             open.cursor.end = open.cursor.start.saturating_add(length).min(longest);
         }
-        // Rows below those that are traced already belong to the pass that was interrupted there.
+        // Rows below the traced ones already belong to the pass that was interrupted there.
         let begins = begins && state.stage.as_ref().is_none_or(|stage| stage.rows().start == 0);
         prepare(&mut *integrator, (points, &clock.clock), &mut *state, begins)?;
         let State { film, open: Some(open), passes, stage, .. } = state else { return Ok(Stopped::AtEnd) };
@@ -121,7 +121,7 @@ pub(super) fn learn(
     passes.push(pass);
 }
 
-/// The error of a panic, with the film, which is replaced by an empty one.
+/// Makes the error of a panic, which takes the film and leaves an empty one.
 fn panicked((sample, message): (SampleId, String), film: &mut Film, points: &dyn PointSet) -> Error {
     let film = Box::new(std::mem::replace(film, Film::without_planes(film.frame, Needs::none())));
     Error::Panicked { sample, message, points: points.describe(), film }
@@ -200,9 +200,9 @@ const GROWTH: f64 = 8.0;
 
 /// The size of the next slice: samples per pixel, and rows of pixels.
 ///
-/// Both follow from the sampling rate of this round, which took `seconds` so far. If one sample in every pixel takes longer
-/// than a slice should, the slice covers only some rows. The samples per pixel then belong to the whole pass over the rows.
-/// `pass` is the number of samples per pixel in a training pass or in an integrator's pass, if there is one.
+/// Both follow from the sampling rate of this round, which took `seconds` so far. If one sample in every pixel would take
+/// too long for a slice, the slice covers only some rows. All rows of the pass then get the same number of samples per
+/// pixel. `pass` is the number of samples per pixel in a training pass or in an integrator's pass, if there is one.
 fn next_slice(
     open: &OpenRound,
     film: &Film,

@@ -171,7 +171,7 @@ impl<'a> Session<'a> {
                 continued(snapshot, &mut *sampler, &mut meter, (&needs, limits), &frame)?
             }
         };
-        // Only a limit of time asks for the time, unless the caller does.
+        // Only a time limit reads the clock, unless the caller sets one.
         let clock = if meter.seconds().is_some() { Clock::of_machine() } else { Clock::none() };
         let (clock, limits) = (Stopwatch::start(clock, seconds), limits.clone());
         let (began, over, given_out, tile_side) = (0.0, false, None, 32);
@@ -287,8 +287,8 @@ impl<'a> Session<'a> {
         self.state.film
     }
 
-    /// The state of the session as bytes for [`Snapshot::from_bytes`]. A session resumed from the end plans the last round
-    /// again, so that round's budget is left out.
+    /// The state of the session as bytes for [`Snapshot::from_bytes`]. At the end, it leaves out the last round's budget,
+    /// since a resumed session plans that round again.
     pub fn snapshot(&mut self) -> Vec<u8> {
         let shown = if self.over { self.state.film.record.budgets.pop() } else { None };
         let bytes = self.view(self.clock.seconds()).write();
@@ -308,7 +308,7 @@ impl<'a> Session<'a> {
         self.state.passes.iter().for_each(|pass| integrator.learn(pass));
     }
 
-    /// Opens a round to trace: the one that is open already, or the next. Returns `false` at the end of the render.
+    /// Plans the next round, unless one is open already. Returns `false` at the end of the render.
     pub(super) fn open(&mut self) -> Result<bool, Error> {
         if self.state.open.is_none() {
             self.state.open = self.plan()?;
@@ -320,7 +320,7 @@ impl<'a> Session<'a> {
         Ok(!self.over)
     }
 
-    /// Closes the round that was traced, or stopped. Returns `true` if the render ends here because it was stopped.
+    /// Closes the open round after it was traced or stopped. Returns `true` if the render ends here because it was stopped.
     pub(super) fn close(&mut self, stopped: Stopped) -> Result<bool, Error> {
         let Some(open) = self.state.open.take() else { return Ok(true) };
         let (film, trace_seconds) = (&mut self.state.film, self.clock.seconds() - self.began);
@@ -443,7 +443,7 @@ impl Session<'_> {
     }
 }
 
-/// The inverse of the largest fraction of a round's remaining samples that its next part may have under a time limit.
+/// The divisor of a round's remaining samples that limits its next part under a time limit.
 const TIMED: u64 = 4;
 
 /// The samples per pixel of the next part of a round, after `traced` samples. A part has at most as many samples as were

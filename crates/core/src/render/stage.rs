@@ -10,8 +10,8 @@ use super::{Methods, Monitor, NoMonitor, Render, Session};
 use crate::{Clock, Error, Film, Frame, Integrator, Sampler, Snapshot, film::Record, film::keep_first, snapshot::View};
 use std::ops::Range;
 
-/// The state of an integrator between two calls of [`Render::trace_rows`]: how many training passes it has learned, and the
-/// pass that it is prepared for. A new integrator needs a new value.
+/// The state of an integrator between two calls of [`Render::trace_rows`]: the number of training passes it has learned,
+/// and the pass it is prepared for. A new integrator needs a new value.
 #[derive(Clone, Debug, Default)]
 pub struct Readiness {
     learned: usize,
@@ -107,7 +107,7 @@ impl Session<'_> {
             plan_seconds: 0.0,
             traced_seconds: 0.0,
         };
-        // Samples of the round that the rows have already are no samples before it.
+        // Samples of this round in the rows do not count as samples before the round.
         open.before -= open.plan.total() - open.rest(width).total();
         let (round, passes, open, stage) =
             (self.state.round, self.state.passes.clone(), Some(open), Some(stage.clone()));
@@ -152,24 +152,24 @@ impl Session<'_> {
     pub fn join(&mut self, stage: &Stage, rows: TracedRows) -> Result<Range<u32>, Error> {
         let other = |what: &str| Err(Error::OtherRender { what: what.into() });
         let State { film: mut part, round, open: Some(traced), stage: of, .. } = rows.0 else {
-            return other("the rows belong to no open round");
+            return other("the rows belong to no open round; join only traced rows");
         };
         if of.as_ref() != Some(stage) || round != self.state.round {
-            return other("the rows belong to another stage");
+            return other("the rows belong to another stage; join only rows of this one");
         }
         if traced.cursor.start != stage.end() {
-            return other("the rows are not traced to the end of their stage");
+            return other("the rows are not traced to the end of their stage; trace them again");
         }
-        let Some(open) = self.state.open.as_mut() else { return other("no round is open") };
+        let Some(open) = self.state.open.as_mut() else { return Err(no_round()) };
         let film = &mut self.state.film;
         if part.needs != film.needs || part.recorders != film.recorders {
-            return other("the rows record other statistics");
+            return other("the rows record other statistics; trace them with the session's needs");
         }
         let top = part.frame.origin()[1] - stage.frame.origin()[1];
         let rows = top..top + part.frame.size()[1];
         let (had, new) = (samples_in(film, part.frame), planned(open, stage, &rows));
         if part.record.samples != had + new {
-            return other("the rows were joined already");
+            return other("the rows were joined already; join each row once");
         }
         let record = std::mem::take(&mut part.record);
         part.record = Record {
@@ -180,7 +180,7 @@ impl Session<'_> {
             ..Record::default()
         };
         if record.passes > film.record.passes {
-            // Each machine prepares the same, which counts once.
+            // All machines repeat the same preparation, which counts once.
             film.record.passes = record.passes;
             film.record.prepare_rays += record.prepare_rays;
             film.record.rays += record.prepare_rays;
@@ -233,8 +233,7 @@ impl Render<'_> {
     /// Traces rows from [`Session::rows_of`] to the end of their stage. Returns the traced rows for [`Session::join`];
     /// `None` if the monitor stopped the render.
     ///
-    /// The integrator learns the training passes that are new according to `ready`, and is prepared for the pass unless it
-    /// already is.
+    /// The integrator learns the training passes that `ready` lacks, and is prepared for the pass unless it already is.
     ///
     /// # Errors
     ///
@@ -284,7 +283,7 @@ fn samples_in(film: &Film, rows: Frame) -> u64 {
 }
 
 impl Film {
-    /// The rows `frame` as a separate film, with the record of a render that begins there.
+    /// The rows `frame` as a separate film, with the record of a render that has the samples of these rows.
     fn rows_of(&self, frame: Frame) -> Self {
         let mut film = self.part(frame, crate::plan::Retention::Keep);
         if film.discarded.is_empty() && !self.discarded.is_empty() {

@@ -39,7 +39,7 @@ pub(crate) struct Cursor {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct OpenRound {
     pub(crate) plan: Plan,
-    /// The samples that follow those of `plan`, since a session hands out a round in parts.
+    /// The round's samples after those of `plan`; a session hands out a round in parts.
     pub(crate) later: Option<Plan>,
     pub(crate) cursor: Cursor,
     /// The sums of the unfinished training pass. For each traced row of 16x16-pixel blocks: the index of the row of
@@ -60,12 +60,12 @@ impl OpenRound {
         self.plan.halves().flatten().copied().max().unwrap_or(0)
     }
 
-    /// The sum over pixels of the samples among the first `start`.
+    /// The number of samples among the first `start` of each pixel, summed over pixels.
     pub(crate) fn before(&self, start: u32) -> u64 {
         self.plan.halves().flatten().map(|&count| u64::from(count.min(start))).sum()
     }
 
-    /// The number of pixels with more than `start` samples; those of both halves count twice.
+    /// The number of planned counts above `start`: one count per pixel, or one per pixel and half.
     pub(crate) fn above(&self, start: u32) -> u64 {
         self.plan.halves().flatten().map(|&count| u64::from(count > start)).sum()
     }

@@ -59,7 +59,7 @@ pub struct Tile<'r> {
     pub(super) planned: Arc<Planned<'r>>,
     pub(super) retention: Retention,
     pub(super) film: Film,
-    /// The number of samples of each pixel that the film has.
+    /// The number of each pixel's samples already in the film.
     taken: Vec<u32>,
     left: u64,
     /// Results that wait for earlier ones, by pixel and turn.
@@ -71,7 +71,7 @@ pub struct Tile<'r> {
     pub(super) fault: Option<String>,
 }
 
-/// A result that was added before that of an earlier sample, and the number of blocks it took.
+/// A result that was added before an earlier sample's, and the number of blocks of random numbers that it took.
 struct Waiting {
     estimate: Estimate,
     blocks: u32,
@@ -111,7 +111,7 @@ impl<'r> Tile<'r> {
         Self { planned: Arc::new(planned), retention, film: part, tally, firsts, taken, left, waiting, fault: None }
     }
 
-    /// Columns and rows `[x0, y0, x1, y1]` of the tile in the full image; the last ones are excluded.
+    /// Columns and rows `[x0, y0, x1, y1]` of the tile in the full image; `x1` and `y1` are excluded.
     pub fn area(&self) -> [u32; 4] {
         self.planned.area
     }
@@ -193,7 +193,7 @@ impl<'r> Tile<'r> {
     /// They are due in pixels without kept samples. With a time limit, they are due in all pixels of the second round, if
     /// the limit allows enough samples.
     ///
-    /// Call this once, before samples are added, or not at all: filters then leave more noise at edges.
+    /// Call this once, before samples are added. Without the call, filters leave more noise at edges.
     pub fn sample_features(&mut self, mut sample: impl FnMut(&Draws<'_>) -> Option<Estimate>) {
         let planned = self.planned.clone();
         if self.left < planned.total() {

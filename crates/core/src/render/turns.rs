@@ -43,7 +43,7 @@ pub(super) struct Turns {
     pub(super) counts: [u32; 2],
     /// The index of the next sample in each stream.
     pub(super) next: [u64; 2],
-    /// The number of samples by which the first half leads before these.
+    /// The number of samples by which the first half leads at the start.
     pub(super) lead: i64,
 }
 
@@ -111,7 +111,7 @@ pub(super) struct Tally {
     pub(super) unreported: u64,
     /// The number of rejected samples.
     rejections: u64,
-    /// The first rejected samples in order of pixel, stream and index; fewer than twice as many as the film lists.
+    /// The first rejected samples in order of pixel, stream and index; fewer than twice the number that the film lists.
     rejected: Vec<Rejected>,
     /// The first rejected sample in the order of tracing, with its radiance.
     pub(super) first_rejected: Option<(SampleId, [f32; 3])>,
@@ -131,8 +131,8 @@ impl Tally {
         }
     }
 
-    /// Counts and lists a rejected sample. Outlined because it is rare. The list holds at most twice as many samples as
-    /// the film's list.
+    /// Counts and lists a rejected sample. Not inlined, because it is rare. The list holds at most twice as many samples
+    /// as the film's list.
     #[cold]
     #[inline(never)]
     pub(super) fn reject(&mut self, rejected: Rejected, value: [f32; 3]) {

@@ -129,7 +129,7 @@ fn by_host(seed: impl Fn(u64, u64, u64) -> u64, lit: f64) -> Result<Film, Error>
 fn a_host_that_repeats_its_numbers_is_told() {
     for lit in [0.5, 0.97, 0.03] {
         let repeated = by_host(|pixel, _, _| pixel, lit).unwrap_err().to_string();
-        assert!(repeated.contains("seed the generator by pixel and by the sample's number"), "{repeated}");
+        assert!(repeated.contains("seed the generator with the pixel and the sample's number"), "{repeated}");
         by_host(|pixel, number, _| pixel ^ number << 32, lit).unwrap();
         by_host(|pixel, _, part| pixel ^ part << 40, lit).unwrap();
     }

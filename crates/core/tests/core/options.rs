@@ -54,9 +54,9 @@ fn wrong_text_is_refused_with_the_nearest_name_and_the_range() {
     assert_eq!(refused("count"), "\"count\" is not of the form key=value");
     assert_eq!(refused("count=1,count=2"), "\"count\" is given twice");
     assert_eq!(refused("count=many"), "count = \"many\" is not valid; use a number (below 10)");
-    assert_eq!(refused("count=10"), "count = 10 is out of range: below 10");
+    assert_eq!(refused("count=10"), "count = 10 is out of range; allowed: below 10");
     assert_eq!(refused("shape=oval"), "shape = \"oval\" is not valid; use one of round, square");
-    assert_eq!(refused("weight=NaN"), "weight = NaN is out of range: above 0, or none");
+    assert_eq!(refused("weight=NaN"), "weight = NaN is out of range; allowed: above 0, or none");
     assert_eq!(TestOptions::default().set("other", "1"), Ok(false));
 }
 

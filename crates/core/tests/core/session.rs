@@ -217,8 +217,8 @@ fn wrong_uses_of_tiles_are_refused_and_named() {
         tile.samples().next().unwrap()
     }
     assert!(message(&|tile| tile.add(&first(tile), [1.0; 3])).contains("pixel (0, 0) was added twice"));
-    assert!(message(&|tile| tile.push([3, 2], [1.0; 3])).contains("pixel (3, 2) got more than the 1 samples"));
-    assert!(message(&|tile| tile.push([4, 0], [1.0; 3])).contains("pixel (4, 0) got more than the 0 samples"));
+    assert!(message(&|tile| tile.push([3, 2], [1.0; 3])).contains("pixel (3, 2) got more than the 1 requested"));
+    assert!(message(&|tile| tile.push([4, 0], [1.0; 3])).contains("pixel (4, 0) got more than the 0 requested"));
     let other = round.tile([4, 4, 8, 8]).unwrap();
     assert!(message(&|tile| tile.add(&first(&other), [1.0; 3])).contains("belongs to another tile"));
     let few = |tile: &mut Tile<'_>| tile.add_all(&[first(tile)], Vec::<[f32; 3]>::new());
@@ -402,7 +402,7 @@ fn samples_that_say_nothing_of_hits_are_refused_by_name() {
         Ok(())
     };
     let message = ends(&|_| [0.5; 3].into()).unwrap_err().to_string();
-    assert!(message.starts_with("guided reads first-hit features, but all samples are radiance alone"), "{message}");
+    assert!(message.starts_with("guided reads first-hit features, but all samples report radiance only"), "{message}");
     // All misses, said once.
     let sky = |s: &Draws<'_>| match s.pixel() {
         [1, 2] => Estimate::new([0.5; 3]).with_first_hit(None),

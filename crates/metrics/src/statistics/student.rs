@@ -40,7 +40,7 @@ pub fn student_t_quantile(probability: f64, degrees_of_freedom: f64) -> f64 {
     z + z * terms.iter().rev().fold(0.0, |sum, term| (sum + term) / v)
 }
 
-/// The probability that Student's t exceeds `t`; 1/2 for a negative `t`.
+/// The probability that Student's t exceeds `t`. A negative `t` counts as 0, with probability 1/2.
 ///
 /// `degrees_of_freedom` is any number above 0 up to 1e8, or infinite for the normal distribution. The relative error is
 /// below 1e-11, in far tails too.
@@ -151,8 +151,8 @@ impl Beta {
         Self { v, a, log_beta: 0.5 * libm::log(PI) - log_gamma_step(a) }
     }
 
-    /// The logarithm of the probability of `side` at t = exp(u), and the absolute value of its derivative by u, as
-    /// [`quantile`] requires.
+    /// The logarithm of the probability of `side` at t = exp(u), and the absolute value of its derivative with respect
+    /// to u, as [`quantile`] requires.
     fn log_mass(&self, side: Side, u: f64) -> (f64, f64) {
         // ln(t^2 / v), and from it ln x and ln(1 - x) without cancellation.
         let odds = 2.0 * u - libm::log(self.v);

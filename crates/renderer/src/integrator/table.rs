@@ -176,7 +176,7 @@ mod tests {
             ("ambient-occlusion:far", "ambient-occlusion: \"far\" is not of the form key=value"),
             ("ambient-occlusion:far=1", "ambient-occlusion: there is no parameter \"far\"; known parameters: distance"),
             ("ambient-occlusion:distance=1,distance=2", "ambient-occlusion: \"distance\" is given twice"),
-            ("ambient-occlusion:distance=-1", "distance = -1 is out of range: above 0"),
+            ("ambient-occlusion:distance=-1", "distance = -1 is out of range; allowed: above 0"),
             ("path:distance=1", "path: there is no parameter \"distance\"; known parameters: none"),
         ] {
             assert_eq!(outcome(request), expected);

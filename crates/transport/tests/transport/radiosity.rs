@@ -69,7 +69,7 @@ fn scenes_that_patches_lack_are_refused() {
     moving.camera.shutter = [0.0, 1.0];
     for (scene, request, expected) in [
         (moving, "radiosity", "radiosity: the scene has motion-blur, but patches do not move; use \"path\""),
-        (chamber(diffuse(0.3)), "radiosity:patches=0", "radiosity: patches = 0 is out of range: 1 to 1048576"),
+        (chamber(diffuse(0.3)), "radiosity:patches=0", "radiosity: patches = 0 is out of range; allowed: 1 to 1048576"),
     ] {
         let error = make_integrator(request, &world(&scene)).err().expect("refused").to_string();
         assert_eq!(error, expected);
