@@ -13,7 +13,7 @@ dapple_core::options! {
         /// Minimum samples per pixel before any pixel stops; 0: 16 threshold^-0.3, at most a quarter of spp.
         ///
         /// With 0, at least 4 samples are taken. The limit of a quarter applies only with [`Stopping::Budget`].
-        pub min: u32 = 0, |min| min != 1, "each of the two halves needs a sample; 0 chooses";
+        pub min: u32 = 0, |min| min != 1, "at least 2, one for each half; 0 chooses";
         /// Samples per round for each pixel that has not stopped.
         pub step: u32 = 16, |step| step != 0, "at least one sample";
         /// Stopping rule: budget (lower the threshold until the budget is spent) or threshold (the budget is an upper bound).
@@ -23,7 +23,7 @@ dapple_core::options! {
         pub mode: Stopping = Stopping::Budget => "budget";
         /// keep: planning samples stay in the image (biased, as published); no other choice.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
-            |policy| policy == PilotPolicy::Keep, "keep; there is no other";
+            |policy| policy == PilotPolicy::Keep, "only keep";
     }
 }
 

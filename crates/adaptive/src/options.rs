@@ -31,20 +31,20 @@ dapple_core::options! {
         /// See [`Pooling::power`](crate::Pooling::power).
         pub power: f64 = 1.0 => "1", |power| power > 0.0 && power <= 4.0, "above 0 and at most 4";
         /// Error is assumed to fall as n^-exponent with n samples; clamped to 1 for independent points.
-        pub exponent: f64 = 1.15, |rate| rate > 0.0 && rate <= 3.0, "the rate at which errors fall lies in (0, 3]";
+        pub exponent: f64 = 1.15, |rate| rate > 0.0 && rate <= 3.0, "above 0 and at most 3";
         /// Added to the squared mean in relative errors; 0.2 suits the default filter, 0.01 no filter.
         pub epsilon: f64 = 0.2, |epsilon| epsilon > 0.0 && epsilon.is_finite(), "a number above zero";
         /// Maximum samples per pixel, as a multiple of the mean.
         pub cap: f64 = 8.0 => "8", |cap| cap >= 1.0 && cap.is_finite(), "at least 1";
         /// Weight of a filter's error map (see by) in its geometric mean with the pixel's own variance, 0 to 1.
-        pub mix: f64 = 0.5, |mix| (0.0..=1.0).contains(&mix), "a share from 0 to 1";
+        pub mix: f64 = 0.5, |mix| (0.0..=1.0).contains(&mix), "a fraction from 0 to 1";
         /// Use adaptive counts only if their predicted error is at most this fraction of uniform sampling's; inf: always.
         ///
         /// At 1, counts stay uniform only if the ladder makes adaptive counts worse than uniform ones.
-        pub gain: f64 = 0.98, |gain| (0.0..=1.0).contains(&gain) || gain == f64::INFINITY, "a share from 0 to 1, or inf";
+        pub gain: f64 = 0.98, |gain| (0.0..=1.0).contains(&gain) || gain == f64::INFINITY, "a fraction from 0 to 1, or inf";
         /// Pilot samples: neighbours (kept, but never plan their own pixel), discard, cross (two halves plan each other), keep (biased).
         pub policy: PilotPolicy = PilotPolicy::Neighbours => "neighbours",
-            |policy| !matches!(policy, PilotPolicy::Refined), "one of keep, neighbours, discard, cross";
+            |policy| !matches!(policy, PilotPolicy::Refined), "keep, neighbours, discard or cross";
         /// 1: minimise the error per ray; 0: per sample.
         ///
         /// The budget is still a number of samples. Costs that are equal everywhere change nothing. Costs are pooled over the
@@ -132,7 +132,7 @@ dapple_core::options! {
         pub cap: f64 = 6.0 => "6";
         /// Pilot samples: keep (biased), neighbours (kept, but never plan their own pixel), discard, cross (two halves plan each other).
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
-            |policy| !matches!(policy, PilotPolicy::Refined), "one of keep, discard, cross, neighbours";
+            |policy| !matches!(policy, PilotPolicy::Refined), "keep, discard, cross or neighbours";
         /// 1: minimise the error per ray; 0: per sample.
         ///
         /// See [`AdaptiveOptions::cost`].

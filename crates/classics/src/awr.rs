@@ -17,12 +17,12 @@ dapple_core::options! {
         /// Number of wavelet levels.
         pub levels: usize = 5, |levels| levels <= 8, "0 to 8";
         /// Samples per pixel before counts adapt.
-        pub pilot: u32 = 4, |pilot| pilot >= 2, "a variance needs 2 samples or more";
+        pub pilot: u32 = 4, |pilot| pilot >= 2, "at least 2, since one sample has no variance";
         /// Rounds after the pilot, each with an equal share of the remaining budget.
         pub rounds: u32 = 4, |rounds| (1..=1024).contains(&rounds), "1 to 1024";
         /// keep: planning samples stay in the image (biased, as published); no other choice.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
-            |policy| policy == PilotPolicy::Keep, "keep; there is no other";
+            |policy| policy == PilotPolicy::Keep, "only keep";
     }
 }
 

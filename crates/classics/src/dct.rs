@@ -28,7 +28,7 @@ dapple_core::options! {
         pub masking: f64 = 0.65, |exponent| (0.0..=4.0).contains(&exponent), "0 to 4";
         /// keep: planning samples stay in the image (biased, as published); no other choice.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
-            |policy| policy == PilotPolicy::Keep, "keep; there is no other";
+            |policy| policy == PilotPolicy::Keep, "only keep";
     }
 }
 

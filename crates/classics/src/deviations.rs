@@ -17,7 +17,7 @@ dapple_core::options! {
         /// Probability that the interval misses the true mean, for normally distributed samples.
         pub alpha: f64 = 0.05, |alpha| (1e-6..=0.5).contains(&alpha), "a probability from 1e-6 to 0.5";
         /// Minimum samples per pixel before any pixel stops; with mode=budget at most a quarter of the mean, at least 2.
-        pub min: u32 = 8, |min| min >= 2, "one sample has no variance: 2 or more";
+        pub min: u32 = 8, |min| min >= 2, "at least 2";
         /// Maximum samples per pixel, as a multiple of the mean.
         pub cap: f64 = 32.0 => "32", |cap| cap >= 1.0 && cap.is_finite(), "at least 1";
         /// Samples per round for each pixel that has not stopped.
@@ -26,7 +26,7 @@ dapple_core::options! {
         pub mode: Stopping = Stopping::Budget => "budget";
         /// keep: planning samples stay in the image (biased, as published); no other choice.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
-            |policy| policy == PilotPolicy::Keep, "keep; there is no other";
+            |policy| policy == PilotPolicy::Keep, "only keep";
     }
 }
 
@@ -96,7 +96,7 @@ dapple_core::options! {
     /// The parameters of [`UpperConfidence`]. No default is from the paper.
     pub struct UpperConfidenceOptions {
         /// Samples per pixel before counts adapt.
-        pub pilot: u32 = 4, |pilot| pilot >= 2, "one sample has no deviation: 2 or more";
+        pub pilot: u32 = 4, |pilot| pilot >= 2, "at least 2";
         /// Weight of the bonus for uncertainty, in units of the image's pooled deviation.
         pub bonus: f64 = 0.5, |bonus| bonus >= 0.0 && bonus.is_finite(), "0 or above";
         /// The bounds fail with probability delta, where ln(1/delta) = confidence x ln(budget).
@@ -104,10 +104,10 @@ dapple_core::options! {
         /// Added to the squared mean in a pixel's weight, 1 / sqrt(mean^2 + epsilon).
         pub epsilon: f64 = 0.01, |epsilon| epsilon > 0.0 && epsilon.is_finite(), "a number above zero";
         /// Fraction of the budget that is spent between updates of the bounds.
-        pub step: f64 = 0.12, |step| (0.01..=1.0).contains(&step), "a share from 0.01 to 1";
+        pub step: f64 = 0.12, |step| (0.01..=1.0).contains(&step), "a fraction from 0.01 to 1";
         /// keep: planning samples stay in the image (biased, as published); no other choice.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
-            |policy| policy == PilotPolicy::Keep, "keep; there is no other";
+            |policy| policy == PilotPolicy::Keep, "only keep";
     }
 }
 
@@ -185,7 +185,7 @@ dapple_core::options! {
     /// paper.
     pub struct EarsOptions {
         /// Samples per pixel before counts adapt; 0: 4, or a quarter of the mean spp if larger.
-        pub pilot: u32 = 0, |pilot| pilot != 1, "two samples or more have a variance; 0 chooses";
+        pub pilot: u32 = 0, |pilot| pilot != 1, "at least 2; 0 chooses";
         /// Rounds after the pilot, each planned from all samples before it.
         pub rounds: u32 = 3, |rounds| (1..=64).contains(&rounds), "1 to 64";
         /// Radius in pixels of the window over which variances and costs are pooled.
@@ -202,7 +202,7 @@ dapple_core::options! {
         pub epsilon: f64 = 0.01, |epsilon| epsilon > 0.0 && epsilon.is_finite(), "a number above zero";
         /// keep: planning samples stay in the image (biased); no other choice.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
-            |policy| policy == PilotPolicy::Keep, "keep; there is no other";
+            |policy| policy == PilotPolicy::Keep, "only keep";
     }
 }
 

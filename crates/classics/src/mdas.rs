@@ -30,7 +30,7 @@ dapple_core::options! {
         pub force: u8 = 0, |force| force <= 1, "0 or 1";
         /// keep: planning samples stay in the image (biased, as published); no other choice.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
-            |policy| policy == PilotPolicy::Keep, "keep; there is no other";
+            |policy| policy == PilotPolicy::Keep, "only keep";
     }
 }
 

@@ -38,7 +38,7 @@ dapple_core::options! {
     /// The parameters of [`NlmLoop`], the sampler.
     pub struct NlmLoopOptions {
         /// Samples per pixel before counts adapt.
-        pub pilot: u32 = 4, |pilot| pilot >= 4, "each of the two halves needs two samples";
+        pub pilot: u32 = 4, |pilot| pilot >= 4, "at least 4, two for each half";
         /// Rounds after the pilot, each with an equal share of the remaining budget.
         pub rounds: u32 = 3, |rounds| (1..=1024).contains(&rounds), "1 to 1024";
         /// Search radius in pixels.
@@ -53,7 +53,7 @@ dapple_core::options! {
         pub variance: HalfVariance = HalfVariance::Halves => "halves";
         /// keep: planning samples stay in the image (biased, as published); no other choice.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
-            |policy| policy == PilotPolicy::Keep, "keep; there is no other";
+            |policy| policy == PilotPolicy::Keep, "only keep";
     }
 }
 

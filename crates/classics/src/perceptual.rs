@@ -20,14 +20,14 @@ dapple_core::options! {
         /// Luminance to which the eye has adapted; 0: the mean of the image.
         pub adapt: f64 = 0.0 => "0", |adapt| adapt >= 0.0 && adapt.is_finite(), "0 or above; 0 chooses";
         /// Samples per pixel before counts adapt.
-        pub pilot: u32 = 4, |pilot| pilot >= 2, "a variance needs 2 samples or more";
+        pub pilot: u32 = 4, |pilot| pilot >= 2, "at least 2, since one sample has no variance";
         /// Rounds after the pilot, each with an equal share of the remaining budget.
         pub rounds: u32 = 4, |rounds| (1..=1024).contains(&rounds), "1 to 1024";
         /// Stopping rule: budget (most visible differences first, until spent) or threshold (the budget is an upper bound).
         pub mode: Stopping = Stopping::Budget => "budget";
         /// keep: planning samples stay in the image (biased, as published); no other choice.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
-            |policy| policy == PilotPolicy::Keep, "keep; there is no other";
+            |policy| policy == PilotPolicy::Keep, "only keep";
     }
 }
 

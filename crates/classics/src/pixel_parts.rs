@@ -21,7 +21,7 @@ dapple_core::options! {
         pub epsilon: f64 = 0.01 => "0.01", |e| e > 0.0 && e.is_finite(), "a finite number above 0";
         /// keep: planning samples stay in the image (biased, as published); no other choice.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
-            |policy| policy == PilotPolicy::Keep, "keep; there is no other";
+            |policy| policy == PilotPolicy::Keep, "only keep";
     }
 }
 
@@ -113,18 +113,18 @@ dapple_core::options! {
     /// The parameters of [`Subdivision`].
     pub struct SubdivisionOptions {
         /// Contrast of red above which a quadrant is split; the three defaults are those of Mitchell 1987.
-        pub red: f64 = 0.4, |red| red > 0.0 && red <= 1.0, "a threshold of contrast lies in (0, 1]";
+        pub red: f64 = 0.4, |red| red > 0.0 && red <= 1.0, "above 0 and at most 1";
         /// Contrast of green above which a quadrant is split.
-        pub green: f64 = 0.3, |green| green > 0.0 && green <= 1.0, "a threshold of contrast lies in (0, 1]";
+        pub green: f64 = 0.3, |green| green > 0.0 && green <= 1.0, "above 0 and at most 1";
         /// Contrast of blue above which a quadrant is split.
-        pub blue: f64 = 0.6, |blue| blue > 0.0 && blue <= 1.0, "a threshold of contrast lies in (0, 1]";
+        pub blue: f64 = 0.6, |blue| blue > 0.0 && blue <= 1.0, "above 0 and at most 1";
         /// Maximum subdivision depth.
         pub depth: u32 = 4, |depth| (1..=10).contains(&depth), "1 to 10 splits";
         /// Stopping rule: budget (largest contrast x area first, until spent) or threshold (the budget is an upper bound).
         pub mode: Stopping = Stopping::Budget => "budget";
         /// keep: planning samples stay in the image (biased, as published); no other choice.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
-            |policy| policy == PilotPolicy::Keep, "keep; there is no other";
+            |policy| policy == PilotPolicy::Keep, "only keep";
     }
 }
 

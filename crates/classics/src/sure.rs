@@ -141,7 +141,7 @@ dapple_core::options! {
         pub cap: u32 = 1024, |cap| cap != 0, "at least one sample";
         /// keep: planning samples stay in the image (biased, as published); no other choice.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
-            |policy| policy == PilotPolicy::Keep, "keep; there is no other";
+            |policy| policy == PilotPolicy::Keep, "only keep";
     }
 }
 

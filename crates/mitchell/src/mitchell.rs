@@ -18,11 +18,11 @@ dapple_core::options! {
         /// Contrast of red above which a pixel is refined.
         ///
         /// The three thresholds differ because the eye sees green best and blue worst [after Mitchell 1987].
-        pub red: f64 = 0.4, |red| red > 0.0 && red <= 1.0, "a threshold of contrast lies in (0, 1]";
+        pub red: f64 = 0.4, |red| red > 0.0 && red <= 1.0, "above 0 and at most 1";
         /// Contrast of green above which a pixel is refined.
-        pub green: f64 = 0.3, |green| green > 0.0 && green <= 1.0, "a threshold of contrast lies in (0, 1]";
+        pub green: f64 = 0.3, |green| green > 0.0 && green <= 1.0, "above 0 and at most 1";
         /// Contrast of blue above which a pixel is refined.
-        pub blue: f64 = 0.6, |blue| blue > 0.0 && blue <= 1.0, "a threshold of contrast lies in (0, 1]";
+        pub blue: f64 = 0.6, |blue| blue > 0.0 && blue <= 1.0, "above 0 and at most 1";
         /// Radius in pixels of the window in which contrast is measured.
         ///
         /// 1 is Mitchell's neighbourhood of 3x3 pixels; 0 is the pixel alone.
@@ -36,7 +36,7 @@ dapple_core::options! {
         pub mode: Stopping = Stopping::Budget => "budget";
         /// Pilot samples: keep (biased), refined (refined pixels lose theirs; more biased) or discard (unbiased).
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
-            |policy| !matches!(policy, PilotPolicy::Cross | PilotPolicy::Neighbours), "one of keep, refined, discard";
+            |policy| !matches!(policy, PilotPolicy::Cross | PilotPolicy::Neighbours), "keep, refined or discard";
     }
 }
 
@@ -56,7 +56,7 @@ impl Rule for MitchellOptions {
                 return out("initial", 1, "a single sample has no contrast; use 2 or more, or a radius above 0");
             }
             (initial, additional) if initial.checked_add(additional).is_none() => {
-                return out("additional", additional, "initial + additional must be at most 2^32 - 1");
+                return out("additional", additional, "at most 2^32 - 1 together with initial");
             }
             _ => {}
         }

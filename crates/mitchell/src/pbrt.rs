@@ -26,7 +26,7 @@ dapple_core::options! {
     /// The parameters of [`MitchellPbrt`], the `adaptive` sampler of pbrt-v2.
     pub struct MitchellPbrtOptions {
         /// Samples per pixel before refinement, rounded up to a power of two.
-        pub min: u32 = 4, |min| min >= 2, "one sample deviates from nothing: 2 or more";
+        pub min: u32 = 4, |min| min >= 2, "at least 2";
         /// Samples per refined pixel, rounded up to a power of two.
         ///
         /// If rounding makes `min` and `max` equal, `max` is doubled.
@@ -41,7 +41,7 @@ dapple_core::options! {
         pub mode: Stopping = Stopping::Budget => "budget";
         /// Pilot samples: refined (refined pixels lose theirs; published, biased), keep (biased) or discard (unbiased).
         pub policy: PilotPolicy = PilotPolicy::Refined => "refined",
-            |policy| !matches!(policy, PilotPolicy::Cross | PilotPolicy::Neighbours), "one of refined, keep, discard";
+            |policy| !matches!(policy, PilotPolicy::Cross | PilotPolicy::Neighbours), "refined, keep or discard";
         /// Refine if pilot samples differ in: contrast (luminance), shape (object hit) or shapeid (object or triangle hit).
         ///
         /// With shapeid and shape, the threshold has no effect, and pixels are ranked by their number of differing pairs.
