@@ -64,7 +64,7 @@ pub struct FourierDof<P> {
 }
 
 impl<P: PointSet> FourierDof<P> {
-    /// Makes a sampler that traces these first-hit rays before its first plan.
+    /// Makes a sampler that traces first hits with this function before its first plan.
     ///
     /// # Errors
     ///
@@ -197,7 +197,7 @@ pub struct Splat {
 }
 
 impl Splat {
-    /// Makes a filter that traces these first-hit rays for each film.
+    /// Makes a filter that traces first hits with this function for each film.
     ///
     /// # Errors
     ///

@@ -208,7 +208,7 @@ impl FirstHits {
         self.cost.seconds += seconds;
     }
 
-    /// All first-hit rays, pixel by pixel and row by row, with [`Placement::per_pixel`] first-hit rays per pixel.
+    /// All first-hit rays, pixel by pixel and row by row, [`Placement::per_pixel`] for each pixel.
     pub fn all(&self) -> &[ClusterHit] {
         &self.first_hits
     }
@@ -233,13 +233,12 @@ impl FirstHits {
         self.cost
     }
 
-    /// The cluster of each pixel's first first-hit ray, or [`BACKGROUND`], row by row: for colour maps and filters.
+    /// The cluster that the first ray of each pixel hit, or [`BACKGROUND`], row by row: for colour maps and filters.
     pub fn cluster_map(&self) -> Vec<u32> {
         self.first_hits.iter().step_by(self.placement.per_pixel() as usize).map(|p| p.cluster).collect()
     }
 
-    /// The number of first-hit rays that hit each cluster, and last the number that hit nothing. The numbers add up to all
-    /// first-hit rays.
+    /// The number of first-hit rays that hit each cluster, and last the number that hit nothing. The numbers add up to all.
     ///
     /// # Errors
     ///

@@ -111,7 +111,7 @@ fn obliquity(first_hit: &ClusterHit, clusters: &[Cluster]) -> f64 {
     (1.0 - if known { cosine } else { f64::from(first_hit.cosine) }).clamp(0.0, 1.0)
 }
 
-/// The lower median of the rates of first-hit rays with a hit; 1 if no first-hit ray has a hit.
+/// The lower median of the rates of first-hit rays with a hit; 1 if none has.
 fn median(first_hits: &FirstHits, rates: &[f64]) -> f64 {
     let hits = first_hits.all().iter().zip(rates).filter(|(p, _)| p.cluster != BACKGROUND);
     let mut rates: Vec<f64> = hits.map(|(_, &r)| r).collect();
@@ -136,7 +136,7 @@ const STEPS: [f64; 3] = [0.819_172_513_396_164_4, 0.671_043_606_703_789_3, 0.549
 /// The variance `v (1 - v)` of the lights' visibility over each of `clusters` clusters, 0 to 1/4. `v` is the fraction of
 /// shadow rays that reach a light.
 ///
-/// Each cluster that a first-hit ray hit gets `rays` shadow rays, from the hits of evenly spread first-hit rays. Random numbers have a fixed
+/// Each cluster that a first-hit ray hit gets `rays` shadow rays, from evenly spread first hits. Random numbers have a fixed
 /// seed. Clusters without a hit have variance 0. `points` are those of the first-hit rays.
 ///
 /// # Errors

@@ -175,7 +175,7 @@ impl<P: PointSet> ClusterThesis<P> {
         Self { visible: Some(visible), ..self }
     }
 
-    /// A handle to the first-hit rays that the sampler traces, now or later. It stays empty if the first-hit rays were given.
+    /// A handle to the first-hit rays that the sampler traces, now or later. It stays empty if they were given.
     pub fn handle(&self) -> FirstHitsHandle {
         self.handle.clone()
     }

@@ -8,7 +8,7 @@ use dapple_core::parallel;
 /// The measure of a cluster's size `SC`, for the ratio `SP / SC` of pixel area to cluster size.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum ClusterSize {
-    /// The size of the cluster's axis-aligned box, projected along the first-hit ray's unit ray `d`: `lx ly |dz| + lx lz |dy| +
+    /// The size of the cluster's axis-aligned box, projected along the unit direction `d` of the ray: `lx ly |dz| + lx lz |dy| +
     /// ly lz |dx|`, in world units [Lan 2016, 2.3]. `lx`, `ly` and `lz` are the box's edges.
     #[default]
     ProjectedBox,
@@ -18,7 +18,7 @@ pub enum ClusterSize {
     /// The film area of the cluster's box in perspective, in pixels: [`projected_box_area`] with this world-to-clip
     /// matrix. The projected box of [Lan 2016, 2.3] lacks perspective.
     ScreenBox([[f32; 4]; 4]),
-    /// The number of first-hit rays that hit the cluster, divided by the first-hit rays per pixel: the pixels that it covers, with
+    /// The number of first-hit rays that hit the cluster, divided by the rays per pixel: the pixels that it covers, with
     /// occlusion and perspective. The background is a cluster as well.
     Hits,
 }
@@ -53,7 +53,7 @@ dapple_core::choices!(PixelArea { One = "one", Footprint = "footprint" });
 /// jumps at 0 degrees.
 const EDGE_ON: f64 = 1e-3;
 
-/// The sampling rates that first-hit rays predict, one per first-hit ray.
+/// The sampling rates that first-hit rays predict, one for each.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rates {
     /// The ratio `SP / SC` of pixel area to cluster size, for each first-hit ray in the order of [`FirstHits::all`]. Finite and
@@ -61,7 +61,7 @@ pub struct Rates {
     /// [`ClusterSize::ScreenBox`] and [`ClusterSize::Hits`], where a cluster of `n` pixels gives `1 / n`.
     pub values: Vec<f64>,
     /// The number of first-hit rays whose cluster has no size (a point, a line, corners that are not finite). They get the
-    /// largest rate of the other first-hit rays.
+    /// largest rate of the others.
     pub replaced: usize,
 }
 

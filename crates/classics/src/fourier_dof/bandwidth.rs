@@ -58,7 +58,7 @@ impl LensBandwidth {
     /// The peak in bytes per pixel while the bandwidth is found.
     pub(super) const BYTES: usize = size_of::<Surface>() + 1 + 2 * 32 + 8 + 4 + 8 + size_of::<Blur>();
 
-    /// The bandwidth of the surfaces that the first-hit rays hit. `normals` is their weight in the deviation; `None` leaves it out.
+    /// The bandwidth of the surfaces at the first hits. `normals` is their weight in the deviation; `None` leaves it out.
     pub(super) fn of(
         frame: &Frame,
         trace: &(dyn Fn([u32; 2]) -> (Option<FirstHit>, f32) + Send + Sync),
@@ -243,7 +243,7 @@ struct Surface {
 }
 
 impl Surface {
-    /// The surface of a first-hit ray. Hits with a NaN or an infinity count as none, and radii are at most `largest`.
+    /// The surface at a first hit. Hits with a NaN or an infinity count as none, and radii are at most `largest`.
     fn new((hit, confusion): (Option<FirstHit>, f32), largest: f32) -> Self {
         let none = FirstHit::new([0.0; 3], [0.0; 3], 0.0).with_albedo([0.0; 3]).with_roughness(0.0);
         let hit = hit.filter(|hit| {

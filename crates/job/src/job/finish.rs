@@ -16,7 +16,7 @@ pub struct RenderedImage {
     pub filter: String,
     /// Wall seconds of each phase.
     pub seconds: PhaseSeconds,
-    /// The number of rays traced as first-hit rays, not included in the film's.
+    /// The number of first-hit rays, not included in the film's.
     pub first_hit_rays: u64,
     /// Warnings about the samples, the clusters and the filter.
     pub warnings: Vec<Warning>,
