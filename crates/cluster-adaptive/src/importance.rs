@@ -111,7 +111,7 @@ fn obliquity(first_hit: &ClusterHit, clusters: &[Cluster]) -> f64 {
     (1.0 - if known { cosine } else { f64::from(first_hit.cosine) }).clamp(0.0, 1.0)
 }
 
-/// The lower median of the rates of first-hit rays with a hit; 1 if no first-hit ray has a hit.
+/// The lower median of the rates of first-hit rays with a hit; 1 if none has.
 fn median(first_hits: &FirstHits, rates: &[f64]) -> f64 {
     let hits = first_hits.all().iter().zip(rates).filter(|(p, _)| p.cluster != BACKGROUND);
     let mut rates: Vec<f64> = hits.map(|(_, &r)| r).collect();

@@ -53,7 +53,7 @@ dapple_core::choices!(PixelArea { One = "one", Footprint = "footprint" });
 /// degrees.
 const EDGE_ON: f64 = 1e-3;
 
-/// The sampling rates that first-hit rays predict, one per first-hit ray.
+/// The sampling rates that first-hit rays predict, one for each.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rates {
     /// The ratio `SP / SC` of pixel area to cluster size, for each first-hit ray in the order of [`FirstHits::all`]. Finite and

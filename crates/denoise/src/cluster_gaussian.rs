@@ -56,7 +56,7 @@ enum Clusters {
 ///
 /// Clusters come from a map ([`from_map`](Self::from_map)) or from the first hits of a pixel's first samples
 /// ([`from_hits`](Self::from_hits)).
-/// One first hit corresponds to the first-hit ray of the thesis. Four first hits reveal that a pixel lies on an edge.
+/// One first hit is that of the thesis. Four first hits reveal that a pixel lies on an edge.
 /// They leave 0.6 times the error on a slanted edge at 64 spp (`tests/denoise/filters.rs`).
 ///
 /// With first hits, clusters and values come from the same samples. In pixels with several clusters, weights and values are

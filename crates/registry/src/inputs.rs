@@ -177,7 +177,7 @@ pub struct HostClusters {
     pub first_hits: Option<ClusterFirstHits>,
     /// The camera's matrix from the world to clip space, for `cluster-thesis:size=screen`.
     pub world_to_clip: Option<[[f32; 4]; 4]>,
-    /// The function that traces shadow rays from the hits of first-hit rays, for `cluster-thesis:lights=16`.
+    /// The function that traces shadow rays from first hits, for `cluster-thesis:lights=16`.
     pub visibility: Option<TraceVisibility>,
     /// The function that traces first hits through the centre of the lens, for `fourier-dof` and `splat`.
     pub lens_first_hits: Option<LensFirstHits>,
