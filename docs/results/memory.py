@@ -27,11 +27,16 @@ ROWS = """1024x1024 --filter none --sampler uniform --spp 1 -o a.pfm
 3840x2160 --spp 1 -o a.exr
 3840x2160 --spp 2 -o a.exr"""
 
-print("| `dapple render cornell --resolution` … | taken, MiB | bytes a pixel | expected / taken |\n|---|---|---|---|")
-with tempfile.TemporaryDirectory() as folder:
-    for row in ROWS.splitlines():
-        command = [DAPPLE, "render", "cornell", "--resolution", *row.split()]
-        said = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True).stdout
-        taken, expected = (float(n) for n in re.search(r"memory: (\S+) MiB taken, (\S+) MiB", said).groups())
-        width, height = map(int, row.split()[0].split("x"))
-        print(f"| `{row}` | {taken:.0f} | {taken * 2**20 / width / height:.0f} | {expected / taken:.2f} |", flush=True)
+
+def main():
+    print("| `dapple render cornell --resolution` … | taken, MiB | bytes a pixel | expected / taken |\n|---|---|---|---|")
+    with tempfile.TemporaryDirectory() as folder:
+        for row in ROWS.splitlines():
+            command = [DAPPLE, "render", "cornell", "--resolution", *row.split()]
+            said = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True).stdout
+            taken, expected = (float(n) for n in re.search(r"memory: (\S+) MiB taken, (\S+) MiB", said).groups())
+            width, height = map(int, row.split()[0].split("x"))
+            print(f"| `{row}` | {taken:.0f} | {taken * 2**20 / width / height:.0f} | {expected / taken:.2f} |", flush=True)
+
+if __name__ == "__main__":
+    main()

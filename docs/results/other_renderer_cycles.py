@@ -238,7 +238,7 @@ def main(dapple, folder, seeds):
             mean = lambda layer, letters: sum(channels(path, "ViewLayer." + layer, letters) for path in halves) / 2
             noisy = mean("Combined", "RGB")
             guided = oidn(noisy, mean("Denoising Albedo", "RGB"), mean("Denoising Normal", "XYZ"))
-            images = [noisy, channels(out[0]), channels(out[1]), guided]
+            images = [noisy, *(channels(path, "ViewLayer.Combined") for path in out), guided]
             print(",".join([name, str(seed), *(f"{error(image, truth):.3f}" for image in images)]), flush=True)
 
 

@@ -205,5 +205,5 @@ def main():
     if missing:
         sys.exit(f"left out: {', '.join(missing)}")
 
-
-main()
+if __name__ == "__main__":
+    main()

@@ -92,5 +92,5 @@ def main():
             writer.writerows(records)
         print(path)
 
-
-main()
+if __name__ == "__main__":
+    main()

@@ -70,5 +70,5 @@ def tables(rows):
         wins = [f"{scene} ({method})" for (scene, method, i), times in found.items() if i == integrator and times[2] < 1]
         print(f"{integrator} wins " + (", ".join(wins) or "nowhere"))
 
-
-main(*sys.argv[1:])
+if __name__ == "__main__":
+    main(*sys.argv[1:])

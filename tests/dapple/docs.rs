@@ -29,6 +29,10 @@ mod brightness;
 #[path = "docs/median.rs"]
 mod median;
 
+/// What `docs/results/make` knows.
+#[path = "docs/results.rs"]
+mod results;
+
 /// Pages whose shell blocks run.
 const RUN: [&str; 7] = [
     "README.md",
