@@ -49,7 +49,7 @@ fn absurd_time_limits_are_refused() {
     // The description as JSON has the same bound.
     let spec = r#"{"version":1,"scene":"tiny.pbrt","budget":{"seconds":1e30}}"#;
     folder.write("spec.json", spec);
-    folder.says("render --spec spec.json", 1, &["is above 31557600 (a year)"]);
+    folder.says("render --spec spec.json", 1, &["is above the maximum, 31557600 (a year)"]);
 }
 
 /// The first plan after the pilot is bounded by `--max-spp`, not by the seconds left.

@@ -140,8 +140,8 @@ fn for_files(found: &[(LayerKind, String)], warning: &str) -> String {
         Some((_, name)) => format!("give --layer variance={name}"),
         None => "leave out --variance-of-mean".to_owned(),
     };
-    let mean = warning.replace("take Variance::OfMean", "give --variance-of-mean");
-    mean.replace("take Variance::OfSamples", &samples)
+    let mean = warning.replace("use Variance::OfMean", "give --variance-of-mean");
+    mean.replace("use Variance::OfSamples", &samples)
 }
 
 /// Creates a filter from its description, without a scene.

@@ -89,7 +89,7 @@ fn advice_names_options_of_the_command_line() {
     };
     let of_mean = 0.01;
     write("variance", of_mean);
-    folder.says("denoise a.exr -o out.exr --spp 16", 0, &["that of samples; give --variance-of-mean"]);
+    folder.says("denoise a.exr -o out.exr --spp 16", 0, &["not that of one sample; give --variance-of-mean"]);
     write("mse", of_mean * 16.0);
     folder.says("denoise a.exr -o out.exr --spp 16", 0, &["that of the mean; give --layer variance=mse"]);
     folder.write("b.exr", folder.read("a.exr"));

@@ -301,8 +301,8 @@ fn outputs_are_whole_or_not_there_i09() {
         assert!(folder.read("old.png").starts_with(b"\x89PNG"));
         assert_eq!(folder.names(), ["full.exr", "old.png"]);
         // The image is not lost with the disk: it lies where temporary files do, and the message says so.
-        let (_, place) = said.err.split_once("instead: ").unwrap_or_else(|| panic!("{}", said.err));
-        let place = std::path::Path::new(place.lines().next().expect("a path").trim());
+        let (_, place) = said.err.split_once("was written to ").unwrap_or_else(|| panic!("{}", said.err));
+        let place = std::path::Path::new(place.split(" instead").next().expect("a path"));
         let saved = std::fs::read(place).unwrap_or_else(|e| panic!("{}: {e}", place.display()));
         std::fs::remove_file(place).expect("removed");
         folder.done("render tiny.pbrt --spp 1 -o there.exr");

@@ -66,7 +66,7 @@ fn settings_are_refused_before_anything_is_rendered_i06() {
         ("--resolution 4000000000x1 --max-depth 1 --min-spp 0 --memory 8G", 1, "crops (--crop)"),
         ("--sampler nonesuch", 2, "there is no sampler \"nonesuch\"; choose among variance, "),
         ("--sampler variance:cup=3", 2, "Known parameters: pilot, radius"),
-        ("--sampler variance:policy=maybe", 2, "one of keep, discard, cross"),
+        ("--sampler variance:policy=maybe", 2, "use keep, discard, cross or neighbours"),
         ("--pixel-filter round", 2, "possible values: scene, box"),
         ("--without nonesuch", 2, "unknown effect \"nonesuch\"; choose among soft-shadows, several-lights, glossy, "),
         ("--without glossy", 1, "the scene does not use this effect; it uses soft-shadows, interreflection"),

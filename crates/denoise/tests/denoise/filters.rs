@@ -71,7 +71,7 @@ fn a_map_for_another_size_is_refused() {
         Err(error @ Error::Mismatch { .. }) => error.to_string(),
         other => panic!("{other:?}"),
     };
-    assert!(message.contains("3x2") && message.contains("2x3") && message.contains("make the map"), "{message}");
+    assert!(message.contains("3x2") && message.contains("2x3") && message.contains("create the map"), "{message}");
 }
 
 #[test]

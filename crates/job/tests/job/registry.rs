@@ -153,7 +153,7 @@ fn wrong_words_are_refused_with_what_there_is() {
     assert!(sampler("variance:pilot=4,pilot=4").contains("given twice"));
     assert!(sampler("variance:pilot").contains("key=value"));
     assert!(sampler("variance:pilot=four").contains("a number"));
-    assert!(sampler("variance:policy=maybe").contains("one of keep, discard, cross"));
+    assert!(sampler("variance:policy=maybe").contains("use keep, discard, cross or neighbours"));
     for bad in ["exponent=NaN", "epsilon=-1", "cap=0"] {
         assert_ne!(sampler(&format!("variance:{bad}")), "", "{bad}");
     }
@@ -306,8 +306,8 @@ fn samples_are_not_placed_in_scenes_with_other_pixel_filters() {
     scene.film.pixel_filter = dapple_scene::PixelFilter::Triangle { radius: [1.0, 1.0] };
     let inputs = MethodInputs::of(Arc::new(World::new(&scene).unwrap()));
     let error = refusal(sampler("subdivision", points("random", SETTING).expect("points"), &inputs));
-    assert!(error.contains("not a box one pixel wide"), "{error}");
-    assert!(refusal(filter("tree-mean", &inputs)).contains("not a box one pixel wide"));
+    assert!(error.contains("must be a box one pixel wide"), "{error}");
+    assert!(refusal(filter("tree-mean", &inputs)).contains("must be a box one pixel wide"));
 }
 
 #[test]

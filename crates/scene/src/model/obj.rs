@@ -289,7 +289,7 @@ impl Parser {
                 self.leave_out("v", "has a weight, which only curves use", line);
             }
         } else if !matches!(count, 0 | 3 | 4) {
-            self.leave_out("v", "has a count of numbers other than 3, 4, 6 and 7", line);
+            self.leave_out("v", "must have 3, 4, 6 or 7 numbers", line);
         } else if count > 0 {
             colors.resize(positions.len() - 1, NO_COLOR);
             let color = numbers("v", more).and_then(single);

@@ -165,7 +165,7 @@ fn broken_records_are_not_overwritten() {
     let cases = [
         (whole.replacen("\"seed\"", "\"sed\"", 1), "runs.jsonl:1: not a run"),
         (format!("{whole}nonsense\n"), "runs.jsonl:13: not a run"),
-        (format!("{whole}{}\n", whole.lines().next().unwrap()), "runs.jsonl:13: the same run as line 1"),
+        (format!("{whole}{}\n", whole.lines().next().unwrap()), "runs.jsonl:13: this is the same run as line 1"),
     ];
     for (text, message) in cases {
         std::fs::write(&file, &text).unwrap();

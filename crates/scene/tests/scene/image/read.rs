@@ -390,7 +390,7 @@ fn images_check_their_length_and_find_what_is_not_finite() {
     image.pixels[7][2] = f32::NEG_INFINITY;
     image.pixels[14] = [f32::NAN; 3];
     let message = image.checked_finite("a.pfm").unwrap_err().to_string();
-    assert!(message.starts_with("a.pfm: the pixel in column 2 of row 1 is NaN or infinite, and 1 more: "), "{message}");
+    assert!(message.starts_with("a.pfm: the pixel in column 2 of row 1 is NaN or infinite, and 1 more; "), "{message}");
 }
 
 /// A folder of `../shared` or beside the repository; `None` (with a line saying so) where there is none.
