@@ -244,7 +244,10 @@ fn outputs_replace_neither_inputs_nor_each_other() {
         ("--spec spec.png -o spec.png", "--output spec.png: --spec reads this file (spec.png)"),
         ("all.pbrt --preview p.png -o p.png", "--preview p.png: --output p.png is the same file"),
         ("all.pbrt -o a.pfm -o ./a.pfm", "--output ./a.pfm: --output a.pfm is the same file"),
-        ("all.pbrt --maps new -o new/a.pfm -o new/../new/albedo.png", "--output new/../new/albedo.png is the same file"),
+        (
+            "all.pbrt --maps new -o new/a.pfm -o new/../new/albedo.png",
+            "--output new/../new/albedo.png is the same file",
+        ),
         ("all.pbrt --maps new.pfm -o new.pfm", "--maps new.pfm: --output new.pfm is the same file; choose different"),
         ("all.pbrt --checkpoint a.pfm -o a.pfm", "--checkpoint a.pfm: --output a.pfm is the same file"),
         ("--spec spec.png -o texture.png", "--output texture.png: the scene reads this file (texture.png)"),
