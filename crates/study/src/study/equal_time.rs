@@ -1,10 +1,12 @@
 //! Equal-time runs: each method gets the time that the baseline takes at one budget.
 //!
 //! 1. A method's time is modelled as `fixed + rate * samples`, from medians over seeds at the nearest budget. `fixed` is the
-//! time of clustering, first-hit rays and filter. 2. The model is solved for the number of samples that takes the baseline's
-//! median time with `time_of` spp. 3. The time of the first seed's run is compared with the time of the baseline's equal-time
-//! run. Beyond a difference of 5 %, the run is repeated. If both runs differ as much, the number of samples is corrected once,
-//! from the run whose time is nearer. 4. All seeds use the same number of samples. A resumed study reads it from `runs.jsonl`.
+//!    time of clustering, first-hit rays and filter.
+//! 2. The model is solved for the number of samples that takes the baseline's median time with `time_of` spp.
+//! 3. The time of the first seed's run is compared with the time of the baseline's equal-time run. Beyond a difference of 5 %,
+//!    the run is repeated. If both runs differ as much, the number of samples is corrected once, from the run whose time is
+//!    nearer.
+//! 4. All seeds use the same number of samples. A resumed study reads it from `runs.jsonl`.
 
 use super::{Study, StudyStatus};
 use crate::runner::{RunRequest, Runner};
