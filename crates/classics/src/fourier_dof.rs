@@ -64,11 +64,11 @@ pub struct FourierDof<P> {
 }
 
 impl<P: PointSet> FourierDof<P> {
-    /// Creates a sampler that traces `first_hits` before its first plan.
+    /// Creates a sampler that calls `first_hits` to trace lens rays before its first plan.
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`] for the first parameter out of range.
+    /// [`Error::OutOfRange`] with the name of a parameter outside its range.
     pub fn new(
         points: P,
         first_hits: TraceLensHit,
@@ -197,11 +197,11 @@ pub struct Splat {
 }
 
 impl Splat {
-    /// Creates a filter that traces `first_hits` for each film.
+    /// Creates a filter that calls `first_hits` to trace lens rays for each film.
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`] for the first parameter out of range.
+    /// [`Error::OutOfRange`] with the name of a parameter outside its range.
     pub fn new(
         first_hits: TraceLensHit,
         options: SplatOptions,

@@ -21,12 +21,12 @@ pub enum Insertion {
     BoundingBox,
 }
 
-/// The method that divides a voxel's triangles of one material into clusters.
+/// The method that divides the triangles of one voxel and one material into clusters.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Grouping {
-    /// A triangle joins the first cluster whose representative has a normal within the angle. Otherwise it starts a new cluster
-    /// as its representative. This is the method of \[Lan 2016\].
+    /// A triangle joins the first cluster whose representative's normal differs from its own by at most the threshold angle. If
+    /// there is none, the triangle becomes the representative of a new cluster \[Lan 2016\].
     #[default]
     Greedy,
     /// [`Grouping::Greedy`], after which each cluster is split into connected pieces. Triangles are connected if they share a
@@ -100,7 +100,7 @@ pub struct ClusterParams {
     pub angle: f64,
     /// The voxels into which a triangle is put.
     pub insertion: Insertion,
-    /// The method that divides a voxel's triangles of one material into clusters.
+    /// The method that divides the triangles of one voxel and one material into clusters.
     pub grouping: Grouping,
     /// The order in which a voxel's triangles are visited.
     pub order: Order,

@@ -49,7 +49,7 @@ impl Filtered {
         Self { size, radiance, error: None, fireflies: Fireflies::default() }
     }
 
-    /// Sets the estimated squared error of each pixel: a `Vec`, or an `Option` of one.
+    /// Sets the estimated squared error of each pixel; `None` states no estimate.
     #[must_use]
     pub fn with_error(self, error: impl Into<Option<Vec<f32>>>) -> Self {
         Self { error: error.into(), ..self }

@@ -116,8 +116,8 @@ pub struct SurfacePoint {
     pub position: Vec3,
     /// A bound on the distance from `position` to the exact surface, per axis, in scene units.
     pub error: Vec3,
-    /// The unit geometric normal. A triangle's normal is on the side from which its corners appear counter-clockwise. A
-    /// sphere's normal points outwards. A disk's normal is the transformed +z axis of its own space.
+    /// The unit geometric normal. A triangle's normal points to the side from which its corners appear counter-clockwise. A
+    /// sphere's normal points outwards. A disk's normal is the +z axis of its object space, in world space.
     pub normal: Vec3,
     /// The triangle that contains the point; [`PrimitiveId::NONE`] on spheres and disks.
     pub primitive: PrimitiveId,

@@ -185,8 +185,8 @@ impl Disk {
         Self::transformed(to_world, 0.0, radius.into(), inner_radius.into())
     }
 
-    /// Makes a disk around the z axis at `z = height` of its own space. It faces +z, and an invertible affine map transforms
-    /// it to world space.
+    /// Makes a disk around the z axis at `z = height` in object space, facing +z. `to_world` is an invertible affine map to world
+    /// space.
     ///
     /// # Errors
     /// * [`Error::BadParameter`] unless `0 <= inner_radius < radius`, the radius and height are finite, and the map is

@@ -87,7 +87,7 @@ pub struct Stratified {
 }
 
 impl Stratified {
-    /// The largest number of strata per axis. Each cell still holds 2^12 x 2^12 different points.
+    /// The largest number of strata per axis. Even then, each cell has 2^12 x 2^12 different points.
     pub const MAX_STRATA: u32 = 1 << 12;
 
     /// Makes the point set with grids of `strata x strata` cells.

@@ -1,35 +1,35 @@
-//! The named groups of random numbers that integrators use. A group is four dimensions of a sample.
+//! The blocks of random numbers that integrators use. A block is four dimensions of a sample.
 //!
-//! An effect that a scene lacks requests no group. The random numbers of other groups do not depend on it.
+//! An effect that a scene lacks requests no block. The random numbers of other blocks do not depend on it.
 
 use dapple_core::Block;
 
-/// The group for the position in the pixel (dimensions 0 and 1) and the point on the lens (2 and 3).
+/// The block for the position in the pixel (dimensions 0 and 1) and the point on the lens (2 and 3).
 pub const CAMERA: Block = Block::new(0);
 
-/// The group for the time within the exposure (dimension 0). Requested only in scenes with motion.
+/// The block for time: dimension 0 is the time within the exposure. Requested only in scenes with motion.
 pub const TIME: Block = Block::new(1 << 30);
 
-/// The first group for the light point and scattered direction of path vertices; see [`scatter`].
+/// The first block for the light point and scattered direction of path vertices; see [`scatter`].
 const SCATTER: Block = Block::new(1);
-/// The first group for discrete choices at path vertices; see [`choose`].
+/// The first block for discrete choices at path vertices; see [`choose`].
 const CHOOSE: Block = Block::new(2);
-/// The distance between the groups of successive path vertices.
+/// The distance between the blocks of successive path vertices.
 const STRIDE: u32 = 2;
 
-/// The first group for events along a ray through a medium; see [`medium`].
+/// The first block for events along a ray through a medium; see [`medium`].
 const MEDIUM: Block = Block::new(1 << 28);
-/// The first group for hits at surfaces that rays may pass without scattering; see [`surface`].
+/// The first block for hits at surfaces that rays may pass without scattering; see [`surface`].
 const SURFACE: Block = Block::new(1 << 29);
 
-/// Returns the group for a scattering event: the point on a light (dimensions 0 and 1) and the scattered direction (2 and 3).
+/// Returns the block for a scattering event: the point on a light (dimensions 0 and 1) and the scattered direction (2 and 3).
 /// `vertex` is the number of scattering events before this one.
 #[inline]
 pub const fn scatter(vertex: u32) -> Block {
     SCATTER.at(vertex, STRIDE)
 }
 
-/// Returns the group for the choices at a scattering event: the light (dimension 0), the BSDF lobe (1) and Russian roulette
+/// Returns the block for the choices at a scattering event: the light (dimension 0), the BSDF lobe (1) and Russian roulette
 /// (2). `vertex` is the number of scattering events before this one.
 ///
 /// Requested only where at least one of these choices has several outcomes.
@@ -38,7 +38,7 @@ pub const fn choose(vertex: u32) -> Block {
     CHOOSE.at(vertex, STRIDE)
 }
 
-/// Returns the group for a ray in a medium: the color channel (dimension 0), the distance (1) and the scattered direction (2
+/// Returns the block for a ray in a medium: the color channel (dimension 0), the distance (1) and the scattered direction (2
 /// and 3). `ray` is the number of the ray on the path from the camera, not counting shadow rays.
 ///
 /// Requested only in media that scatter.
@@ -47,7 +47,7 @@ pub const fn medium(ray: u32) -> Block {
     MEDIUM.at(ray, 1)
 }
 
-/// Returns the group for a hit at a surface that rays may pass: opacity (dimension 0) and the selection among mixed materials
+/// Returns the block for a hit at a surface that rays may pass: opacity (dimension 0) and the selection among mixed materials
 /// (1). `ray` is the number of the ray on the path from the camera, not counting shadow rays.
 ///
 /// Requested only where alpha is between 0 and 1 or materials are mixed.

@@ -117,7 +117,7 @@ impl Medium {
 
     /// Returns true if the scattering coefficient is above 0 in some channel.
     ///
-    /// A medium that does not scatter needs no sampling: its weight is the [`transmittance`](Self::transmittance).
+    /// A medium that does not scatter needs no sampling: a path is weighted by the [`transmittance`](Self::transmittance).
     #[inline]
     pub fn scatters(&self) -> bool {
         self.scatters
@@ -239,8 +239,8 @@ impl HenyeyGreenstein {
         self.g * self.side
     }
 
-    /// Returns the phase function per steradian for scattering from the unit direction of travel `travel` into the
-    /// unit direction `wi`. It is also the density with which [`sample`](Self::sample) samples `wi`.
+    /// Returns the phase function per steradian for a path that travels along `travel` and scatters into `wi`, both unit
+    /// vectors. It is also the density with which [`sample`](Self::sample) samples `wi`.
     #[inline]
     pub fn evaluate(&self, travel: Vec3, wi: Vec3) -> f32 {
         // 1 - cos of the angle to the lobe's axis, computed from the chord.

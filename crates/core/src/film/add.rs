@@ -321,8 +321,8 @@ impl Film {
         self.push_with_emission(pixel, half, radiance, [0.0; 3]);
     }
 
-    /// Adds a kept sample as [`Film::push`] does. `emission` is the part of its radiance that light sources seen directly
-    /// emit. A film without [`Needs::emission`](crate::Needs::emission) ignores it.
+    /// Adds a kept sample as [`Film::push`] does. `emission` is the part of `radiance` that directly visible light
+    /// sources emit. A film without [`Needs::emission`](crate::Needs::emission) ignores it.
     ///
     /// # Panics
     ///

@@ -73,9 +73,9 @@ impl LightSelector for FixedSelector {
     }
 }
 
-/// A selector with one distribution per cell of space and orientation, learned in the first samples of a render.
+/// A selector with one light distribution per cell of position and orientation, learned from the first samples of a render.
 ///
-/// It behaves like [`FixedSelector`] if the world's selection is not learned, or if there is only one light.
+/// Behaves like [`FixedSelector`] unless the world is set to learned light selection and has several lights.
 #[derive(Debug)]
 pub struct LearnedSelector {
     cells: Option<LightCells>,

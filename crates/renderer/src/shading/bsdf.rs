@@ -97,7 +97,7 @@ impl<'m> Bsdf<'m> {
         Ok(if effectively_smooth(alpha) { Self::SmoothConductor { ior } } else { Self::Conductor { ior, microfacets } })
     }
 
-    /// Makes a coat over a diffuse base with this reflectance, clamped to `[0, 1]`.
+    /// Makes the BSDF of a coat over a diffuse base. `reflectance` is that of the base, clamped to `[0, 1]`.
     #[inline]
     pub fn coated_diffuse(coat: &'m Coat, reflectance: Vec3) -> Self {
         Self::CoatedDiffuse { coat, base: coat.base(reflectance.clamp(Vec3::ZERO, Vec3::ONE)) }

@@ -61,7 +61,7 @@ impl ComplexIor {
         Self { eta: Vec3::ONE, k: Vec3::from_array(k) }
     }
 
-    /// Returns the reflectance per channel at a cosine, which is clamped to `[0, 1]`.
+    /// Returns the reflectance per channel. `cos` is the cosine of the angle of incidence, clamped to `[0, 1]`.
     #[inline]
     pub fn reflectance(&self, cos: f32) -> Vec3 {
         let cos = cos.clamp(0.0, 1.0);

@@ -53,7 +53,7 @@ pub struct EncodedExr {
     /// The bytes of the file, for [`write_file`](super::write_file).
     pub bytes: Vec<u8>,
     /// Number of finite values beyond 65504, the limit of 16-bit floats, that were clamped; above 0 only with
-    /// [`Plane::F16`]. Worth a warning.
+    /// [`Plane::F16`]. Callers should warn if it is above 0.
     pub clamped: u64,
 }
 
