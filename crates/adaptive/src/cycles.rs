@@ -16,7 +16,7 @@ dapple_core::options! {
         pub min: u32 = 0, |min| min != 1, "at least 2, one for each half; 0 chooses";
         /// Samples per round for each pixel that has not stopped.
         pub step: u32 = 16, |step| step != 0, "at least one sample";
-        /// Stopping rule: budget (lower the threshold until it is spent) or threshold (until every pixel is below it, or the budget is spent).
+        /// Stopping rule: budget (the threshold falls until it is spent) or threshold (until all pixels are below it, within the budget).
         ///
         /// With [`Stopping::Budget`], errors are compared with half of the largest error if that is less than 5 times the
         /// threshold.

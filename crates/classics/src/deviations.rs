@@ -16,13 +16,13 @@ dapple_core::options! {
         pub threshold: f64 = 0.05, |t| t > 0.0 && t.is_finite(), "a relative error above 0";
         /// Probability that the interval misses the true mean, for normally distributed samples.
         pub alpha: f64 = 0.05, |alpha| (1e-6..=0.5).contains(&alpha), "a probability from 1e-6 to 0.5";
-        /// Minimum samples per pixel before any pixel stops; with mode=budget at most a quarter of the mean, at least 2.
+        /// Minimum samples per pixel before any pixel stops; with mode=budget at most spp/4, but at least 2.
         pub min: u32 = 8, |min| min >= 2, "at least 2";
         /// Maximum samples per pixel, as a multiple of the mean.
         pub cap: f64 = 32.0 => "32", |cap| cap >= 1.0 && cap.is_finite(), "at least 1";
         /// Samples per round for each pixel that has not stopped.
         pub step: u32 = 4, |step| step != 0, "at least one sample";
-        /// Stopping rule: budget (widest intervals first, until spent) or threshold (until all pixels are below it, or the budget is spent).
+        /// Stopping rule: budget (widest intervals first, until spent) or threshold (until all pixels are below it, within the budget).
         pub mode: Stopping = Stopping::Budget => "budget";
         /// keep: samples used to set counts stay in the image (biased, as published); the only value.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
@@ -99,7 +99,7 @@ dapple_core::options! {
         pub pilot: u32 = 4, |pilot| pilot >= 2, "at least 2";
         /// Weight of the bonus for uncertainty, in units of the image's pooled deviation.
         pub bonus: f64 = 0.5, |bonus| bonus >= 0.0 && bonus.is_finite(), "0 or above";
-        /// The bounds fail with probability budget^-confidence, for a budget in samples of the image.
+        /// The bounds fail with probability budget^-confidence, where budget is the number of samples of the image.
         pub confidence: f64 = 4.0 => "4", |k| k > 0.0 && k.is_finite(), "above 0";
         /// Epsilon in a pixel's weight, 1 / sqrt(mean^2 + epsilon).
         pub epsilon: f64 = 0.01, |epsilon| epsilon > 0.0 && epsilon.is_finite(), "a number above zero";

@@ -32,7 +32,7 @@ dapple_core::options! {
         pub kappa: f64 = 1.0 => "1", |kappa| kappa > 0.0 && kappa.is_finite(), "above 0";
         /// Maximum samples per pixel, as a multiple of the mean.
         pub cap: f64 = 8.0 => "8", |cap| cap >= 1.0 && cap.is_finite(), "at least 1";
-        /// Stopping rule: budget (counts follow scores, until spent) or threshold (all pixels above it; the budget is the maximum).
+        /// Stopping rule: budget (counts follow scores, until spent) or threshold (all pixels above it, within the budget).
         pub mode: Stopping = Stopping::Budget => "budget";
         /// keep: samples used to set counts stay in the image (biased, as published); the only value.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",

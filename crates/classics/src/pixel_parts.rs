@@ -120,7 +120,7 @@ dapple_core::options! {
         pub blue: f64 = 0.6, |blue| blue > 0.0 && blue <= 1.0, "above 0 and at most 1";
         /// Maximum subdivision depth.
         pub depth: u32 = 4, |depth| (1..=10).contains(&depth), "1 to 10 splits";
-        /// Stopping rule: budget (largest contrast x area first, until spent) or threshold (all quadrants above it; the budget is the maximum).
+        /// Stopping rule: budget (largest contrast x area first, until spent) or threshold (all quadrants above it, within the budget).
         pub mode: Stopping = Stopping::Budget => "budget";
         /// keep: samples used to set counts stay in the image (biased, as published); the only value.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",

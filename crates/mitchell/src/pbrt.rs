@@ -35,7 +35,7 @@ dapple_core::options! {
         ///
         /// A sample's deviation is measured from the mean of its pixel's pilot samples.
         pub threshold: f64 = 0.5, |t| t > 0.0 && t.is_finite(), "a relative deviation above 0";
-        /// Stopping rule: budget (largest deviation first, until spent) or threshold (all pixels above it; the budget is the maximum).
+        /// Stopping rule: budget (largest deviation first, until spent) or threshold (all pixels above it, within the budget).
         ///
         /// The rule works as in [`MitchellOptions::mode`](crate::MitchellOptions::mode), with deviation instead of contrast.
         pub mode: Stopping = Stopping::Budget => "budget";

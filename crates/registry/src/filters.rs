@@ -121,7 +121,7 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
         "welch",
         "mean of the pixels that Welch's t-test cannot tell apart (after Sakai 2024)",
         "Sakai et al., A Statistical Approach to Monte Carlo Denoising, 2024",
-        "few samples cannot tell pixels apart, so it blurs; overestimates the variance of low-discrepancy samples",
+        "at few samples the test finds few differences, so it blurs; overestimates the variance of low-discrepancy samples",
         &[WelchOptions::PARAMETERS],
         |p, _| Ok(Box::new(Welch::with_options(p.options()?)?)),
     ),
@@ -219,7 +219,7 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
 const OF: &[crate::Parameter] = &[crate::Parameter::new(
     "of",
     "gaussian",
-    "Filter to blend, with \"/\" in place of \":\" and \",\", such as gaussian/alpha=2. It must not need half-buffers.",
+    "Filter to blend, with \"/\" in place of \":\" and \",\", such as gaussian/alpha=2. Filters that need half-buffers are refused.",
 )];
 
 #[cfg(feature = "classics")]

@@ -247,12 +247,16 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
 ];
 
 const SEQUENCE: &[Parameter] = &[
-    Parameter::new("first", "uniform", "First sampler, with \"/\" in place of \":\" and \",\", such as cluster-thesis/k=9/clamp=16."),
+    Parameter::new(
+        "first",
+        "uniform",
+        "First sampler, with \"/\" in place of \":\" and \",\", such as cluster-thesis/k=9/clamp=16.",
+    ),
     Parameter::new("spp", "4", "Maximum mean number of samples per pixel of the first sampler."),
     Parameter::new(
         "second",
         "adaptive",
-        "Second sampler, written like the first; in a sampler nested in it, with \"//\" in place of \":\" and \",\".",
+        "Second sampler, written like the first; a sampler nested in it has \"//\" in place of \":\" and \",\".",
     ),
 ];
 const BY: &[Parameter] = &[Parameter::new(
@@ -269,14 +273,11 @@ const PROBES: &[Parameter] = &[
     Parameter::new(
         "size",
         "box",
-        "Cluster size: box (orthographic bounding box; published), triangles (orthographic), screen (box in perspective), hits (pixels covered).",
+        "Cluster size: box (orthographic bounding box, published), triangles (orthographic), screen (box in perspective), hits (its pixels).",
     ),
 ];
-const A_PRIORI: &[Parameter] = &[Parameter::new(
-    "policy",
-    "a-priori",
-    "a-priori: counts follow from geometry alone (unbiased); the only value.",
-)];
+const A_PRIORI: &[Parameter] =
+    &[Parameter::new("policy", "a-priori", "a-priori: counts follow from geometry alone (unbiased); the only value.")];
 
 fn adaptive(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs) -> Result<MadeSampler, RegistryError> {
     let sampler = p.made(Adaptive::with_options(points, p.options()?))?;
