@@ -166,7 +166,7 @@ class Row:
     def verdict(self):
         value, low, high, _ = self.figures["time"]
         figure = [f"{value:.3g} [{low:.3g}, {high:.3g}]"] if value is not None else []
-        slow = [f"too slow for 1 spp on {self.too_slow} of {self.scenes} scenes"] if self.too_slow > 0 else []
+        slow = [f"cannot finish 1 spp in that time on {self.too_slow} of {self.scenes} scenes"] if self.too_slow > 0 else []
         return ", ".join(figure + slow)
 
     def text(self, what):

@@ -8,20 +8,20 @@ use dapple_core::{Error, Film, Frame, Limits, Needs, PointSet, Sampler};
 dapple_core::options! {
     /// The parameters of [`Cycles`], the adaptive sampling of Blender's Cycles.
     pub struct CyclesOptions {
-        /// A pixel stops when its error is below 5 times the threshold; 0: 1/spp, at least 0.001.
+        /// A pixel stops when its error is below 5 times the threshold; 0 = automatic (1/spp, at least 0.001).
         pub threshold: f64 = 0.0 => "0", |t| t >= 0.0 && t.is_finite(), "0 or above; 0 chooses";
-        /// Minimum samples per pixel before any pixel stops; 0: 16 threshold^-0.3, at most a quarter of spp.
+        /// Minimum samples per pixel before any pixel stops; 0 = automatic (16 x threshold^-0.3; with mode=budget at most spp/4).
         ///
         /// With 0, at least 4 samples are taken. The limit of a quarter applies only with [`Stopping::Budget`].
         pub min: u32 = 0, |min| min != 1, "at least 2, one for each half; 0 chooses";
         /// Samples per round for each pixel that has not stopped.
         pub step: u32 = 16, |step| step != 0, "at least one sample";
-        /// Stopping rule: budget (lower the threshold until the budget is spent) or threshold (the budget is an upper bound).
+        /// Stopping rule: budget (the threshold falls until it is spent) or threshold (until all pixels are below it, within the budget).
         ///
         /// With [`Stopping::Budget`], errors are compared with half of the largest error if that is less than 5 times the
         /// threshold.
         pub mode: Stopping = Stopping::Budget => "budget";
-        /// keep: planning samples stay in the image (biased, as published); no other choice.
+        /// keep: samples used to set counts stay in the image (biased, as published); the only value.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
             |policy| policy == PilotPolicy::Keep, "only keep";
     }

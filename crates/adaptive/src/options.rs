@@ -8,44 +8,44 @@ dapple_core::options! {
     /// The parameters of the error-driven sampler [`Adaptive`](crate::Adaptive). The defaults are those of `dapple
     /// render`.
     pub struct AdaptiveOptions {
-        /// Samples per pixel before counts adapt; 0: half of spp but at most 8, or a quarter of spp if larger.
+        /// Samples per pixel before counts adapt; 0 = automatic, max(min(spp/2, 8), spp/4).
         ///
         /// With 0, the pilot is rounded down to a count on the ladder of well-stratified counts. It is then at least 4, or 1
         /// with [`PilotPolicy::Neighbours`]. An explicit pilot has at least 2 samples per pixel. With
         /// [`PilotPolicy::Neighbours`] 1 is enough, as the variance then comes from pairs of pixels. With
         /// [`PilotPolicy::Cross`] it is at least 4, because each half needs a variance.
         pub pilot: u32 = 0;
-        /// Rounds after the pilot; 0: 3 with policy=keep, 2 with neighbours, 1 with discard or cross.
+        /// Rounds after the pilot; 0 = automatic (3 with policy=keep, 2 with neighbours, 1 with discard or cross).
         ///
         /// Each round is planned from the samples before it. With [`PilotPolicy::Neighbours`], more than two rounds would
         /// bias the image; with [`PilotPolicy::Discard`] and [`PilotPolicy::Cross`], more than one.
         pub rounds: u32 = 0, |rounds| rounds <= 64, "1 to 64; 0 chooses";
-        /// Window that pools variances: similar (similar neighbours weigh more) or window (all weigh the same).
+        /// Weights of neighbours in the pooled variance: similar (higher for similar pixels) or window (equal).
         pub pool: PoolShape = PoolShape::Similar => "similar";
         /// Radius of the pooling window in pixels; doubled if the pilot has fewer than 4 samples per pixel.
         pub radius: u32 = 2, |radius| radius <= 64, "at most 64 pixels";
-        /// Weight of the pooled against the pixel's own variance, in degrees of freedom; inf: pooled only.
+        /// Weight of the pooled variance when averaged with the pixel's own, in degrees of freedom; inf: use only the pooled variance.
         pub prior: f64 = 12.0 => "12", |prior| prior >= 0.0, "a weight of 0 or more, or inf";
         /// Exponent applied to variances before pooling; above 1, the noisiest neighbours weigh more.
         ///
         /// See [`Pooling::power`](crate::Pooling::power).
         pub power: f64 = 1.0 => "1", |power| power > 0.0 && power <= 4.0, "above 0 and at most 4";
-        /// Error is assumed to fall as n^-exponent with n samples; clamped to 1 for independent points.
+        /// Squared error is assumed to fall as n^-exponent with n samples; with independent points, the exponent is at most 1.
         pub exponent: f64 = 1.15, |rate| rate > 0.0 && rate <= 3.0, "above 0 and at most 3";
-        /// Added to the squared mean in relative errors; 0.2 suits the default filter, 0.01 no filter.
+        /// Added to the denominator (mean^2) of relative squared errors; 0.2 suits the default filter, 0.01 no filter.
         pub epsilon: f64 = 0.2, |epsilon| epsilon > 0.0 && epsilon.is_finite(), "a number above zero";
         /// Maximum samples per pixel, as a multiple of the mean.
         pub cap: f64 = 8.0 => "8", |cap| cap >= 1.0 && cap.is_finite(), "at least 1";
-        /// Weight of a filter's error map (see by) in its geometric mean with the pixel's own variance, 0 to 1.
+        /// With by=FILTER: exponent of the filter's error map in its geometric mean with the variance estimate, 0 to 1.
         pub mix: f64 = 0.5, |mix| (0.0..=1.0).contains(&mix), "a fraction from 0 to 1";
         /// Use adaptive counts only if their predicted error is at most this fraction of uniform sampling's; inf: always.
         ///
         /// At 1, counts stay uniform only if the ladder makes adaptive counts worse than uniform ones.
         pub gain: f64 = 0.98, |gain| (0.0..=1.0).contains(&gain) || gain == f64::INFINITY, "a fraction from 0 to 1, or inf";
-        /// Pilot samples: neighbours (kept, but never plan their own pixel), discard, cross (two halves plan each other), keep (biased).
+        /// Pilot samples: keep (biased), neighbours (kept; set only neighbours' counts), discard, cross (each half sets the other's counts).
         pub policy: PilotPolicy = PilotPolicy::Neighbours => "neighbours",
             |policy| !matches!(policy, PilotPolicy::Refined), "keep, neighbours, discard or cross";
-        /// 1: minimise the error per ray; 0: per sample.
+        /// Cost that counts are optimised for: 0 = number of samples, 1 = number of rays.
         ///
         /// The budget is still a number of samples. Costs that are equal everywhere change nothing. Costs are pooled over the
         /// window.
@@ -116,24 +116,24 @@ pub struct ErrorMap {
 dapple_core::options! {
     /// The parameters of the error-driven sampler's preset `variance` ([`Adaptive::variance`]).
     pub struct VarianceOptions {
-        /// Samples per pixel before counts adapt; 0: half of spp but at most 8, or a quarter of spp if larger.
+        /// Samples per pixel before counts adapt; 0 = automatic, max(min(spp/2, 8), spp/4).
         ///
         /// See [`AdaptiveOptions::pilot`].
         pub pilot: u32 = 0;
         /// Radius in pixels of the window over which variance and mean are pooled.
         pub radius: u32 = 2;
-        /// Error is assumed to fall as n^-exponent with n samples; clamped to 1 for independent points.
+        /// Squared error is assumed to fall as n^-exponent with n samples; with independent points, the exponent is at most 1.
         ///
         /// The default 1.3 gives the least error for Owen-scrambled nets in images.
         pub exponent: f64 = 1.3;
-        /// Added to the squared mean in relative errors.
+        /// Added to the denominator (mean^2) of relative squared errors.
         pub epsilon: f64 = 0.01;
         /// Maximum samples per pixel, as a multiple of the mean.
         pub cap: f64 = 6.0 => "6";
-        /// Pilot samples: keep (biased), neighbours (kept, but never plan their own pixel), discard, cross (two halves plan each other).
+        /// Pilot samples: keep (biased), neighbours (kept; set only neighbours' counts), discard, cross (each half sets the other's counts).
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
             |policy| !matches!(policy, PilotPolicy::Refined), "keep, discard, cross or neighbours";
-        /// 1: minimise the error per ray; 0: per sample.
+        /// Cost that counts are optimised for: 0 = number of samples, 1 = number of rays.
         ///
         /// See [`AdaptiveOptions::cost`].
         pub cost: u32 = 0;

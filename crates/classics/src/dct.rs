@@ -26,7 +26,7 @@ dapple_core::options! {
         pub visible: u8 = 1, |visible| visible <= 1, "0 or 1";
         /// Exponent of the masking of errors by luminance; 0: no masking.
         pub masking: f64 = 0.65, |exponent| (0.0..=4.0).contains(&exponent), "0 to 4";
-        /// keep: planning samples stay in the image (biased, as published); no other choice.
+        /// keep: samples used to set counts stay in the image (biased, as published); the only value.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
             |policy| policy == PilotPolicy::Keep, "only keep";
     }

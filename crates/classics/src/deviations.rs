@@ -16,15 +16,15 @@ dapple_core::options! {
         pub threshold: f64 = 0.05, |t| t > 0.0 && t.is_finite(), "a relative error above 0";
         /// Probability that the interval misses the true mean, for normally distributed samples.
         pub alpha: f64 = 0.05, |alpha| (1e-6..=0.5).contains(&alpha), "a probability from 1e-6 to 0.5";
-        /// Minimum samples per pixel before any pixel stops; with mode=budget at most a quarter of the mean, at least 2.
+        /// Minimum samples per pixel before any pixel stops; with mode=budget at most spp/4, but at least 2.
         pub min: u32 = 8, |min| min >= 2, "at least 2";
         /// Maximum samples per pixel, as a multiple of the mean.
         pub cap: f64 = 32.0 => "32", |cap| cap >= 1.0 && cap.is_finite(), "at least 1";
         /// Samples per round for each pixel that has not stopped.
         pub step: u32 = 4, |step| step != 0, "at least one sample";
-        /// Stopping rule: budget (widest intervals first, until spent) or threshold (the budget is an upper bound).
+        /// Stopping rule: budget (widest intervals first, until spent) or threshold (until all pixels are below it, within the budget).
         pub mode: Stopping = Stopping::Budget => "budget";
-        /// keep: planning samples stay in the image (biased, as published); no other choice.
+        /// keep: samples used to set counts stay in the image (biased, as published); the only value.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
             |policy| policy == PilotPolicy::Keep, "only keep";
     }
@@ -99,13 +99,13 @@ dapple_core::options! {
         pub pilot: u32 = 4, |pilot| pilot >= 2, "at least 2";
         /// Weight of the bonus for uncertainty, in units of the image's pooled deviation.
         pub bonus: f64 = 0.5, |bonus| bonus >= 0.0 && bonus.is_finite(), "0 or above";
-        /// The bounds fail with probability delta, where ln(1/delta) = confidence x ln(budget).
+        /// The bounds fail with probability budget^-confidence, where budget is the number of samples of the image.
         pub confidence: f64 = 4.0 => "4", |k| k > 0.0 && k.is_finite(), "above 0";
-        /// Added to the squared mean in a pixel's weight, 1 / sqrt(mean^2 + epsilon).
+        /// Epsilon in a pixel's weight, 1 / sqrt(mean^2 + epsilon).
         pub epsilon: f64 = 0.01, |epsilon| epsilon > 0.0 && epsilon.is_finite(), "a number above zero";
         /// Fraction of the budget that is spent between updates of the bounds.
         pub step: f64 = 0.12, |step| (0.01..=1.0).contains(&step), "a fraction from 0.01 to 1";
-        /// keep: planning samples stay in the image (biased, as published); no other choice.
+        /// keep: samples used to set counts stay in the image (biased, as published); the only value.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
             |policy| policy == PilotPolicy::Keep, "only keep";
     }
@@ -184,7 +184,7 @@ dapple_core::options! {
     /// The parameters of [`Ears`]. Clamps, outliers and epsilon are as published; pilot, rounds and radius are not in the
     /// paper.
     pub struct EarsOptions {
-        /// Samples per pixel before counts adapt; 0: 4, or a quarter of the mean spp if larger.
+        /// Samples per pixel before counts adapt; 0 = automatic, max(4, spp/4).
         pub pilot: u32 = 0, |pilot| pilot != 1, "at least 2; 0 chooses";
         /// Rounds after the pilot, each planned from all samples before it.
         pub rounds: u32 = 3, |rounds| (1..=64).contains(&rounds), "1 to 64";
@@ -198,9 +198,9 @@ dapple_core::options! {
         ///
         /// At most a tenth of the pixels are left out.
         pub outliers: u32 = 10;
-        /// Added to the denoised value in relative deviations.
+        /// Added to the denominator (the denoised value) of relative deviations.
         pub epsilon: f64 = 0.01, |epsilon| epsilon > 0.0 && epsilon.is_finite(), "a number above zero";
-        /// keep: planning samples stay in the image (biased); no other choice.
+        /// keep: samples used to set counts stay in the image (biased); the only value.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
             |policy| policy == PilotPolicy::Keep, "only keep";
     }

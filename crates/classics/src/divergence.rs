@@ -26,15 +26,15 @@ dapple_core::options! {
         pub pilot: u32 = 8, |pilot| (2..=128).contains(&pilot), "2 to 128 samples";
         /// With mode=threshold: samples per round for each pixel above the threshold.
         pub step: u32 = 8, |step| step != 0, "at least one sample";
-        /// With mode=threshold: score above which a pixel is refined; 0: kappa times the pilot's mean score.
+        /// With mode=threshold: score above which a pixel is refined; 0 = automatic (kappa times the pilot's mean score).
         pub threshold: f64 = 0.0 => "0", |t| t >= 0.0 && t.is_finite(), "0 or above; 0 chooses";
         /// Factor on the pilot's mean score, used when threshold=0.
         pub kappa: f64 = 1.0 => "1", |kappa| kappa > 0.0 && kappa.is_finite(), "above 0";
         /// Maximum samples per pixel, as a multiple of the mean.
         pub cap: f64 = 8.0 => "8", |cap| cap >= 1.0 && cap.is_finite(), "at least 1";
-        /// Stopping rule: budget (counts follow scores, until spent) or threshold (the budget is an upper bound).
+        /// Stopping rule: budget (counts follow scores, until spent) or threshold (all pixels above it, within the budget).
         pub mode: Stopping = Stopping::Budget => "budget";
-        /// keep: planning samples stay in the image (biased, as published); no other choice.
+        /// keep: samples used to set counts stay in the image (biased, as published); the only value.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
             |policy| policy == PilotPolicy::Keep, "only keep";
     }

@@ -33,7 +33,7 @@ dapple_core::options! {
         ///
         /// It covers all noise that does not come from the lens.
         pub floor: f64 = 0.3, |floor| floor > 0.0 && floor <= 1.0, "above 0 and at most 1";
-        /// 1: also sample scenes without a lens, by the bandwidth of their surfaces alone; 0: refuse them.
+        /// 1: accept scenes without a lens, with bandwidths from surfaces alone; 0: refuse them.
         pub force: u8 = 0, |force| force <= 1, "0 or 1";
     }
 }

@@ -10,13 +10,13 @@ use std::sync::atomic::{AtomicU32, Ordering};
 dapple_core::options! {
     /// The parameters of [`Gem`], the sampler.
     pub struct GemOptions {
-        /// False-positive rate of scale selection: chance, on pure noise, of stopping at each step.
+        /// Probability that scale selection stops at a given step when there is only noise (false-positive rate).
         pub gamma: f64 = 0.2, |gamma| gamma > 0.0 && gamma <= 0.5, "above 0 and at most 0.5";
         /// Samples per pixel before counts adapt.
         pub pilot: u32 = 4, |pilot| pilot >= 2, "at least 2, since one sample has no variance";
         /// Rounds after the pilot, each with an equal share of the remaining budget.
         pub rounds: u32 = 8, |rounds| (1..=1024).contains(&rounds), "1 to 1024";
-        /// keep: planning samples stay in the image (biased, as published); no other choice.
+        /// keep: samples used to set counts stay in the image (biased, as published); the only value.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
             |policy| policy == PilotPolicy::Keep, "only keep";
     }
@@ -25,7 +25,7 @@ dapple_core::options! {
 dapple_core::options! {
     /// The parameters of [`GemFilter`].
     pub struct GemFilterOptions {
-        /// False-positive rate of scale selection: chance, on pure noise, of stopping at each step.
+        /// Probability that scale selection stops at a given step when there is only noise (false-positive rate).
         pub gamma: f64 = 0.2, |gamma| gamma > 0.0 && gamma <= 0.5, "above 0 and at most 0.5";
     }
 }

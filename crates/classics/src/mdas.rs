@@ -17,7 +17,7 @@ dapple_core::options! {
         pub candidates: u32 = 4, |n| (1..=64).contains(&n), "1 to 64 candidates";
         /// Samples in a cell before it is split.
         pub leaf: u32 = 4, |n| (1..=64).contains(&n), "1 to 64 samples";
-        /// Pixel size relative to lens, time and light ranges, which are scaled to 1.
+        /// Side of a pixel in distances between samples; lens, time and light axes have length 1.
         ///
         /// The paper scales the image differently, but that scale was not available; the default is not in the paper.
         pub pixel: f64 = 0.5, |pixel| pixel > 0.0 && pixel.is_finite(), "a finite number above 0";
@@ -26,9 +26,9 @@ dapple_core::options! {
         /// The published grid has four samples in a cell, here 2x2 pixels: pilot=1. What these samples miss is found late or
         /// never, since boxes without contrast get hardly any samples.
         pub pilot: u32 = 4, |n| n >= 1, "at least one sample";
-        /// 1: also sample scenes with other random dimensions, whose noise is mistaken for detail; 0: refuse them.
+        /// 1: accept scenes with other random dimensions, whose noise is mistaken for detail; 0: refuse them.
         pub force: u8 = 0, |force| force <= 1, "0 or 1";
-        /// keep: planning samples stay in the image (biased, as published); no other choice.
+        /// keep: samples used to set counts stay in the image (biased, as published); the only value.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
             |policy| policy == PilotPolicy::Keep, "only keep";
     }
@@ -39,7 +39,7 @@ dapple_core::options! {
     pub struct MdasBoxesOptions {
         /// Samples in a cell before it is split.
         pub leaf: u32 = 4, |n| (1..=64).contains(&n), "1 to 64 samples";
-        /// Pixel size relative to lens, time and light ranges, which are scaled to 1; as in sampler mdas.
+        /// Side of a pixel in distances between samples; lens, time and light axes have length 1. Use the sampler's value.
         pub pixel: f64 = 0.5, |pixel| pixel > 0.0 && pixel.is_finite(), "a finite number above 0";
     }
 }

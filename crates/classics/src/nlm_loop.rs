@@ -25,11 +25,11 @@ dapple_core::options! {
         pub window: usize = 10, |window| window <= 10, "0 to 10 pixels to each side";
         /// Patch radius in pixels.
         pub patch: usize = 3, |patch| patch <= 5, "0 to 5 pixels to each side";
-        /// Damping of colour differences; larger filters more.
+        /// Damping of colour differences. Larger values smooth more.
         pub k: f64 = 0.45, |k| (1e-3..=1e3).contains(&k), "0.001 to 1000 standard deviations";
         /// Factor on the noise variance that is subtracted from squared differences.
         pub alpha: f64 = 1.0 => "1", |alpha| (0.0..=4.0).contains(&alpha), "0 to 4";
-        /// Variance of pixel means: halves (smoothed difference of half-buffers) or samples (for independent points).
+        /// Estimate of the variance of pixel means: halves (smoothed difference of half-buffers) or samples (for independent points).
         pub variance: HalfVariance = HalfVariance::Halves => "halves";
     }
 }
@@ -45,13 +45,13 @@ dapple_core::options! {
         pub window: usize = 7, |window| window <= 10, "0 to 10 pixels to each side";
         /// Patch radius in pixels.
         pub patch: usize = 3, |patch| patch <= 5, "0 to 5 pixels to each side";
-        /// Damping of colour differences; larger filters more.
+        /// Damping of colour differences. Larger values smooth more.
         pub k: f64 = 0.45, |k| (1e-3..=1e3).contains(&k), "0.001 to 1000 standard deviations";
         /// Factor on the noise variance that is subtracted from squared differences.
         pub alpha: f64 = 0.5, |alpha| (0.0..=4.0).contains(&alpha), "0 to 4";
-        /// Variance of pixel means: halves (smoothed difference of half-buffers) or samples (for independent points).
+        /// Estimate of the variance of pixel means: halves (smoothed difference of half-buffers) or samples (for independent points).
         pub variance: HalfVariance = HalfVariance::Halves => "halves";
-        /// keep: planning samples stay in the image (biased, as published); no other choice.
+        /// keep: samples used to set counts stay in the image (biased, as published); the only value.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
             |policy| policy == PilotPolicy::Keep, "only keep";
     }

@@ -17,15 +17,15 @@ dapple_core::options! {
         pub ppd: f64 = 67.0 => "67", |ppd| (1.0..=1000.0).contains(&ppd), "1 to 1000 pixels per degree";
         /// Peak contrast sensitivity, at 4 cycles per degree.
         pub sensitivity: f64 = 100.0 => "100", |s| s > 0.0 && s.is_finite(), "above 0";
-        /// Luminance to which the eye has adapted; 0: the mean of the image.
+        /// Luminance to which the eye has adapted; 0 = automatic (the mean of the image).
         pub adapt: f64 = 0.0 => "0", |adapt| adapt >= 0.0 && adapt.is_finite(), "0 or above; 0 chooses";
         /// Samples per pixel before counts adapt.
         pub pilot: u32 = 4, |pilot| pilot >= 2, "at least 2, since one sample has no variance";
         /// Rounds after the pilot, each with an equal share of the remaining budget.
         pub rounds: u32 = 4, |rounds| (1..=1024).contains(&rounds), "1 to 1024";
-        /// Stopping rule: budget (most visible differences first, until spent) or threshold (the budget is an upper bound).
+        /// Stopping rule: budget (most visible differences first, until spent) or threshold (until all pixels are below it, within the budget).
         pub mode: Stopping = Stopping::Budget => "budget";
-        /// keep: planning samples stay in the image (biased, as published); no other choice.
+        /// keep: samples used to set counts stay in the image (biased, as published); the only value.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
             |policy| policy == PilotPolicy::Keep, "only keep";
     }

@@ -15,11 +15,11 @@ dapple_core::options! {
         pub split: u32 = 4, |n| (2..=64).contains(&n), "2 to 64 samples";
         /// Pilot samples per pixel.
         pub pilot: u32 = 4, |n| n >= 1, "at least one sample";
-        /// Added to the squared mean in relative variances.
+        /// Added to the denominator (mean^2) of relative variances.
         ///
         /// Variances are divided by `mean^2 + epsilon` of the part. In the paper, they are absolute.
         pub epsilon: f64 = 0.01 => "0.01", |e| e > 0.0 && e.is_finite(), "a finite number above 0";
-        /// keep: planning samples stay in the image (biased, as published); no other choice.
+        /// keep: samples used to set counts stay in the image (biased, as published); the only value.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
             |policy| policy == PilotPolicy::Keep, "only keep";
     }
@@ -120,9 +120,9 @@ dapple_core::options! {
         pub blue: f64 = 0.6, |blue| blue > 0.0 && blue <= 1.0, "above 0 and at most 1";
         /// Maximum subdivision depth.
         pub depth: u32 = 4, |depth| (1..=10).contains(&depth), "1 to 10 splits";
-        /// Stopping rule: budget (largest contrast x area first, until spent) or threshold (the budget is an upper bound).
+        /// Stopping rule: budget (largest contrast x area first, until spent) or threshold (all quadrants above it, within the budget).
         pub mode: Stopping = Stopping::Budget => "budget";
-        /// keep: planning samples stay in the image (biased, as published); no other choice.
+        /// keep: samples used to set counts stay in the image (biased, as published); the only value.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
             |policy| policy == PilotPolicy::Keep, "only keep";
     }

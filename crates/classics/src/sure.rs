@@ -14,7 +14,7 @@ dapple_core::options! {
     pub struct SureFilterOptions {
         /// Search radius in pixels, 0 to 20.
         pub window: usize = 20, |window| window <= 20, "0 to 20 pixels to each side";
-        /// true: limit the search radius to 5 pixels, with 14 times fewer pixel pairs than 20.
+        /// true: limit the search radius to 5 pixels, with 14 times fewer pixel pairs than radius 20.
         pub fast: bool = false => "false";
         /// Standard deviation in pixels of the kernel that smooths error estimates before the best filter is chosen.
         pub smooth: f64 = 4.0 => "4", |sigma| sigma > 0.0 && sigma <= 8.0, "above 0 and at most 8 pixels";
@@ -40,7 +40,7 @@ dapple_core::options! {
 ///
 /// # Weaknesses
 ///
-/// The estimate assumes Gaussian noise, independent between pixels. With heavy-tailed noise, fireflies look exact and remain.
+/// The estimate assumes Gaussian noise, independent between pixels. With heavy-tailed noise, fireflies remain.
 /// Raw estimates are noisy, hence the smoothing. Windows of 41x41 pixels cost as much as tens of samples.
 ///
 /// # Result
@@ -139,7 +139,7 @@ dapple_core::options! {
         pub smooth: f64 = 4.0 => "4", |sigma| sigma > 0.0 && sigma <= 8.0, "above 0 and at most 8 pixels";
         /// Maximum samples per pixel.
         pub cap: u32 = 1024, |cap| cap != 0, "at least one sample";
-        /// keep: planning samples stay in the image (biased, as published); no other choice.
+        /// keep: samples used to set counts stay in the image (biased, as published); the only value.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
             |policy| policy == PilotPolicy::Keep, "only keep";
     }

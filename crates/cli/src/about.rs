@@ -26,7 +26,7 @@ pub(crate) struct PointsArgs {
     #[command(flatten)]
     list: ListArgs,
 
-    /// Print the coordinates of the first N points of each pixel as CSV; docs/results/spectra.py plots them
+    /// Print the coordinates of the first N points of each pixel as CSV, which docs/results/spectra.py plots
     #[arg(long, value_name = "N", requires = "name")]
     csv: Option<u64>,
 
@@ -96,17 +96,20 @@ pub(crate) fn filters(args: &ListArgs) -> Result<Outcome> {
         tell(format!("{name:<19}not in this build; build dapple with the feature \"{feature}\""))?;
     }
     if args.name.as_ref().is_none_or(|name| name == "best") {
-        tell(format!("{:<19}here {}, since Open Image Denoise is {}", "best", registry::best_filter(), found()))?;
+        tell(format!("{:<19}{}", "best", best()))?;
     }
     Ok(Outcome::Done)
 }
 
-/// The availability of Open Image Denoise, which determines the filter that `best` selects.
-fn found() -> String {
+/// The filter that `best` selects on this machine, and how to get the blend with Open Image Denoise if it is not that one.
+fn best() -> String {
+    let name = registry::best_filter();
     match registry::open_image_denoise() {
-        None => "not in this program".to_owned(),
-        Some(Ok(library)) => format!("found: {library}"),
-        Some(Err(why)) => format!("not found: {why}"),
+        None => {
+            format!("{name} in this build; build dapple with the feature \"oidn\" to blend it with Open Image Denoise")
+        }
+        Some(Ok(library)) => format!("{name} on this machine, with {library}"),
+        Some(Err(why)) => format!("{name} on this machine; install Open Image Denoise 2 to blend both\n  {why}"),
     }
 }
 

@@ -39,11 +39,11 @@ pub(crate) struct DenoiseArgs {
     #[arg(long = "layer", value_name = "KIND=NAME", value_parser = layer)]
     layers: Vec<(LayerKind, String)>,
 
-    /// Samples per pixel of each file [default: read from its layers or header]
+    /// Samples per pixel of each file [default: read from the file's layers or header]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     spp: Option<u32>,
 
-    /// Treat a layer of kind variance as kind variance-of-mean
+    /// The variance layer holds the variance of the pixel value (already divided by the sample count), not that of one sample
     #[arg(long)]
     variance_of_mean: bool,
 
@@ -51,9 +51,9 @@ pub(crate) struct DenoiseArgs {
     #[arg(long, visible_alias = "denoiser", value_name = "NAME[:…]", value_parser = filter)]
     filter: Option<String>,
 
-    /// What the default filter does with the light of fireflies: keep it in place, drop it, or spread it over neighbours
+    /// What the default filter does with fireflies: keep, drop, or spread (over neighbouring pixels)
     ///
-    /// A firefly is a pixel as bright as 880 pixels around it together that appears in only one half of the samples.
+    /// A firefly is a pixel at least 880 times as bright as its surroundings, in only one of the two halves of the samples.
     #[arg(long, value_name = "PLACE", value_parser = fireflies, default_value = FireflyLight::default().name(), conflicts_with = "filter")]
     fireflies: FireflyLight,
 

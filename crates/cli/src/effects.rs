@@ -55,7 +55,8 @@ pub(crate) struct EffectsArgs {
     seeds: u32,
 
     /// Number of threads; 0 is one per core
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u16).range(..=1024))]
+    #[arg(short = 't', long, visible_alias = "nthreads", value_name = "N", default_value_t = 0)]
+    #[arg(value_parser = clap::value_parser!(u16).range(..=1024))]
     threads: u16,
 
     /// Ignore unsupported scene features with a warning instead of stopping

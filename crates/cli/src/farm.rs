@@ -17,7 +17,7 @@ use systems::{Files, quoted};
 
 /// Write a job that renders an image on many machines: scripts for Slurm, or a template for OpenJD, OpenCue or Kubernetes
 ///
-/// Nothing is started. DIR gets render.json (the description of the render), stage.sh (the commands of every task), and
+/// Nothing is started. DIR gets render.json (the render settings), stage.sh (the commands of every task), and
 /// the scheduler's own files. All machines need DIR and the scene at the same path, and `dapple` in their PATH or its
 /// path in the variable DAPPLE. Resubmit a failed job unchanged; finished tasks are skipped.
 #[derive(Args)]
@@ -40,10 +40,9 @@ pub(crate) struct FarmOptions {
     #[arg(value_parser = clap::value_parser!(u32).range(1..=100))]
     tries: u32,
 
-    /// Number of stages to schedule for samplers or light selection that learn from samples (openjd, opencue)
-    /// [default: derived from --spp]
+    /// Number of sampling stages in the job (openjd and opencue only) [default: derived from --spp]
     ///
-    /// Unneeded stages exit at once.
+    /// Methods that learn from samples render in stages, each after the previous one. Surplus stages exit at once.
     #[arg(long, value_name = "N", help_heading = "Job")]
     #[arg(value_parser = clap::value_parser!(u32).range(1..=1000))]
     stages: Option<u32>,
@@ -84,17 +83,14 @@ pub(crate) struct FarmArgs {
 
 /// Options of `dapple render` with another help text in a job.
 const HELP: &[(&str, &str)] = &[
-    (
-        "outputs",
-        "Folder for the job's files; it may exist, and files of an earlier job with the same arguments are kept",
-    ),
+    ("outputs", "Folder for the job's files; if it exists, results of an identical earlier job are reused"),
     (
         "light_selection",
-        "How a light (or part of an environment map) is chosen: by power, uniform, or learned from samples [default: learned]",
+        "How lights (and parts of environment maps) are selected: power (in proportion to power), uniform, or learned (from samples) [default: learned]",
     ),
     (
         "spec",
-        "Read the description of the render from this JSON file, in place of SCENE and the options of Method, Budget, Bounds and Image",
+        "Read the render settings from this JSON file, in place of SCENE and the options of Method, Budget, Bounds and Image",
     ),
     ("seed", "Seed of all random numbers; the same seed gives the same image on any number of machines"),
     ("memory", "Memory limit of each task, such as 2G, 500M or a number of bytes [default: the machine's memory]"),

@@ -82,7 +82,7 @@ enum Command {
     StudyRun,
     /// List the samplers, which decide how many samples each pixel gets, or describe one
     Samplers(about::ListArgs),
-    /// List the point sets, which decide where samples lie, or describe or plot one
+    /// List the point sets, which decide where samples lie, describe one, or print its points as CSV
     Points(about::PointsArgs),
     /// List the integrators, which compute the radiance of a sample, or describe one
     Integrators(about::ListArgs),

@@ -9,26 +9,26 @@ dapple_core::options! {
     /// The defaults are the thesis' values where it states them. It states no formula for `map` and no weights; the default of
     /// 0.25 is a guess.
     pub struct ClusterThesisOptions {
-        /// Pixel size, for size=box or triangles: one (1 for every pixel, published) or footprint (its area at the hit).
+        /// Pixel area that size=box or triangles is compared with: one (constant 1, as published) or footprint (surface area seen by the pixel).
         pub pixel: PixelArea = PixelArea::One => "one";
-        /// Function that turns pixel size / cluster size into a sampling rate: identity, root (square root) or log.
+        /// Function that turns pixel area / cluster size into a sampling rate: identity, root (square root) or log.
         pub map: RateMap = RateMap::Root => "root";
-        /// Weight of grazing angles between surface and ray; the cluster size has weight 1.
+        /// Weight of grazing angles (which get more samples); the cluster size has weight 1.
         ///
         /// 0 leaves the angle out.
         pub angle: f64 = 0.25, |weight| weight >= 0.0 && weight.is_finite(), "a weight of 0 or more";
-        /// Weight of the distance to the hit; the cluster size has weight 1.
+        /// Weight of the distance to the hit (farther hits get more samples); the cluster size has weight 1.
         ///
         /// 0 leaves the distance out.
         pub distance: f64 = 0.25, |weight| weight >= 0.0 && weight.is_finite(), "a weight of 0 or more";
-        /// Minimum samples per pixel (with --time or --error use --min-spp); 0: Lan's table 4-3.
+        /// Minimum samples per pixel (with --time or --error use --min-spp); 0 = automatic (table 4-3 of Lan's thesis).
         ///
         /// [`published_bounds`] returns the values of this table. Under a time or error limit, the budget may be raised later
         /// and the minimum rejected; use `--min-spp` there.
         pub min: u32 = 0;
-        /// Maximum samples per pixel; 0: Lan's table 4-3.
+        /// Maximum samples per pixel; 0 = automatic (table 4-3 of Lan's thesis).
         pub max: u32 = 0;
-        /// Shadow rays per cluster to random points on lights, so that penumbras get more samples; 0 ignores lights (published).
+        /// Shadow rays per cluster to random points on lights, so that penumbras get more samples; 0: none (as published).
         ///
         /// The importance of a cluster is multiplied by `1 + v (1 - v)`, where `v` is the fraction of its shadow rays that
         /// reach a light. Penumbras get up to a quarter more. [Lan 2016] suggests this as future work, without a formula.

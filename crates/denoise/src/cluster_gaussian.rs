@@ -11,7 +11,7 @@ use std::fmt;
 dapple_core::options! {
     /// The parameters of [`ClusterGaussian`] besides its kernel.
     pub struct ClusterGaussianOptions {
-        /// Weight of a pixel of another cluster, relative to one of the same; 1 ignores clusters.
+        /// Weight of a pixel of another cluster, relative to a pixel of the same cluster; 1 ignores clusters.
         ///
         /// The table shows the relMSE relative to the best `outside` for each image and budget. Values are geometric means over
         /// five synthetic images at 8 to 64 spp (`tests/denoise/filters.rs`). In some images the clusters miss edges, in others
@@ -25,7 +25,7 @@ dapple_core::options! {
         /// The optimum is flat. Over 4 to 256 spp it lies at 0.01 or 0.02, since leaks matter more when there is less noise.
         pub outside: f64 = 0.05,
             |w| (0.0..=1.0).contains(&w), "0 (nothing crosses a border) to 1 (clusters do not matter)";
-        /// First hits per pixel whose clusters are compared, 1 (published) to 8.
+        /// Number of first hits per pixel whose clusters are compared: 1 (as published) to 8.
         ///
         /// Has no effect on a filter with a map of clusters.
         pub hits: u8 = 1, |hits| hits > 0 && usize::from(hits) <= MOST_VOTES, "1 to 8 first hits per pixel";

@@ -23,14 +23,14 @@ const BESIDE: [f32; 2] = [0.5, 0.4];
 dapple_core::options! {
     /// The parameters of [`ClusterRegression`].
     pub struct ClusterRegressionOptions {
-        /// Weight of a pixel of another cluster, relative to one of the same; 1 ignores clusters.
+        /// Weight of a pixel of another cluster, relative to a pixel of the same cluster; 1 ignores clusters.
         pub outside: f64 = 0.2,
             |w| (0.0..=1.0).contains(&w), "0 (nothing crosses a border) to 1 (clusters do not matter)";
-        /// Light filtered separately: 2 (direct and indirect), 1 (all together) or auto (2 from 2 spp on).
+        /// Number of light layers denoised separately: 2 (direct, indirect), 1 (all light), auto (2 if spp >= 2, otherwise 1).
         pub layers: Layers = Layers::Auto => "auto";
-        /// true: the trained network improves the image of the regressions; false: regressions only.
+        /// true: the trained network improves the result of the regressions; false: regressions only.
         pub network: bool = true => "true";
-        /// Light of fireflies (as bright as 880 pixels around): keep (in their pixels), drop or spread (over neighbours).
+        /// Fireflies (pixels at least 880 times as bright as their surroundings): keep, drop, or spread (over neighbours).
         pub fireflies: FireflyLight = FireflyLight::Keep => "keep";
     }
 }

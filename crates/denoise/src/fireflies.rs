@@ -9,7 +9,7 @@ use crate::planes::{found, per_pixel, quantile};
 use dapple_core::film::luminance;
 use dapple_core::{Film, Filtered, filter::Fireflies};
 
-/// Where the energy of fireflies goes. A firefly is a pixel as bright as the 880 pixels around it together, in only one of the
+/// Where the energy of fireflies goes. A firefly is a pixel at least 880 times as bright as its surroundings, in only one of the
 /// two halves.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]

@@ -9,11 +9,11 @@ use dapple_core::{Error, Film};
 dapple_core::options! {
     /// The parameters of [`Mitchell`], the contrast-adaptive sampler.
     pub struct MitchellOptions {
-        /// Samples per pixel before refinement; set together with additional, or leave both 0: Lan's table 4-2 for this spp.
+        /// Samples per pixel before refinement. Set both initial and additional, or neither; 0 for both: table 4-2 of Lan's thesis.
         ///
         /// [`Rates::for_mean`] returns the values of this table. They are selected again when the mean budget has doubled.
         pub initial: u32 = 0;
-        /// Additional samples per refined pixel; set together with initial.
+        /// Additional samples per refined pixel; see initial.
         pub additional: u32 = 0;
         /// Contrast of red above which a pixel is refined.
         ///
@@ -27,7 +27,7 @@ dapple_core::options! {
         ///
         /// 1 is Mitchell's neighbourhood of 3x3 pixels; 0 is the pixel alone.
         pub radius: u32 = 1, |radius| radius <= 64, "at most 64 pixels";
-        /// Stopping rule: budget (highest contrast first, until spent) or threshold (the budget is an upper bound).
+        /// Stopping rule: budget (highest contrast first, until spent) or threshold (all pixels above it, within the budget).
         ///
         /// With [`Stopping::Budget`], pixels are refined in the order of their contrast, above the threshold or not. Once all
         /// are refined, further passes add the same number of samples. If all pixels have the same contrast, counts differ by

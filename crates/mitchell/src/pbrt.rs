@@ -31,18 +31,18 @@ dapple_core::options! {
         ///
         /// If rounding makes `min` and `max` equal, `max` is doubled.
         pub max: u32 = 32;
-        /// Deviation of a sample's luminance from the pixel mean, relative to it, above which a pixel is refined.
+        /// A pixel is refined if a pilot sample's luminance differs from the pilot's mean by more than this fraction of the mean.
         ///
         /// A sample's deviation is measured from the mean of its pixel's pilot samples.
         pub threshold: f64 = 0.5, |t| t > 0.0 && t.is_finite(), "a relative deviation above 0";
-        /// Stopping rule: budget (largest deviation first, until spent) or threshold (the budget is an upper bound).
+        /// Stopping rule: budget (largest deviation first, until spent) or threshold (all pixels above it, within the budget).
         ///
         /// The rule works as in [`MitchellOptions::mode`](crate::MitchellOptions::mode), with deviation instead of contrast.
         pub mode: Stopping = Stopping::Budget => "budget";
-        /// Pilot samples: refined (refined pixels lose theirs; published, biased), keep (biased) or discard (unbiased).
+        /// Pilot samples: keep (biased), refined (refined pixels lose theirs; as published, more biased) or discard (unbiased).
         pub policy: PilotPolicy = PilotPolicy::Refined => "refined",
             |policy| !matches!(policy, PilotPolicy::Cross | PilotPolicy::Neighbours), "refined, keep or discard";
-        /// Refine if pilot samples differ in: contrast (luminance), shape (object hit) or shapeid (object or triangle hit).
+        /// Refine pixels whose pilot samples differ in: contrast (luminance), shape (object hit) or shapeid (object or triangle hit).
         ///
         /// With shapeid and shape, the threshold has no effect, and pixels are ranked by their number of differing pairs.
         pub test: PbrtTest = PbrtTest::Contrast => "contrast";

@@ -76,7 +76,7 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
         "sure",
         "several cross non-local means, the best per pixel by Stein's estimate of the error (Li 2012)",
         "Li, Wu and Chuang, SURE-based Optimization for Adaptive Sampling and Reconstruction, 2012",
-        "assumes Gaussian noise, so fireflies look exact; 41x41 windows are slow",
+        "assumes Gaussian noise, so fireflies remain; 41x41 windows are slow",
         &[SureFilterOptions::PARAMETERS],
         |p, _| Ok(Box::new(SureFilter::with_options(p.options()?)?)),
     ),
@@ -112,7 +112,7 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
         "james-stein",
         "blends another filter's result with the unfiltered image (James-Stein shrinkage; Gu 2022)",
         "Gu, Iglesias-Guitian and Moon, Neural James-Stein Combiner, 2022, without the network",
-        "the filter sees only half of the samples; dark pixels beside bright noisy ones get too much of it",
+        "the filter sees only half of the samples; dark pixels beside bright noisy ones are filtered too strongly",
         &[OF, JamesSteinOptions::PARAMETERS],
         james_stein,
     ),
@@ -121,7 +121,7 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
         "welch",
         "mean of the pixels that Welch's t-test cannot tell apart (after Sakai 2024)",
         "Sakai et al., A Statistical Approach to Monte Carlo Denoising, 2024",
-        "few samples cannot tell pixels apart, so it blurs; overestimates the variance of low-discrepancy samples",
+        "at few samples the test finds few differences, so it blurs; overestimates the variance of low-discrepancy samples",
         &[WelchOptions::PARAMETERS],
         |p, _| Ok(Box::new(Welch::with_options(p.options()?)?)),
     ),
@@ -137,7 +137,7 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
     #[cfg(feature = "classics")]
     Entry::classic(
         "tree-mean",
-        "cells of a pixel weighted by area or volume; for samplers subdivision and hierarchical",
+        "mean of a pixel's cells, weighted by area or volume; for samplers subdivision and hierarchical",
         "Kajiya, The Rendering Equation, 1986; Whitted, An Improved Illumination Model for Shaded Display, 1980",
         "the plain mean is better for well-distributed points of equal counts",
         &[TreeMeanOptions::PARAMETERS],
@@ -146,7 +146,7 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
     #[cfg(feature = "classics")]
     Entry::classic(
         "dct",
-        "cosines fitted to 8x8 pixels, half as many as samples (after Bolin and Meyer 1995)",
+        "cosines fitted to blocks of 8x8 pixels, one term per two samples (after Bolin and Meyer 1995)",
         "after Bolin and Meyer, A Frequency Based Ray Tracer, SIGGRAPH 1995; defaults except share: Dapple",
         "visible blocks; ringing at edges and around lights",
         &[CosineOptions::PARAMETERS],
@@ -219,7 +219,7 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
 const OF: &[crate::Parameter] = &[crate::Parameter::new(
     "of",
     "gaussian",
-    "Filter to blend; write / instead of : and , (gaussian/alpha=2). It must not need half-buffers.",
+    "Filter to blend, with \"/\" in place of \":\" and \",\", such as gaussian/alpha=2. Filters that need half-buffers are refused.",
 )];
 
 #[cfg(feature = "classics")]

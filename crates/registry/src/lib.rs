@@ -93,26 +93,26 @@ const CLUSTERING: &[Parameter] = &[
     Parameter::new(
         "k",
         "9",
-        "Voxels along the longest axis: k times the cube root of the number of triangles; the thesis uses 3, 9 and 30.",
+        "Number of voxels along the longest axis, divided by the cube root of the number of triangles; Lan's thesis uses 3, 9 and 30.",
     ),
     Parameter::new("clamp", "32", "Maximum voxels per axis."),
-    Parameter::new("normals", "10", "Maximum angle in degrees between similar normals."),
+    Parameter::new("normals", "10", "Normals up to this angle apart, in degrees, count as similar."),
     Parameter::new(
         "insertion",
         "box",
-        "Voxel that groups a triangle: box (the last that its bounding box overlaps, published) or centroid (that of its centroid).",
+        "Voxel of a triangle: box (the last that its bounding box overlaps, as published) or centroid (the one that contains its centroid).",
     ),
     Parameter::new(
         "grouping",
         "greedy",
-        "Clusters within a voxel: greedy (by similar normals, published) or connected (then split into connected pieces).",
+        "Clusters within a voxel: greedy (by similar normals, as published) or connected (greedy, then split into connected pieces).",
     ),
     Parameter::new(
         "order",
         "input",
-        "Triangle order: input (as in the file, published) or canonical (by normal, so that file order does not matter).",
+        "Order of triangles: input (that of the file, as published) or canonical (by normal, so that file order does not matter).",
     ),
-    Parameter::new("sides", "1", "1: opposite normals differ (published); 2: opposite normals are similar."),
+    Parameter::new("sides", "1", "1: opposite normals differ (as published); 2: opposite normals count as similar."),
 ];
 
 fn clustering(p: &Parameters) -> Result<ClusterParams, RegistryError> {

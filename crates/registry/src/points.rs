@@ -28,7 +28,7 @@ pub const POINTS: &[Entry<MakePoints>] = &[
         "lowdiscrepancy",
         "pbrt-v2's scrambled and shuffled (0,2)-sequences, for a count known in advance",
         "Kollig and Keller, Efficient Multidimensional Sampling, 2002, as in pbrt, version 2",
-        "fewer samples than the count are as good as random ones, more start a new low-discrepancy set",
+        "with fewer samples than `count`, no better than random; beyond `count`, a new set starts",
         &[CountOptions::PARAMETERS],
         |p, s| Ok(Box::new(p.made(LowDiscrepancy::new(s.seed, count(p, s)?))?)),
     ),
@@ -52,7 +52,7 @@ pub const POINTS: &[Entry<MakePoints>] = &[
         "random",
         "independent random numbers (PCG), the baseline",
         "O'Neill, PCG: A Family of Simple Fast Space-Efficient Random Number Generators, 2014",
-        "samples clump, so error falls slowest of all sets",
+        "samples clump, so error is largest of all sets at equal samples; at equal time, the slower `halton` is worse",
         &[],
         |_, s| Ok(Box::new(Random::new(s.seed))),
     ),
@@ -95,7 +95,7 @@ pub const POINTS: &[Entry<MakePoints>] = &[
         "diffused",
         "positions in the pixel chosen jointly with neighbouring pixels; other dimensions as in sobol",
         "after Mitchell, Generating Antialiased Images at Low Sampling Densities, 1987",
-        "gains at one to a few samples per pixel, and for the position in the pixel only",
+        "helps only at a few samples per pixel, and only for the position in the pixel",
         &[],
         |_, s| Ok(Box::new(Diffused::new(s.seed))),
     ),
@@ -112,7 +112,7 @@ pub const POINTS: &[Entry<MakePoints>] = &[
 dapple_core::options! {
     /// The parameters of `lowdiscrepancy` and `zsobol`.
     struct CountOptions {
-        /// Samples per pixel, rounded up to a power of two; 0: the mean spp if it is known, otherwise 16.
+        /// Samples per pixel, rounded up to a power of two; 0 = automatic (the mean spp if known, otherwise 16).
         pub count: u64 = 0;
     }
 }
@@ -152,12 +152,12 @@ dapple_core::options! {
 }
 
 const INNER: Parameter =
-    Parameter::new("of", "sobol", "Point set to shift, without parameters or with one: stratified:strata=4.");
+    Parameter::new("of", "sobol", "Point set to shift, with at most one parameter, such as stratified:strata=4.");
 
 dapple_core::options! {
     /// The parameters of `stratified`.
     struct StratifiedOptions {
-        /// Cells along each axis; 0: the square root of the mean spp if it is known, otherwise 4.
+        /// Cells along each axis; 0 = automatic (the square root of the mean spp if known, otherwise 4).
         pub strata: u32 = 0;
     }
 }

@@ -67,7 +67,7 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
         aliases: &["cluster"],
         ..Entry::new(
             "adaptive",
-            "counts follow the estimated error: pooled pilot variance, or a filter's error map (the default)",
+            "the default sampler: counts follow the estimated error (pooled pilot variance or a filter's error map)",
             "Dapple (docs/results/adaptive.md); counts: Neyman 1934; error maps of filters: Rousselle et al. 2012",
             "settings suit the default filter; without a filter, `variance` leaves less error",
             &[BY, AdaptiveOptions::PARAMETERS],
@@ -78,7 +78,7 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
         "mitchell",
         "two sampling levels, chosen by the contrast of a pilot (Mitchell 1987)",
         "Mitchell, Generating Antialiased Images at Low Sampling Densities, SIGGRAPH 1987",
-        "mistakes edges and textures for noise; two levels cannot follow how large noise is",
+        "mistakes edges and textures for noise; two levels cannot adapt to the amount of noise",
         &[MitchellOptions::PARAMETERS],
         |p, points, _| Ok(Mitchell::with_options(points, p.options()?)?.into()),
     ),
@@ -86,7 +86,7 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
         "mitchell-pbrt",
         "pbrt-v2's variant: more samples for pixels whose pilot samples differ in luminance or in the shape hit",
         "pbrt, version 2: src/samplers/adaptive.cpp, by Pharr and Humphreys, 2010",
-        "refined pixels lose their pilot samples; with four of these, noise refines pixels at random",
+        "refined pixels lose their pilot samples; with only four pilot samples, noise decides which pixels are refined",
         &[MitchellPbrtOptions::PARAMETERS],
         |p, points, _| Ok(MitchellPbrt::with_options(points, p.options()?)?.into()),
     ),
@@ -120,7 +120,7 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
         "nlm-loop",
         "counts follow the difference of two half-buffers after non-local means (Rousselle 2012)",
         "Rousselle, Knaus and Zwicker, Adaptive Rendering with Non-Local Means Filtering, 2012",
-        "filters in each round, which takes as long as many samples of a simple scene",
+        "runs its filter in every round, which takes as long as rendering many samples of a simple scene",
         &[NlmLoopOptions::PARAMETERS],
         |p, points, _| Ok(NlmLoop::with_options(points, p.options()?)?.into()),
     ),
@@ -138,7 +138,7 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
         "perceptual",
         "more samples where noise is visible: contrast sensitivity and masking (after Bolin and Meyer 1998)",
         "after Bolin and Meyer, A Perceptually Based Adaptive Sampling Algorithm, SIGGRAPH 1998",
-        "few samples in busy texture and in the dark: more squared error than uniform counts; FLIP is its metric",
+        "few samples in busy texture and in the dark, so more squared error than uniform counts; judge it by FLIP, not MSE",
         &[PerceptualOptions::PARAMETERS],
         |p, points, _| Ok(Perceptual::with_options(points, p.options()?)?.into()),
     ),
@@ -210,7 +210,7 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
     #[cfg(feature = "classics")]
     Entry::classic(
         "ears",
-        "counts follow the error per ray (EARS splitting at the camera; after Rath 2022)",
+        "counts follow the error relative to ray count (EARS splitting at the camera; after Rath 2022)",
         "Rath et al., EARS: Efficiency-Aware Russian Roulette and Splitting, 2022",
         "ray count is only a proxy for time; the published gains come from later path vertices",
         &[EarsOptions::PARAMETERS],
@@ -221,7 +221,7 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
         "sure",
         "more samples where the best of several filters still has most error, by Stein's estimate (Li 2012)",
         "Li, Wu and Chuang, SURE-based Optimization for Adaptive Sampling and Reconstruction, 2012",
-        "assumes Gaussian noise, so fireflies look exact; planning takes as long as filtering",
+        "assumes Gaussian noise, so fireflies remain; setting counts takes as long as filtering",
         &[SureOptions::PARAMETERS],
         |p, points, _| Ok(Sure::with_options(points, p.options()?)?.into()),
     ),
@@ -231,52 +231,53 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
         "counts follow f-divergences or entropies of each pixel's samples (after Rigau 2003)",
         "Rigau, Feixas and Sbert, Refinement Criteria Based on f-Divergences, and Entropy-based Adaptive Sampling, 2003; \
              fuzzy: Xu et al. 2008; gh: Cui 2009 (neither text was available)",
-        "scores of single pixels are as noisy as their variances, which `variance` pools",
+        "scores come from single pixels, so they are noisy; sampler `variance` averages over neighbours",
         &[DivergenceOptions::PARAMETERS],
         |p, points, _| Ok(Divergence::with_options(points, p.options()?)?.into()),
     ),
     #[cfg(feature = "classics")]
     Entry::classic(
         "hierarchical",
-        "sample-space cells split where samples differ (after Kajiya 1986); filter with tree-mean:tree=contrast",
+        "splits cells of sample space where samples differ (after Kajiya 1986); filter with tree-mean:tree=contrast",
         "Kajiya, The Rendering Equation, 1986",
-        "a well-distributed point set of known count is better",
+        "worse than a good point set with fixed counts",
         &[HierarchicalOptions::PARAMETERS],
         crate::classics::placing::<HierarchicalOptions>,
     ),
 ];
 
 const SEQUENCE: &[Parameter] = &[
-    Parameter::new("first", "uniform", "First sampler; write / instead of : and , (cluster-thesis/k=9/clamp=16)."),
-    Parameter::new("spp", "4", "Mean number of samples per pixel of the first sampler, at most."),
+    Parameter::new(
+        "first",
+        "uniform",
+        "First sampler, with \"/\" in place of \":\" and \",\", such as cluster-thesis/k=9/clamp=16.",
+    ),
+    Parameter::new("spp", "4", "Maximum mean number of samples per pixel of the first sampler."),
     Parameter::new(
         "second",
         "adaptive",
-        "Second sampler, written like the first; write // for : and , of a sampler inside it.",
+        "Second sampler, written like the first; a sampler nested in it has \"//\" in place of \":\" and \",\".",
     ),
 ];
 const BY: &[Parameter] = &[Parameter::new(
     "by",
     "variance",
-    "Error estimate that sets counts: pilot variance, or (with policy=keep) the error map of nlm, bilateral or cluster-regression.",
+    "Error estimate for counts: variance (of the pilot) or, with policy=keep, the error map of nlm, bilateral or cluster-regression.",
 )];
 const PROBES: &[Parameter] = &[
     Parameter::new(
         "rays",
         "centre",
-        "First-hit rays per pixel: centre (one, published), or a number of jittered rays.",
+        "First-hit rays per pixel: centre (one through the centre, as published), or a number of jittered rays.",
     ),
     Parameter::new(
         "size",
         "box",
-        "Cluster size: box (projected bounding box, published), triangles (projected), screen (box in perspective), hits (pixels covered).",
+        "Cluster size: box (orthographic bounding box, published), triangles (orthographic), screen (box in perspective), hits (its pixels).",
     ),
 ];
-const A_PRIORI: &[Parameter] = &[Parameter::new(
-    "policy",
-    "a-priori",
-    "a-priori: counts are planned from geometry alone (unbiased); no other choice.",
-)];
+const A_PRIORI: &[Parameter] =
+    &[Parameter::new("policy", "a-priori", "a-priori: counts follow from geometry alone (unbiased); the only value.")];
 
 fn adaptive(p: &Parameters, points: AnyPoints, inputs: &dyn ClusterInputs) -> Result<MadeSampler, RegistryError> {
     let sampler = p.made(Adaptive::with_options(points, p.options()?))?;

@@ -30,7 +30,7 @@ use std::sync::LazyLock;
 pub const ENTRIES: &[IntegratorEntry] = &[
     entry::<PhotonOptions>(
         "photons",
-        "path tracing plus progressive photon mapping for caustics (light of small lights through glass and mirrors)",
+        "path tracing plus progressive photon mapping for caustics (light of small lights via glass or mirrors)",
         "Jensen 1996; passes after Knaus and Zwicker 2011",
         photons::make,
     ),

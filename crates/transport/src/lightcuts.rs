@@ -27,9 +27,9 @@ dapple_core::options! {
         pub error: f32 = 0.02, |error| error >= 0.0 && error.is_finite(), "0 or above";
         /// Maximum number of light clusters in a cut.
         pub cut: u32 = 1000, |cut| cut >= 1, "1 or above";
-        /// Number of point lights that stand for all area lights; each area light has at least one.
+        /// Number of point lights that represent all area lights; each area light has at least one.
         pub points: u32 = 1024, |points| (1..=1 << 24).contains(&points), "1 to 16777216";
-        /// Number of directional lights that stand for each environment map.
+        /// Number of directional lights that represent each environment map.
         pub sky: u32 = 4096, |sky| (1..=1 << 24).contains(&sky), "1 to 16777216";
         /// Number of surface clusters, each with one initial cut for all its points; 0: every cut starts at the root.
         pub clusters: u32 = 0, |clusters| clusters <= 1 << 16, "0 to 65536";

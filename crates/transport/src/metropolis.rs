@@ -17,7 +17,7 @@ dapple_core::options! {
         pub depth: u32 = 0;
         /// Mutations per chain.
         pub length: u32 = 256, |length| length >= 1, "at least 1";
-        /// Bootstrap samples per mutation.
+        /// Bootstrap samples, as a fraction of the mutations.
         pub seeds: f64 = 0.25, |seeds| seeds > 0.0 && seeds <= 16.0, "above 0, at most 16";
         /// Probability of a large step, which replaces all random numbers.
         pub large: f64 = 0.3, |large| large > 0.0 && large <= 1.0, "above 0, at most 1";

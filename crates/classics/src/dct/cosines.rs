@@ -23,11 +23,11 @@ dapple_core::choices!(CosineScale { Linear = "linear", Log = "log" });
 dapple_core::options! {
     /// The parameters of the cosines that [`Dct`](crate::Dct) and [`DctFilter`](crate::DctFilter) fit to blocks.
     pub struct CosineOptions {
-        /// Cosine terms per sample of a block, at most one per pixel; 0.5 as published.
+        /// Number of cosine terms as a fraction of the block's samples, at most one per pixel; 0.5 as published.
         pub share: f64 = 0.5, |share| share > 0.0 && share <= 1.0, "above 0 and at most 1";
         /// Weight of the smoothness (frequency^2) regularisation of the fit.
         pub lambda: f64 = 1e-3 => "0.001", |l| (1e-6..=1e6).contains(&l), "1e-6 to 1e6";
-        /// Scale on which radiance is fitted: linear, or log (ln(1 + x): less ringing, but too dark in noise).
+        /// Scale on which radiance is fitted: linear, or log (ln(1 + x): less ringing, but darkens noisy areas).
         pub scale: CosineScale = CosineScale::Linear => "linear";
     }
 }

@@ -13,11 +13,11 @@ dapple_core::options! {
     /// `g`. The lens limits the bandwidth to 0.61 over the radius of the circle of confusion, the first zero of the disk's
     /// transfer function. A break in front of the focal plane determines the bandwidth of all pixels in its own circle.
     pub struct LensBandwidthOptions {
-        /// Angle in degrees, between normals or out of the tangent plane, that counts as a discontinuity.
+        /// Discontinuity: two pixels' normals differ, or one's hit lies off the other's tangent plane, by more than this angle in degrees.
         pub angle: f64 = 10.0 => "10", |angle| angle > 0.0 && angle < 90.0, "above 0 and below 90 degrees";
-        /// Albedo difference of neighbouring pixels that counts as a discontinuity.
+        /// Discontinuity: two pixels' albedos differ by more than this.
         pub contrast: f64 = 0.1, |contrast| contrast > 0.0 && contrast <= 1.0, "above 0 and at most 1";
-        /// Roughness below which every pixel counts as a discontinuity, because of its reflections.
+        /// Discontinuity: the surface is smoother than this roughness, so that it has sharp reflections.
         pub mirror: f64 = 0.1, |mirror| (0.0..=1.0).contains(&mirror), "0 to 1";
         /// Radius in pixels of the window over which albedo and normal differences are averaged.
         pub window: u32 = 8, |window| (1..=64).contains(&window), "1 to 64 pixels";
@@ -25,7 +25,7 @@ dapple_core::options! {
         pub zero: f64 = 0.61, |zero| zero > 0.0 && zero <= 4.0, "above 0 and at most 4";
         /// Minimum bandwidth in cycles per pixel.
         pub least: f64 = 0.015625, |least| (0.001..=0.5).contains(&least), "0.001 to 0.5 cycles per pixel";
-        /// Maximum growth of 1 / bandwidth per pixel, so that kernels do not reach across edges.
+        /// Maximum increase of (1 / bandwidth) from one pixel to the next, so that kernels do not reach across edges.
         pub growth: f64 = 1.0 => "1", |growth| growth > 0.0 && growth <= 64.0, "above 0 and at most 64";
     }
 }

@@ -26,9 +26,10 @@ pub(crate) struct RenderArgs {
     #[arg(value_name = "SCENE", default_value = bundled::DEFAULT)]
     pub(crate) scene: PathBuf,
 
-    /// Image file to write: .exr (all layers, settings in the header), .pfm or .png; may be repeated
+    /// Image file to write: .exr (all layers; settings in the header), .pfm or .png; may be repeated
     ///
-    /// A .plan file plans the first stage of a render on many machines, and traces nothing; see `dapple plan --help`.
+    /// If the name ends in .plan, nothing is rendered; only the plan of the first stage of a multi-machine render is written
+    /// (see `dapple plan --help`).
     ///
     /// Without this option, NAME.exr and NAME.png are written to the current folder, and the sample map
     /// NAME-samples.png unless the sampler is uniform. NAME is the file name in the scene's Film, otherwise the name of the
@@ -38,8 +39,8 @@ pub(crate) struct RenderArgs {
 
     /// Sampler (how many samples each pixel gets); `dapple samplers` lists all
     ///
-    /// The default minimises squared error / (radiance² + epsilon); a smaller epsilon sends more samples to dark pixels. It suits
-    /// the default filter; with `--filter none`, use `adaptive:epsilon=0.01`.
+    /// The default minimises squared error / (radiance² + epsilon); a smaller epsilon sends more samples to dark pixels. The
+    /// default epsilon suits the default filter; with `--filter none`, use `adaptive:epsilon=0.01`.
     #[arg(long, value_name = "NAME[:key=value,…]", default_value = dapple_job::DEFAULT_SAMPLER, value_parser = sampler)]
     #[arg(help_heading = "Method")]
     pub(crate) sampler: String,
@@ -85,9 +86,9 @@ pub(crate) struct RenderArgs {
     #[arg(allow_negative_numbers = true)]
     pub(crate) error: Option<f64>,
 
-    /// Image whose error --error limits
+    /// Whether --error applies to the filtered (denoised) or to the unfiltered image
     ///
-    /// With filters that do not estimate their error (oidn and its blend), it is always the unfiltered image.
+    /// Filters without an error estimate (oidn, oidn-blend) always use the unfiltered image.
     #[arg(long, value_name = "IMAGE", default_value = "filtered", requires = "error", help_heading = "Bounds")]
     #[arg(value_parser = error_of())]
     pub(crate) error_of: ErrorOf,
@@ -112,14 +113,14 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "N", help_heading = "Image")]
     pub(crate) max_depth: Option<u32>,
 
-    /// How a light (or part of an environment map) is chosen: by power, uniform, or learned from samples [default: learned; with --shard, power]
+    /// How lights (and parts of environment maps) are selected: power (in proportion to power), uniform, or learned (from samples) [default: learned; with --shard, power]
     #[arg(long, alias = "light-choice", value_name = "HOW", value_parser = light_selection)]
     #[arg(help_heading = "Method")]
     pub(crate) light_selection: Option<LightSelection>,
 
     /// Leave out effects that the scene uses, separated by commas; `dapple effects` lists a scene's effects
     ///
-    /// The image then differs and costs less. A warning and the header of EXR files name the effects.
+    /// The image then differs and costs less. The omitted effects are listed in a warning and in EXR headers.
     #[arg(long, value_name = "EFFECT", value_delimiter = ',', help_heading = "Image")]
     pub(crate) without: Vec<Effect>,
 
@@ -143,9 +144,9 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "DIR", help_heading = "Image")]
     pub(crate) maps: Option<PathBuf>,
 
-    /// Record albedo, normal, depth and coverage of first hits with any filter, as layers of the EXR files
+    /// Write albedo, normal, depth and coverage of first hits to the EXR files, whichever filter is used
     ///
-    /// The default filter records them anyway. Other denoisers read these layers; the image stays the same.
+    /// Other denoisers read these layers. The default filter writes them anyway. The image itself does not change.
     #[arg(long, help_heading = "Image")]
     pub(crate) features: bool,
 
@@ -174,9 +175,9 @@ pub(crate) struct RenderArgs {
 
     /// Layers of EXR files besides the image, separated by commas, or none [default: all that the render has]
     ///
-    /// unfiltered, variance, count, error, cluster, albedo, normal, depth (path length to the first hit), coverage,
-    /// A (coverage, as alpha), Z (distance along the camera's axis). Naming albedo, normal, depth, coverage, A or Z records
-    /// it, as --features does.
+    /// Available layers: unfiltered, variance, count, error, cluster, albedo, normal, depth (path length to the first hit),
+    /// coverage, A (coverage, as alpha), Z (distance along the camera's axis). Listing albedo, normal, depth, coverage, A or
+    /// Z also turns on recording, as --features does.
     #[arg(long, value_name = "NAME,…", value_delimiter = ',', value_parser = layer, help_heading = "Image")]
     #[arg(conflicts_with = "features")]
     pub(crate) layers: Option<Vec<EachLayer>>,
@@ -203,39 +204,42 @@ pub(crate) struct RenderArgs {
     /// Resume from this checkpoint, and keep writing to it; the image has the same bits as without interruption
     ///
     /// Repeat the arguments of the interrupted render. The budget may be larger, and the filter may differ if the
-    /// checkpoint holds the data that it needs. A missing FILE is an error. With the same FILE in --checkpoint and
-    /// --resume, the first run starts new and later runs continue.
+    /// checkpoint holds the data that it needs.
+    ///
+    /// If FILE does not exist, Dapple stops with an error, unless --checkpoint names the same FILE; then the render starts
+    /// from the beginning. So the same command can be repeated until the render is done.
     #[arg(long, value_name = "FILE", help_heading = "Interruption")]
     pub(crate) resume: Option<PathBuf>,
 
-    /// Render part I of N (from 1), every N-th band of rows, for `dapple merge`; -o names a .part file
+    /// Render part I of N (I = 1 to N): every N-th band of rows. Write it with `-o FILE.part`; `dapple merge` joins the parts
     ///
-    /// Needs --spp and a sampler whose counts do not depend on the samples (uniform, cluster-thesis); with --from, any
-    /// sampler. --checkpoint keeps finished bands.
+    /// Without --from, it needs --spp and a sampler whose counts do not depend on the samples (uniform, cluster-thesis).
+    /// Finished bands are saved with --checkpoint.
     #[arg(long, value_name = "I/N", help_heading = "Interruption")]
     #[arg(conflicts_with_all = ["maps", "features", "json", "time", "error", "preview", "view"])]
     pub(crate) shard: Option<Shard>,
 
-    /// Render part I/N of this plan file, with --shard I/N; -o names a .part file, for `dapple plan`
+    /// Render one part of the stage planned in this file. Requires `--shard I/N`; write the part with `-o FILE.part`, for
+    /// `dapple plan`
     ///
     /// Scene and settings come from the plan; do not repeat them. Any sampler and learned light selection work.
     #[arg(long, value_name = "PLAN", requires = "shard", help_heading = "Interruption")]
     #[arg(conflicts_with_all = ["maps", "features", "json", "time", "error", "preview", "view"])]
     pub(crate) from: Option<PathBuf>,
 
-    /// Read the description of the render from this JSON file, in place of SCENE and the options of Method, Budget, Bounds and Image
+    /// Read the render settings from this JSON file, in place of SCENE and the options of Method, Budget, Bounds and Image
     ///
     /// --exposure, --maps, --features, --layers and --half still apply.
     #[arg(long, value_name = "FILE", help_heading = "Description")]
     pub(crate) spec: Option<PathBuf>,
 
-    /// Print the description of the render as JSON, for --spec, without rendering
+    /// Print the render settings as JSON, for --spec, without rendering
     #[arg(long, help_heading = "Description")]
     pub(crate) print_spec: bool,
 
     /// Memory limit, such as 2G, 500M or a number of bytes; larger renders are refused [default: the machine's memory]
     ///
-    /// The summary prints the estimate: scene + film + sampler + the peak of planning, filtering or writing.
+    /// The summary prints the estimate: scene + film + sampler + the largest of setting counts, filtering and writing.
     #[arg(long, value_name = "SIZE", value_parser = size)]
     pub(crate) memory: Option<u64>,
 

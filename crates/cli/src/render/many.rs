@@ -226,8 +226,8 @@ fn worker(args: &RenderArgs, spec: &RenderSpec, stop: Stop) -> Result<Job> {
 
 /// Plan the next stage of a render on many machines, from the parts of the stage before
 ///
-/// Samplers and light selection that learn from samples need all samples of a stage before the next one. A stage is a
-/// training pass of the light selection, or the remaining samples of the sampler's round. `dapple render --from PLAN
+/// Samplers and light selection that learn from samples need all samples of a stage before the next one. A stage is one
+/// training pass of the light selection, or the rest of one round of the sampler. `dapple render --from PLAN
 /// --shard I/N` renders the parts of a stage, in any order, on any machines. After the last stage this command prints
 /// "done", and `dapple merge PLAN` makes the image, with the same bits as a render on one machine.
 #[derive(clap::Args)]
@@ -241,11 +241,11 @@ pub(crate) struct PlanArgs {
     #[arg(short, long, value_name = "PLAN")]
     output: PathBuf,
 
-    /// Plan that the parts belong to [default: the plan recorded in the first part]
+    /// Plan that the parts were rendered from [default: the plan recorded in the first part]
     #[arg(long, value_name = "PLAN", requires = "parts")]
     from: Option<PathBuf>,
 
-    /// Create the first plan from this JSON description (see `dapple render --print-spec`); takes no PART
+    /// Create the first plan from these render settings (JSON, see `dapple render --print-spec`), without PART arguments
     #[arg(long, value_name = "FILE", conflicts_with_all = ["parts", "from"])]
     spec: Option<PathBuf>,
 
@@ -280,8 +280,9 @@ type Film = Box<dyn FnOnce(&mut Job) -> std::result::Result<Traced, JobError>>;
 
 /// Make an image from parts that several machines rendered, or from the final .plan of a multi-stage render
 ///
-/// The image has the same bits as a render on one machine with the same arguments; for parts without a plan,
-/// these include their default `--light-selection power`. The scene is read again, from the path in the files or from --scene.
+/// The image has the same bits as a render on one machine with the same arguments. Parts rendered without a plan use
+/// `--light-selection power` by default; give the single-machine render the same option. The scene is read again, from the
+/// path in the files or from --scene.
 #[derive(clap::Args)]
 #[command(after_help = include_str!("../help/merge.txt").trim_end())]
 pub(crate) struct MergeArgs {
