@@ -57,7 +57,11 @@ impl<P: PointSet> Adaptive<P> {
         if let Some(map) = &self.errors {
             let errors = (map.of)(film)?;
             if errors.len() != scores.len() {
-                let what = format!("{} values for {} pixels; return one per pixel", errors.len(), scores.len());
+                let what = format!(
+                    "the error map has {} values for {} pixels; return one value per pixel",
+                    errors.len(),
+                    scores.len()
+                );
                 return Err(Error::Mismatch { who: map.name.clone(), what });
             }
             self.blend_errors(&errors, film, &mut scores);

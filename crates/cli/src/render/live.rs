@@ -73,7 +73,7 @@ impl Live {
         let worker = std::thread::Builder::new().name("live image".into());
         match worker.spawn(move || places.show_all(&images, &is_busy)) {
             Ok(worker) => (self.worker, self.due) = (Some((sender, worker)), Some(Instant::now())),
-            Err(e) => output::warn(format!("the live image cannot be shown: {e}")),
+            Err(e) => output::warn(format!("the live image cannot be shown: {e}; rendering continues without it")),
         }
     }
 
@@ -122,7 +122,10 @@ impl Places {
             if let Some(viewer) = &mut self.viewer
                 && let Err(e) = viewer.show(&image)
             {
-                output::warn(format!("--view: {} stopped listening: {e}; rendering continues", viewer.address()));
+                output::warn(format!(
+                    "--view: {} stopped listening: {e}; rendering continues without it",
+                    viewer.address()
+                ));
                 self.viewer = None;
             }
             if let Some(path) = &self.preview

@@ -19,7 +19,7 @@ fn optional_filters_name_what_is_missing() {
         let expected = if cfg!(feature = "oidn") {
             "DAPPLE_OIDN = \"/nonesuch/oidn.so\" cannot be loaded: "
         } else {
-            "is not in this program; build it with the feature \"oidn\""
+            "is not in this program; build Dapple with the feature \"oidn\""
         };
         assert!(error.contains(expected), "{error}");
     }
@@ -99,7 +99,7 @@ fn wrong_words_end_with_usage() {
         ("render tiny.pbrt --sampler nonesuch", unknown.as_str()),
         (
             "render tiny.pbrt --min-spp 5 --max-spp 2",
-            "error: --min-spp: 5 is above the maximum number of samples per pixel, 2; lower it, or raise the maximum\n\n\
+            "error: --min-spp: 5 is above the maximum number of samples per pixel, 2; lower this number, or raise the maximum\n\n\
              Usage: dapple render [OPTIONS] [SCENE]\n\nFor more information, try '--help'.\n",
         ),
         (
@@ -122,7 +122,7 @@ fn scenes_that_cannot_be_rendered_say_why() {
     folder.write("broken.pbrt", broken + "Shape \"teapotahedron\"\n");
     folder.write("empty.pbrt", "");
     let missing = format!(
-        "error: missing.pbrt: there is no such file, and no such bundled scene; the bundled scenes are {}\n",
+        "error: missing.pbrt: no such file or bundled scene; the bundled scenes are {}\n",
         bundled::names().join(", ")
     );
     let golden = [

@@ -208,7 +208,7 @@ fn damage_is_found_and_the_previous_generation_used_x03() {
     }
     std::fs::write(folder.path().join("a.previous"), b"dapple").unwrap();
     let said = Store::read(&path, StateKind::Checkpoint).unwrap_err().to_string();
-    for part in ["a: it is not a Dapple file; and ", "a.previous: it is truncated"] {
+    for part in ["a: the file is not a Dapple file; and ", "a.previous: the file is truncated"] {
         assert!(said.contains(part), "{said}");
     }
     let said = Store::read(&folder.path().join("b"), StateKind::Checkpoint).unwrap_err().to_string();

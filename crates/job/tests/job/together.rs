@@ -153,7 +153,7 @@ fn a_damaged_checkpoint_is_refused_with_the_reason_and_its_older_version_taken()
     let file = StateFile::from_bytes(bytes.clone()).unwrap();
     let empty = StateFile::new(StateKind::Checkpoint, file.identity, dapple_core::container::begin(0));
     for (damaged, what) in [
-        (&bytes[..bytes.len() - 9], "it is truncated"),
+        (&bytes[..bytes.len() - 9], "the file is truncated"),
         (&changed, "its checksum is wrong"),
         (empty.bytes(), "checkpoint: "),
     ] {

@@ -261,8 +261,8 @@ fn extensions_decide_and_directories_are_refused_i10() {
     assert_eq!(read_any_from(&given, "scan.dat", &options).unwrap().name, "scan", "content decides");
     assert_eq!(read_any_from(&given, "plain", &options).unwrap().name, "plain", "no extension: a scene");
     for (name, what) in [
-        ("m.fbx", "FBX files are not supported; open it in Blender and export glTF"),
-        ("m.foo", "its format and extension \".foo\" are unknown; export pbrt, glTF, OBJ, PLY or STL"),
+        ("m.fbx", "FBX files are not supported; open the file in Blender and export glTF"),
+        ("m.foo", "the file's format and extension \".foo\" are unknown; export pbrt, glTF, OBJ, PLY or STL"),
         ("m.obj.gz", "are compressed; unpack the file first"),
         ("z.pbrt", "compressed by gzip"),
         ("missing.stl", "cannot read missing.stl: no such file; check the name"),

@@ -154,7 +154,7 @@ fn deep_data_is_refused_by_its_name() {
     let mut bytes = small_files()[6].1.clone();
     bytes[5] |= 0x08;
     let message = read("a.exr", &bytes).unwrap_err().to_string();
-    assert_eq!(message, "a.exr: deep data in OpenEXR files is not supported; save it as a flat image");
+    assert_eq!(message, "a.exr: deep data in OpenEXR files is not supported; save the image as a flat image");
 }
 
 #[test]
