@@ -57,11 +57,8 @@ impl<P: PointSet> Adaptive<P> {
         if let Some(map) = &self.errors {
             let errors = (map.of)(film)?;
             if errors.len() != scores.len() {
-                let what = format!(
-                    "the error map has {} values for {} pixels; return one value per pixel",
-                    errors.len(),
-                    scores.len()
-                );
+                let (found, pixels) = (errors.len(), scores.len());
+                let what = format!("{found} values for {pixels} pixels; return one value per pixel");
                 return Err(Error::Mismatch { who: map.name.clone(), what });
             }
             self.blend_errors(&errors, film, &mut scores);

@@ -193,8 +193,7 @@ impl<'a> Job<'a> {
     fn new(options: &'a FarmOptions, render: &RenderArgs, folder: &Path) -> Result<Self> {
         let mut spec = render.spec()?;
         if matches!(spec.budget, BudgetSpec::Seconds(_)) {
-            let wrong = "--time cannot be used, since the tasks of a job have no common clock; use --spp or --error \
-                         (--time works with mpirun)";
+            let wrong = "--time cannot be used, since the tasks of a job have no common clock; use --spp or --error (--time works with mpirun)";
             return Err(Failure::usage("farm", wrong));
         }
         let name = file_stem(&spec.scene).unwrap_or_else(|| "render".into());

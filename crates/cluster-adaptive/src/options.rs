@@ -137,8 +137,7 @@ pub enum Error {
     OutOfRange(#[from] dapple_core::options::OutOfRange),
     /// First-hit rays that were traced for another frame than the rendered one.
     #[error(
-        "the first-hit rays were traced for {of}, but the frame to render is {wanted}; trace first-hit rays for the \
-         frame to render, or let the sampler trace them (ClusterThesis::tracing)"
+        "the first-hit rays were traced for {of}, but the frame to render is {wanted}; trace first-hit rays for the frame to render, or let the sampler trace them (ClusterThesis::tracing)"
     )]
     OtherFrame {
         /// The frame of the first-hit rays, as text.

@@ -139,12 +139,7 @@ impl<P: PointSet> ClusterThesis<P> {
         options: ClusterThesisOptions,
     ) -> Result<Self, Error> {
         if options.lights > 0 {
-            return Err(Error::range(
-                "lights",
-                options.lights,
-                "0, or 2 to 1024 in a sampler made by \
-                                                               ClusterThesis::tracing",
-            ));
+            return Err(Error::range("lights", options.lights, "0, or 2 to 1024 with ClusterThesis::tracing"));
         }
         let importance = importance(first_hits, clusters, &size, &options)?;
         let prior = Some(Prior::new(*first_hits.frame(), importance));
@@ -206,14 +201,7 @@ impl<P: PointSet> ClusterThesis<P> {
         let mut importance = importance(&first_hits, &source.clusters, &self.size, &self.options)?;
         let (rays, clock) = (self.options.lights, Clock::of_machine());
         if rays > 0 {
-            let lacks = || {
-                Error::range(
-                    "lights",
-                    rays,
-                    "0, or 2 to 1024 with a function that traces shadow rays \
-                                                         (ClusterThesis::with_visibility)",
-                )
-            };
+            let lacks = || Error::range("lights", rays, "0, or 2 to 1024 with ClusterThesis::with_visibility");
             let visible = self.visible.as_ref().ok_or_else(lacks)?;
             let clusters = source.clusters.len();
             importance

@@ -188,8 +188,7 @@ pub enum Error {
     },
     /// The number of materials is neither 0 nor the number of triangles.
     #[error(
-        "the numbers of materials ({materials}) and triangles ({triangles}) differ; give one material per triangle, \
-         or none if all triangles share one"
+        "the numbers of materials ({materials}) and triangles ({triangles}) differ; give one material per triangle, or none if all triangles share one"
     )]
     BadMaterials {
         /// The number of materials passed.

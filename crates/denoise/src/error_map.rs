@@ -352,8 +352,7 @@ pub fn relative_errors(filtered: &Filtered, epsilon: f32) -> Result<Vec<f32>, Er
     let Some(error) = &filtered.error else {
         return Err(Error::other(
             "relative_errors",
-            "the filtered image has no error estimate; record variances, or \
-                                                    use another filter",
+            "the filtered image has no error estimate; record variances, or use another filter",
         ));
     };
     let size = filtered.size.map(|n| n as usize);

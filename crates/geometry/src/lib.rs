@@ -89,9 +89,7 @@ pub enum Error {
         objects: usize,
     },
     /// An object of an instance contains instances itself, which is not supported.
-    #[error(
-        "object {object} contains instances, but instances cannot be nested; put the instances of the object into the scene"
-    )]
+    #[error("object {object} contains instances, but instances cannot be nested; put them into the scene")]
     Nested {
         /// The index of the object in the list of objects.
         object: u32,

@@ -216,7 +216,7 @@ pub enum DenoiseError {
     },
     /// Layers without a common pixel.
     #[error("the data windows do not overlap: layer \"{}\" of {} covers pixels {}, layer \"{}\" of {} covers pixels {}; save both layers with the same data window",
-        layers[1], paths[1].display(), windows[1], layers[0], paths[0].display(), windows[0])]
+        layers[0], paths[0].display(), windows[0], layers[1], paths[1].display(), windows[1])]
     Windows {
         /// The two files.
         paths: Box<[PathBuf; 2]>,

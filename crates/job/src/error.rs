@@ -36,8 +36,7 @@ pub enum JobError {
     /// An error limit in a render whose integrator adds light to pixels other than the sampled one. The error estimate does not
     /// include the noise of that light.
     #[error(
-        "an error limit cannot be used with {integrator}: the light that this integrator adds to other pixels than \
-         the sampled one has no error estimate; set the number of samples or a time limit, or use bdpt:splat=0"
+        "an error limit cannot be used with {integrator}: the light that this integrator adds to other pixels than the sampled one has no error estimate; set the number of samples or a time limit, or use bdpt:splat=0"
     )]
     SplatsWithoutError {
         /// The integrator, as requested.
@@ -149,8 +148,8 @@ fn refusal(estimate: &MemoryEstimate, limit: MemoryLimit, advice: &str) -> Strin
 }
 
 fn other_render(path: &std::path::Path, differences: &[String]) -> String {
-    let first = "the file belongs to another render; use the arguments of that render, or another file; the \
-                 differences are:";
+    let first =
+        "the file belongs to another render; use the arguments of that render, or another file; the differences are:";
     let lines = std::iter::once(first).chain(differences.iter().map(String::as_str));
     lines.map(|line| format!("{}: {line}", path.display())).collect::<Vec<_>>().join("\n")
 }

@@ -367,8 +367,7 @@ impl RenderSpec {
         let (min, most, field) = (self.min_spp, self.max_spp.unwrap_or(u32::MAX), self.budget.field());
         let above = |what: &dyn std::fmt::Display| {
             format!(
-                "{what} is above the maximum number of samples per pixel, {most}; lower this number, or raise the \
-                     maximum"
+                "{what} is above the maximum number of samples per pixel, {most}; lower this number, or raise the maximum"
             )
         };
         refuse(min > most, "min_spp", || above(&min))?;
@@ -383,8 +382,7 @@ impl RenderSpec {
             BudgetSpec::Spp(spp) => {
                 refuse(spp < f64::from(min), field, || {
                     format!(
-                        "{spp} is below the minimum number of samples per pixel, {min}; raise this number, or lower \
-                         the minimum"
+                        "{spp} is below the minimum number of samples per pixel, {min}; raise this number, or lower the minimum"
                     )
                 })?;
                 refuse(spp > f64::from(most), field, || above(&spp))

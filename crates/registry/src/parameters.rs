@@ -49,8 +49,7 @@ impl Parameters {
         if value.contains(':') {
             let inner = dapple_core::options::nested(value);
             return Err(self.refuse(format!(
-                "{key} = \"{value}\" contains \":\"; write \"/\" for \":\" and \",\", as \
-                                            in {key}={inner}"
+                "{key} = \"{value}\" contains \":\"; write \"/\" for \":\" and \",\", as in {key}={inner}"
             )));
         }
         make(&dapple_core::options::unnested(value)).map_err(|error| match error {

@@ -458,12 +458,8 @@ fn check_method(method: &Method, spp: u64, external: &[External]) -> Result<(), 
     let made =
         registry::points(points, PointSettings { seed: 0, spp: Some(spp) }).map_err(|e| refuse(e.to_string()))?;
     let capacity = made.capacity();
-    let needs = || {
-        refuse(format!(
-            "\"{points}\" has only {capacity} points per pixel, but {spp} spp need more; lower \
-                                   spp, or use another point set"
-        ))
-    };
+    let needs =
+        || refuse(format!("\"{points}\" has only {capacity} points per pixel, fewer than {spp} spp need; lower spp"));
     if spp <= capacity { Ok(()) } else { Err(needs()) }
 }
 

@@ -290,34 +290,17 @@ fn given(plan: &Plan, file: &Path, subject: &Subject) -> Result<ReferenceRecord,
 /// Describes the first setting in which the header of a reference file differs from the study; `None` if all settings agree.
 /// `dapple render` or a study may have written the header.
 fn differences(plan: &Plan, about: &FileHeader, subject: &Subject) -> Option<String> {
+    const DEPTH: &str = "render the reference with the study's depth, or set max_depth to the depth of the reference";
     let depth = depth(subject);
     let scene = &subject.scene.name;
     let expected = [
-        (
-            "study-scene",
-            subject.content.hex(),
-            "omit the reference to render one, since the scene's files have changed",
-        ),
-        (
-            "study-max-depth",
-            depth.clone(),
-            "render the reference with the study's depth, or set max_depth to the \
-                                            depth of the reference",
-        ),
+        ("study-scene", subject.content.hex(), "omit the reference, since the scene's files have changed"),
+        ("study-max-depth", depth.clone(), DEPTH),
         ("scene", scene.clone(), "give a reference of the study's scene"),
-        (
-            "max-depth",
-            depth,
-            "render the reference with the study's depth, or set max_depth to the depth of the reference",
-        ),
+        ("max-depth", depth, DEPTH),
         ("without", "none".into(), "render the reference with all effects"),
         ("interrupted", "false".into(), "finish the render of the reference, which was stopped"),
-        (
-            "pixel-filter",
-            "box filter of radius 0.5 x 0.5".into(),
-            "render the reference with --pixel-filter box, as a \
-                                                                   study does",
-        ),
+        ("pixel-filter", "box filter of radius 0.5 x 0.5".into(), "render the reference with --pixel-filter box"),
     ];
     for (key, here, advice) in expected {
         if let Some(there) = about.attribute(key).filter(|there| *there != here) {
@@ -331,12 +314,7 @@ fn differences(plan: &Plan, about: &FileHeader, subject: &Subject) -> Option<Str
     let points = kind(about.attribute("points")?);
     let seed = about.attribute("seed")?.parse().ok()?;
     let shares = plan.seeds.contains(&seed) && plan.methods.iter().any(|m| kind(&m.points) == points);
-    shares.then(|| {
-        format!(
-            "it was rendered with points {points} and seed {seed}, as some runs are, and would share \
-                            samples with those runs; render the reference with another seed"
-        )
-    })
+    shares.then(|| format!("it was rendered with points {points} and seed {seed}, as some runs are, and would share samples with those runs; render the reference with another seed"))
 }
 
 /// The name in `NAME:key=value,…`, without its parameters.

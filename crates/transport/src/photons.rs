@@ -133,8 +133,7 @@ impl<'w> PhotonLight<'w> {
         let [least, most] = [least, most].map(|radius| f64::from(radius) / self.world.space().scale());
         let radius = self.options.radius;
         Err(MakeError::Scene(format!(
-            "radius={radius:?} does not fit the scene; use {least:.3e} to {most:.3e}, or 0 \
-                                      for the default"
+            "radius={radius:?} does not fit the scene; use {least:.3e} to {most:.3e}, or 0 for the default"
         )))
     }
 

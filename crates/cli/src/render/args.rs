@@ -330,9 +330,7 @@ impl RenderArgs {
         let is_part = |path: &PathBuf| has_extension(path, "part") || has_extension(path, "shard");
         if self.outputs.len() > 1 || !self.outputs.iter().all(is_part) {
             return Err(
-                "--shard needs a single --output that ends in .part; make the image from all parts with dapple \
-                        merge"
-                    .into(),
+                "--shard needs a single --output, a .part file; dapple merge makes the image from all parts".into()
             );
         }
         Ok(())

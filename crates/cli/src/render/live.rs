@@ -122,10 +122,7 @@ impl Places {
             if let Some(viewer) = &mut self.viewer
                 && let Err(e) = viewer.show(&image)
             {
-                output::warn(format!(
-                    "--view: {} stopped listening: {e}; rendering continues without it",
-                    viewer.address()
-                ));
+                output::warn(format!("--view: {} stopped listening: {e}; rendering continues", viewer.address()));
                 self.viewer = None;
             }
             if let Some(path) = &self.preview

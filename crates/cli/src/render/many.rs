@@ -74,14 +74,8 @@ pub(super) fn first_plan(spec: &RenderSpec, output: &Path, options: &PlanOptions
 /// Joins the parts of a plan, and writes the next plan.
 fn next_plan(parts: &[PathBuf], from: Option<&Path>, output: &Path, options: &PlanOptions) -> Result<Outcome> {
     let rows = RowsFiles::read(parts)?;
-    let named = || {
-        rows.plan().ok_or_else(|| {
-            Failure::new(
-                "these parts were rendered without a plan; make the image \
-                                                           with dapple merge",
-            )
-        })
-    };
+    let named =
+        || rows.plan().ok_or_else(|| Failure::new("these parts have no plan; make the image with dapple merge"));
     let from = &*from.map_or_else(named, |from| Ok(from.to_owned()))?;
     keep(output, parts.iter().map(|part| ("a part", part.as_path())).chain([("--from", from)]))?;
     let plan = PlanFile::read(from)?;

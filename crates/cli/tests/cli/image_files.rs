@@ -260,7 +260,7 @@ fn pixels_of_parts_are_paired_in_the_display() {
     assert!(error(&out, 0, "R", 0) < 0.1 * error(&a, 0, "R", 0), "{}", error(&out, 0, "R", 0));
     assert_eq!(floats(&out, 1, "R"), floats(&a, 1, "R"));
     two(&folder, make(Window { origin: [70, 7], size: [30, 28] }));
-    let message = "the data windows do not overlap: layer \"rgba\" of a.exr covers pixels (30,7)-(69,34), layer \"albedo\" of TODO covers pixels (70,7)-(99,34)";
+    let message = "the data windows do not overlap: layer \"rgba\" of a.exr covers pixels (30,7)-(69,34), layer \"albedo\" of a.exr covers pixels (70,7)-(99,34)";
     folder.says("denoise a.exr b.exr -o none.exr", 1, &[message]);
 }
 

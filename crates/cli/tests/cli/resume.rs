@@ -272,7 +272,7 @@ fn shards_that_make_no_image_x07() {
     for (shards, expected) in [
         (
             format!("{a} filtered.shard {c}"),
-            format!("filtered.shard: the part belongs to another render than {a} (filter: gaussian"),
+            format!("filtered.shard: the part belongs to another render than {a}: filter: gaussian"),
         ),
         (format!("{a} more.shard {c}"), "more.shard: the rows belong to another stage".into()),
     ] {

@@ -54,7 +54,7 @@ fn wrong_plans_and_parts_are_refused() {
     for (words, expected) in [
         ("plan 1.part -o 1.plan", "are missing; pass every part exactly once"),
         ("plan 1.part 1.part 2.part -o 1.plan", "1.part: the rows were joined already"),
-        ("plan 1.part foreign.part -o 1.plan", "foreign.part: the part belongs to another render than 1.part ("),
+        ("plan 1.part foreign.part -o 1.plan", "foreign.part: the part belongs to another render than 1.part: "),
         ("plan 1.part cut.part -o 1.plan", "cut.part: it is "),
         ("plan 1.part nowhere.part -o 1.plan", "nowhere.part: there is no such file; check the name of the part"),
         ("plan 1.part 2.part -o 0.plan", "this file is --from (0.plan); write to another"),

@@ -91,8 +91,7 @@ impl<'s> Round<'s> {
             _ => {
                 let [left, top, right, bottom] = window;
                 let what = format!(
-                    "it is empty or reaches outside the window; choose a tile within columns \
-                                    {left}..{right} and rows {top}..{bottom}"
+                    "it is empty or outside the window; stay within columns {left}..{right} and rows {top}..{bottom}"
                 );
                 Err(Error::BadTile { area: [x0, y0, x1, y1], what })
             }
@@ -125,8 +124,7 @@ impl<'s> Round<'s> {
         if tile.left() > 0 {
             let missing = tile.missing();
             return bad(format!(
-                "results of {missing} of its samples are missing; add one result for each sample in \
-                                Tile::samples"
+                "results of {missing} of its samples are missing; add a result for each of Tile::samples"
             ));
         }
         if let (InvalidSample::Fail, Some((sample, value))) = (self.limits.invalid, tile.tally.first_rejected) {

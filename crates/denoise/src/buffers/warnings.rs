@@ -89,27 +89,18 @@ impl fmt::Display for Warning {
                 "normals are not of unit length; pass unit vectors, or shorter ones where normals vary within a pixel"
             ),
             Self::Albedo { share } => {
-                write!(
-                    f,
-                    "the albedo is outside 0 to 1 in {:.1} % of the pixels; pass reflectances from 0 to 1",
-                    100.0 * share
-                )
+                write!(f, "the albedo is outside 0 to 1 in {:.1} % of the pixels; pass reflectances", 100.0 * share)
             }
             Self::Emission { share } => write!(
                 f,
-                "the emission is above the radiance in {:.1} % of the emitting pixels, as if both came from different \
-                 samples; pass the emission of the image's own samples, or none",
+                "the emission is above the radiance in {:.1} % of the emitting pixels, as if both came from different samples; pass the emission of the image's own samples, or none",
                 100.0 * share
             ),
             Self::ExchangedFeatures => {
                 write!(f, "the normals look like albedo, and the albedo looks like normals; swap the two buffers")
             }
             Self::Depth { share } => {
-                write!(
-                    f,
-                    "the depth is 0 or less in {:.1} % of the pixels with hits; pass distances above 0",
-                    100.0 * share
-                )
+                write!(f, "the depth is 0 or less in {:.1} % of the hits; pass distances above 0", 100.0 * share)
             }
             Self::Filled { pixels } => {
                 write!(f, "pixels without a finite sample are filled from their neighbours: {pixels}")

@@ -121,10 +121,7 @@ impl OutputFiles {
     pub fn prepare(&self) -> Result<(), JobError> {
         if let Some(folder) = &self.maps {
             let cannot = |e| {
-                JobError::Files(vec![format!(
-                    "{}: cannot create the folder: {e}; choose another folder",
-                    folder.display()
-                )])
+                JobError::Files(vec![format!("{}: cannot create the folder: {e}; choose another", folder.display())])
             };
             std::fs::create_dir_all(folder).map_err(cannot)?;
         }

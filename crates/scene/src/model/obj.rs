@@ -272,9 +272,9 @@ impl Parser {
 
     /// Adds a notice of a statement that is left out, once for each reason.
     fn leave_out(&mut self, keyword: &str, why: &str, line: u32) {
-        let (list, why) = (&mut self.notices, format!(" is left out: it {why}"));
-        if list.len() < MOST_LEFT_OUT && !list.iter().any(|(known, _)| known.ends_with(&why)) {
-            list.push((format!("\"{}\"{why}", shown(keyword)), line));
+        let list = &mut self.notices;
+        if list.len() < MOST_LEFT_OUT && !list.iter().any(|(known, _)| known.ends_with(why)) {
+            list.push((format!("left out: \"{}\" {why}", shown(keyword)), line));
         }
     }
 

@@ -48,9 +48,8 @@ pub fn read_stl(bytes: &[u8]) -> Result<ModelMesh, ModelError> {
     };
     if promised > bytes.len() as u64 {
         let found = format!("only {} bytes follow instead of {FACET_LENGTH} for each", bytes.len() - HEADER);
-        let what = format!(
-            "the header declares {count} facets, but {found}; the file is cut off or damaged; copy or export the file again"
-        );
+        let what =
+            format!("the header declares {count} facets, but {found}; the file is damaged; copy or export it again");
         return Err(what.into());
     }
     let mut welder = Welder::default();
@@ -173,7 +172,7 @@ fn read_text(text: &str) -> Result<ModelMesh, ModelError> {
         } else {
             return Err(ModelError::at(
                 line,
-                "only `solid` is allowed outside of a solid; the file is damaged; copy or export the file again",
+                "only `solid` is allowed outside of a solid; the file is damaged; copy or export it again",
             ));
         }
     }
@@ -207,8 +206,7 @@ fn read_facet(words: &mut Words<'_>) -> Result<[[f32; 3]; 3], &'static str> {
 /// The error of a facet that begins at a line and lacks these words.
 fn bad_facet(line: u32, words: &str) -> ModelError {
     let what = format!(
-        "the file was read as text STL, but the next facet lacks `{words}` or numbers; the file is cut off, damaged or of \
-         another format; copy or export the file again"
+        "the file was read as text STL, but the next facet lacks `{words}` or numbers; the file is cut off, damaged or of another format; copy or export the file again"
     );
     ModelError::at(line, what)
 }

@@ -268,11 +268,7 @@ impl Reader<'_> {
             self.log.problem(whole, what);
         }
         if lights.is_empty() && shapes.iter().all(|s| s.emission.is_none()) {
-            self.log.problem(
-                whole,
-                "no lights remain after unsupported ones and area lights without a shape are left \
-                                     out; add a supported light",
-            );
+            self.log.problem(whole, "no lights remain after unsupported ones and area lights without a shape are left out; add a supported light");
         }
     }
 

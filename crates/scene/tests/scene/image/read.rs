@@ -281,7 +281,9 @@ fn empty_and_foreign_files_are_refused_with_advice() {
     }
     assert!(message("🎨.gif", b"GIF89a").starts_with("🎨.gif: unknown image format; convert it to PNG"));
     assert!(message("a.png", b"").contains("unknown image format"));
-    assert!(message("a.hdr", b"#?RADIANCE\nFORMAT=32-bit_rle_xyze\n\n-Y 1 +X 1\n0000").contains("save it as RGBE"));
+    assert!(
+        message("a.hdr", b"#?RADIANCE\nFORMAT=32-bit_rle_xyze\n\n-Y 1 +X 1\n0000").contains("save the image as RGBE")
+    );
     let depth = ["Z", "ZBack"].map(|name| (name, vec![1.0_f32].into()));
     let depth = encode_exr([1, 1], &[Layer { name: String::new(), channels: depth.into() }], &[]).unwrap().bytes;
     assert!(message("a.exr", &depth).contains("its channels are Z, ZBack"));
