@@ -154,7 +154,7 @@ fn a_signal_leaves_image_and_checkpoint_x08() {
         let child = folder.start(&format!("{words} --spp 100000 -q -o a.pfm -o a.exr {first}"));
         assert!(folder.wait_for("c", &None), "no checkpoint");
         // One writer at a time.
-        folder.says(&format!("{words} --spp 1 -q -o b.pfm --resume c"), 1, &["c: another process is writing to it"]);
+        folder.says(&format!("{words} --spp 1 -q -o b.pfm --resume c"), 1, &["c: another process is writing to this file"]);
         std::thread::sleep(Duration::from_millis(100));
         let asked = Instant::now();
         signal(&child, name);
@@ -294,7 +294,7 @@ fn shards_that_make_no_image_x07() {
     // A scene that moved, and one that changed.
     std::fs::create_dir(folder.path("new")).unwrap();
     std::fs::rename(folder.path("tiny.pbrt"), folder.path("new/tiny.pbrt")).unwrap();
-    folder.says(&format!("merge {a} {b} {c} -q -o p.pfm"), 1, &["tiny.pbrt: there is no such file"]);
+    folder.says(&format!("merge {a} {b} {c} -q -o p.pfm"), 1, &["tiny.pbrt: no such file or bundled scene"]);
     folder.done(&format!("merge {a} {b} {c} -q -o p.pfm --scene new/tiny.pbrt"));
     let scene = folder.text("new/tiny.pbrt").replace("[ 4 4 4 ]", "[ 4 4 5 ]");
     folder.write("new/tiny.pbrt", scene);

@@ -175,7 +175,7 @@ fn wrong_words_say_what_there_is() {
         (&with("nowhere.exr"), 1, "nowhere.exr: cannot read the reference"),
         (&format!("--set resolution=13x8 {}", with("r.exr")), 1, "it has 24x16 pixels, but the study uses 13x8"),
         (&with("c.exr"), 1, "its header states scene \"cornell\", but the study has \"tiny\""),
-        (&format!("--set max_depth=2 {}", with("r.exr")), 1, "its max depth is "),
+        (&format!("--set max_depth=2 {}", with("r.exr")), 1, "its header states max depth "),
     ];
     for (words, status, message) in cases {
         let said = folder.says(&format!("study -o s {words}"), status, &["error: ", message]);

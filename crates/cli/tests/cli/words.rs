@@ -69,9 +69,9 @@ fn settings_are_refused_before_anything_is_rendered_i06() {
         ("--sampler variance:policy=maybe", 2, "use keep, discard, cross or neighbours"),
         ("--pixel-filter round", 2, "possible values: scene, box"),
         ("--without nonesuch", 2, "unknown effect \"nonesuch\"; choose among soft-shadows, several-lights, glossy, "),
-        ("--without glossy", 1, "the scene does not use this effect; it uses soft-shadows, interreflection"),
+        ("--without glossy", 1, "the scene does not use this effect; choose among soft-shadows, interreflection"),
         ("--without interreflection --without glossy", 1, "error: cannot leave out glossy: the scene does not use"),
-        ("--without interreflection --max-depth 1", 1, "it uses soft-shadows\n"),
+        ("--without interreflection --max-depth 1", 1, "choose among soft-shadows\n"),
         ("-o a.jpg", 2, ".exr, .pfm or .png"),
         ("-o a.png -o a.png", 2, "given twice"),
         ("-o nowhere/a.png", 1, "create the directory first"),
@@ -127,7 +127,7 @@ fn scenes_that_cannot_be_rendered_say_why() {
     );
     let golden = [
         ("missing.pbrt", missing.as_str()),
-        (".", "error: .: cannot read .: not a regular file; check the name and that the file is there\n"),
+        (".", "error: .: cannot read .: not a regular file; check that it is a readable file\n"),
     ];
     // A name with a slip leads to the nearest scene.
     folder.says("render teapto", 1, &["; did you mean \"teapot\"? The bundled scenes are teapot, "]);
