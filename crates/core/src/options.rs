@@ -43,7 +43,7 @@ impl From<OutOfRange> for crate::Error {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum OptionError {
     /// An item without an equals sign.
-    #[error("\"{item}\" is not of the form key=value; write the parameter and its value in this form")]
+    #[error("\"{item}\" is not of the form key=value; give each parameter a value")]
     NotAPair {
         /// The list item, as given.
         item: String,

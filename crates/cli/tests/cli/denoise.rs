@@ -291,7 +291,7 @@ fn what_cannot_be_denoised_is_refused_with_advice() {
             2,
             &["unknown kind of layer \"normals\"", "choose among color, variance"],
         ),
-        ("in.exr -o out.exr --layer Ns", 2, &["\"Ns\" is not KIND=NAME"]),
+        ("in.exr -o out.exr --layer Ns", 2, &["\"Ns\" is not of the form KIND=NAME"]),
         ("in.exr small.exr -o out.exr", 1, &["small.exr: the image has 3x2 pixels, but in.exr has 40x24"]),
         ("in.exr -o in.exr --spp 8", 1, &["in.exr: this output is also an input; choose another name"]),
         ("in.exr -o ./in.exr --spp 8", 1, &["this output is also an input"]),

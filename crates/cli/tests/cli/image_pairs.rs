@@ -95,7 +95,7 @@ fn advice_names_options_of_the_command_line() {
     folder.write("b.exr", folder.read("a.exr"));
     let message = "b.exr: the image is identical to that of a.exr, so the two images show no noise; give two renders with different seeds";
     folder.says("denoise a.exr b.exr -o out.exr --spp 16", 1, &[message]);
-    folder.says("denoise a.exr -o out.exr --layer variance=", 2, &["\"variance=\" is not KIND=NAME"]);
+    folder.says("denoise a.exr -o out.exr --layer variance=", 2, &["\"variance=\" is not of the form KIND=NAME"]);
 }
 
 /// Normally distributed numbers, nearly, of variance 1.

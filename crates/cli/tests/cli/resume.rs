@@ -154,7 +154,11 @@ fn a_signal_leaves_image_and_checkpoint_x08() {
         let child = folder.start(&format!("{words} --spp 100000 -q -o a.pfm -o a.exr {first}"));
         assert!(folder.wait_for("c", &None), "no checkpoint");
         // One writer at a time.
-        folder.says(&format!("{words} --spp 1 -q -o b.pfm --resume c"), 1, &["c: another process is writing to this file"]);
+        folder.says(
+            &format!("{words} --spp 1 -q -o b.pfm --resume c"),
+            1,
+            &["c: another process is writing to this file"],
+        );
         std::thread::sleep(Duration::from_millis(100));
         let asked = Instant::now();
         signal(&child, name);

@@ -250,7 +250,7 @@ fn read_mtl(text: &str) -> Library {
     }
     if !unheeded.is_empty() {
         let unheeded: Vec<String> = unheeded.into_iter().take(12).collect();
-        let what = format!("materials are diffuse, by Kd and map_Kd; ignored: {}", unheeded.join(", "));
+        let what = format!("materials are diffuse, by Kd and map_Kd; {} ignored", unheeded.join(", "));
         library.notices.push((0, what));
     }
     library
