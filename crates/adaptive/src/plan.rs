@@ -57,7 +57,8 @@ impl<P: PointSet> Adaptive<P> {
         if let Some(map) = &self.errors {
             let errors = (map.of)(film)?;
             if errors.len() != scores.len() {
-                let what = format!("{} values for {} pixels; return one per pixel", errors.len(), scores.len());
+                let (found, pixels) = (errors.len(), scores.len());
+                let what = format!("{found} values for {pixels} pixels; return one value per pixel");
                 return Err(Error::Mismatch { who: map.name.clone(), what });
             }
             self.blend_errors(&errors, film, &mut scores);

@@ -77,7 +77,7 @@ pub struct Pooling {
 pub fn relative_variance(moments: &[RgbMoments], size: [u32; 2], pooling: &Pooling) -> Result<Vec<f64>, Error> {
     let [w, h] = size.map(|n| n as usize);
     if moments.len() != w * h {
-        let (value, allowed) = (moments.len().to_string(), "pass one for each pixel of the image");
+        let (value, allowed) = (moments.len().to_string(), "one for each pixel of the image");
         return Err(OutOfRange { name: "moments", value, allowed }.into());
     }
     Ok(pooled_variance(|i| moments[i], [w, h], pooling, &|_| None))

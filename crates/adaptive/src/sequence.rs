@@ -158,7 +158,7 @@ impl<A: Sampler, B: Sampler> Sampler for Sequence<A, B> {
             Some((*stage == 1, first, second))
         };
         let (is_second, first, second) =
-            parts().ok_or(Error::BadSnapshot { what: "they are not the state of two samplers" })?;
+            parts().ok_or(Error::BadSnapshot { what: "the data hold no state of two samplers" })?;
         self.is_second = is_second;
         self.first.restore(first)?;
         self.second.restore(second)

@@ -315,7 +315,7 @@ impl<P: PointSet> Sampler for Dct<P> {
         self.known.0.clear();
         match saved {
             [] => Ok(()),
-            _ => Err(Error::BadSnapshot { what: "they hold a state of the sampler dct, which keeps none" }),
+            _ => Err(Error::BadSnapshot { what: "the data hold the state of a sampler, but the sampler dct has none" }),
         }
     }
 }

@@ -114,7 +114,7 @@ impl Refinement for MdasOptions {
     /// Returns all dimensions, or an error if samples depend on random numbers outside the domain and `force` is 0.
     fn dimensions(&self, domain: &Domain) -> Result<Domain, Error> {
         if let Some(what) = domain.outside().filter(|_| self.force == 0) {
-            let allowed = "a scene without it, or force=1 (it then looks like detail)";
+            let allowed = "a scene without this noise, or force=1 (the noise then looks like detail)";
             return Err(Error::OutOfRange { name: "noise outside the domain", value: what.to_owned(), allowed });
         }
         Ok(domain.clone())

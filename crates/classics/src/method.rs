@@ -124,7 +124,7 @@ impl<P: PointSet, M: SamplingMethod> Sampler for MethodSampler<P, M> {
         self.kept = match <[u8; 8]>::try_from(saved).map(f64::from_le_bytes) {
             Ok(kept) if kept >= 0.0 => Some(kept),
             Err(_) if saved.is_empty() => None,
-            _ => return Err(Error::BadSnapshot { what: "they hold no state of this sampler" }),
+            _ => return Err(Error::BadSnapshot { what: "the data hold no state of this sampler" }),
         };
         Ok(())
     }

@@ -266,7 +266,7 @@ impl<P: PointSet> Placed<P> {
         if table.frame != Some(*frame) {
             *table = Table { frame: Some(*frame), rows: Default::default() };
         }
-        let allowed = "add new samples of the frame in the order of indices, with a coordinate for each axis";
+        let allowed = "new samples of the frame in the order of their indices, with a coordinate for each axis";
         let refused = Error::OutOfRange { name: "placed sample", value: format!("{id:?}"), allowed };
         let (pixel, rows) = (table.pixel(id), table.rows.get_mut(id.stream as usize));
         let (Some(pixel), Some(rows), true) = (pixel, rows, coordinates.len() == axes) else { return Err(refused) };
@@ -316,7 +316,7 @@ impl<P: PointSet> Placed<P> {
     pub fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
         self.clear();
         if !saved.is_empty() {
-            let table = self.table_of(saved).ok_or(Error::BadSnapshot { what: "they do not hold placed samples" })?;
+            let table = self.table_of(saved).ok_or(Error::BadSnapshot { what: "the data hold no placed samples" })?;
             self.table = Arc::new(table);
             self.publish();
         }

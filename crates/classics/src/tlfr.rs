@@ -53,7 +53,7 @@ impl FilterMethod<FilmPoints> for TlfrOptions {
     fn check(&self, points: &FilmPoints) -> Result<(), Error> {
         if Axes::of(points.domain()).has_lens() && points.defocus().is_none() {
             let allowed = "a perspective camera with a thin lens or without a lens";
-            return Err(Error::OutOfRange { name: "lens", value: "unknown blur".to_owned(), allowed });
+            return Err(Error::OutOfRange { name: "camera", value: "a lens of unknown blur".to_owned(), allowed });
         }
         Ok(())
     }

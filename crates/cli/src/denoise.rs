@@ -72,7 +72,7 @@ pub(crate) struct DenoiseArgs {
 }
 
 fn layer(argument: &str) -> std::result::Result<(LayerKind, String), String> {
-    let wrong = || format!("\"{argument}\" is not KIND=NAME, such as normal=nn");
+    let wrong = || format!("\"{argument}\" is not of the form KIND=NAME; use, for example, normal=nn");
     let (kind, name) = argument.split_once('=').ok_or_else(wrong)?;
     let kind: LayerKind = kind.parse()?;
     match name {
@@ -83,7 +83,7 @@ fn layer(argument: &str) -> std::result::Result<(LayerKind, String), String> {
 }
 
 fn fireflies(name: &str) -> std::result::Result<FireflyLight, String> {
-    FireflyLight::from_text(name).ok_or_else(|| format!("unknown \"{name}\"; use keep, drop or spread"))
+    FireflyLight::from_text(name).ok_or_else(|| format!("\"{name}\" is unknown; use keep, drop or spread"))
 }
 
 fn filter(description: &str) -> std::result::Result<String, RegistryError> {

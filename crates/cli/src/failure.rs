@@ -20,7 +20,7 @@ pub(crate) fn of_job(error: &JobError) -> Failure {
     match error {
         JobError::Spec(error) => of_spec(error),
         JobError::Read(error) => of_reader(error),
-        JobError::NoShard { .. } => Failure::new(format!("--{error}")),
+        JobError::NoShard { shard, why } => Failure::new(format!("--shard {shard}: {why}")),
         JobError::CheckpointExists { path } => {
             let with = format!("resume from it with --resume {},", path.display());
             Failure::new(error.to_string().replace("resume from it,", &with))
@@ -43,7 +43,7 @@ pub(crate) fn of_job(error: &JobError) -> Failure {
 }
 
 /// The advice for a scene that does not fit into memory.
-const SIMPLER: &str = "simplify it, or use a machine with more memory";
+const SIMPLER: &str = "simplify the scene, or use a machine with more memory";
 
 /// Converts the problems of a scene file to a failure. For unsupported features it names the option that allows them.
 pub(crate) fn of_reader(error: &ReadError) -> Failure {
@@ -53,7 +53,8 @@ pub(crate) fn of_reader(error: &ReadError) -> Failure {
         }
         _ => problem.to_string(),
     };
-    let more = (error.more > 0).then(|| format!("… and {} more problems", error.more));
+    let plural = if error.more == 1 { "" } else { "s" };
+    let more = (error.more > 0).then(|| format!("… and {} more problem{plural}", error.more));
     Failure(error.problems.iter().map(line).chain(more).collect())
 }
 

@@ -147,11 +147,11 @@ pub(crate) fn run(args: &FarmArgs) -> Result<Outcome> {
     let FarmArgs { options, render, refused } = args;
     if let Some(id) = refused {
         let option = id.replace('_', "-");
-        let wrong = format!("--{option} concerns a single process and cannot be used in a job; remove it");
+        let wrong = format!("--{option} concerns a single process and cannot be used in a job; remove this option");
         return Err(Failure::usage("farm", wrong));
     }
     let [folder] = &render.outputs[..] else {
-        return Err(Failure::usage("farm", "--output takes exactly one folder, for the job's files"));
+        return Err(Failure::usage("farm", "--output takes exactly one folder; name the folder for the job's files"));
     };
     let job = Job::new(options, render, folder)?;
     let mut files = Files::new(folder)?;
@@ -189,7 +189,7 @@ impl<'a> Job<'a> {
     fn new(options: &'a FarmOptions, render: &RenderArgs, folder: &Path) -> Result<Self> {
         let mut spec = render.spec()?;
         if matches!(spec.budget, BudgetSpec::Seconds(_)) {
-            let wrong = "tasks of a job share no clock for --time; use --spp or --error (--time works with mpirun)";
+            let wrong = "--time cannot be used, since the tasks of a job have no common clock; use --spp or --error (--time works with mpirun)";
             return Err(Failure::usage("farm", wrong));
         }
         let name = file_stem(&spec.scene).unwrap_or_else(|| "render".into());
@@ -267,7 +267,7 @@ fn image() -> impl TypedValueParser<Value = PathBuf> {
 /// Parses a word of letters, digits and underscores.
 fn word(text: &str) -> std::result::Result<String, String> {
     let plain = !text.is_empty() && text.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
-    if plain { Ok(text.to_owned()) } else { Err("use letters, digits and underscores only".into()) }
+    if plain { Ok(text.to_owned()) } else { Err("only letters, digits and underscores are allowed".into()) }
 }
 
 /// An upper bound on the number of stages: training passes of 1, 1, 2, 4, … samples per pixel, plus rounds of the sampler,

@@ -35,8 +35,8 @@ fn a_time_limit_includes_the_filter() {
 fn absurd_time_limits_are_refused() {
     let folder = Folder::new();
     for (word, why) in [
-        ("1e30", "at most 31557600 (a year) is allowed"),
-        ("1e300", "at most 31557600 (a year) is allowed"),
+        ("1e30", "at most 31557600 seconds (a year) are allowed"),
+        ("1e300", "at most 31557600 seconds (a year) are allowed"),
         ("inf", "a finite number above zero is required"),
         ("nan", "a finite number above zero is required"),
         ("0", "a finite number above zero is required"),
@@ -49,7 +49,7 @@ fn absurd_time_limits_are_refused() {
     // The description as JSON has the same bound.
     let spec = r#"{"version":1,"scene":"tiny.pbrt","budget":{"seconds":1e30}}"#;
     folder.write("spec.json", spec);
-    folder.says("render --spec spec.json", 1, &["is above the maximum, 31557600 (a year)"]);
+    folder.says("render --spec spec.json", 1, &["is above the maximum of 31557600 seconds (a year)"]);
 }
 
 /// The first plan after the pilot is bounded by `--max-spp`, not by the seconds left.

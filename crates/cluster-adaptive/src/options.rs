@@ -45,7 +45,7 @@ impl ClusterThesisOptions {
     pub fn check(&self) -> Result<(), Error> {
         self.check_ranges()?;
         if self.max != 0 && self.max < self.min {
-            return Err(Error::range("max", self.max, "at least min; 0 chooses"));
+            return Err(Error::range("max", self.max, "at least min, or 0 for the table's maximum"));
         }
         Ok(())
     }
@@ -88,8 +88,8 @@ pub fn published_bounds(mean: f64) -> [u32; 2] {
 pub enum Error {
     /// A first-hit ray that hit a primitive without a label.
     #[error(
-        "pixel ({}, {}): a first-hit ray hit primitive {primitive}, but there are only {labels} labels: give one label per \
-         primitive, in the numbering of the hits",
+        "pixel ({}, {}): a first-hit ray hit primitive {primitive}, but there are only {labels} labels; give one \
+         label per primitive, numbered as in the hits",
         pixel[0],
         pixel[1]
     )]
@@ -103,7 +103,7 @@ pub enum Error {
     },
     /// A label that is not the number of a cluster.
     #[error(
-        "label {label} does not name one of the {clusters} clusters, numbered from 0: pass labels and clusters of the same \
+        "label {label} is not below the number of clusters, {clusters}; pass labels and clusters of the same \
          clustering"
     )]
     NoCluster {
@@ -113,7 +113,7 @@ pub enum Error {
         clusters: usize,
     },
     /// A number of labels that differs from the number of triangles.
-    #[error("{labels} labels for {triangles} triangles: give one label per triangle")]
+    #[error("the numbers of labels ({labels}) and triangles ({triangles}) differ; give one label per triangle")]
     LabelCount {
         /// The number of labels given.
         labels: usize,
@@ -121,7 +121,9 @@ pub enum Error {
         triangles: usize,
     },
     /// A triangle with the index of a missing vertex.
-    #[error("triangle {triangle} refers to vertex {vertex}, but only {vertices} exist: use indices below {vertices}")]
+    #[error(
+        "triangle {triangle} refers to vertex {vertex}, but vertex indices must be below {vertices}; correct the index"
+    )]
     NoVertex {
         /// The index of the triangle.
         triangle: usize,
@@ -135,7 +137,7 @@ pub enum Error {
     OutOfRange(#[from] dapple_core::options::OutOfRange),
     /// First-hit rays that were traced for another frame than the rendered one.
     #[error(
-        "the first-hit rays were traced for {of}, but {wanted} is rendered: trace the rendered frame, or let the sampler do so"
+        "the first-hit rays were traced for {of}, but the frame to render is {wanted}; trace first-hit rays for the frame to render, or let the sampler trace them (ClusterThesis::tracing)"
     )]
     OtherFrame {
         /// The frame of the first-hit rays, as text.

@@ -139,7 +139,7 @@ impl<P: PointSet> ClusterThesis<P> {
         options: ClusterThesisOptions,
     ) -> Result<Self, Error> {
         if options.lights > 0 {
-            return Err(Error::range("lights", options.lights, "0, or any number with ClusterThesis::tracing"));
+            return Err(Error::range("lights", options.lights, "0, or 2 to 1024 with ClusterThesis::tracing"));
         }
         let importance = importance(first_hits, clusters, &size, &options)?;
         let prior = Some(Prior::new(*first_hits.frame(), importance));
@@ -184,8 +184,10 @@ impl<P: PointSet> ClusterThesis<P> {
     fn weights(&mut self, frame: &Frame) -> Result<&[f64], Error> {
         if self.prior.as_ref().is_none_or(|p| p.frame != *frame) {
             let Some(source) = &self.source else {
-                let name =
-                    |f: &Frame| format!("window {:?} at {:?} of image {:?}", f.size(), f.origin(), f.resolution());
+                let name = |f: &Frame| {
+                    let ([w, h], [x, y], [full_w, full_h]) = (f.size(), f.origin(), f.resolution());
+                    format!("{w}x{h} pixels at ({x}, {y}) of a {full_w}x{full_h} image")
+                };
                 let of = self.prior.as_ref().map_or_else(String::new, |p| name(&p.frame));
                 return Err(Error::OtherFrame { of, wanted: name(frame) });
             };
@@ -199,7 +201,7 @@ impl<P: PointSet> ClusterThesis<P> {
         let mut importance = importance(&first_hits, &source.clusters, &self.size, &self.options)?;
         let (rays, clock) = (self.options.lights, Clock::of_machine());
         if rays > 0 {
-            let lacks = || Error::range("lights", rays, "0, or any number with a function that traces shadow rays");
+            let lacks = || Error::range("lights", rays, "0, or 2 to 1024 with ClusterThesis::with_visibility");
             let visible = self.visible.as_ref().ok_or_else(lacks)?;
             let clusters = source.clusters.len();
             importance
@@ -257,7 +259,7 @@ impl<P: PointSet> Sampler for ClusterThesis<P> {
         // The bounds of the table adapt to the budget. The user's bounds are kept, or an error is returned.
         let asked = self.options.min.max(budget.min_spp);
         if asked > ceiling {
-            let allowed = "at least the floor of samples per pixel";
+            let allowed = "at least the minimum number of samples per pixel";
             return Err(dapple_core::Error::OutOfRange { name: "max", value: ceiling.to_string(), allowed });
         }
         let needed = pixels as u64 * u64::from(asked);

@@ -178,17 +178,17 @@ impl ClusterParams {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
     /// There are no triangles.
-    #[error("there are no triangles to cluster: remove the mesh, or add at least one triangle")]
+    #[error("there are no triangles to cluster; remove the mesh, or add at least one triangle")]
     Empty,
     /// There are more triangles than `u32` can index.
-    #[error("{triangles} triangles are too many: cluster at most {} at a time", u32::MAX)]
+    #[error("{triangles} triangles are too many to cluster; cluster at most {} triangles at a time", u32::MAX)]
     TooManyTriangles {
         /// The number of triangles passed.
         triangles: usize,
     },
     /// The number of materials is neither 0 nor the number of triangles.
     #[error(
-        "{materials} materials for {triangles} triangles: give one material per triangle, or none if all triangles share one"
+        "the numbers of materials ({materials}) and triangles ({triangles}) differ; give one material per triangle, or none if all triangles share one"
     )]
     BadMaterials {
         /// The number of materials passed.
@@ -197,7 +197,9 @@ pub enum Error {
         triangles: usize,
     },
     /// A triangle refers to a vertex that does not exist.
-    #[error("triangle {triangle} refers to vertex {index}, but only {vertices} exist: use indices below {vertices}")]
+    #[error(
+        "triangle {triangle} refers to vertex {index}, but vertex indices must be below {vertices}; correct the index"
+    )]
     BadIndex {
         /// The index of the triangle with the missing vertex.
         triangle: u32,
@@ -207,9 +209,7 @@ pub enum Error {
         vertices: usize,
     },
     /// A triangle has a corner with an infinite or NaN coordinate.
-    #[error(
-        "triangle {triangle} has a corner that is not finite (vertex {vertex}): correct the vertex or drop the triangle"
-    )]
+    #[error("vertex {vertex} of triangle {triangle} is not finite; correct the vertex, or remove the triangle")]
     BadPosition {
         /// The index of the triangle with the bad corner.
         triangle: u32,
@@ -217,30 +217,30 @@ pub enum Error {
         vertex: u32,
     },
     /// The factor K ([`ClusterParams::k`](ClusterParams::k)) is not positive, or is above 2^20.
-    #[error("K = {k} is out of range: use a number above 0 and at most {} (pbrt-v2 uses 3)", MAX_K)]
+    #[error("K = {k} is out of range; use a number above 0 and at most {} (pbrt-v2 uses 3)", MAX_K)]
     BadK {
         /// The requested factor K.
         k: f64,
     },
     /// The bound on voxels per axis is 0 or above 2^20.
-    #[error("a clamp of {clamp} voxels per axis is out of range: use 1 to {}", MAX_CLAMP)]
+    #[error("a clamp of {clamp} voxels per axis is out of range; use 1 to {}", MAX_CLAMP)]
     BadClamp {
         /// The requested bound on voxels per axis.
         clamp: u32,
     },
     /// The angle within which normals are similar is not within 0 to 90 degrees.
-    #[error("an angle of {angle} degrees is out of range: use 0 to {} (the thesis uses 10)", MAX_ANGLE)]
+    #[error("an angle of {angle} degrees is out of range; use 0 to {} (the thesis uses 10)", MAX_ANGLE)]
     BadAngle {
         /// The requested angle in degrees.
         angle: f64,
     },
     /// The requested number of clusters is 0.
-    #[error("0 clusters cannot hold triangles: request at least 1")]
+    #[error("0 clusters cannot hold triangles; request at least 1 cluster")]
     BadCount,
     /// The bounding boxes of the triangles overlap too many voxels in total.
     #[error(
-        "the triangles' boxes overlap {entries} voxels in total, more than the limit of {limit}: lower K or the clamp, or \
-         insert by centroid"
+        "the triangles' bounding boxes overlap {entries} voxels in total, more than the limit of {limit}; lower K or \
+         the clamp, or insert triangles by centroid"
     )]
     TooManyEntries {
         /// The number of triangle-voxel pairs, where the triangle's box overlaps the voxel.

@@ -29,7 +29,7 @@ impl Fault {
     pub const fn text(self) -> &'static str {
         match self {
             Self::Foreign => "Dapple did not write the data",
-            Self::Version => "another version of Dapple wrote the data; finish with that version, or render again",
+            Self::Version => "another version of Dapple wrote the data",
             Self::Short => "the data are truncated",
             Self::Checksum => "the data are damaged (a checksum is wrong)",
         }

@@ -7,12 +7,12 @@ use crate::{Film, SampleId};
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// A time limit without a clock.
-    #[error("a time limit needs a clock, and this machine has none; pass one to Session::with_clock")]
+    #[error("a time limit needs a clock, and this machine has none; pass a clock to Session::with_clock")]
     NoClock,
     /// Random numbers of the host that are the same as in an earlier round.
     #[error(
-        "the random numbers repeat: in all {pixels} pixels compared, the first samples are those of an \
-         earlier round; seed the generator with the pixel and the sample's number (Tile::pixels), or use one generator for \
+        "the random numbers repeat: in all {pixels} pixels compared, the first samples equal those of an earlier \
+         round; seed the generator with the pixel and the sample's number (Tile::pixels), or use one generator for \
          all rounds"
     )]
     RepeatedNumbers {
@@ -26,7 +26,7 @@ pub enum Error {
         resolution: [u32; 2],
     },
     /// A frame of more than 2^32 - 1 pixels.
-    #[error("an image of {}x{} has more than 2^32 - 1 pixels; choose a smaller one", .resolution[0], .resolution[1])]
+    #[error("an image of {}x{} has more than 2^32 - 1 pixels; choose a lower resolution", .resolution[0], .resolution[1])]
     FrameTooLarge {
         /// The requested width and height.
         resolution: [u32; 2],
@@ -45,8 +45,8 @@ pub enum Error {
     },
     /// A budget smaller than the sum of the pixels' minimum sample counts.
     #[error(
-        "a budget of {budget} samples is too small: {pixels} pixels need at least {needed}; raise the budget or lower the \
-         minimum per pixel"
+        "a budget of {budget} samples is too small: {pixels} pixels need at least {needed} samples; raise the budget, \
+         or lower the minimum number of samples per pixel"
     )]
     BudgetTooSmall {
         /// The budget in samples.
@@ -58,8 +58,8 @@ pub enum Error {
     },
     /// A budget larger than the sum of the pixels' maximum sample counts.
     #[error(
-        "a budget of {budget} samples is too large: {pixels} pixels can take at most {most}; lower the budget or raise the \
-         maximum per pixel"
+        "a budget of {budget} samples is too large: {pixels} pixels can take at most {most} samples; lower the \
+         budget, or raise the maximum number of samples per pixel"
     )]
     BudgetTooLarge {
         /// The budget in samples.
@@ -81,8 +81,8 @@ pub enum Error {
     },
     /// A point set with too few samples per pixel.
     #[error(
-        "point set \"{points}\" repeats after {capacity} samples per pixel, and {requested} are planned; use another point \
-         set or fewer samples"
+        "point set \"{points}\" repeats after {capacity} samples per pixel, but {requested} are planned; use another \
+         point set, or fewer samples"
     )]
     SequenceExhausted {
         /// The point set's description.
@@ -156,7 +156,9 @@ pub enum Error {
         what: String,
     },
     /// Bytes that are not a snapshot.
-    #[error("these bytes are not a snapshot of a render: {what}")]
+    #[error(
+        "the render snapshot cannot be used: {what}; pass a snapshot that this version of Dapple saved, or start a new render"
+    )]
     BadSnapshot {
         /// The fault, as a clause.
         what: &'static str,
@@ -169,8 +171,8 @@ pub enum Error {
     },
     /// A sample that is NaN, infinite or negative, under [`InvalidSample::Fail`](crate::InvalidSample).
     #[error(
-        "sample {} of stream {} in pixel ({}, {}) is {value:?}, with point set \"{points}\"; replay it, or use \
-         InvalidSample::Reject to drop such samples",
+        "sample {} of stream {} in pixel ({}, {}) is {value:?}, with point set \"{points}\"; replay the sample to \
+         find the cause, or use InvalidSample::Reject to leave such samples out",
         .sample.index, .sample.stream, .sample.pixel[0], .sample.pixel[1]
     )]
     InvalidSample {

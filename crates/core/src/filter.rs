@@ -39,7 +39,11 @@ impl fmt::Display for Fireflies {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { pixels, light, dropped } = *self;
         let place = if dropped { "is left out of the image" } else { "stays in these pixels" };
-        write!(f, "fireflies in {pixels} pixels: their excess luminance, {light:.3e} in total, {place}")
+        write!(
+            f,
+            "fireflies in {pixels} pixel{}: their excess luminance, {light:.3e} in total, {place}",
+            if pixels == 1 { "" } else { "s" }
+        )
     }
 }
 

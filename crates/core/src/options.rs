@@ -43,7 +43,7 @@ impl From<OutOfRange> for crate::Error {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum OptionError {
     /// An item without an equals sign.
-    #[error("\"{item}\" is not of the form key=value")]
+    #[error("\"{item}\" is not of the form key=value; give each parameter a value")]
     NotAPair {
         /// The list item, as given.
         item: String,
@@ -62,7 +62,7 @@ pub enum OptionError {
         known: String,
     },
     /// A name that is given twice.
-    #[error("\"{name}\" is given twice")]
+    #[error("parameter \"{name}\" is given twice; remove one")]
     Twice {
         /// The repeated name.
         name: &'static str,

@@ -103,8 +103,10 @@ impl Film {
         let found = self.recorders.names.iter().filter_map(|name| Some(given.active[given.position(name)?].clone()));
         let active: Vec<_> = found.collect();
         if active.len() != self.recorders.names.len() || active.len() != given.names.len() {
-            let what =
-                format!("its recorders are {:?}, not {:?}; use the same methods", self.recorders.names, given.names);
+            let what = format!(
+                "its recorders are {:?}, not {:?}; use the sampler and the filter of the saved render",
+                self.recorders.names, given.names
+            );
             return Err(Error::OtherRender { what });
         }
         self.recorders.active = active;

@@ -195,7 +195,7 @@ pub trait Sampler: Send {
     fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
         match saved {
             [] => Ok(()),
-            _ => Err(Error::BadSnapshot { what: "the data contain the state of a sampler, but this sampler has none" }),
+            _ => Err(Error::BadSnapshot { what: "the data hold the state of a sampler, but this sampler has none" }),
         }
     }
 }

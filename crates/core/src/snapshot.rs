@@ -180,7 +180,9 @@ impl Snapshot {
     pub(crate) fn of_window(self) -> Result<Self, Error> {
         match self.state.stage {
             None => Ok(self),
-            Some(_) => Err(Error::OtherRender { what: "it has only some rows of a stage; trace and join them".into() }),
+            Some(_) => {
+                Err(Error::OtherRender { what: "it has only some rows of a stage; trace and join these rows".into() })
+            }
         }
     }
 
@@ -218,9 +220,9 @@ impl Snapshot {
         compare("kind of samples", halves(film.needs.halves), halves(needs.halves));
         let missing = Needs { halves: false, ..*needs };
         if let Err(Error::NotRecorded { what, .. }) = film.require("", &missing) {
-            differ.push(format!("{what} was not recorded and is now needed"));
+            differ.push(format!("it lacks {what}, which this render needs"));
         }
-        let what = differ.join(", ") + "; use the settings of its render, or start a new one";
+        let what = differ.join(", ") + "; use the settings of the saved render, or start a new render";
         if differ.is_empty() { Ok(()) } else { Err(Error::OtherRender { what }) }
     }
 

@@ -96,8 +96,8 @@ impl ClusterGaussian {
     pub fn from_map(size: [u32; 2], clusters: Vec<u32>) -> Result<Self, Error> {
         let [width, height] = size;
         if u64::from(width) * u64::from(height) != clusters.len() as u64 {
-            let value = format!("{} clusters for {width}x{height} pixels", clusters.len());
-            let allowed = "give one cluster for each pixel of the film's window, row by row";
+            let value = format!("{} for {width}x{height} pixels", clusters.len());
+            let allowed = "one cluster for each pixel of the film's window, row by row";
             return Err(Error::OutOfRange { name: "clusters", value, allowed });
         }
         Ok(Self::new(Clusters::Map { size, clusters }))
@@ -246,7 +246,7 @@ impl Filter for ClusterGaussian {
         let [width, height] = film.frame().size();
         match &self.clusters {
             Clusters::Map { size: [w, h], .. } if [*w, *h] != [width, height] => {
-                let what = format!("the cluster map has {w}x{h} pixels but the film has {width}x{height}");
+                let what = format!("the cluster map has {w}x{h} pixels, but the film has {width}x{height}");
                 let what = what + "; create the map for the rendered window";
                 Err(Error::Mismatch { who: self.name().to_owned(), what })
             }

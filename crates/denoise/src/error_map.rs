@@ -350,7 +350,10 @@ pub(crate) fn filtered<const N: usize>(
 /// [`Error::Other`] if `filtered` has no error.
 pub fn relative_errors(filtered: &Filtered, epsilon: f32) -> Result<Vec<f32>, Error> {
     let Some(error) = &filtered.error else {
-        return Err(Error::other("relative_errors", "no error estimate; record variances or use another filter"));
+        return Err(Error::other(
+            "relative_errors",
+            "the filtered image has no error estimate; record variances, or use another filter",
+        ));
     };
     let size = filtered.size.map(|n| n as usize);
     let grey: Vec<f32> = filtered.radiance.iter().map(|[r, g, b]| ((r + g + b) / 3.0).min(1e15)).collect();

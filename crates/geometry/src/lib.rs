@@ -29,7 +29,7 @@ pub use shape::{Disk, Shape, Sphere};
 #[non_exhaustive]
 pub enum Error {
     /// A corner of a triangle is NaN or infinite.
-    #[error("vertex {vertex} of triangle {triangle} is not finite; repair the mesh or remove the triangle")]
+    #[error("vertex {vertex} of triangle {triangle} is not finite; correct the vertex, or remove the triangle")]
     NonFinite {
         /// The triangle's index in its mesh.
         triangle: u32,
@@ -37,9 +37,7 @@ pub enum Error {
         vertex: u32,
     },
     /// A coordinate or a whole shape is too large or too small for exact ray intersections.
-    #[error(
-        "{what} {value:e} is out of range; magnitudes must be in 1e-18..5e17; scale the scene by a power of two first"
-    )]
+    #[error("{what} is {value:e}, outside of the range from 1e-18 to 5e17; scale the scene by a power of two")]
     ScaleOutOfRange {
         /// The name of the quantity that is out of range, such as "a mesh's largest coordinate".
         what: &'static str,
@@ -47,7 +45,9 @@ pub enum Error {
         value: f64,
     },
     /// A triangle refers to a vertex that does not exist.
-    #[error("triangle {triangle} refers to vertex {vertex}, but vertex indices must be below {vertices}")]
+    #[error(
+        "triangle {triangle} refers to vertex {vertex}, but vertex indices must be below {vertices}; correct the index"
+    )]
     IndexOutOfRange {
         /// The triangle's index in its mesh.
         triangle: u32,
@@ -77,7 +77,9 @@ pub enum Error {
         limit: usize,
     },
     /// An instance refers to an object that does not exist.
-    #[error("instance {instance} refers to object {object}, but object indices must be below {objects}")]
+    #[error(
+        "instance {instance} refers to object {object}, but object indices must be below {objects}; correct the index"
+    )]
     NoSuchObject {
         /// The index of the instance in the list of instances.
         instance: u32,
@@ -87,7 +89,7 @@ pub enum Error {
         objects: usize,
     },
     /// An object of an instance contains instances itself, which is not supported.
-    #[error("object {object} contains instances, but instances cannot be nested; put its instances into the scene")]
+    #[error("object {object} contains instances, but instances cannot be nested; put them into the scene")]
     Nested {
         /// The index of the object in the list of objects.
         object: u32,

@@ -178,9 +178,9 @@ impl MovingMesh {
     /// The errors of [`Mesh::new`] for the positions at either time. [`Error::BadParameter`] if the numbers of
     /// positions differ.
     pub fn new(starts: Vec<[f32; 3]>, ends: Vec<[f32; 3]>, triangles: Vec<[u32; 3]>) -> Result<Self, Error> {
-        let expected = "there must be as many vertices at time 1 as at time 0";
+        let expected = "give as many vertices at time 1 as at time 0";
         let (same, count) = (starts.len() == ends.len(), ends.len() as f64);
-        Error::unless(same, "a moving mesh's vertices at time 1", count, expected)?;
+        Error::unless(same, "the number of a moving mesh's vertices at time 1", count, expected)?;
         let end = Mesh::new(ends, triangles.clone())?;
         let start = Mesh::new(starts, triangles)?;
         let largest = |mesh: &Mesh| mesh.positions().iter().flatten().fold(0.0_f32, |most, x| most.max(x.abs()));

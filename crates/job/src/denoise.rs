@@ -93,7 +93,7 @@ pub fn denoise_files(spec: &DenoiseSpec) -> Result<DenoisedImage, DenoiseError> 
             None => (image.run()?, image.default_filter()?.describe()),
         };
         let warnings = image.warnings()?.into_iter().map(|warning| for_files(&read.found, &warning.to_string()));
-        let about = || format!("{}; --fireflies keep, drop or spread", filtered.fireflies);
+        let about = || format!("{}; to change this, use --fireflies keep, drop or spread", filtered.fireflies);
         let fireflies = (filtered.fireflies.pixels > 0).then(about);
         let new: Vec<String> = read.notices.iter().cloned().chain(warnings).chain(fireflies).collect();
         notices.extend(new.into_iter().filter(|notice| !notices.contains(notice)).collect::<Vec<_>>());
@@ -189,7 +189,7 @@ pub enum DenoiseError {
         count: usize,
     },
     /// A file that cannot be opened.
-    #[error("{}: cannot read it: {source}; check the name of the file", path.display())]
+    #[error("{}: cannot read the file: {source}; check the name of the file", path.display())]
     Open {
         /// The file.
         path: PathBuf,
@@ -197,7 +197,7 @@ pub enum DenoiseError {
         source: std::io::Error,
     },
     /// A file of another format, which cannot hold layers.
-    #[error("{}: this is not an OpenEXR file; save the image as OpenEXR with its variance, or render it twice with different seeds", path.display())]
+    #[error("{}: this is not an OpenEXR file; save the image as OpenEXR with its variance, or save two renders with different seeds as OpenEXR", path.display())]
     NotExr {
         /// The file.
         path: PathBuf,
@@ -215,8 +215,8 @@ pub enum DenoiseError {
         sizes: [[u32; 2]; 2],
     },
     /// Layers without a common pixel.
-    #[error("{}: layer \"{}\" covers pixels {}, but {} covers none of them in layer \"{}\", {}; save both files with the same data window",
-        paths[1].display(), layers[1], windows[1], paths[0].display(), layers[0], windows[0])]
+    #[error("the data windows do not overlap: layer \"{}\" of {} covers pixels {}, layer \"{}\" of {} covers pixels {}; save both layers with the same data window",
+        layers[0], paths[0].display(), windows[0], layers[1], paths[1].display(), windows[1])]
     Windows {
         /// The two files.
         paths: Box<[PathBuf; 2]>,
@@ -235,7 +235,7 @@ pub enum DenoiseError {
         views: Box<[String; 2]>,
     },
     /// Two files with the same pixels.
-    #[error("{}: the image is identical to that of {}, so their difference shows no noise; give two renders with different seeds, or one file with its variance",
+    #[error("{}: the image is identical to that of {}, so the two images show no noise; give two renders with different seeds, or one file with its variance",
         paths[1].display(), paths[0].display())]
     Equal {
         /// The two files.
@@ -251,7 +251,7 @@ pub enum DenoiseError {
         spaces: Box<[Chromaticities; 2]>,
     },
     /// A layer named by the caller that is missing in a file.
-    #[error("{}: there is no layer \"{name}\" for {}{}; the file's layers are {}", path.display(), kind.name(),
+    #[error("{}: there is no layer \"{name}\" for {}{}; choose among {}", path.display(), kind.name(),
         near.as_ref().map_or(String::new(), |near| format!(" (did you mean \"{near}\"?)")), layers.join(", "))]
     NoLayer {
         /// The file.
@@ -279,7 +279,7 @@ pub enum DenoiseError {
         letters: Vec<String>,
     },
     /// A file without an image.
-    #[error("{}: no image was found among the channels {}; an image has the channels {}; name its layer with --layer color=NAME",
+    #[error("{}: no image was found among the channels {} (an image has the channels {}); name the layer of the image with --layer color=NAME",
         path.display(), channels.join(", "), LayerKind::Color.channels())]
     NoImage {
         /// The file.
@@ -288,7 +288,7 @@ pub enum DenoiseError {
         channels: Vec<String>,
     },
     /// A file with several images.
-    #[error("{}: the file holds several images, {}; name one with --layer color=NAME", path.display(), layers.join(", "))]
+    #[error("{}: the file holds several images, {}; choose one with --layer color=NAME", path.display(), layers.join(", "))]
     Ambiguous {
         /// The file.
         path: PathBuf,
@@ -296,7 +296,7 @@ pub enum DenoiseError {
         layers: Vec<String>,
     },
     /// One file without its variance.
-    #[error("{}: there is no variance for {image}, and one image alone does not reveal its noise; give a second render with another seed, or name the variance layer with --layer variance=NAME; the file's layers are {}",
+    #[error("{}: there is no variance for {image} among the layers {}, and one image alone does not reveal its noise; give a second render with another seed, or name the variance layer with --layer variance=NAME",
         path.display(), layers.join(", "))]
     NoVariance {
         /// The file.

@@ -16,7 +16,7 @@ pub enum JobError {
     #[error(transparent)]
     Spec(#[from] SpecError),
     /// A scene name that is neither the path of a file nor the name of a bundled scene.
-    #[error("{name}: there is no such file, and no such bundled scene; {} bundled scenes are {}", meant(name), bundled::names().join(", "))]
+    #[error("{name}: no such file or bundled scene; {} bundled scenes are {}", meant(name), bundled::names().join(", "))]
     NoScene {
         /// The name of the scene.
         name: String,
@@ -36,7 +36,7 @@ pub enum JobError {
     /// An error limit in a render whose integrator adds light to pixels other than the sampled one. The error estimate does not
     /// include the noise of that light.
     #[error(
-        "{integrator} does not support an error limit: it adds light to pixels other than the sampled one, and the error of this light is not estimated; limit samples or time, or use bdpt with splat=0"
+        "an error limit cannot be used with {integrator}: the light that this integrator adds to other pixels than the sampled one has no error estimate; set the number of samples or a time limit, or use bdpt:splat=0"
     )]
     SplatsWithoutError {
         /// The integrator, as requested.
@@ -54,7 +54,7 @@ pub enum JobError {
         source: WithoutError,
     },
     /// A request to leave out an effect that the scene does not use.
-    #[error("cannot leave out {effect}: the scene does not use this effect; it uses {}", list(called))]
+    #[error("cannot leave out {effect}: the scene does not use this effect; {}", choice(called))]
     NotCalledFor {
         /// The effect that was to be left out.
         effect: Effect,
@@ -135,9 +135,9 @@ fn meant(name: &str) -> String {
     nearest.map_or_else(|| "the".to_owned(), |known| format!("did you mean \"{known}\"? The"))
 }
 
-fn list(effects: &[Effect]) -> String {
+fn choice(effects: &[Effect]) -> String {
     let names: Vec<&str> = effects.iter().map(|effect| effect.name()).collect();
-    if names.is_empty() { "no effect".into() } else { names.join(", ") }
+    if names.is_empty() { "it uses no effects".into() } else { format!("choose among {}", names.join(", ")) }
 }
 
 fn refusal(estimate: &MemoryEstimate, limit: MemoryLimit, advice: &str) -> String {
@@ -148,7 +148,8 @@ fn refusal(estimate: &MemoryEstimate, limit: MemoryLimit, advice: &str) -> Strin
 }
 
 fn other_render(path: &std::path::Path, differences: &[String]) -> String {
-    let first = "the file belongs to another render; use the arguments with which it was made, or another file:";
+    let first =
+        "the file belongs to another render; use the arguments of that render, or another file; the differences are:";
     let lines = std::iter::once(first).chain(differences.iter().map(String::as_str));
     lines.map(|line| format!("{}: {line}", path.display())).collect::<Vec<_>>().join("\n")
 }

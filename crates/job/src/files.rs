@@ -72,7 +72,8 @@ pub(crate) mod path {
 
         fn visit_seq<A: SeqAccess<'de>>(self, mut bytes: A) -> Result<PathBuf, A::Error> {
             let bytes: Vec<u8> = std::iter::from_fn(|| bytes.next_element().transpose()).collect::<Result<_, _>>()?;
-            of_bytes(bytes).ok_or_else(|| A::Error::custom("a path of another system; give it as a string"))
+            of_bytes(bytes)
+                .ok_or_else(|| A::Error::custom("this path was written on another system; give the path as a string"))
         }
     }
 

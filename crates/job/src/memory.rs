@@ -260,7 +260,7 @@ impl MemoryEstimate {
         let with_film = self.scene.saturating_add(self.film);
         refused(match self.largest_stage() {
             _ if self.before.max(self.scene) > limit.bytes => {
-                "the scene alone does not fit; simplify it, or use a machine with more memory"
+                "the scene alone does not fit; simplify the scene, or use a machine with more memory"
             }
             Some((name, _)) if name == "filter" && with_film <= limit.bytes => {
                 "lower the resolution, leave the filter out, or render crops"

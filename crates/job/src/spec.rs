@@ -183,7 +183,7 @@ pub enum PixelFilterSpec {
 #[derive(Debug, thiserror::Error)]
 pub enum SpecError {
     /// Text that is not JSON, a missing or unknown field, or a value of another type.
-    #[error("the render's description cannot be read: {0}")]
+    #[error("the render's description cannot be read: {0}; correct the description")]
     Json(#[from] serde_json::Error),
     /// A description in another version of the JSON format than [`SPEC_VERSION`].
     #[error(
@@ -345,7 +345,7 @@ impl RenderSpec {
         }
         if let Some(scale) = self.scale {
             refuse(self.resolution.is_some(), "scale", || {
-                "a resolution is given as well; set only one of the two".into()
+                "a resolution is given as well; set either the scale or the resolution".into()
             })?;
             refuse(!is_above_zero(scale), "scale", || not_above_zero(scale))?;
         }
@@ -359,14 +359,16 @@ impl RenderSpec {
                 .into()
         })?;
         let open = self.shard.is_some() && matches!(self.budget, BudgetSpec::Error(_) | BudgetSpec::Seconds(_));
-        refuse(open, self.budget.field(), || "a part needs a fixed number of samples; give spp".into())
+        refuse(open, self.budget.field(), || "a part needs a fixed number of samples; set spp".into())
     }
 
     /// Checks the budget, and the bounds of samples per pixel.
     fn check_budget(&self) -> Result<(), SpecError> {
         let (min, most, field) = (self.min_spp, self.max_spp.unwrap_or(u32::MAX), self.budget.field());
         let above = |what: &dyn std::fmt::Display| {
-            format!("{what} is above the maximum number of samples per pixel, {most}; lower it, or raise the maximum")
+            format!(
+                "{what} is above the maximum number of samples per pixel, {most}; lower this number, or raise the maximum"
+            )
         };
         refuse(min > most, "min_spp", || above(&min))?;
         match self.budget {
@@ -374,13 +376,13 @@ impl RenderSpec {
                 refuse(true, field, || not_above_zero(x))
             }
             BudgetSpec::Seconds(x) => refuse(x > MOST_SECONDS, field, || {
-                format!("{x} is above the maximum, {MOST_SECONDS} (a year); give fewer seconds, or give spp")
+                format!("{x} is above the maximum of {MOST_SECONDS} seconds (a year); set fewer seconds, or set spp")
             }),
-            BudgetSpec::Samples(n) => refuse(n == 0, field, || "0 samples make no image; give at least 1".into()),
+            BudgetSpec::Samples(n) => refuse(n == 0, field, || "0 samples make no image; use at least 1".into()),
             BudgetSpec::Spp(spp) => {
                 refuse(spp < f64::from(min), field, || {
                     format!(
-                        "{spp} is below the minimum number of samples per pixel, {min}; raise it, or lower the minimum"
+                        "{spp} is below the minimum number of samples per pixel, {min}; raise this number, or lower the minimum"
                     )
                 })?;
                 refuse(spp > f64::from(most), field, || above(&spp))

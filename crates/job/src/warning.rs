@@ -29,10 +29,10 @@ pub enum Warning {
     #[error("{0}: this area light has zero area and emits no light; make it larger, or remove it")]
     LampWithoutArea(Source),
     /// The number of triangles with zero area, which are left out.
-    #[error("{0} triangles have zero area and are left out")]
+    #[error("{}", dropped(*.0))]
     DroppedTriangles(usize),
     /// The error of reading the newest version of a checkpoint. The render resumes from the previous version.
-    #[error("{0}; resuming from its previous version")]
+    #[error("{0}; resuming from the previous version of the checkpoint")]
     PreviousCheckpoint(String),
     /// The error of writing a checkpoint. The render continues and tries again.
     #[error("no checkpoint was written: {0}; rendering continues and will try again")]
@@ -62,7 +62,7 @@ pub enum Warning {
         triangles: u32,
     },
     /// The number of first-hit rays whose hit position was NaN or infinite; they count as background.
-    #[error("the hits of {0} first-hit rays are NaN or infinite, and count as background")]
+    #[error("NaN or infinite hits of first-hit rays: {0}; these rays count as background")]
     RejectedFirstHits(u64),
     /// A render that ended before its predicted error fell to the goal.
     #[error("the predicted relMSE is {}, but the goal is {goal}: the render ended at the sampler's threshold or at the maximum number of samples", predicted.map_or_else(|| "unknown".to_owned(), |predicted| format!("{predicted:.2e}")))]
@@ -73,7 +73,7 @@ pub enum Warning {
         goal: f64,
     },
     /// A time limit that is too short for the first samples of all pixels, noticed while these samples are traced.
-    #[error("{} per pixel will take about {} s, but the time limit is {} s; rendering continues until every pixel has them, since a pixel without samples is black", least(*min_spp), rounded(*needed), rounded(*limit))]
+    #[error("{} per pixel will take about {} s, but the time limit is {} s; rendering continues until every pixel has this many, since a pixel without samples is black", least(*min_spp), rounded(*needed), rounded(*limit))]
     TimeTooShort {
         /// The time limit in seconds.
         limit: f64,
@@ -104,7 +104,7 @@ pub enum Warning {
     #[error("{0}; to remove them, use more samples or --filter cluster-regression:fireflies=drop")]
     Fireflies(dapple_core::filter::Fireflies),
     /// Pixel values that were too large for the file format, and were clamped to its maximum.
-    #[error("{}: {values} values were too large for the format and were clamped", path.display())]
+    #[error("{}: values too large for the format were clamped ({values})", path.display())]
     Clamped {
         /// The path of the image file.
         path: std::path::PathBuf,
@@ -147,6 +147,14 @@ fn missing(layer: &str) -> &'static str {
         "unfiltered" => "the image itself is unfiltered",
         "cluster" => "neither sampler nor filter makes clusters",
         _ => "this render does not record it",
+    }
+}
+
+/// The message about triangles of zero area.
+fn dropped(triangles: usize) -> String {
+    match triangles {
+        1 => "1 triangle has zero area and is left out".into(),
+        n => format!("{n} triangles have zero area and are left out"),
     }
 }
 

@@ -101,7 +101,7 @@ pub enum MetricsError {
     #[error("there are {} renders of the first image and {} of the second; use equally many of each, at least {}", .0[0], .0[1], LEAST_RENDERS)]
     FewRenders([usize; 2]),
     /// A block that is empty or larger than the image.
-    #[error("blocks of {}x{} pixels do not fit an image of {}x{}; use blocks of at least 1x1 and at most the size of the image", block[0], block[1], size[0], size[1])]
+    #[error("blocks of {}x{} pixels do not fit an image of {}x{}; choose a block size from 1x1 up to the size of the image", block[0], block[1], size[0], size[1])]
     Block {
         /// Width and height of a block.
         block: [u32; 2],
@@ -120,7 +120,7 @@ pub enum MetricsError {
     #[error("{0} pixels per degree of visual angle are out of range; use 1 to 1000 (67 is usual)")]
     PixelsPerDegree(f64),
     /// A target size for [`downsample`] that is empty or larger than the image.
-    #[error("an image of {}x{} cannot be averaged to {}x{}; use a size of at least 1x1 and at most that of the image", size[0], size[1], target[0], target[1])]
+    #[error("an image of {}x{} cannot be averaged to {}x{}; choose a size from 1x1 up to the size of the image", size[0], size[1], target[0], target[1])]
     Target {
         /// Width and height of the image.
         size: [u32; 2],

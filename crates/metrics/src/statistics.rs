@@ -43,7 +43,7 @@ pub enum StatisticsError {
     #[error("a confidence of {0} is out of range; use one between 0 and 1, such as 0.95")]
     Confidence(f64),
     /// Points that all have the same abscissa x, so that a fitted line has no slope.
-    #[error("all points are at x = {0}; use at least two different budgets")]
+    #[error("all points of the fit have x = {0}; use at least two different budgets")]
     SameAbscissa(f64),
 }
 

@@ -9,7 +9,7 @@ use dapple_core::plan::{
 use dapple_core::{Error, Film, Frame, Limits, Needs, PointSet, Sampler, point_set::mix};
 use std::sync::Arc;
 
-const NOT_OURS: Error = Error::BadSnapshot { what: "they do not hold the state of a sampler with two rates" };
+const NOT_OURS: Error = Error::BadSnapshot { what: "the data hold no state of a sampler with two rates" };
 
 /// Sampling rates in samples per pixel: `initial` for every pixel, `initial + additional` for refined ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -45,7 +45,7 @@ impl MpiProcesses {
         one_host::prefer_shared_memory();
         let refused = |what: &'static str| Error::other("MPI", what);
         let (universe, threading) = mpi::initialize_with_threading(mpi::Threading::Funneled)
-            .ok_or_else(|| refused("it was already started in this process"))?;
+            .ok_or_else(|| refused("MPI was already started in this process; start MPI only once"))?;
         if threading < mpi::Threading::Funneled {
             return Err(refused("the MPI library does not support MPI_THREAD_FUNNELED; install one that does"));
         }

@@ -5,7 +5,8 @@ use std::path::PathBuf;
 
 /// The advice at the end of each error of loading.
 const ADVICE: &str = "install Open Image Denoise 2 (`pip install pyoidn`, your system's package, or an archive of \
-                      https://www.openimagedenoise.org), and set DAPPLE_OIDN to the path of its library if it is still not found";
+                      https://www.openimagedenoise.org), and set DAPPLE_OIDN to the path of the library if Dapple \
+                      still does not find it";
 
 /// The reason why the library cannot be used.
 #[non_exhaustive]
@@ -28,7 +29,7 @@ pub enum LoadError {
         why: String,
     },
     /// A library that is not OIDN 2.
-    #[error("{library} lacks the function {function}: it is not OIDN, or older than version 2; {ADVICE}")]
+    #[error("{library} lacks the function {function}; the library is not OIDN or is older than version 2; {ADVICE}")]
     Lacks {
         /// The library's path or name.
         library: String,
@@ -44,7 +45,7 @@ pub enum LoadError {
         version: i32,
     },
     /// A library without a usable CPU device.
-    #[error("{library} cannot use this processor: {why}; {ADVICE}")]
+    #[error("{library} cannot run on this processor: {why}; {ADVICE}")]
     NoDevice {
         /// The library's path or name.
         library: String,
@@ -58,7 +59,7 @@ pub enum LoadError {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RunError {
     /// An error that the library reports.
-    #[error("Open Image Denoise reports: {0}")]
+    #[error("Open Image Denoise reports: {0}; update Open Image Denoise, or choose another filter")]
     Reported(String),
     /// An image with the wrong number of values; a bug of this crate.
     #[error("the image \"{name}\" has {found} values instead of {expected}; this is a bug in dapple-oidn")]
@@ -72,7 +73,7 @@ pub enum RunError {
     },
     /// An output image with NaN or infinity.
     #[error(
-        "Open Image Denoise wrote {0} values that are NaN or infinite; update Open Image Denoise, or choose another filter"
+        "Open Image Denoise returned NaN or infinite values ({0}); update Open Image Denoise, or choose another filter"
     )]
     NotFinite(usize),
 }

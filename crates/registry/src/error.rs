@@ -50,7 +50,7 @@ pub enum RegistryError {
     },
     /// A filter that is not built into this program.
     #[error(
-        "the filter \"{of}\" is not in this program; build it with the feature \"{feature}\" (cargo … --features {feature})"
+        "the filter \"{of}\" is not in this program; build Dapple with the feature \"{feature}\" (cargo … --features {feature})"
     )]
     NotBuilt {
         /// The name of the filter.

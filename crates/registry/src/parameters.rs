@@ -48,7 +48,9 @@ impl Parameters {
         let value = self.value(key);
         if value.contains(':') {
             let inner = dapple_core::options::nested(value);
-            return Err(self.refuse(format!("{key} = \"{value}\": write \"/\" for \":\" and \",\": {key}={inner}")));
+            return Err(self.refuse(format!(
+                "{key} = \"{value}\" contains \":\"; write \"/\" for \":\" and \",\", as in {key}={inner}"
+            )));
         }
         make(&dapple_core::options::unnested(value)).map_err(|error| match error {
             RegistryError::Unknown { .. } | RegistryError::Parameter { .. } => {

@@ -174,7 +174,9 @@ fn blue_noise(p: &Parameters, s: PointSettings) -> Result<AnyPoints, RegistryErr
     if p.options::<BlueNoiseOptions>()?.keys == Keys::Optimised {
         return match of {
             "sobol" => Ok(Box::new(BlueNoiseKeys::new(s.seed))),
-            of => Err(p.refuse(format!("of = \"{of}\": optimised keys exist for sobol only; use keys=shifts"))),
+            of => Err(
+                p.refuse(format!("of = \"{of}\" has no optimised keys, which exist for sobol only; use keys=shifts"))
+            ),
         };
     }
     let inner = crate::points(of, s)?;

@@ -60,7 +60,7 @@ pub enum Error {
         value: f32,
     },
     /// There are more items, or more cells along a side, than a distribution can hold.
-    #[error("{count} items (or cells along a side) exceed the limit of {most} for a distribution; merge some")]
+    #[error("a distribution of {count} items (or cells along a side) exceeds the limit of {most}; merge items")]
     TooMany {
         /// The number of items, or of cells along the side.
         count: usize,
@@ -68,7 +68,7 @@ pub enum Error {
         most: usize,
     },
     /// The number of weights differs from the number of cells (columns times rows).
-    #[error("{count} weights do not fill a grid of {} columns x {} rows; use one weight per cell", .size[0], .size[1])]
+    #[error("a grid of {} columns x {} rows needs {} weights, not {count}; use one weight per cell", .size[0], .size[1], .size[0].saturating_mul(.size[1]))]
     Shape {
         /// The number of weights given.
         count: usize,

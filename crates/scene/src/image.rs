@@ -158,7 +158,7 @@ pub enum ImageError {
     #[error("an image of {}x{} has no pixels; both sides must be at least 1", .0[0], .0[1])]
     Empty([u32; 2]),
     /// The number of pixels differs from width times height.
-    #[error("an image of {}x{} needs {} pixels, not {found}", size[0], size[1], u64::from(size[0]) * u64::from(size[1]))]
+    #[error("an image of {}x{} needs {} pixels, not {found}; pass width times height pixels", size[0], size[1], u64::from(size[0]) * u64::from(size[1]))]
     PixelCount {
         /// Width and height in pixels.
         size: [u32; 2],
@@ -171,10 +171,10 @@ pub enum ImageError {
     )]
     UnknownContent(String),
     /// A file that ends before its image is complete. The text holds the file's name, format and length.
-    #[error("{0}, before its image is complete; copy or download it again")]
+    #[error("{0}, before its image is complete; copy or download the file again")]
     Truncated(String),
     /// A file that contradicts its format or itself. The text holds the file's name, format and the byte's offset.
-    #[error("{0}; copy it again or save it anew")]
+    #[error("{0}; copy the file again, or save the image again")]
     Malformed(String),
     /// A file whose image has a side of 0.
     #[error("{0} pixels; both sides must be at least 1")]
@@ -191,7 +191,7 @@ pub enum ImageError {
     #[error("{0}")]
     Unsupported(String),
     /// An OpenEXR file with several layers that may be the image.
-    #[error("{file}: several layers may be the image: {}; save the one to use as R, G and B without a layer", layers.join(", "))]
+    #[error("{file}: several layers may be the image: {}; save the image to use as R, G and B without a layer", layers.join(", "))]
     Ambiguous {
         /// The file.
         file: String,

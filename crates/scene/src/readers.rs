@@ -66,11 +66,10 @@ impl Files for Opened<'_> {
 }
 
 /// The conversion of formats that Blender imports.
-const BLENDER: &str = "open it in Blender and export glTF";
+const BLENDER: &str = "open the file in Blender and export glTF";
 /// The conversion of formats that assimp reads.
-const ASSIMP: &str = "convert it by `assimp export IN OUT.obj` (package assimp-utils), or export glTF";
-const MITSUBA: &str =
-    "import it into Blender with Mitsuba's add-on and export glTF; its meshes (OBJ, PLY) can be read one by one";
+const ASSIMP: &str = "convert the file by `assimp export IN OUT.obj` (package assimp-utils), or export glTF";
+const MITSUBA: &str = "import the file into Blender with Mitsuba's add-on and export glTF, or read the scene's meshes (OBJ, PLY) one by one";
 
 /// Formats that users may expect: name, extensions, the first bytes of their files, and the conversion.
 type Foreign = (&'static str, &'static [&'static str], &'static [&'static [u8]], &'static str);
@@ -105,9 +104,9 @@ fn foreign_extension(extension: &str) -> String {
     }
     match FOREIGN.iter().find(|format| format.1.contains(&extension)) {
         Some(format) => message(format),
-        None if extension.is_empty() => "its format is unknown; export pbrt, glTF, OBJ, PLY or STL".into(),
+        None if extension.is_empty() => "the file's format is unknown; export pbrt, glTF, OBJ, PLY or STL".into(),
         None => {
-            format!("its format and extension \".{extension}\" are unknown; export pbrt, glTF, OBJ, PLY or STL")
+            format!("the file's format and extension \".{extension}\" are unknown; export pbrt, glTF, OBJ, PLY or STL")
         }
     }
 }
@@ -145,7 +144,7 @@ fn compression(bytes: &[u8]) -> Option<&'static str> {
         (b"PK\x03\x04", OTHER),
     ];
     if bytes.starts_with(b"PK\x03\x04") && bytes.windows(4).take(256).any(|window| window == b".usd") {
-        return Some("USD files are not supported; open it in Blender and export glTF");
+        return Some("USD files are not supported; open the file in Blender and export glTF");
     }
     STARTS.iter().find(|(start, _)| bytes.starts_with(start)).map(|(_, message)| *message)
 }

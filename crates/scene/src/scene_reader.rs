@@ -4,6 +4,7 @@ use crate::files::Files;
 use crate::{Scene, Source};
 use glam::DVec3;
 use std::fmt;
+use std::io::ErrorKind;
 use std::path::Path;
 
 /// A reader of one file format of scenes or models.
@@ -78,8 +79,18 @@ impl ModelOptions {
 
 /// Makes the error of a file that cannot be opened.
 pub(crate) fn unreadable(source: Source, e: &std::io::Error) -> ReadError {
-    let message = format!("cannot read {}: {e}; check the name and that the file is there", source.file.display());
+    let message = cannot_read(&source.file, e);
     ReadError::invalid(source, message)
+}
+
+/// The message about a file that cannot be read, with a remedy that fits the system's error.
+pub(crate) fn cannot_read(file: &Path, e: &std::io::Error) -> String {
+    let advice = match e.kind() {
+        ErrorKind::NotFound | ErrorKind::NotADirectory => "check the name and that the file is there",
+        ErrorKind::OutOfMemory => "raise the limit, or use a smaller file",
+        _ => "check that it is a readable file",
+    };
+    format!("cannot read {}: {e}; {advice}", file.display())
 }
 
 /// The kind of a problem in a scene file, which determines the remedy.
@@ -144,7 +155,7 @@ impl fmt::Display for ReadError {
             write!(f, "{}{problem}", if i == 0 { "" } else { "\n" })?;
         }
         if self.more > 0 {
-            write!(f, "\n… and {} more problems", self.more)?;
+            write!(f, "\n… and {} more problem{}", self.more, if self.more == 1 { "" } else { "s" })?;
         }
         Ok(())
     }

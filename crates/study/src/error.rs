@@ -37,10 +37,10 @@ pub enum StudyError {
     #[error(transparent)]
     Image(#[from] dapple_scene::image::ImageError),
     /// An error of the CSV writer.
-    #[error("summary.csv or runs.csv: {0}")]
+    #[error("summary.csv or runs.csv cannot be written: {0}; repeat the command")]
     Csv(#[from] csv::Error),
     /// An error of the HTML template.
-    #[error("report.html: {0}")]
+    #[error("report.html cannot be written: {0}; repeat the command")]
     Page(#[from] askama::Error),
 }
 
@@ -51,7 +51,6 @@ impl StudyError {
 
     /// The error about line `line` of `runs.jsonl` or `study.json`.
     pub(crate) fn line(file: &Path, line: usize, why: impl Display) -> Self {
-        let why = format!("{why}; correct it, or remove the line to repeat that run");
         Self::refused(format_args!("{}:{line}", file.display()), why)
     }
 

@@ -438,7 +438,7 @@ impl PlanSettings {
         PlanError::unless((2..=1 << 32).contains(&spp), "reference_spp", message)?;
         let message = format!("{threads} is out of range; use 0 (one per core) to 1024");
         PlanError::unless(threads <= 1024, "threads", message)?;
-        let message = "runs in new processes (fresh = true) cannot share samples; set only one of the two";
+        let message = "runs in new processes (fresh = true) cannot share samples; set either fresh or share_samples";
         PlanError::unless(!(self.share_samples && self.fresh), "share_samples", message)?;
         for integrator in self.scenes.iter().filter_map(|scene| scene.integrator.as_deref()) {
             dapple_job::check_integrator(integrator).map_err(|e| PlanError::of_value("scenes", integrator, e))?;
@@ -458,7 +458,8 @@ fn check_method(method: &Method, spp: u64, external: &[External]) -> Result<(), 
     let made =
         registry::points(points, PointSettings { seed: 0, spp: Some(spp) }).map_err(|e| refuse(e.to_string()))?;
     let capacity = made.capacity();
-    let needs = || refuse(format!("\"{points}\" has only {capacity} points per pixel; {spp} spp need more; lower spp"));
+    let needs =
+        || refuse(format!("\"{points}\" has only {capacity} points per pixel, fewer than {spp} spp need; lower spp"));
     if spp <= capacity { Ok(()) } else { Err(needs()) }
 }
 

@@ -77,7 +77,8 @@ impl RunLog {
         for (at, run) in runs.iter().enumerate() {
             let is_same = |earlier: &Run| earlier.is_of(&run.scene, &run.method, run.budget, run.seed);
             if let Some(first) = runs[..at].iter().position(is_same) {
-                return Err(StudyError::line(path, at + 1, format_args!("this is the same run as line {}", first + 1)));
+                let why = format!("this is the same run as line {}; remove one of the two lines", first + 1);
+                return Err(StudyError::line(path, at + 1, why));
             }
         }
         let length = whole as u64;
@@ -124,7 +125,8 @@ impl RunLog {
 fn parse(bytes: &[u8], path: &Path) -> Result<(Vec<Run>, usize), StudyError> {
     let whole = bytes.iter().rposition(|b| *b == b'\n').map_or(0, |at| at + 1);
     let run = |(number, line): (usize, &[u8])| {
-        let refuse = |e| StudyError::line(path, number + 1, format_args!("not a run: {e}"));
+        let why = |e: &serde_json::Error| format!("the line is not a run: {e}; correct or remove it");
+        let refuse = |e: serde_json::Error| StudyError::line(path, number + 1, why(&e));
         serde_json::from_slice(line).map_err(refuse)
     };
     let lines = bytes[..whole].split(|b| *b == b'\n').enumerate().filter(|(_, line)| !line.trim_ascii().is_empty());
@@ -171,7 +173,7 @@ impl RecordedStudy {
             )
         })?;
         if !manifest.methods.contains(&manifest.baseline) {
-            return Err(StudyError::line(&file, 1, "the baseline is not one of the methods; add it to them"));
+            return Err(StudyError::line(&file, 1, "the baseline is not one of the methods; add it there"));
         }
         let path = folder.join("runs.jsonl");
         let bytes = match std::fs::read(&path) {
@@ -262,7 +264,8 @@ pub(crate) fn read_manifest(folder: &Path) -> Result<Option<Manifest>, StudyErro
         Err(e) if e.kind() == ErrorKind::NotFound => return Ok(None),
         Err(e) => return Err(StudyError::file(&file, "read the study's settings", e)),
     };
-    let refuse = |e: serde_json::Error| StudyError::line(&file, e.line(), format_args!("not a study: {e}"));
+    let why = |e: &serde_json::Error| format!("the file is not a study: {e}; correct the line, or use another folder");
+    let refuse = |e: serde_json::Error| StudyError::line(&file, e.line(), why(&e));
     serde_json::from_slice(&bytes).map(Some).map_err(refuse)
 }
 

@@ -290,21 +290,22 @@ fn given(plan: &Plan, file: &Path, subject: &Subject) -> Result<ReferenceRecord,
 /// Describes the first setting in which the header of a reference file differs from the study; `None` if all settings agree.
 /// `dapple render` or a study may have written the header.
 fn differences(plan: &Plan, about: &FileHeader, subject: &Subject) -> Option<String> {
+    const DEPTH: &str = "render the reference with the study's depth, or set max_depth to the depth of the reference";
     let depth = depth(subject);
     let scene = &subject.scene.name;
     let expected = [
-        ("study-scene", subject.content.hex(), "the scene's files have changed; omit the reference to render one"),
-        ("study-max-depth", depth.clone(), "render it with the study's depth, or set max_depth to its depth"),
-        ("scene", scene.clone(), "render the study's scene"),
-        ("max-depth", depth, "render it with the study's depth, or set max_depth to its depth"),
-        ("without", "none".into(), "render it with all effects"),
-        ("interrupted", "false".into(), "its render was stopped; finish it"),
-        ("pixel-filter", "box filter of radius 0.5 x 0.5".into(), "render it with --pixel-filter box, as a study does"),
+        ("study-scene", subject.content.hex(), "omit the reference, since the scene's files have changed"),
+        ("study-max-depth", depth.clone(), DEPTH),
+        ("scene", scene.clone(), "give a reference of the study's scene"),
+        ("max-depth", depth, DEPTH),
+        ("without", "none".into(), "render the reference with all effects"),
+        ("interrupted", "false".into(), "finish the render of the reference, which was stopped"),
+        ("pixel-filter", "box filter of radius 0.5 x 0.5".into(), "render the reference with --pixel-filter box"),
     ];
     for (key, here, advice) in expected {
         if let Some(there) = about.attribute(key).filter(|there| *there != here) {
             return Some(format!(
-                "its {} is \"{there}\", but the study's is \"{here}\"; {advice}",
+                "its header states {} \"{there}\", but the study has \"{here}\"; {advice}",
                 key.replace('-', " ")
             ));
         }
@@ -313,7 +314,7 @@ fn differences(plan: &Plan, about: &FileHeader, subject: &Subject) -> Option<Str
     let points = kind(about.attribute("points")?);
     let seed = about.attribute("seed")?.parse().ok()?;
     let shares = plan.seeds.contains(&seed) && plan.methods.iter().any(|m| kind(&m.points) == points);
-    shares.then(|| format!("it has points {points} with seed {seed}, like some runs, so it would share their samples; render it with another seed"))
+    shares.then(|| format!("it was rendered with points {points} and seed {seed}, as some runs are, and would share samples with those runs; render the reference with another seed"))
 }
 
 /// The name in `NAME:key=value,…`, without its parameters.

@@ -101,7 +101,7 @@ impl InProcess {
         let truth = match known {
             Some((_, truth)) => truth,
             None => ReferenceImage::read(reference)?.0.averaged_to([w, h]).ok_or_else(|| {
-                let why = format!("its size is neither {w}x{h} pixels nor a multiple; render it again");
+                let why = format!("its size is neither {w}x{h} pixels nor a multiple; render the reference again");
                 StudyError::reference(reference, &view.name, why)
             })?,
         };

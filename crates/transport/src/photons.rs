@@ -132,7 +132,9 @@ impl<'w> PhotonLight<'w> {
         }
         let [least, most] = [least, most].map(|radius| f64::from(radius) / self.world.space().scale());
         let radius = self.options.radius;
-        Err(MakeError::Scene(format!("radius={radius:?} does not fit the scene; use {least:.3e} to {most:.3e}, or 0")))
+        Err(MakeError::Scene(format!(
+            "radius={radius:?} does not fit the scene; use {least:.3e} to {most:.3e}, or 0 for the default"
+        )))
     }
 
     /// Returns the radius of a pass: `r(i+1)^2 = r(i)^2 (i + alpha) / (i + 1)` [Knaus and Zwicker 2011].

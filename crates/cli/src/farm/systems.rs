@@ -114,7 +114,8 @@ impl Files {
     /// Creates the folder, and an empty list of files for it.
     pub(super) fn new(folder: &Path) -> Result<Self> {
         for folder in [folder, &folder.join("log")] {
-            let cannot = |e| Failure::new(format!("{}: cannot create the folder: {e}", folder.display()));
+            let cannot =
+                |e| Failure::new(format!("{}: cannot create the folder: {e}; choose another folder", folder.display()));
             std::fs::create_dir_all(folder).map_err(cannot)?;
         }
         Ok(Self { folder: folder.to_owned(), all: Vec::new() })

@@ -333,7 +333,9 @@ impl RenderArgs {
     pub(crate) fn check_part(&self) -> std::result::Result<(), String> {
         let is_part = |path: &PathBuf| has_extension(path, "part") || has_extension(path, "shard");
         if self.outputs.len() > 1 || !self.outputs.iter().all(is_part) {
-            return Err("--shard takes one --output, a .part file; dapple merge makes the image from all parts".into());
+            return Err(
+                "--shard needs a single --output, a .part file; dapple merge makes the image from all parts".into()
+            );
         }
         Ok(())
     }
@@ -351,7 +353,7 @@ impl RenderArgs {
             return Err("--output: a .part file needs --shard I/N".into());
         }
         if are("plan") > 0 && self.outputs.len() > 1 {
-            return Err("--output: a .plan file must be the only output; remove the others".into());
+            return Err("--output: a .plan file must be the only output; remove the other outputs".into());
         }
         let has_layers = |path: &PathBuf| matches!(Format::from_path(path), Ok(Format::Exr));
         let concerns = [("--features", self.features), ("--layers", self.layers.is_some()), ("--half", self.half)];
@@ -362,6 +364,6 @@ impl RenderArgs {
             return Err(format!("{option} concerns only layers of EXR files; add --output FILE.exr"));
         }
         let twice = (1..self.outputs.len()).find(|&i| self.outputs[..i].contains(&self.outputs[i]));
-        twice.map_or(Ok(()), |i| Err(format!("--output {} is given twice", self.outputs[i].display())))
+        twice.map_or(Ok(()), |i| Err(format!("--output {} is given twice; remove one", self.outputs[i].display())))
     }
 }

@@ -73,7 +73,7 @@ impl Live {
         let worker = std::thread::Builder::new().name("live image".into());
         match worker.spawn(move || places.show_all(&images, &is_busy)) {
             Ok(worker) => (self.worker, self.due) = (Some((sender, worker)), Some(Instant::now())),
-            Err(e) => output::warn(format!("the live image cannot be shown: {e}")),
+            Err(e) => output::warn(format!("the live image cannot be shown: {e}; rendering continues without it")),
         }
     }
 

@@ -74,7 +74,8 @@ pub(super) fn first_plan(spec: &RenderSpec, output: &Path, options: &PlanOptions
 /// Joins the parts of a plan, and writes the next plan.
 fn next_plan(parts: &[PathBuf], from: Option<&Path>, output: &Path, options: &PlanOptions) -> Result<Outcome> {
     let rows = RowsFiles::read(parts)?;
-    let named = || rows.plan().ok_or_else(|| Failure::new("these parts have no plan; use dapple merge"));
+    let named =
+        || rows.plan().ok_or_else(|| Failure::new("these parts have no plan; make the image with dapple merge"));
     let from = &*from.map_or_else(named, |from| Ok(from.to_owned()))?;
     keep(output, parts.iter().map(|part| ("a part", part.as_path())).chain([("--from", from)]))?;
     let plan = PlanFile::read(from)?;
@@ -155,8 +156,8 @@ pub(super) fn processes() -> Result<Option<Box<dyn Processes>>> {
     match launched() {
         0 | 1 => Ok(None),
         processes => Err(Failure::new(format!(
-            "{processes} processes were started together, but this build has no MPI, so each would render the whole image; \
-             build it with --features mpi, or start one process (docs/CLUSTER.md)"
+            "{processes} processes were started together, but this build has no MPI, so each would render the whole \
+             image; build Dapple with --features mpi, or start one process (docs/CLUSTER.md)"
         ))),
     }
 }
@@ -331,7 +332,7 @@ pub(crate) fn merge(args: &MergeArgs) -> Result<Outcome> {
             let spec = plan.spec.clone();
             (Box::new(move |job| job.finish_plan(&plan)), spec)
         }
-        (Some(_), _) => return Err(Failure::usage("merge", "a .plan file holds the whole image; pass it alone")),
+        (Some(_), _) => return Err(Failure::usage("merge", "a .plan file holds the whole image; pass no other file")),
         (None, _) => {
             let shards = RowsFiles::read(&args.shards)?;
             let spec = shards.spec.clone();

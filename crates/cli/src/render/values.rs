@@ -43,7 +43,7 @@ pub(crate) fn above_zero(text: &str) -> Parsed<f64> {
 
 pub(crate) fn seconds(text: &str) -> Parsed<f64> {
     let given = Some(above_zero(text)?).filter(|x| *x <= MOST_SECONDS);
-    given.ok_or_else(|| format!("at most {MOST_SECONDS} (a year) is allowed"))
+    given.ok_or_else(|| format!("at most {MOST_SECONDS} seconds (a year) are allowed"))
 }
 
 pub(crate) fn stops(text: &str) -> Parsed<f32> {

@@ -213,7 +213,7 @@ fn guides_of_another_view_layer_are_never_read() {
     let back = "Back.Albedo.R Back.Albedo.G Back.Albedo.B";
     two(&folder, |seed| file(vec![part("", WINDOW, &format!("{combined} {back}"), 0, seed)]));
     let message =
-        "a.exr: the file holds several images, Back.Combined, Front.Combined; name one with --layer color=NAME";
+        "a.exr: the file holds several images, Back.Combined, Front.Combined; choose one with --layer color=NAME";
     folder.says("denoise a.exr b.exr -o out.exr", 1, &[message]);
     assert!(denoise(&folder, "--layer color=Front.Combined").out.starts_with("read color (Front.Combined)\n"));
     let [a, out] = ["a.exr", "out.exr"].map(|name| open(&folder, name));
@@ -260,7 +260,7 @@ fn pixels_of_parts_are_paired_in_the_display() {
     assert!(error(&out, 0, "R", 0) < 0.1 * error(&a, 0, "R", 0), "{}", error(&out, 0, "R", 0));
     assert_eq!(floats(&out, 1, "R"), floats(&a, 1, "R"));
     two(&folder, make(Window { origin: [70, 7], size: [30, 28] }));
-    let message = "layer \"albedo\" covers pixels (70,7)-(99,34), but a.exr covers none of them in layer \"rgba\", (30,7)-(69,34)";
+    let message = "the data windows do not overlap: layer \"rgba\" of a.exr covers pixels (30,7)-(69,34), layer \"albedo\" of a.exr covers pixels (70,7)-(99,34)";
     folder.says("denoise a.exr b.exr -o none.exr", 1, &[message]);
 }
 
@@ -358,13 +358,13 @@ fn comparisons_find_the_image_pair_its_pixels_and_convert_its_colours() {
     assert!(mse("aces.exr plain.exr", &[]) > 0.001, "the same numbers in another space");
     // Several images.
     folder.write("two.exr", file(vec![part("", WINDOW, "AO.R AO.G AO.B diffuse.R diffuse.G diffuse.B", 0, 1)]).bytes());
-    let message = "two.exr: several layers may be the image: AO, diffuse; save the one to use as R, G and B without a layer, or choose one with --layer NAME";
+    let message = "two.exr: several layers may be the image: AO, diffuse; save the image to use as R, G and B without a layer, or choose one with --layer NAME";
     folder.says("compare two.exr plain.exr", 1, &[message]);
     assert_eq!(mse("two.exr two.exr --layer AO", &[]), 0.0);
     folder.says(
         "compare two.exr plain.exr --layer A0",
         1,
-        &["two.exr: no layer \"A0\" holds an image; the layers are AO, diffuse"],
+        &["two.exr: no layer \"A0\" holds an image; choose among AO, diffuse"],
     );
 }
 

@@ -24,12 +24,12 @@ fn a_view_without_a_variance_stays_as_it_is_and_the_message_names_the_layer() {
     let [a, out] = ["a.exr", "out.exr"].map(|name| open(&folder, name));
     assert_eq!(floats(&out, 0, "right.R"), floats(&a, 0, "right.R"));
     assert_ne!(floats(&out, 0, "R"), floats(&a, 0, "R"));
-    let message = "a.exr: there is no variance for \"right\" of view \"right\", and one image alone";
+    let message = "a.exr: there is no variance for \"right\" of view \"right\" among the layers";
     folder.says("denoise a.exr -o none.exr --spp 16 --layer color=right", 1, &[message]);
     let channels = "Front.Combined.R Front.Combined.G Front.Combined.B Back.Combined.R Back.Combined.G \
                     Back.Combined.B Back.variance.R Back.variance.G Back.variance.B";
     folder.write("a.exr", with_variance(channels, &[]).bytes());
-    let message = "a.exr: there is no variance for \"Front.Combined\", and one image alone";
+    let message = "a.exr: there is no variance for \"Front.Combined\" among the layers";
     folder.says("denoise a.exr -o none.exr --spp 16 --layer color=Front.Combined", 1, &[message]);
 }
 
@@ -93,9 +93,9 @@ fn advice_names_options_of_the_command_line() {
     write("mse", of_mean * 16.0);
     folder.says("denoise a.exr -o out.exr --spp 16", 0, &["that of the mean; give --layer variance=mse"]);
     folder.write("b.exr", folder.read("a.exr"));
-    let message = "b.exr: the image is identical to that of a.exr, so their difference shows no noise; give two renders with different seeds";
+    let message = "b.exr: the image is identical to that of a.exr, so the two images show no noise; give two renders with different seeds";
     folder.says("denoise a.exr b.exr -o out.exr --spp 16", 1, &[message]);
-    folder.says("denoise a.exr -o out.exr --layer variance=", 2, &["\"variance=\" is not KIND=NAME"]);
+    folder.says("denoise a.exr -o out.exr --layer variance=", 2, &["\"variance=\" is not of the form KIND=NAME"]);
 }
 
 /// Normally distributed numbers, nearly, of variance 1.

@@ -115,7 +115,7 @@ fn another_render_is_refused_x04() {
     folder.write("tiny.pbrt", crate::common::TINY);
     // What is no checkpoint, is none yet, or would be lost.
     for (word, expected) in [
-        ("--resume tiny.pbrt", "tiny.pbrt: it is not a Dapple file"),
+        ("--resume tiny.pbrt", "tiny.pbrt: the file is not a Dapple file"),
         ("--resume missing", "missing: there is no such file; check the name of the checkpoint"),
         ("--checkpoint c", "c: a checkpoint exists; resume from it with --resume c"),
         ("--checkpoint d --resume missing", "missing: there is no such file; check the name of the checkpoint"),
@@ -139,7 +139,8 @@ fn a_damaged_checkpoint_gives_way_to_the_one_before_x03() {
     bytes[middle] ^= 4;
     folder.write("c", &bytes);
     let again = words.replace("--spp 2", "--spp 4").replace("a.pfm", "again.pfm");
-    let warning = "warning: c: it is damaged (its checksum is wrong); resuming from its previous version";
+    let warning =
+        "warning: c: the file is damaged (a checksum is wrong); resuming from the previous version of the checkpoint";
     folder.says(&format!("{again} --resume c"), 0, &[warning]);
     folder.same("again.pfm", "b.pfm");
 }
@@ -153,7 +154,11 @@ fn a_signal_leaves_image_and_checkpoint_x08() {
         let child = folder.start(&format!("{words} --spp 100000 -q -o a.pfm -o a.exr {first}"));
         assert!(folder.wait_for("c", &None), "no checkpoint");
         // One writer at a time.
-        folder.says(&format!("{words} --spp 1 -q -o b.pfm --resume c"), 1, &["c: another process is writing to it"]);
+        folder.says(
+            &format!("{words} --spp 1 -q -o b.pfm --resume c"),
+            1,
+            &["c: another process is writing to this file"],
+        );
         std::thread::sleep(Duration::from_millis(100));
         let asked = Instant::now();
         signal(&child, name);
@@ -271,7 +276,7 @@ fn shards_that_make_no_image_x07() {
     for (shards, expected) in [
         (
             format!("{a} filtered.shard {c}"),
-            format!("filtered.shard: it belongs to another render than {a}: filter: gaussian"),
+            format!("filtered.shard: the part belongs to another render than {a}: filter: gaussian"),
         ),
         (format!("{a} more.shard {c}"), "more.shard: the rows belong to another stage".into()),
     ] {
@@ -293,7 +298,7 @@ fn shards_that_make_no_image_x07() {
     // A scene that moved, and one that changed.
     std::fs::create_dir(folder.path("new")).unwrap();
     std::fs::rename(folder.path("tiny.pbrt"), folder.path("new/tiny.pbrt")).unwrap();
-    folder.says(&format!("merge {a} {b} {c} -q -o p.pfm"), 1, &["tiny.pbrt: there is no such file"]);
+    folder.says(&format!("merge {a} {b} {c} -q -o p.pfm"), 1, &["tiny.pbrt: no such file or bundled scene"]);
     folder.done(&format!("merge {a} {b} {c} -q -o p.pfm --scene new/tiny.pbrt"));
     let scene = folder.text("new/tiny.pbrt").replace("[ 4 4 4 ]", "[ 4 4 5 ]");
     folder.write("new/tiny.pbrt", scene);

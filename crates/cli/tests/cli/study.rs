@@ -171,15 +171,11 @@ fn wrong_words_say_what_there_is() {
         ("nowhere.toml", 1, "nowhere.toml: cannot read the plan"),
         ("bad.toml", 1, "bad.toml:3: samplers: there is no sampler \"nonesuch\""),
         ("key.toml", 1, "key.toml:1: unknown field `samplesr`, expected one of `scenes`, `only`, `samplers`"),
-        (
-            "--set scenes=nonesuch",
-            1,
-            "nonesuch: there is no such file, and no such bundled scene; the bundled scenes are teapot, ",
-        ),
+        ("--set scenes=nonesuch", 1, "nonesuch: no such file or bundled scene; the bundled scenes are teapot, "),
         (&with("nowhere.exr"), 1, "nowhere.exr: cannot read the reference"),
         (&format!("--set resolution=13x8 {}", with("r.exr")), 1, "it has 24x16 pixels, but the study uses 13x8"),
-        (&with("c.exr"), 1, "its scene is \"cornell\", but the study's is \"tiny\""),
-        (&format!("--set max_depth=2 {}", with("r.exr")), 1, "its max depth is "),
+        (&with("c.exr"), 1, "its header states scene \"cornell\", but the study has \"tiny\""),
+        (&format!("--set max_depth=2 {}", with("r.exr")), 1, "its header states max depth "),
     ];
     for (words, status, message) in cases {
         let said = folder.says(&format!("study -o s {words}"), status, &["error: ", message]);

@@ -19,7 +19,7 @@ fn optional_filters_name_what_is_missing() {
         let expected = if cfg!(feature = "oidn") {
             "DAPPLE_OIDN = \"/nonesuch/oidn.so\" cannot be loaded: "
         } else {
-            "is not in this program; build it with the feature \"oidn\""
+            "is not in this program; build Dapple with the feature \"oidn\""
         };
         assert!(error.contains(expected), "{error}");
     }
@@ -69,9 +69,9 @@ fn settings_are_refused_before_anything_is_rendered_i06() {
         ("--sampler variance:policy=maybe", 2, "use keep, discard, cross or neighbours"),
         ("--pixel-filter round", 2, "possible values: scene, box"),
         ("--without nonesuch", 2, "unknown effect \"nonesuch\"; choose among soft-shadows, several-lights, glossy, "),
-        ("--without glossy", 1, "the scene does not use this effect; it uses soft-shadows, interreflection"),
+        ("--without glossy", 1, "the scene does not use this effect; choose among soft-shadows, interreflection"),
         ("--without interreflection --without glossy", 1, "error: cannot leave out glossy: the scene does not use"),
-        ("--without interreflection --max-depth 1", 1, "it uses soft-shadows\n"),
+        ("--without interreflection --max-depth 1", 1, "choose among soft-shadows\n"),
         ("-o a.jpg", 2, ".exr, .pfm or .png"),
         ("-o a.png -o a.png", 2, "given twice"),
         ("-o nowhere/a.png", 1, "create the directory first"),
@@ -99,7 +99,7 @@ fn wrong_words_end_with_usage() {
         ("render tiny.pbrt --sampler nonesuch", unknown.as_str()),
         (
             "render tiny.pbrt --min-spp 5 --max-spp 2",
-            "error: --min-spp: 5 is above the maximum number of samples per pixel, 2; lower it, or raise the maximum\n\n\
+            "error: --min-spp: 5 is above the maximum number of samples per pixel, 2; lower this number, or raise the maximum\n\n\
              Usage: dapple render [OPTIONS] [SCENE]\n\nFor more information, try '--help'.\n",
         ),
         (
@@ -122,12 +122,12 @@ fn scenes_that_cannot_be_rendered_say_why() {
     folder.write("broken.pbrt", broken + "Shape \"teapotahedron\"\n");
     folder.write("empty.pbrt", "");
     let missing = format!(
-        "error: missing.pbrt: there is no such file, and no such bundled scene; the bundled scenes are {}\n",
+        "error: missing.pbrt: no such file or bundled scene; the bundled scenes are {}\n",
         bundled::names().join(", ")
     );
     let golden = [
         ("missing.pbrt", missing.as_str()),
-        (".", "error: .: cannot read .: not a regular file; check the name and that the file is there\n"),
+        (".", "error: .: cannot read .: not a regular file; check that it is a readable file\n"),
     ];
     // A name with a slip leads to the nearest scene.
     folder.says("render teapto", 1, &["; did you mean \"teapot\"? The bundled scenes are teapot, "]);

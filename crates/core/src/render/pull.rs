@@ -90,7 +90,9 @@ impl<'s> Round<'s> {
             (Ok(frame), Some(open)) if inside => Ok(self.cut(&shared.state.film, open, frame)),
             _ => {
                 let [left, top, right, bottom] = window;
-                let what = format!("it is empty or reaches outside columns {left}..{right} and rows {top}..{bottom}");
+                let what = format!(
+                    "it is empty or outside the window; stay within columns {left}..{right} and rows {top}..{bottom}"
+                );
                 Err(Error::BadTile { area: [x0, y0, x1, y1], what })
             }
         }
@@ -121,14 +123,16 @@ impl<'s> Round<'s> {
         }
         if tile.left() > 0 {
             let missing = tile.missing();
-            return bad(format!("results of {missing} of its samples are missing; add one for each of Tile::samples"));
+            return bad(format!(
+                "results of {missing} of its samples are missing; add a result for each of Tile::samples"
+            ));
         }
         if let (InvalidSample::Fail, Some((sample, value))) = (self.limits.invalid, tile.tally.first_rejected) {
             return Err(Error::InvalidSample { sample, value, points: self.points.describe() });
         }
         let mut shared = self.lock();
         let State { film, open, repeats, .. } = &mut *shared.state;
-        let Some(open) = open else { return bad("its round is over".into()) };
+        let Some(open) = open else { return bad("its round is over; submit tiles before their round ends".into()) };
         if tile.planned.owner != std::ptr::from_ref(&*open).addr() {
             return bad("it belongs to another session; submit each tile to the round that it came from".into());
         }

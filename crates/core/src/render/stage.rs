@@ -158,7 +158,7 @@ impl Session<'_> {
             return other("the rows belong to another stage; join only rows of this one");
         }
         if traced.cursor.start != stage.end() {
-            return other("the rows are not traced to the end of their stage; trace them again");
+            return other("the rows are not traced to the end of their stage; trace these rows again");
         }
         let Some(open) = self.state.open.as_mut() else { return Err(no_round()) };
         let film = &mut self.state.film;
@@ -203,7 +203,9 @@ impl Session<'_> {
         let seconds = self.clock.seconds() - self.began;
         let Some(open) = &mut self.state.open else { return Ok(()) };
         if self.state.film.record.samples != open.before + open.submitted + open.before(stage.end()) {
-            return Err(Error::OtherRender { what: "rows of the stage are missing; join all of them first".into() });
+            return Err(Error::OtherRender {
+                what: "rows of the stage are missing; join all rows before the stage ends".into(),
+            });
         }
         open.traced_seconds = seconds;
         open.cursor = Cursor { start: stage.end(), end: stage.end(), row: 0 };

@@ -255,7 +255,7 @@ impl<'r> Tile<'r> {
                 let [column, row] = pixel;
                 let asked = local.map_or(0, |local| self.planned.pixels[local].total());
                 let what = format!(
-                    "pixel ({column}, {row}) got more than the {asked} requested samples; trace as many as Tile::pixels returns"
+                    "pixel ({column}, {row}) got more than the {asked} requested samples; trace as many samples as Tile::pixels requests"
                 );
                 self.fault.get_or_insert(what);
             }

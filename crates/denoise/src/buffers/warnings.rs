@@ -66,15 +66,15 @@ impl fmt::Display for Warning {
                 let n = *count as f64;
                 let is_near = |x: f64| n > 2.0 && (0.4..2.5).contains(&(factor / x));
                 let why = if is_near(n * n) {
-                    "as if the means were sums over samples; divide by the sample counts"
+                    "as if the means were sums over samples; divide the means by the sample counts"
                 } else if is_near(n) && !of_mean {
-                    "as if it were the variance of the mean, not that of one sample; use Variance::OfMean"
+                    "as if the variance of the mean were given, not that of one sample; use Variance::OfMean"
                 } else if is_near(1.0 / n) && *of_mean {
-                    "as if it were the variance of one sample, not that of the mean; use Variance::OfSamples"
+                    "as if the variance of one sample were given, not that of the mean; use Variance::OfSamples"
                 } else if *factor < 1.0 {
-                    "as if pixels shared samples (a wide pixel filter); render with a box filter"
+                    "as if pixels shared samples (a wide pixel filter); render with a box filter one pixel wide"
                 } else {
-                    "so it may belong to another image; pass the variance of this image's samples"
+                    "so the variance may belong to another image; pass the variance of this image's samples"
                 };
                 write!(f, "the noise between pixels has {factor:.3} times the given variance, {why}")
             }
@@ -93,20 +93,20 @@ impl fmt::Display for Warning {
             }
             Self::Emission { share } => write!(
                 f,
-                "the emission is above the radiance in {:.1} % of the emitting pixels, as if it came from other samples; pass the emission of the image's own samples, or none",
+                "the emission is above the radiance in {:.1} % of the emitting pixels, as if both came from different samples; pass the emission of the image's own samples, or none",
                 100.0 * share
             ),
             Self::ExchangedFeatures => {
                 write!(f, "the normals look like albedo, and the albedo looks like normals; swap the two buffers")
             }
             Self::Depth { share } => {
-                write!(f, "the depth is 0 or less in {:.1} % of the pixels; pass distances of hits", 100.0 * share)
+                write!(f, "the depth is 0 or less in {:.1} % of the hits; pass distances above 0", 100.0 * share)
             }
             Self::Filled { pixels } => {
                 write!(f, "pixels without a finite sample are filled from their neighbours: {pixels}")
             }
             Self::Huge { pixel: [x, y] } => {
-                write!(f, "pixel ({x}, {y}) is brighter than all others together; check the renderer")
+                write!(f, "pixel ({x}, {y}) is brighter than all others together; check the samples of this pixel")
             }
         }
     }

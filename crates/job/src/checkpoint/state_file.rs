@@ -96,17 +96,17 @@ pub enum StateDamage {
 impl StateDamage {
     /// The message about the fault, and the remedy.
     const fn words(self) -> [&'static str; 2] {
-        const RESTORE: &str = "restore it from a copy, or render it again";
+        const RESTORE: &str = "restore the file from a copy, or render again";
         const NAME: &str = "check the name of the file";
         match self {
-            Self::Container(Fault::Short) => ["it is truncated", RESTORE],
-            Self::Container(Fault::Foreign) => ["it is not a Dapple file", NAME],
+            Self::Container(Fault::Short) => ["the file is truncated", RESTORE],
+            Self::Container(Fault::Foreign) => ["the file is not a Dapple file", NAME],
             Self::Container(Fault::Version) => {
-                ["another version of Dapple wrote it", "finish it with that version, or render it again"]
+                ["another version of Dapple wrote the file", "finish the render with that version, or render again"]
             }
-            Self::Container(_) => ["it is damaged (its checksum is wrong)", RESTORE],
-            Self::Nonsense => ["its header cannot be read", RESTORE],
-            Self::Kind => ["it is of another kind than needed (checkpoint, plan or part)", NAME],
+            Self::Container(_) => ["the file is damaged (a checksum is wrong)", RESTORE],
+            Self::Nonsense => ["the header of the file cannot be read", RESTORE],
+            Self::Kind => ["the file is not of the needed kind (checkpoint, plan or part)", NAME],
         }
     }
 }
@@ -180,7 +180,7 @@ impl StateFile {
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// A failed step of writing a file. An existing file of that name is unchanged.
-    #[error("{}: cannot {step}: {source}; an existing file is unchanged; free disk space, or choose another folder", path.display())]
+    #[error("{}: cannot {step}: {source} (an existing file is unchanged); free disk space, or choose another folder", path.display())]
     Write {
         /// The path of the file that was to be written.
         path: PathBuf,
@@ -190,7 +190,7 @@ pub enum Error {
         source: io::Error,
     },
     /// A file that another process is writing.
-    #[error("{}: another process is writing to it; wait until it finishes, or choose another file", path.display())]
+    #[error("{}: another process is writing to this file; wait until that process ends, or choose another file", path.display())]
     InUse {
         /// The path of the file that another process is writing.
         path: PathBuf,
@@ -204,7 +204,7 @@ pub enum Error {
         kind: &'static str,
     },
     /// A file that cannot be read.
-    #[error("{}: cannot read it: {source}", path.display())]
+    #[error("{}: cannot read the file: {source}; check that it is a readable file", path.display())]
     Read {
         /// The path of the file that cannot be read.
         path: PathBuf,

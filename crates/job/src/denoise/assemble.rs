@@ -290,15 +290,15 @@ impl Reader<'_> {
     /// Adds a notice about `count` NaN or infinite values and their replacement, unless `count` is 0.
     fn broken(&mut self, place: &str, count: usize, what: &str, instead: &str) {
         if count > 0 {
-            self.note(format!("{place}{count} {what} are NaN or infinite; {instead}"));
+            self.note(format!("{place}NaN or infinite {what}: {count}; {instead}"));
         }
     }
 
     fn missing(&mut self, kinds: &[(LayerKind, bool)]) {
         let names: Vec<&str> = kinds.iter().filter(|(_, known)| !known).map(|(kind, _)| kind.name()).collect();
         if !names.is_empty() {
-            let hint = "such layers improve the result; name a layer with --layer KIND=NAME";
-            self.note(format!("no {} was found; {hint}", names.join(", no ")));
+            let hint = "name a layer with --layer KIND=NAME to improve the result";
+            self.note(format!("no layer was found for {}; {hint}", names.join(" or ")));
         }
     }
 

@@ -112,7 +112,11 @@ impl Images {
             }
         }
         if !kept.is_empty() {
-            notices.push(format!("{}: {} is not denoised", inputs[0].path.display(), kept.join(", ")));
+            notices.push(format!(
+                "{}: {} is not denoised, since the other file has no such layer",
+                inputs[0].path.display(),
+                kept.join(", ")
+            ));
         }
         found.iter().try_for_each(|layers| check(inputs, layers))?;
         notices.extend(found.first().and_then(|layers| lost_alpha(inputs, layers)));

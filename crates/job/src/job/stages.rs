@@ -61,7 +61,7 @@ impl RowsFiles {
                     if let Some((first, known)) = files.first() {
                         let (path, first) = (path.display(), first.display());
                         let differ = common(&known.identity).differences(&common(&file.identity));
-                        let of = |d| format!("{path}: it belongs to another render than {first}: {d}");
+                        let of = |d| format!("{path}: the part belongs to another render than {first}: {d}");
                         troubles.extend(differ.into_iter().map(of));
                     }
                     files.push((path.clone(), file));
@@ -132,8 +132,9 @@ impl Job {
         let world = self.prepared.world.clone();
         let mut integrator = make_integrator(&self.integrator, &world)?;
         let (mut session, planning) = self.open(plan)?;
-        let stage =
-            session.next_stage(&*planning)?.ok_or_else(|| Error::other("the plan", "all samples are traced"))?;
+        let stage = session
+            .next_stage(&*planning)?
+            .ok_or_else(|| Error::other("the plan", "all samples are traced; run dapple merge"))?;
         if plan.is_none() {
             only_stage(&session, &stage, &*planning, shard)?;
         }

@@ -120,7 +120,9 @@ impl OutputFiles {
     /// [`JobError::Files`] with a line for each file that cannot be written.
     pub fn prepare(&self) -> Result<(), JobError> {
         if let Some(folder) = &self.maps {
-            let cannot = |e| JobError::Files(vec![format!("{}: cannot make the folder: {e}", folder.display())]);
+            let cannot = |e| {
+                JobError::Files(vec![format!("{}: cannot create the folder: {e}; choose another", folder.display())])
+            };
             std::fs::create_dir_all(folder).map_err(cannot)?;
         }
         let troubles = self.paths().filter_map(|path| check_writable(path).err());

@@ -204,11 +204,11 @@ fn damage_is_found_and_the_previous_generation_used_x03() {
         std::fs::write(&path, broken).unwrap();
         let found = Store::read(&path, StateKind::Checkpoint).unwrap();
         assert!(found.contents == contents(body(1)));
-        assert!(found.trouble.unwrap().to_string().contains("/a: it is "));
+        assert!(found.trouble.unwrap().to_string().contains("/a: the file is "));
     }
     std::fs::write(folder.path().join("a.previous"), b"dapple").unwrap();
     let said = Store::read(&path, StateKind::Checkpoint).unwrap_err().to_string();
-    for part in ["a: it is not a Dapple file; and ", "a.previous: it is truncated"] {
+    for part in ["a: the file is not a Dapple file; and ", "a.previous: the file is truncated"] {
         assert!(said.contains(part), "{said}");
     }
     let said = Store::read(&folder.path().join("b"), StateKind::Checkpoint).unwrap_err().to_string();
@@ -246,7 +246,7 @@ fn what_differs_is_listed_x04() {
     let path = folder.path().join("a");
     Store::lock(&path).unwrap().save(&contents([])).unwrap();
     let said = Store::read(&path, StateKind::Rows).unwrap_err().to_string();
-    assert!(said.contains("of another kind"), "{said}");
+    assert!(said.contains("not of the needed kind"), "{said}");
 }
 
 #[test]
@@ -255,7 +255,7 @@ fn two_writers_x08() {
     let path = folder.path().join("a");
     let first = Store::lock(&path).unwrap();
     let Err(refused) = Store::lock(&path) else { panic!("two writers") };
-    assert!(refused.to_string().contains("another process is writing to it"), "{refused}");
+    assert!(refused.to_string().contains("another process is writing to this file"), "{refused}");
     drop(first);
     assert!(Store::lock(&path).is_ok());
     assert!(matches!(Store::lock(folder.path()), Err(Error::Write { .. })));

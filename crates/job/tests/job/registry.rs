@@ -171,7 +171,7 @@ fn optional_filters_are_there_or_name_their_feature() {
             assert!(refused.is_empty() || refused.contains("set DAPPLE_OIDN"), "{refused}");
             assert!(refusal(check_filter(&format!("{name}:prefilter=maybe"))).contains("true or false"));
         } else {
-            let expected = "is not in this program; build it with the feature \"oidn\" (cargo … --features oidn)";
+            let expected = "is not in this program; build Dapple with the feature \"oidn\" (cargo … --features oidn)";
             assert_eq!(refused, format!("the filter \"{name}\" {expected}"));
         }
     }

@@ -153,8 +153,8 @@ fn a_damaged_checkpoint_is_refused_with_the_reason_and_its_older_version_taken()
     let file = StateFile::from_bytes(bytes.clone()).unwrap();
     let empty = StateFile::new(StateKind::Checkpoint, file.identity, dapple_core::container::begin(0));
     for (damaged, what) in [
-        (&bytes[..bytes.len() - 9], "it is truncated"),
-        (&changed, "its checksum is wrong"),
+        (&bytes[..bytes.len() - 9], "the file is truncated"),
+        (&changed, "a checksum is wrong"),
         (empty.bytes(), "checkpoint: "),
     ] {
         std::fs::write(&path, damaged).expect("written");
@@ -235,9 +235,12 @@ fn plans_and_parts_of_another_render_are_refused_with_a_list() {
         other => panic!("{:?}", other.map(|e| e.to_string())),
     };
     let read = listed(RowsFiles::read(&[first.clone(), second, cut, folder.path().join("nowhere")]).err());
-    for wanted in
-        ["2-of-2: it belongs to another render", "seed: 9, not 1", "cut: it is ", "nowhere: there is no such file"]
-    {
+    for wanted in [
+        "2-of-2: the part belongs to another render",
+        "seed: 9, not 1",
+        "cut: the file is ",
+        "nowhere: there is no such file",
+    ] {
         assert!(read.contains(wanted), "{wanted}: {read}");
     }
     let joined = |paths: &[PathBuf]| listed(job(&prepared, &here).next_plan(&mine, &rows(paths)).err());

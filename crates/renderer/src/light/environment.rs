@@ -41,8 +41,8 @@ impl Environment {
         // Under a stretch, equal areas of the image would no longer cover the expected solid angles.
         let constant = matches!(radiance, EnvironmentRadiance::Constant(_));
         if !sound || !(constant || even_scale(&to_world).is_some()) {
-            let what = "the environment's transform is not finite, not invertible or not uniform; rotate, mirror and scale \
-                        uniformly only";
+            let what = "the environment's transform is not finite, not invertible or not uniform; only rotate, mirror \
+                        or scale it uniformly";
             return Err(SceneError::new(at, what));
         }
         let kind = match radiance {

@@ -18,8 +18,8 @@ pub(super) fn checked(value: [f32; 3], at: &Source) -> Result<Option<Vec3>, Scen
 }
 
 pub(super) fn transform_error(at: &Source) -> SceneError {
-    let what = "the light's transform is not finite or not invertible, or it stretches a spot's cone; move, rotate, mirror \
-                and scale uniformly only";
+    let what = "the light's transform is not finite or not invertible, or stretches a spot's cone; only move, rotate, \
+                mirror or scale it uniformly";
     SceneError::new(at, what)
 }
 

@@ -101,7 +101,7 @@ pub(crate) fn check_mixes(materials: &[Material]) -> Vec<MaterialError> {
                 if level == DEEPEST + 1 {
                     wrong.push(MaterialError::new(
                         &materials[at],
-                        format!("mixes are nested more than {DEEPEST} deep; simplify them"),
+                        format!("mixes are nested more than {DEEPEST} deep; nest fewer mixes"),
                     ));
                 }
                 levels[at] = Some(level);

@@ -260,7 +260,7 @@ fn light(
     part: &Part,
 ) -> Result<Option<Light>, String> {
     let to_world = space.apply(shape.to_world);
-    let round = "an emitting sphere or disk must not be stretched; move, rotate, mirror and scale it uniformly only";
+    let round = "an emitting sphere or disk must not be stretched; only move, rotate, mirror or scale it uniformly";
     Ok(match &shape.geometry {
         Described::Mesh(_) => MeshLight::new(geometry, number, lamp, &sides(geometry, number, part)).map(Light::Mesh),
         Described::Sphere { radius } => {

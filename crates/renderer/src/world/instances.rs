@@ -231,8 +231,8 @@ impl Shutter {
         if !sound || from > to || opens > closes {
             let at = &scene.camera.source;
             return Err(format!(
-                "{at}: the shutter is open from {opens} to {closes} and the motion lasts from {from} to {to}; use \
-                 finite times, none ending before it starts"
+                "{at}: the shutter is open from {opens} to {closes}, and the motion lasts from {from} to {to}; use \
+                 finite times, with each start before its end"
             ));
         }
         Ok(Self { open: [opens, closes].map(|t| ((t - from) / (to - from)).clamp(0.0, 1.0) as f32) })

@@ -147,7 +147,7 @@ pub(super) fn read_uri(uri: &str, files: &dyn Files, path: &Path) -> Result<Vec<
             .map_err(|e| format!("a data URI cannot be decoded ({e}); export the file again"));
     }
     let file = beside(uri, path);
-    files.read(&file).map_err(|e| format!("cannot read {}: {e}; put it beside the glTF file", file.display()))
+    files.read(&file).map_err(|e| format!("cannot read {}: {e}; put the file beside the glTF file", file.display()))
 }
 
 /// The path of a file that a glTF file names.

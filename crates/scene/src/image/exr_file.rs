@@ -337,7 +337,7 @@ fn main_channels(exr: &ExrFile<'_>, wanted: LayerQuery<'_>) -> Result<(MainChann
 
 fn no_layer(exr: &ExrFile<'_>, layers: &Layers, name: &str) -> ImageError {
     let layers = layers.names().join(", ");
-    ImageError::Unsupported(format!("{}: no layer \"{name}\" holds an image; the layers are {layers}", exr.name))
+    ImageError::Unsupported(format!("{}: no layer \"{name}\" holds an image; choose among {layers}", exr.name))
 }
 
 /// The file's only channel as a gray image, or those of R, G and B that exist.

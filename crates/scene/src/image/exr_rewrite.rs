@@ -59,7 +59,7 @@ impl ExrFile<'_> {
         headers.iter_mut().for_each(keep_key_codes);
         let clamped: u64 = planes.iter().flatten().map(super::exr_write::count_clamped).sum();
         if clamped > 0 {
-            notices.push(format!("{clamped} values above 65504, the limit of 16-bit floats, are clamped"));
+            notices.push(format!("values above 65504, the limit of 16-bit floats, are clamped ({clamped})"));
         }
         let copied = self.chunks(|part| planes[part].is_empty())?;
         let planes: Vec<Vec<&Plane<'_>>> = planes.iter().map(|planes| planes.iter().collect()).collect();

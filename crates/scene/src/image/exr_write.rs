@@ -123,7 +123,7 @@ fn channels<'a>(
         }
     }
     if channels.is_empty() {
-        return Err(ImageError::Encode("an EXR file needs at least one channel".to_owned()));
+        return Err(ImageError::Encode("an EXR file needs at least one channel; add a layer".to_owned()));
     }
     // The format requires channels in order of their names.
     channels.sort_by(|a, b| a.0.as_bytes().cmp(b.0.as_bytes()));

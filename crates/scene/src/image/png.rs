@@ -47,7 +47,7 @@ fn encode(size: [u32; 2], bytes: &[u8], color: ExtendedColorType) -> Result<Vec<
     let mut file = Vec::new();
     PngEncoder::new_with_quality(&mut file, CompressionType::Default, FilterType::Adaptive)
         .write_image(bytes, size[0], size[1], color)
-        .map_err(|e| ImageError::Encode(format!("PNG: {e}; write EXR instead")))?;
+        .map_err(|e| ImageError::Encode(format!("PNG: {e}; write an EXR file")))?;
     Ok(file)
 }
 

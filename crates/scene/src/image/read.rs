@@ -84,7 +84,7 @@ pub fn read_texture(bytes: &[u8], file_name: &str, encoding: Encoding) -> Result
     if let Some([data, display]) = window
         && data != display
     {
-        notices.push(format!("the image is its data window {data}, not its display window {display}"));
+        notices.push(format!("only the data window {data} is read, not the display window {display}"));
     }
     let mut image = image.checked_finite(file_name)?;
     let outside = |pixel: &&mut [f32; 3]| converted && pixel.iter().any(|channel| *channel < 0.0);
@@ -94,7 +94,7 @@ pub fn read_texture(bytes: &[u8], file_name: &str, encoding: Encoding) -> Result
         clamped += 1;
     }
     if clamped > 0 {
-        notices.push(format!("{clamped} pixels are outside of Rec. 709; their negative channels become 0"));
+        notices.push(format!("pixels outside of Rec. 709: {clamped}; their negative channels become 0"));
     }
     notices.iter_mut().for_each(|notice| *notice = format!("{file_name}: {notice}"));
     Ok((image, notices))
@@ -233,7 +233,9 @@ impl File<'_> {
 
     pub(super) fn unsupported(&self, what: &str, instead: &str) -> ImageError {
         let Self { name, format, .. } = self;
-        ImageError::Unsupported(format!("{name}: {what} in {format} files is not supported; save it as {instead}"))
+        ImageError::Unsupported(format!(
+            "{name}: {what} in {format} files is not supported; save the image as {instead}"
+        ))
     }
 
     pub(super) fn fault(&self, fault: Fault<Decoder>, position: usize) -> ImageError {
@@ -270,7 +272,7 @@ impl File<'_> {
         }
         let claim = format!("{name}: the {format} header claims {width}x{height} pixels");
         let (needed, limit, bytes) = (needed.div_ceil(1 << 20), limit >> 20, bytes.len());
-        let what = format!("which take {needed} MiB to read, but the limit for a file of {bytes} bytes is {limit}");
+        let what = format!("which take {needed} MiB to read, but the limit for a file of {bytes} bytes is {limit} MiB");
         Err(ImageError::TooLarge(format!("{claim}, {what}")))
     }
 }

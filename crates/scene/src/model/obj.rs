@@ -96,7 +96,7 @@ pub fn read_obj(bytes: &[u8]) -> Result<ObjModel, ModelError> {
         meshes.push(ObjMesh { material: key.material.map(|(line, name)| (name, line)), data });
     }
     if meshes.is_empty() {
-        return Err("there are no faces; export a mesh, not points or curves".into());
+        return Err("there are no faces; export faces, not points or curves".into());
     }
     Ok(ObjModel { meshes, libraries, notices })
 }
@@ -272,9 +272,9 @@ impl Parser {
 
     /// Adds a notice of a statement that is left out, once for each reason.
     fn leave_out(&mut self, keyword: &str, why: &str, line: u32) {
-        let (list, why) = (&mut self.notices, format!("{why}; left out"));
-        if list.len() < MOST_LEFT_OUT && !list.iter().any(|(known, _)| known.ends_with(&why)) {
-            list.push((format!("\"{}\" {why}", shown(keyword)), line));
+        let list = &mut self.notices;
+        if list.len() < MOST_LEFT_OUT && !list.iter().any(|(known, _)| known.ends_with(why)) {
+            list.push((format!("left out: \"{}\" {why}", shown(keyword)), line));
         }
     }
 
@@ -344,7 +344,7 @@ impl Parser {
 
     /// Parses one corner of a face, such as `1/2/3`, into indices from 1.
     fn corner(&mut self, line: u32, word: &str) -> Result<Corner, String> {
-        let bad = |what: &str| format!("corner \"{}\"{what}", shown(word));
+        let bad = |what: &str| format!("corner \"{}\"{what}; export the file again", shown(word));
         let mut numbers = [None; 3];
         for (kind, text) in word.split('/').enumerate() {
             let number = numbers.get_mut(kind).ok_or_else(|| bad(" has more than three numbers"))?;
@@ -399,9 +399,12 @@ fn numbers<'w, const N: usize>(
 
 /// Parses the first `N` numbers of a statement, NaN and infinity included. The error is a message without the line.
 fn any_numbers<'w, const N: usize>(keyword: &str, words: impl Iterator<Item = &'w str>) -> Result<[f64; N], String> {
-    let number = |word| text::number(word).ok_or_else(|| format!("\"{}\" is not a number", shown(word)));
+    let number =
+        |word| text::number(word).ok_or_else(|| format!("\"{}\" is not a number; export the file again", shown(word)));
     let values: Vec<f64> = words.take(N).map(number).collect::<Result<_, _>>()?;
-    values.try_into().map_err(|values: Vec<f64>| format!("{keyword} needs {N} numbers, not {}", values.len()))
+    values
+        .try_into()
+        .map_err(|values: Vec<f64>| format!("{keyword} needs {N} numbers, not {}; export the file again", values.len()))
 }
 
 /// Converts numbers to single precision. The error reports an overflow.

@@ -242,7 +242,7 @@ impl Rows<'_> {
             return Ok(());
         }
         let promised = format!("the header declares {} elements {}", element.count, element.name);
-        Err(format!("{promised}, but only {bytes} bytes follow; the file is cut off or damaged").into())
+        Err(format!("{promised}, but only {bytes} bytes follow; the file is damaged; copy or export it again").into())
     }
 
     /// Takes the next number.
@@ -275,7 +275,7 @@ impl Rows<'_> {
     fn bad(&self, element: &Element, index: usize, property: &Property) -> ModelError {
         let what = format!("{} {index} cannot be read (no valid number for {})", element.name, property.name);
         let line = if let Self::Text(words) = self { Some(words.line()) } else { None };
-        ModelError { line, what: what + "; the file is cut off or damaged" }
+        ModelError { line, what: what + "; the file is damaged; copy or export it again" }
     }
 
     /// A reason to suspect that ASCII rows are damaged, after the last row is read. `text` is the text of all rows.
@@ -418,7 +418,9 @@ fn cut(faces: &Faces, data: &mut MeshData) -> Result<Vec<[f32; 3]>, ModelError> 
         start = end;
         let bad = |what: &str| ModelError::from(format!("face {face}: {what}"));
         if let Some(corner) = corners.iter().find(|&&c| c as usize >= vertices) {
-            return Err(bad(&format!("vertex index {corner} is too large; there are {vertices} vertices, from 0")));
+            return Err(bad(&format!(
+                "vertex index {corner} is too large; indices must be below {vertices}, the number of vertices"
+            )));
         }
         if corners.len() < 3 {
             return Err(bad(&format!("a face needs 3 corners or more, not {}; remove it", corners.len())));

@@ -48,7 +48,8 @@ pub fn read_stl(bytes: &[u8]) -> Result<ModelMesh, ModelError> {
     };
     if promised > bytes.len() as u64 {
         let found = format!("only {} bytes follow instead of {FACET_LENGTH} for each", bytes.len() - HEADER);
-        let what = format!("the header declares {count} facets, but {found}; the file is cut off or damaged");
+        let what =
+            format!("the header declares {count} facets, but {found}; the file is damaged; copy or export it again");
         return Err(what.into());
     }
     let mut welder = Welder::default();
@@ -169,7 +170,10 @@ fn read_text(text: &str) -> Result<ModelMesh, ModelError> {
             // Skips to the end of the line, since no word is a line break.
             words.skip_line_to(["\n"; 2]);
         } else {
-            return Err(ModelError::at(line, "only `solid` is allowed outside of a solid; the file is damaged"));
+            return Err(ModelError::at(
+                line,
+                "only `solid` is allowed outside of a solid; the file is damaged; copy or export it again",
+            ));
         }
     }
     if open {
@@ -202,7 +206,7 @@ fn read_facet(words: &mut Words<'_>) -> Result<[[f32; 3]; 3], &'static str> {
 /// The error of a facet that begins at a line and lacks these words.
 fn bad_facet(line: u32, words: &str) -> ModelError {
     let what = format!(
-        "the file was read as text STL, but its next facet lacks `{words}` or its numbers; the file is cut off, damaged or of another format"
+        "the file was read as text STL, but the next facet lacks `{words}` or numbers; the file is cut off, damaged or of another format; copy or export the file again"
     );
     ModelError::at(line, what)
 }

@@ -87,7 +87,7 @@ impl<'t> Directives<'t> {
         loop {
             let result = match self.tokens.next()? {
                 Ok(token) if token.is_name() => self.read(token, log),
-                Ok(token) => Err((token.line, format!("expected a directive, not {}", shown(token.text)))),
+                Ok(token) => Err((token.line, format!("expected a directive, not {}; remove it", shown(token.text)))),
                 Err(fault) => Err(fault),
             };
             match result {

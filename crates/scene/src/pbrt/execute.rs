@@ -263,12 +263,12 @@ impl Reader<'_> {
         if shapes.is_empty() && instances.is_empty() {
             let what = match objects.iter().any(|o| !o.shapes.is_empty()) {
                 true => "no shape is placed in the world; place an object with ObjectInstance",
-                false => "no shapes remain after unsupported ones are left out",
+                false => "no shapes remain after unsupported ones are left out; add a supported Shape",
             };
             self.log.problem(whole, what);
         }
         if lights.is_empty() && shapes.iter().all(|s| s.emission.is_none()) {
-            self.log.problem(whole, "no lights remain; unsupported ones and area lights without a shape are left out");
+            self.log.problem(whole, "no lights remain after unsupported ones and area lights without a shape are left out; add a supported light");
         }
     }
 

@@ -230,7 +230,7 @@ fn finite(color: [f32; 3], params: &mut Params) -> [f32; 3] {
     if color.iter().all(|c| c.is_finite()) {
         return color;
     }
-    params.problem(params.line(), format!("{} is brighter than 3.4e38; make it darker", params.of));
+    params.problem(params.line(), format!("{} is brighter than 3.4e38; lower its scale or power", params.of));
     [0.0; 3]
 }
 

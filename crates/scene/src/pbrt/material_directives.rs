@@ -29,7 +29,7 @@ impl Reader<'_> {
             let what = |how| format!("material {} is {how} (first at {first})", shown(&name));
             match self.context.version.is_old() {
                 true => params.notice(d.source.line, what("redefined")),
-                false => params.problem(d.source.line, what("defined twice")),
+                false => params.problem(d.source.line, what("defined twice") + "; rename one"),
             }
         }
         let (kind, line) = kind.unwrap_or(("diffuse".into(), d.source.line));

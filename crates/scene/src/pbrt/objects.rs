@@ -88,7 +88,7 @@ impl Reader<'_> {
         let g = params.float32("g", 0.0, |v| v > -1.0 && v < 1.0, "between -1 and 1");
         if let Some(first) = self.named_media.get(&name) {
             let first = &self.scene.media[first].source;
-            params.problem(line, format!("medium {} is defined twice (first at {first})", shown(&name)));
+            params.problem(line, format!("medium {} is defined twice (first at {first}); rename one", shown(&name)));
         }
         // Made even after an error, so that its uses cause no further errors.
         let _good = params.finish(&mut self.log);

@@ -221,7 +221,7 @@ fn crop(params: &mut Params, resolution: [u32; 2]) -> Option<[u32; 4]> {
             let pixel = |value: f64, side: usize| value.clamp(0.0, f64::from(resolution[side])) as u32;
             let crop = [pixel(b[0], 0), pixel(b[2], 1), pixel(b[1], 0), pixel(b[3], 1)];
             if b.iter().any(|v| v.fract() != 0.0) {
-                params.problem(line, "parameter pixelbounds takes whole numbers");
+                params.problem(line, "parameter pixelbounds takes whole numbers; remove the fractions");
             }
             if [b[0], b[2], b[1], b[3]] != crop.map(f64::from) {
                 params.notice(line, "pixelbounds reach beyond the image; cut to it");

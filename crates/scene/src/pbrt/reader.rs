@@ -10,7 +10,7 @@ use super::spectra::{names, numbers};
 use super::tokens::{did_you_mean, shown};
 use crate::files::Files;
 use crate::image::Image;
-use crate::scene_reader::ReadOptions;
+use crate::scene_reader::{ReadOptions, cannot_read};
 use crate::{Material, MaterialId, Medium, MediumId, MeshData, ObjectId, PixelFilter, Scene, Source, TextureId, text};
 use glam::DAffine3;
 use std::collections::BTreeMap;
@@ -74,8 +74,8 @@ impl<'a> Reader<'a> {
     pub(super) fn load(&mut self, path: &Path, source: &Source) -> Option<Vec<u8>> {
         let what = match self.files.read(path) {
             Ok(bytes) if !bytes.starts_with(&[0x1f, 0x8b]) => return Some(bytes),
-            Ok(_) => format!("{} is compressed with gzip; unpack it and name the unpacked file", path.display()),
-            Err(e) => format!("cannot read {}: {e}; check the name and that the file is there", path.display()),
+            Ok(_) => format!("{} is compressed with gzip; unpack this file and name the unpacked one", path.display()),
+            Err(e) => cannot_read(path, &e),
         };
         self.log.problem(source, what);
         None

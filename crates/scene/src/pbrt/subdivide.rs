@@ -23,7 +23,7 @@ struct Control {
 /// The error of a mesh that cannot be subdivided, with the index of the triangle or vertex.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub(super) enum Unfit {
-    #[error("triangle {0} has the same corner twice; remove it")]
+    #[error("triangle {0} has the same corner twice; remove this triangle")]
     Collapsed(usize),
     #[error(
         "the triangles around vertex {0} are not connected; each edge must belong to one or two triangles of the same winding"

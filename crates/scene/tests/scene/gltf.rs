@@ -415,9 +415,9 @@ fn files_cut_at_any_byte_are_errors_i02() {
 #[test]
 fn other_formats_are_refused_with_a_converter() {
     for (name, content, what) in [
-        ("a.usda", "#usda 1.0\n", "USD files are not supported; open it in Blender and export glTF"),
+        ("a.usda", "#usda 1.0\n", "USD files are not supported; open the file in Blender and export glTF"),
         ("scene.txt", "<?xml version='1.0'?>\n<!-- ours -->\n<scene version=\"3.0.0\"/>", "Mitsuba XML files are not"),
-        ("mesh", "OFF\n3 1 0\n", "OFF files are not supported; convert it by `assimp export"),
+        ("mesh", "OFF\n3 1 0\n", "OFF files are not supported; convert the file by `assimp export"),
     ] {
         let files = BTreeMap::from([(PathBuf::from(name), content.as_bytes().to_vec())]);
         let message = read_any_from(&files, name, &AnyOptions::default()).map(|_| ()).unwrap_err().to_string();

@@ -175,7 +175,7 @@ fn colours_that_are_not_finite_are_white() {
     let model = scene(&[("c.obj", b"v -1 0 0 1 0 0\nv 1 0 0 nan 0 0\nv 0 1 0 a b c\nf 1 2 3\n")]);
     assert_colors(&mesh(&model, 0).colors, &[[1.0, 0.0, 0.0], [1.0; 3], [1.0; 3]], "OBJ");
     let said: Vec<&str> = model.notices.iter().map(|notice| notice.message.as_str()).collect();
-    assert_eq!(said, ["\"v\" has a colour that is not three finite numbers; left out"]);
+    assert_eq!(said, ["left out: \"v\" has a colour that is not three finite numbers"]);
     let colors = "property float red\nproperty float green\nproperty float blue\n";
     let found = read_ply(&ply(colors, &["1 0 0", "inf 0 0", "0 nan 0"])).unwrap();
     assert_colors(&found.data.colors, &[[1.0, 0.0, 0.0], [1.0; 3], [1.0; 3]], "PLY");

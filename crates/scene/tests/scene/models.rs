@@ -261,8 +261,8 @@ fn extensions_decide_and_directories_are_refused_i10() {
     assert_eq!(read_any_from(&given, "scan.dat", &options).unwrap().name, "scan", "content decides");
     assert_eq!(read_any_from(&given, "plain", &options).unwrap().name, "plain", "no extension: a scene");
     for (name, what) in [
-        ("m.fbx", "FBX files are not supported; open it in Blender and export glTF"),
-        ("m.foo", "its format and extension \".foo\" are unknown; export pbrt, glTF, OBJ, PLY or STL"),
+        ("m.fbx", "FBX files are not supported; open the file in Blender and export glTF"),
+        ("m.foo", "the file's format and extension \".foo\" are unknown; export pbrt, glTF, OBJ, PLY or STL"),
         ("m.obj.gz", "are compressed; unpack the file first"),
         ("z.pbrt", "compressed by gzip"),
         ("missing.stl", "cannot read missing.stl: no such file; check the name"),
@@ -333,7 +333,8 @@ fn obj_normals_and_coordinates_that_are_not_finite_are_mended() {
     let scene = read(&[("m.obj", obj.as_bytes())]).unwrap();
     assert_eq!(mesh(&scene, 0).normals, [[0.0; 3], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]]);
     assert_eq!(mesh(&scene, 0).uvs, [[0.0; 2], [0.0; 2], [1.0; 2]]);
-    let found: Vec<(u32, &str)> = scene.notices.iter().map(|n| (n.source.line, &n.message[..4])).collect();
+    let found: Vec<(u32, &str)> =
+        scene.notices.iter().map(|n| (n.source.line, &n.message["left out: ".len()..][..4])).collect();
     assert_eq!(found, [(4, "\"vn\""), (6, "\"vt\"")]);
 }
 

@@ -166,7 +166,7 @@ fn invalid_faces_are_errors_with_their_number_i05() {
     assert_eq!(faces(square, "3 0 1 1\n").unwrap(), [[0, 1, 1]]);
     assert_eq!(
         faces(square, "3 0 1 4\n").unwrap_err(),
-        "face 0: vertex index 4 is too large; there are 4 vertices, from 0"
+        "face 0: vertex index 4 is too large; indices must be below 4, the number of vertices"
     );
     assert_eq!(
         faces(square, "3 0 1 2\n3 0 1 -1\n").unwrap_err(),

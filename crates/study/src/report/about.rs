@@ -40,15 +40,15 @@ pub(super) fn busy(recorded: &RecordedStudy) -> Option<String> {
 /// Sentences about unusual records: foreign, repeated or incomplete lines of `runs.jsonl`, and rejected samples.
 pub(super) fn remarks(recorded: &RecordedStudy) -> Vec<String> {
     let rejected = recorded.runs.iter().filter(|run| run.rejected > 0).count();
-    let foreign = "lines of runs.jsonl belong to no scene, method, budget or seed of this study and were left out.";
+    let foreign = "Lines of runs.jsonl left out, since they belong to no scene, method, budget or seed of this study";
     let counts = [
         (recorded.foreign, foreign),
-        (recorded.repeated, "runs were repeated; the last one counts."),
-        (usize::from(recorded.torn), "line of runs.jsonl is incomplete and was left out."),
-        (rejected, "runs had samples that were NaN, infinite or negative."),
+        (recorded.repeated, "Repeated runs, of which only the last counts"),
+        (usize::from(recorded.torn), "Incomplete lines of runs.jsonl left out"),
+        (rejected, "Runs with samples that were NaN, infinite or negative"),
     ];
     let found = counts.into_iter().filter(|(count, _)| *count > 0);
-    found.map(|(count, words)| format!("{count} {words}")).collect()
+    found.map(|(count, words)| format!("{words}: {count}.")).collect()
 }
 
 /// The range of the load averages before the runs.

@@ -120,7 +120,7 @@ impl ReportPage<'_> {
         let reference = reference?;
         if image.size != reference.size {
             let [a, b] = [image.size, reference.size].map(|s| format!("{}x{}", s[0], s[1]));
-            problems.push(format!("{file} is {a}, its reference {b}"));
+            problems.push(format!("{file} has {a} pixels, but its reference has {b}"));
             return None;
         }
         Some(image)

@@ -290,7 +290,7 @@ fn broken_records_are_named() {
     std::fs::write(&runs, whole.replacen("\"seed\":1", "\"seed\":x", 1)).unwrap();
     assert!(error(folder.path()).contains("runs.jsonl:1: "));
     std::fs::write(&runs, whole.repeat(2)).unwrap();
-    assert!(page(folder.path()).1.contains("4 runs were repeated"));
+    assert!(page(folder.path()).1.contains("Repeated runs, of which only the last counts: 4."));
     study.manifest.baseline.filter = "other".into();
     study.write(folder.path(), false);
     assert!(error(folder.path()).contains("baseline"));

@@ -163,8 +163,8 @@ fn broken_records_are_not_overwritten() {
     let file = place.path("study/runs.jsonl");
     let whole = place.text("study/runs.jsonl");
     let cases = [
-        (whole.replacen("\"seed\"", "\"sed\"", 1), "runs.jsonl:1: not a run"),
-        (format!("{whole}nonsense\n"), "runs.jsonl:13: not a run"),
+        (whole.replacen("\"seed\"", "\"sed\"", 1), "runs.jsonl:1: the line is not a run"),
+        (format!("{whole}nonsense\n"), "runs.jsonl:13: the line is not a run"),
         (format!("{whole}{}\n", whole.lines().next().unwrap()), "runs.jsonl:13: this is the same run as line 1"),
     ];
     for (text, message) in cases {

@@ -154,7 +154,7 @@ fn deep_data_is_refused_by_its_name() {
     let mut bytes = small_files()[6].1.clone();
     bytes[5] |= 0x08;
     let message = read("a.exr", &bytes).unwrap_err().to_string();
-    assert_eq!(message, "a.exr: deep data in OpenEXR files is not supported; save it as a flat image");
+    assert_eq!(message, "a.exr: deep data in OpenEXR files is not supported; save the image as a flat image");
 }
 
 #[test]
@@ -281,7 +281,9 @@ fn empty_and_foreign_files_are_refused_with_advice() {
     }
     assert!(message("🎨.gif", b"GIF89a").starts_with("🎨.gif: unknown image format; convert it to PNG"));
     assert!(message("a.png", b"").contains("unknown image format"));
-    assert!(message("a.hdr", b"#?RADIANCE\nFORMAT=32-bit_rle_xyze\n\n-Y 1 +X 1\n0000").contains("save it as RGBE"));
+    assert!(
+        message("a.hdr", b"#?RADIANCE\nFORMAT=32-bit_rle_xyze\n\n-Y 1 +X 1\n0000").contains("save the image as RGBE")
+    );
     let depth = ["Z", "ZBack"].map(|name| (name, vec![1.0_f32].into()));
     let depth = encode_exr([1, 1], &[Layer { name: String::new(), channels: depth.into() }], &[]).unwrap().bytes;
     assert!(message("a.exr", &depth).contains("its channels are Z, ZBack"));

@@ -36,7 +36,7 @@ fn textures_outside_of_rec709_are_clamped_with_one_notice() {
     let (image, notices) = texture(pixel([0.0, 1.0, 0.0], Some(ACES)));
     assert_eq!(image.pixels[0][0], 0.0);
     assert!((image.pixels[0][1] - 1.1408).abs() < 1e-3);
-    assert_eq!(notices, ["a.exr: 1 pixels are outside of Rec. 709; their negative channels become 0"]);
+    assert_eq!(notices, ["a.exr: pixels outside of Rec. 709: 1; their negative channels become 0"]);
     // Negative values of data that is not converted stay.
     assert_eq!(texture(pixel([-1.0, 1.0, 0.0], None)), (Image::filled([1, 1], [-1.0, 1.0, 0.0]).unwrap(), vec![]));
 }
@@ -48,7 +48,7 @@ fn textures_with_another_display_window_have_a_notice() {
     let bytes = Made { display, ..Made::of(vec![Made::part("", window, &["Y"], |_, _, _| 0.5)]) }.bytes();
     let (image, notices) = read_texture(&bytes, "a.exr", Encoding::Auto).unwrap();
     assert_eq!(image.size, [1, 1]);
-    assert_eq!(notices, ["a.exr: the image is its data window (3,0)-(3,0), not its display window (0,0)-(3,1)"]);
+    assert_eq!(notices, ["a.exr: only the data window (3,0)-(3,0) is read, not the display window (0,0)-(3,1)"]);
 }
 
 #[test]
@@ -92,7 +92,7 @@ fn skies_and_textures_show_the_image_of_a_file_in_rec709() {
         [0.0, 1.140_803 - 0.05 * 0.130_257 - 0.2 * 0.010_548, 0.2 * 1.152_972 - 0.128_970 - 0.05 * 0.024_004];
     (0..3).for_each(|c| assert!((converted[c] - expected[c]).abs() < 1e-3, "{converted:?}"));
     assert_eq!(warnings.len(), 1, "one for the file: {warnings:?}");
-    assert!(warnings[0].starts_with("a.exr: 8 pixels are outside of Rec. 709"), "{warnings:?}");
+    assert!(warnings[0].starts_with("a.exr: pixels outside of Rec. 709: 8;"), "{warnings:?}");
 }
 
 #[test]
