@@ -52,7 +52,7 @@ fn wrong_text_is_refused_with_the_nearest_name_and_the_range() {
     );
     assert_eq!(refused("zzzzzz=3"), "there is no parameter \"zzzzzz\"; known parameters: count, shape, weight");
     assert_eq!(refused("count"), "\"count\" is not of the form key=value; give each parameter a value");
-    assert_eq!(refused("count=1,count=2"), "\"count\" is given twice");
+    assert_eq!(refused("count=1,count=2"), "parameter \"count\" is given twice; remove one");
     assert_eq!(refused("count=many"), "count = \"many\" is not valid; use a number (below 10)");
     assert_eq!(refused("count=10"), "count = 10 is out of range; allowed: below 10");
     assert_eq!(refused("shape=oval"), "shape = \"oval\" is not valid; use one of round, square");
