@@ -69,7 +69,7 @@ impl<P: PointSet> Adaptive<P> {
     /// [`Error::OutOfRange`] unless the pilot is kept, because an error map reads kept samples in both halves.
     pub fn with_error_map(mut self, errors: ErrorMap) -> Result<Self, Error> {
         if self.options.policy != PilotPolicy::Keep {
-            let allowed = "keep, as a filter's error map reads kept samples";
+            let allowed = "policy=keep, as a filter's error map reads kept samples";
             return Err(Error::OutOfRange { name: "policy", value: self.options.policy.name().into(), allowed });
         }
         self.errors = Some(errors);

@@ -186,7 +186,7 @@ impl<P: PointSet> ClusterThesis<P> {
             let Some(source) = &self.source else {
                 let name = |f: &Frame| {
                     let ([w, h], [x, y], [full_w, full_h]) = (f.size(), f.origin(), f.resolution());
-                    format!("{w}x{h} pixels at ({x}, {y}) of a {full_w}x{full_h} image")
+                    format!("{w}x{h} pixels at ({x}, {y}) of an image of {full_w}x{full_h}")
                 };
                 let of = self.prior.as_ref().map_or_else(String::new, |p| name(&p.frame));
                 return Err(Error::OtherFrame { of, wanted: name(frame) });
@@ -201,7 +201,8 @@ impl<P: PointSet> ClusterThesis<P> {
         let mut importance = importance(&first_hits, &source.clusters, &self.size, &self.options)?;
         let (rays, clock) = (self.options.lights, Clock::of_machine());
         if rays > 0 {
-            let lacks = || Error::range("lights", rays, "0, or 2 to 1024 with ClusterThesis::with_visibility");
+            let lacks =
+                || Error::range("lights", rays, "0, or 2 to 1024 shadow rays with ClusterThesis::with_visibility");
             let visible = self.visible.as_ref().ok_or_else(lacks)?;
             let clusters = source.clusters.len();
             importance

@@ -75,7 +75,7 @@ fn a_missing_library_is_reported_with_the_variable_and_the_package() {
         assert!(text.contains("cannot be loaded: /nonesuch/libOpenImageDenoise.so: cannot open"), "{text}");
     }
     assert!(text.contains("install Open Image Denoise 2 (`pip install pyoidn`, "), "{text}");
-    assert!(text.ends_with("set DAPPLE_OIDN to the path of its library if it is still not found"), "{text}");
+    assert!(text.ends_with("set DAPPLE_OIDN to the path of the library if Dapple still does not find it"), "{text}");
 
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("library.so");

@@ -190,7 +190,7 @@ fn errors_tell_what_to_do() {
         edit(&mut mesh);
         assert_eq!(mesh.cluster(&default), Err(error.clone()));
         let said = error.to_string();
-        assert!(["give", "use", "request", "remove", "drop"].iter().any(|word| said.contains(word)), "{said}");
+        assert!(["give", "use", "request", "remove", "correct"].iter().any(|word| said.contains(word)), "{said}");
         mesh
     };
     for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {

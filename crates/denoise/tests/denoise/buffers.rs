@@ -222,7 +222,7 @@ fn emission_of_other_samples_is_warned_of() {
     assert_eq!(plain().emission(&own).warnings().unwrap(), []);
     let found = plain().emission(&other).warnings().unwrap();
     assert!(matches!(found[..], [Warning::Emission { share }] if share > 0.02), "{found:?}");
-    assert!(found[0].to_string().contains("other samples; pass the emission of the image's own samples, or none"));
+    assert!(found[0].to_string().contains("different samples; pass the emission of the image's own samples, or none"));
 }
 
 /// Pixels of another id weigh less: a step of light that no other feature shows is kept better.

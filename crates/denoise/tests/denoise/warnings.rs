@@ -85,7 +85,7 @@ fn noise_that_is_not_the_variance_is_told() {
     };
     assert!(told(&mean, Variance::OfSamples(&of_mean)).contains("use Variance::OfMean"));
     assert!(told(&mean, Variance::OfMean(&made.variance)).contains("use Variance::OfSamples"));
-    assert!(told(&sums, Variance::OfSamples(&made.variance)).contains("divide by the sample counts"));
+    assert!(told(&sums, Variance::OfSamples(&made.variance)).contains("divide the means by the sample counts"));
     assert!(told(&mean, Variance::OfSamples(&[[0.0; 3]; PIXELS])).contains("all variances are 0"));
     // A wide pixel filter: the mean of 3x3 pixels.
     let near = |i: usize| {

@@ -368,7 +368,10 @@ fn invalid_instances_are_refused() {
     let far = DAffine3::from_translation(DVec3::X * 1e18);
     assert!(matches!(build(&ball, still(0, far)), Err(Error::ScaleOutOfRange { .. })));
     let unknown = build(&ball, still(1, DAffine3::IDENTITY)).expect_err("there is one object");
-    assert_eq!(unknown.to_string(), "instance 0 refers to object 1, but object indices must be below 1");
+    assert_eq!(
+        unknown.to_string(),
+        "instance 0 refers to object 1, but object indices must be below 1; correct the index"
+    );
     let nested = Arc::new(build(&ball, still(0, DAffine3::IDENTITY)).expect("sound"));
     assert_eq!(build(&nested, still(0, DAffine3::IDENTITY)).err(), Some(Error::Nested { object: 0 }));
 }

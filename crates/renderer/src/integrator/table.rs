@@ -173,9 +173,15 @@ mod tests {
             ("ambient-occlusion", "ambient-occlusion inf"),
             ("ambient-occlusion: distance = 2.5", "ambient-occlusion 2.5"),
             ("paths", "there is no integrator \"paths\"; did you mean \"path\"? Choose among path, ambient-occlusion"),
-            ("ambient-occlusion:far", "ambient-occlusion: \"far\" is not of the form key=value"),
+            (
+                "ambient-occlusion:far",
+                "ambient-occlusion: \"far\" is not of the form key=value; give each parameter a value",
+            ),
             ("ambient-occlusion:far=1", "ambient-occlusion: there is no parameter \"far\"; known parameters: distance"),
-            ("ambient-occlusion:distance=1,distance=2", "ambient-occlusion: \"distance\" is given twice"),
+            (
+                "ambient-occlusion:distance=1,distance=2",
+                "ambient-occlusion: parameter \"distance\" is given twice; remove one",
+            ),
             ("ambient-occlusion:distance=-1", "distance = -1 is out of range; allowed: above 0"),
             ("path:distance=1", "path: there is no parameter \"distance\"; known parameters: none"),
         ] {
