@@ -172,7 +172,7 @@ pub enum Error {
     /// A sample that is NaN, infinite or negative, under [`InvalidSample::Fail`](crate::InvalidSample).
     #[error(
         "sample {} of stream {} in pixel ({}, {}) is {value:?}, with point set \"{points}\"; replay the sample to \
-         find the cause, or use InvalidSample::Reject to leave such samples out",
+         find the cause, or use InvalidSample::Reject to count such samples as black",
         .sample.index, .sample.stream, .sample.pixel[0], .sample.pixel[1]
     )]
     InvalidSample {

@@ -462,7 +462,7 @@ fn a_failure_of_one_process_is_the_render_s() {
     for (toy, limits, expected) in [
         (panics(0), Limits::spp(16.0), "a broken triangle"),
         (panics(2), Limits::spp(16.0), "a broken triangle"),
-        (Toy::default(), strict, "replay it"),
+        (Toy::default(), strict, "replay the sample"),
     ] {
         for size in [1, 3] {
             let project = |toy: &Toy| Project::new(toy.clone(), UNIFORM, limits.clone());
