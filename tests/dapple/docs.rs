@@ -29,7 +29,7 @@ mod brightness;
 #[path = "docs/median.rs"]
 mod median;
 
-/// What `docs/results/make` knows.
+/// The pages and steps that `docs/results/make` knows.
 #[path = "docs/results.rs"]
 mod results;
 

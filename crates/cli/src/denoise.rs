@@ -51,7 +51,7 @@ pub(crate) struct DenoiseArgs {
     #[arg(long, visible_alias = "denoiser", value_name = "NAME[:…]", value_parser = filter)]
     filter: Option<String>,
 
-    /// What the default filter does with fireflies: keep, drop, or spread (over neighbouring pixels)
+    /// Treatment of fireflies by the default filter: keep, drop, or spread (over neighbouring pixels)
     ///
     /// A firefly is a pixel at least 880 times as bright as its surroundings, in only one of the two halves of the samples.
     #[arg(long, value_name = "PLACE", value_parser = fireflies, default_value = FireflyLight::default().name(), conflicts_with = "filter")]

@@ -23,7 +23,7 @@ const STRIDE: u32 = 2;
 /// The largest number of hits of a path, including surfaces passed without scattering.
 const MOST_HITS: u32 = 10_000;
 
-/// Returns the random numbers of a first-hit ray.
+/// Returns the random numbers of a path that is traced before sampling: a first-hit ray or a pilot photon.
 pub(crate) fn pilot_draws(pixel: [u32; 2]) -> Draws<'static> {
     Draws::new(&HostNumbers, SampleId::new(pixel, streams::FIRST_HITS, 0))
 }

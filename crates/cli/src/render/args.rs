@@ -86,7 +86,7 @@ pub(crate) struct RenderArgs {
     #[arg(allow_negative_numbers = true)]
     pub(crate) error: Option<f64>,
 
-    /// Whether --error applies to the filtered (denoised) or to the unfiltered image
+    /// Image to which --error applies: the filtered (denoised) or the unfiltered one
     ///
     /// Filters without an error estimate (oidn, oidn-blend) always use the unfiltered image.
     #[arg(long, value_name = "IMAGE", default_value = "filtered", requires = "error", help_heading = "Bounds")]
