@@ -11,12 +11,21 @@ pub struct Parameter {
     pub default: &'static str,
     /// A one-line description of the parameter.
     pub help: &'static str,
+    /// A former name, which is still accepted; empty for a parameter without one.
+    pub alias: &'static str,
 }
 
 impl Parameter {
     /// A parameter declared by hand, without [`options!`](crate::options!).
     pub const fn new(name: &'static str, default: &'static str, help: &'static str) -> Self {
-        Self { name, default, help }
+        Self { name, default, help, alias: "" }
+    }
+
+    /// Sets the former name.
+    #[must_use]
+    pub const fn alias(mut self, alias: &'static str) -> Self {
+        self.alias = alias;
+        self
     }
 }
 
@@ -154,12 +163,14 @@ pub fn parse_pairs<'t, 'p>(
     text: &'t str,
     known: impl IntoIterator<Item = &'p Parameter>,
 ) -> Result<Vec<(&'static str, &'t str)>, OptionError> {
-    let known: Vec<&'static str> = known.into_iter().map(|parameter| parameter.name).collect();
+    let known: Vec<&Parameter> = known.into_iter().collect();
     let mut pairs: Vec<(&'static str, &str)> = Vec::new();
     for item in text.split(',').map(str::trim).filter(|item| !item.is_empty()) {
         let (name, value) = item.split_once('=').ok_or_else(|| OptionError::NotAPair { item: item.to_owned() })?;
         let (name, value) = (name.trim(), value.trim());
-        let Some(&name) = known.iter().find(|k| **k == name) else {
+        let known_as = |k: &&&Parameter| k.name == name || (k.alias == name && !name.is_empty());
+        let Some(&&Parameter { name, .. }) = known.iter().find(known_as) else {
+            let known: Vec<&str> = known.iter().map(|parameter| parameter.name).collect();
             let nearest = nearest_name(name, known.iter().copied());
             let known = if known.is_empty() { "none".into() } else { known.join(", ") };
             return Err(OptionError::Unknown { name: name.to_owned(), nearest, known });
@@ -244,11 +255,11 @@ macro_rules! options {
 
         impl $crate::options::Options for $Name {
             const PARAMETERS: &'static [$crate::options::Parameter] = &[
-                $($crate::options::Parameter {
-                    name: stringify!($field),
-                    default: $crate::options!(@text $default $(=> $text)?),
-                    help: $help.trim_ascii(),
-                },)*
+                $($crate::options::Parameter::new(
+                    stringify!($field),
+                    $crate::options!(@text $default $(=> $text)?),
+                    $help.trim_ascii(),
+                ),)*
             ];
 
             fn set(&mut self, name: &str, value: &str) -> Result<bool, $crate::options::OptionError> {

@@ -24,8 +24,6 @@ pub(crate) fn find<'a, Make>(
         return Err(RegistryError::Unknown { kind, name: name.to_owned(), nearest, known });
     };
     let mut parameters = Parameters { of: entry.name, values: Vec::new() };
-    // `probes` is an alias of the parameter `rays`.
-    let given = if entry.name == "cluster-thesis" { &given.replace("probes=", "rays=") } else { given };
     let given = parse_pairs(given, entry.parameters()).map_err(|e| parameters.refuse(e))?;
     parameters.values.extend(given.into_iter().map(|(name, value)| (name, value.to_owned())));
     for parameter in entry.parameters() {

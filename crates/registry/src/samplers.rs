@@ -269,7 +269,8 @@ const PROBES: &[Parameter] = &[
         "rays",
         "centre",
         "First-hit rays per pixel: centre (one through the centre, as published), or a number of jittered rays.",
-    ),
+    )
+    .alias("probes"),
     Parameter::new(
         "size",
         "box",

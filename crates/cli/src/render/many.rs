@@ -57,7 +57,7 @@ impl PlanOptions {
 pub(super) fn first_plan(spec: &RenderSpec, output: &Path, options: &PlanOptions) -> Result<Outcome> {
     if matches!(spec.budget, BudgetSpec::Seconds(_)) {
         let why = "--time cannot be used, since the machines of a plan have no common clock; use --spp or --error";
-        return Err(Failure::usage("--time", why));
+        return Err(Failure::usage("render", why));
     }
     let progress = options.progress()?;
     let Some(mut job) = options.job(spec, output, &progress)? else { return Ok(Outcome::Interrupted) };

@@ -343,11 +343,9 @@ fn join(session: &mut Session<'_>, integrator: &mut dyn Integrator, rows: &RowsF
     troubles.dedup();
     let mut next = stage.rows().start;
     for (start, end) in runs.into_iter().chain([(stage.rows().end, stage.rows().end)]) {
-        if start != next {
-            troubles.push(format!(
-                "rows {next} to {} of the stage are missing; pass every part exactly once",
-                start.max(next)
-            ));
+        if start > next {
+            let last = start - 1;
+            troubles.push(format!("rows {next} to {last} of the stage are missing; pass every part exactly once"));
         }
         next = end;
     }
