@@ -6,7 +6,7 @@ use clap::builder::StyledStr;
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use dapple_job::registry::{FILTERS, NOT_BUILT, POINTS, RegistryError, SAMPLERS};
 use dapple_job::{JobError, SpecError, Warning, can_be_replayed};
-use dapple_scene::{Problem, ProblemKind, ReadError};
+use dapple_scene::ReadError;
 
 impl From<JobError> for Failure {
     /// Converts an error of a job to a failure, with one line per line of the error's message.
@@ -47,15 +47,7 @@ const SIMPLER: &str = "simplify the scene, or use a machine with more memory";
 
 /// Converts the problems of a scene file to a failure. For unsupported features it names the option that allows them.
 pub(crate) fn of_reader(error: &ReadError) -> Failure {
-    let line = |problem: &Problem| match problem.kind {
-        ProblemKind::Unsupported => {
-            format!("{}: {}; remove it, or pass --allow-unsupported", problem.source, problem.message)
-        }
-        _ => problem.to_string(),
-    };
-    let plural = if error.more == 1 { "" } else { "s" };
-    let more = (error.more > 0).then(|| format!("… and {} more problem{plural}", error.more));
-    Failure(error.problems.iter().map(line).chain(more).collect())
+    Failure::lines(&error.to_string().replace("or allow unsupported directives", "or pass --allow-unsupported"))
 }
 
 /// Converts an invalid description of a render to a failure that names the wrong command-line option.
