@@ -1,12 +1,13 @@
 //! The plan of a study: its scenes, methods, budgets and seeds, from a TOML file, `--set key=value`, or code.
 
+mod values;
+
 use crate::scene::name_of;
 use crate::{External, Method, StudyError};
 use dapple_core::PointSet;
 use dapple_job::registry::{self, PointSettings};
 use dapple_renderer::light::LightSelection;
-use serde::de::Error;
-use serde::{Deserialize, Deserializer};
+use serde::Deserialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -59,7 +60,7 @@ pub struct ScenePlan {
     /// The file of the reference image; `None` renders a reference.
     pub reference: Option<PathBuf>,
     /// Width and height of this scene's images in pixels; `None` uses the study's resolution.
-    #[serde(default, deserialize_with = "resolution")]
+    #[serde(default, deserialize_with = "values::resolution")]
     pub resolution: Option<[u32; 2]>,
     /// The rule by which light sampling selects one of several lights; `None` uses the study's rule.
     #[serde(alias = "light_choice")]
@@ -84,7 +85,7 @@ impl FromStr for ScenePlan {
 #[serde(deny_unknown_fields, default)]
 pub struct PlanSettings {
     /// The scenes; default teapot and terrain, both bundled with Dapple.
-    #[serde(deserialize_with = "list")]
+    #[serde(deserialize_with = "values::list")]
     pub scenes: Vec<ScenePlan>,
     /// The names of the `scenes` to use; default all.
     pub only: Vec<String>,
@@ -98,19 +99,19 @@ pub struct PlanSettings {
     pub filters: Vec<String>,
     /// Methods in addition to samplers x points x filters, or the only methods if no samplers are set. In a plan, each is
     /// `SAMPLER/POINTS/FILTER` or a table.
-    #[serde(deserialize_with = "list")]
+    #[serde(deserialize_with = "values::list")]
     pub methods: Vec<Method>,
     /// External programs, which methods can name as their filter.
     pub external: Vec<External>,
     /// The method with which the others are compared; default uniform/sobol/none. If it is not one of the methods, it is added
     /// as the first one.
-    #[serde(deserialize_with = "one")]
+    #[serde(deserialize_with = "values::one")]
     pub baseline: Method,
     /// The budgets in mean samples per pixel; default 4, 8, 16 and 32.
     pub spp: Option<Vec<u64>>,
     /// The seeds; default 1 to 8. Each scene, method and budget has one run per seed. In a plan: the number of seeds, or a list
     /// of them.
-    #[serde(deserialize_with = "seeds")]
+    #[serde(deserialize_with = "values::seeds")]
     pub seeds: Option<Vec<u64>>,
     /// The budget, one of `spp`, that sets the time of equal-time runs: every method gets the time that the baseline takes at
     /// this budget. 0 means no equal-time runs; the default is the second largest budget.
@@ -119,7 +120,7 @@ pub struct PlanSettings {
     pub quick: bool,
     /// Width and height of images in pixels; default: the size of the scene's reference file, or 128x128 without one. In a
     /// plan, `[128, 128]` or `128x128`.
-    #[serde(deserialize_with = "resolution")]
+    #[serde(deserialize_with = "values::resolution")]
     pub resolution: Option<[u32; 2]>,
     /// The largest number of scattering events between camera and light; default each scene's own limit.
     pub max_depth: Option<u32>,
@@ -292,62 +293,6 @@ fn assign(table: &mut Table, set: &str) -> Result<String, String> {
     Ok(keys[0].to_owned())
 }
 
-/// A TOML value that is either text to parse, or a value that serde reads.
-#[derive(Deserialize)]
-#[serde(untagged, expecting = "text, or a table of the keys that `dapple study --help` lists")]
-enum Written<T> {
-    Text(String),
-    Value(T),
-}
-
-impl<T: FromStr<Err: fmt::Display>> Written<T> {
-    fn read<E: Error>(self) -> Result<T, E> {
-        match self {
-            Self::Text(text) => text.parse().map_err(E::custom),
-            Self::Value(value) => Ok(value),
-        }
-    }
-}
-
-fn one<'de, D: Deserializer<'de>>(from: D) -> Result<Method, D::Error> {
-    Written::deserialize(from)?.read()
-}
-
-fn list<'de, T, D: Deserializer<'de>>(from: D) -> Result<Vec<T>, D::Error>
-where
-    T: FromStr<Err: fmt::Display> + Deserialize<'de>,
-{
-    Vec::<Written<T>>::deserialize(from)?.into_iter().map(Written::read).collect()
-}
-
-/// The largest number of seeds in a plan, so that a typing error does not fill the memory.
-const MOST_SEEDS: u64 = 100_000;
-
-/// Reads the seeds: a number N for the seeds 1 to N, or a list.
-fn seeds<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Vec<u64>>, D::Error> {
-    #[derive(Deserialize)]
-    #[serde(untagged, expecting = "a number of seeds, or a list of seeds")]
-    enum Seeds {
-        Count(u64),
-        List(Vec<u64>),
-    }
-    Ok(Some(match Seeds::deserialize(from)? {
-        Seeds::Count(n) => (1..=n.min(MOST_SEEDS)).collect(),
-        Seeds::List(list) => list,
-    }))
-}
-
-/// Reads a resolution: text such as `128x128`, or a pair.
-fn resolution<'de, D: Deserializer<'de>>(from: D) -> Result<Option<[u32; 2]>, D::Error> {
-    let text = match Written::deserialize(from)? {
-        Written::Value(sides) => return Ok(Some(sides)),
-        Written::Text(text) => text,
-    };
-    let sides = text.split_once(['x', 'X']).and_then(|(w, h)| Some([w.trim().parse().ok()?, h.trim().parse().ok()?]));
-    let wrong = || format!("\"{text}\" is not a resolution; write WIDTHxHEIGHT in pixels, such as 128x128");
-    sides.map(Some).ok_or_else(|| D::Error::custom(wrong()))
-}
-
 impl ScenePlan {
     fn make_relative_to(&mut self, folder: &Path) {
         let path = folder.join(&self.source);
@@ -515,190 +460,4 @@ fn ascending(mut spp: Vec<u64>) -> Result<Vec<u64>, PlanError> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn message_of(text: &str) -> String {
-        match Plan::parse(text, Path::new("some/plan.toml"), &[]) {
-            Ok(_) => String::new(),
-            Err(e) => e.to_string(),
-        }
-    }
-
-    #[test]
-    fn plans_may_have_a_byte_order_mark_any_line_ends_and_latin_1() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let path = folder.path().join("plan.toml");
-        for end in ["\n", "\r\n", "\r"] {
-            let text = |seeds: &str| ["# caf\u{e9}", "spp = [", "8]", seeds, ""].join(end);
-            let latin = text("seeds = 3").chars().map(|c| c as u8).collect::<Vec<u8>>();
-            for bytes in [format!("\u{feff}{}", text("seeds = 3")).into_bytes(), latin] {
-                std::fs::write(&path, bytes).expect("a plan");
-                assert_eq!(Plan::read(Some(&path), &[]).expect("a plan").seeds.len(), 3, "{end:?}");
-            }
-            std::fs::write(&path, text("seeds = [1, 1]")).expect("a plan");
-            let found = Plan::read(Some(&path), &[]).expect_err("twice").to_string();
-            assert!(found.contains("plan.toml:4: seeds: a seed is given twice"), "{end:?}: {found}");
-        }
-        std::fs::write(&path, b"\xff\xfes\0").expect("a plan");
-        let found = Plan::read(Some(&path), &[]).expect_err("UTF-16").to_string();
-        assert!(found.contains("plan.toml") && found.contains("this text is in UTF-16; save it as UTF-8"), "{found}");
-    }
-
-    #[test]
-    fn errors_name_file_line_and_key() {
-        let cases = [
-            ("spp = [8, \"a\"]", "some/plan.toml:1: invalid type: string \"a\", expected u64"),
-            ("# a\n\nspp = [\n  8,\n  8,\n]\n", "some/plan.toml:3: spp: a number of samples is given twice"),
-            ("spp = [0]", ":1: spp: 0 is out of range; use 1 to"),
-            ("spp = []", ":1: spp: the list is empty"),
-            ("ssp = [8]", ":1: unknown field `ssp`, expected one of `scenes`, `only`, `samplers`"),
-            ("spp = [8", ":1: "),
-            (
-                "samplers = [\n  \"uniform\",\n  \"nonesuch\",\n]",
-                ":3: samplers: there is no sampler \"nonesuch\"; choose among variance, ",
-            ),
-            ("filters = [\"nonesuch\"]", ":1: filters: there is no filter \"nonesuch\"; choose among none, "),
-            ("points = [\"nonesuch\"]", ":1: points: there is no point set \"nonesuch\"; choose among sobol, "),
-            ("samplers = [\"mitchell:nonesuch=2\"]", ":1: samplers: mitchell: there is no parameter \"nonesuch\""),
-            ("methods = [\"uniform\",\n \"variance/nonesuch\"]", ":2: points: there is no point set"),
-            ("methods = [\"a/b/c/d\"]", ":1: \"a/b/c/d\" is not a method; write SAMPLER/POINTS/FILTER"),
-            ("samplers = [\"uniform\", \"uniform\"]", "\"uniform/sobol/cluster-regression\" is given twice"),
-            ("seeds = \"x\"", ":1: a number of seeds, or"),
-            ("seeds = [1, 1]", ":1: seeds: a seed is given twice"),
-            ("seeds = 0", ":1: seeds: the list is empty"),
-            ("resolution = \"12\"", ":1: \"12\" is not a resolution; write WIDTHxHEIGHT"),
-            ("resolution = [0, 4]", ":1: resolution: "),
-            ("time_of = 7", ":1: time_of: 7 is not one of spp (4, 8, 16, 32)"),
-            ("reference_spp = 1", ":1: reference_spp: 1 is out of range; use 2"),
-            ("baseline = \"nonesuch\"", ":1: baseline: there is no sampler"),
-            ("scenes = [{ name = \"a\" }]", ":1: text, or a table"),
-            ("threads = -1", ":1: invalid value"),
-            ("scenes = [{ source = \"teapot\", lights = \"nonesuch\" }]", ":1: text, or a table"),
-            ("scenes = [{ source = \"teapot\", resolution = \"0x4\" }]", ":1: scenes: an image of 0x4 pixels is empty"),
-            (
-                "[[external]]\nname = \"a/b\"\ncommand = \"p {input} {output}\"",
-                ":2: external: \"a/b\": not a valid name",
-            ),
-            (
-                "[[external]]\nname = \"nlm\"\ncommand = \"p {input} {output}\"",
-                ":2: external: \"nlm\": a built-in filter",
-            ),
-            (
-                "[[external]]\nname = \"a\"\ncommand = \"p {input}\"",
-                "external: \"a\": the command lacks {input} or {output}",
-            ),
-            (
-                "[[external]]\nname = \"a\"\ncommand = \"{input} {output}\"",
-                "external: \"a\": the command lacks {input} or {output}",
-            ),
-            ("filters = [\"a\"]", "filters: there is no filter \"a\""),
-        ];
-        for (text, message) in cases {
-            assert!(message_of(text).contains(message), "{text}: {}", message_of(text));
-        }
-        // The control: an empty plan is right.
-        assert_eq!(message_of(""), "");
-    }
-
-    /// Plans mean the same in programs with and without the feature.
-    #[test]
-    fn an_external_filter_may_have_the_name_of_an_optional_filter() {
-        for name in ["oidn", "oidn-blend"] {
-            let text = format!(
-                "filters = [\"{name}\"]\n[[external]]\nname = \"{name}\"\ncommand = \"p {{input}} {{output}}\""
-            );
-            let plan = Plan::parse(&text, Path::new("plan.toml"), &[]).unwrap();
-            assert_eq!((plan.settings.external[0].name.as_str(), plan.methods[1].filter.as_str()), (name, name));
-        }
-    }
-
-    #[test]
-    fn a_file_gives_every_setting() {
-        let text = r#"
-            scenes = ["teapot", { source = "box.pbrt", name = "box", reference = "r.exr" }]
-            samplers = ["variance", "mitchell:mode=budget"]
-            filters = ["none"]
-            methods = [{ sampler = "uniform", points = "halton" }, "variance/random/gaussian"]
-            spp = [16, 8]
-            seeds = [3, 5]
-            resolution = "20x10"
-            time_of = 16
-        "#;
-        let plan = Plan::parse(text, Path::new("some/plan.toml"), &[]).unwrap();
-        let methods: Vec<String> = plan.methods.iter().map(Method::to_string).collect();
-        let expected = [
-            "uniform/sobol/none",
-            "variance/sobol/none",
-            "mitchell:mode=budget/sobol/none",
-            "uniform/halton/none",
-            "variance/random/gaussian",
-        ];
-        assert_eq!(methods, expected, "the baseline stands in front");
-        assert_eq!((plan.spp.as_slice(), plan.seeds.as_slice()), (&[8, 16][..], &[3, 5][..]));
-        assert_eq!((plan.settings.resolution, plan.time_of), (Some([20, 10]), Some(16)));
-        assert_eq!(plan.scenes[0], "teapot".parse().unwrap());
-        assert_eq!(plan.scenes[1].source, "some/box.pbrt");
-        assert_eq!(plan.scenes[1].reference.as_deref(), Some(Path::new("some/r.exr")));
-        assert_eq!(plan.runs(), 2 * 5 * 3 * 2);
-    }
-
-    fn with(text: &str, sets: &[&str]) -> Result<Plan, PlanError> {
-        let sets: Vec<String> = sets.iter().map(|set| (*set).to_owned()).collect();
-        Plan::parse(text, Path::new("some/plan.toml"), &sets)
-    }
-
-    #[test]
-    fn later_settings_replace_those_of_the_file() {
-        let plan = with("spp = [2, 4]\nseeds = 3", &["spp=7", "quick=true"]).unwrap();
-        assert_eq!((plan.spp, plan.seeds, plan.time_of, plan.side), (vec![7], vec![1, 2, 3], Some(7), 64));
-        let sized =
-            "lights = \"power\"\nscenes = [{ source = \"teapot\", resolution = [5, 6], light_choice = \"cells\" }]";
-        let scene = &with(sized, &[]).unwrap().scenes[0];
-        assert_eq!((scene.resolution, scene.lights), (Some([5, 6]), Some(LightSelection::Learned)));
-        let plan = with(sized, &["resolution=7x8", "lights=learned"]).unwrap();
-        assert_eq!((plan.scenes[0].resolution, plan.settings.resolution), (None, Some([7, 8])));
-        assert_eq!((plan.scenes[0].lights, plan.settings.lights), (None, LightSelection::Learned));
-        // Text, lists, tables and parts of tables; a plan that holds only with its replacements.
-        let sets = [
-            "samplers=[\"uniform\", \"mitchell:mode=budget,radius=2\"]",
-            "filters=none",
-            "methods=uniform/halton",
-            "baseline.filter=gaussian",
-            "scenes=[\"cornell\", { source = \"box.pbrt\", name = \"b\" }]",
-            "spp=[4, 9]",
-        ];
-        let plan = with("time_of = 9\nbaseline = { sampler = \"uniform\" }", &sets).unwrap();
-        let methods: Vec<String> = plan.methods.iter().map(Method::to_string).collect();
-        let expected = [
-            "uniform/sobol/gaussian",
-            "uniform/sobol/none",
-            "mitchell:mode=budget,radius=2/sobol/none",
-            "uniform/halton/none",
-        ];
-        assert_eq!(methods, expected);
-        assert_eq!(plan.scenes[1].source, "box.pbrt", "not relative to the file");
-        let named = "scenes = [\"teapot\", { source = \"room\", name = \"r\" }]";
-        assert_eq!(with(named, &["only=r"]).unwrap().scenes[0].source, "room");
-    }
-
-    #[test]
-    fn errors_of_replacements_name_the_replacement() {
-        let cases = [
-            ("spp", "--set spp: this is not a setting; write KEY=VALUE"),
-            ("ssp=3", "--set ssp=3: unknown field `ssp`, expected one of"),
-            ("spp=a", "--set spp=a: invalid type: string \"a\", expected u64"),
-            ("spp=[2, 2]", "--set spp=[2, 2]: spp: a number of samples is given twice"),
-            ("spp=[2", "write a TOML value"),
-            ("seeds.a=3", "--set seeds.a=3: "),
-            ("methods=uniform/nonesuch", "--set methods=uniform/nonesuch: points: there is no point set"),
-            ("only=nonesuch", "no scene of the plan is called \"nonesuch\"; choose among teapot, terrain"),
-            // The file's own setting no longer fits.
-            ("spp=[1, 2]", "some/plan.toml:2: time_of: 8 is not one of spp (1, 2)"),
-        ];
-        for (set, message) in cases {
-            let found = with("seeds = 2\ntime_of = 8", &[set]).unwrap_err().to_string();
-            assert!(found.contains(message), "{set}: {found}");
-        }
-    }
-}
+mod tests;
