@@ -30,7 +30,7 @@ def main():
             render(scene, path, "--sampler", "uniform", "--filter", "none", "--spp", "4096", "--seed", str(seed))
         return pfm(path)
 
-    print("scene,asked,true / asked,deviation,predicted / true,spp")
+    print("scene,asked,true / asked,standard error,predicted / true,spp")
     for scene, asked in (pair.split("=") for pair in sys.argv[4:]):
         a, b = reference(scene, 98), reference(scene, 99)
         weight = 1 / ((a + b) ** 2 / 4 + 0.01)
@@ -44,8 +44,8 @@ def main():
             spp.append(line["spp"])
         over = [t / float(asked) for t in true]
         ratio = sum(predicted) / sum(true)
-        mean, deviation = statistics.mean(over), statistics.stdev(over)
-        print(f"{scene},{asked},{mean:.2f},{deviation:.2f},{ratio:.2f},{statistics.mean(spp):.1f}", flush=True)
+        mean, error = statistics.mean(over), statistics.stdev(over) / seeds**0.5
+        print(f"{scene},{asked},{mean:.2f},{error:.2f},{ratio:.2f},{statistics.mean(spp):.1f}", flush=True)
 
 if __name__ == "__main__":
     main()
