@@ -99,13 +99,21 @@ pub struct Scene {
     /// Media, which shapes and the camera reference by index.
     pub media: Vec<Medium>,
     /// The times of the poses `to_world` and `moves_to` of moving objects. Objects are at rest before the first time and
-    /// after the second. `[0, 0]` means the same as `[0, 1]`.
+    /// after the second. Equal times mean `[0, 1]`.
     pub motion_times: [f64; 2],
     /// Messages of the reader: warnings and ignored settings.
     pub notices: Vec<Notice>,
 }
 
 impl Scene {
+    /// The times at which motion starts and ends: [`motion_times`](Self::motion_times), or `[0, 1]` if both are equal.
+    pub fn motion(&self) -> [f64; 2] {
+        match self.motion_times {
+            [first, second] if first == second => [0.0, 1.0],
+            times => times,
+        }
+    }
+
     /// Adds a material; returns its index.
     pub fn add_material(&mut self, material: Material) -> MaterialId {
         self.materials.push(material);

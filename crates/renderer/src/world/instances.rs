@@ -222,10 +222,7 @@ impl Shutter {
         if !moves {
             return Ok(Self { open: [0.0; 2] });
         }
-        let [from, to] = match scene.motion_times {
-            [from, to] if from == to => [0.0, 1.0],
-            times => times,
-        };
+        let [from, to] = scene.motion();
         let [opens, closes] = scene.camera.shutter;
         let sound = [from, to, opens, closes].iter().all(|t| t.is_finite());
         if !sound || from > to || opens > closes {

@@ -89,9 +89,7 @@ pub(super) fn find_lens(visible: &Visible<'_>) -> FirstCause {
 pub(super) fn find_motion(visible: &Visible<'_>) -> FirstCause {
     let camera = &visible.scene.camera;
     let [open, close] = camera.shutter;
-    let [first, second] = visible.scene.motion_times;
-    // If both times are equal, the motion ends at start + 1.
-    let second = if first == second { first + 1.0 } else { second };
+    let [first, second] = visible.scene.motion();
     // Nothing moves before and after the motion. NaN counts as an open shutter.
     if open == close || close <= first || open >= second {
         return None;

@@ -363,8 +363,10 @@ fn motion_while_the_shutter_is_open() {
     assert_eq!(more(|s| s.shapes[0].moves_to = Some(s.shapes[0].to_world)), NONE);
     for (shutter, motion_times, expected) in [
         ([0.5, 0.5], [0.0, 1.0], vec![]),
-        // No time in between is one.
+        // Equal times are 0 to 1, as in the renderer.
         ([0.0, 1.0], [0.0, 0.0], blur(10, 1)),
+        ([0.0, 1.0], [2.0, 2.0], blur(10, 1)),
+        ([2.0, 3.0], [2.0, 2.0], vec![]),
         ([0.0, 1.0], [1.0, 2.0], vec![]),
         ([2.0, 3.0], [1.0, 2.0], vec![]),
         ([0.0, 1.5], [1.0, 2.0], blur(10, 1)),
