@@ -409,7 +409,7 @@ impl<'a> Middle<'a> {
 }
 
 impl Monitor for Middle<'_> {
-    fn slice(&mut self, status: &Status<'_>) -> Control {
+    fn progress(&mut self, status: &Status<'_>) -> Control {
         if self.seconds == 0.0 {
             self.seconds = seconds(|| {
                 let identity = Identity::new([("scene", Image::NAME)]);

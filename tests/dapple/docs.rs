@@ -36,7 +36,7 @@ mod results;
 /// Pages whose shell blocks run.
 const RUN: [&str; 7] = [
     "README.md",
-    "docs/SHARDS.md",
+    "docs/PARTS.md",
     "docs/book/src/first-render.md",
     "docs/book/src/your-scene.md",
     "docs/book/src/maps-and-report.md",

@@ -10,11 +10,11 @@ use dapple_core::{Error, Frame, Limits, Needs, PointSet, Sampler, film::RgbMomen
 /// of the image.
 ///
 /// The score of a pixel is the relative variance of its samples, pooled with that of its neighbours
-/// ([`relative_variance`](crate::relative_variance)). By default, neighbours with similar surfaces weigh more. The score is
-/// also divided by the square root of the fraction of similar pixels in the surroundings, since a filter averages over them
-/// ([`PoolShape::Similar`](crate::PoolShape::Similar)). With an [`ErrorMap`], the score is the geometric mean of that variance
-/// and the map. A pixel's error is assumed to fall as `n^-exponent` with its count `n`. Counts minimise the sum of errors and
-/// are restricted to the ladder of well-stratified counts ([`Ladder`](dapple_core::plan::Ladder)).
+/// ([`relative_variance`](crate::relative_variance)). By default, neighbours with similar surfaces weigh more, and pixels with
+/// few similar neighbours get higher scores, since a filter averages over fewer pixels there
+/// ([`PoolShape::Similar`](crate::PoolShape::Similar)). An [`ErrorMap`] is combined with the scores by a geometric mean
+/// ([`AdaptiveOptions::mix`]). A pixel's error is assumed to fall as `n^-exponent` with its count `n`. Counts minimise the sum
+/// of errors and are restricted to the ladder of well-stratified counts ([`Ladder`](dapple_core::plan::Ladder)).
 ///
 /// With [`AdaptiveOptions::cost`], scores are divided by the rays per sample. Counts are then proportional to the deviation
 /// divided by the square root of the cost, as in efficiency-aware splitting at the camera [after Rath 2022].
@@ -29,11 +29,10 @@ use dapple_core::{Error, Frame, Limits, Needs, PointSet, Sampler, film::RgbMomen
 /// # Bias
 ///
 /// By default all samples stay in the image, and no pixel's count depends on its own samples ([`PilotPolicy::Neighbours`]):
-/// neither on their light nor on the surfaces they hit. The image is then unbiased for a budget that is known at the start,
-/// except that each pixel contributes to the total of all scores. With [`PilotPolicy::Keep`] a pixel's count also depends on
-/// its own samples [Kirk and Arvo 1991]. That lowers the error a little, and loses energy where light is rare.
-/// [`PilotPolicy::Discard`] and [`PilotPolicy::Cross`] are exactly unbiased for a budget that is known at the start, but less
-/// accurate.
+/// neither on their light nor on the surfaces they hit. If the budget is known at the start, the only remaining bias comes from
+/// the sum of all scores, to which each pixel contributes. With [`PilotPolicy::Keep`] a pixel's count also depends on its own
+/// samples [Kirk and Arvo 1991]. This lowers the error a little, and loses energy where light is rare. [`PilotPolicy::Discard`]
+/// and [`PilotPolicy::Cross`] are exactly unbiased for a budget that is known at the start, but less accurate.
 ///
 /// # Weaknesses
 ///
@@ -62,11 +61,11 @@ impl<P: PointSet> Adaptive<P> {
         Ok(Self { points, options, preset: None, errors: None })
     }
 
-    /// Adds a filter's error map to the pixels' scores, besides the variance of their samples.
+    /// Combines a filter's error map with the scores by a geometric mean, weighted by [`AdaptiveOptions::mix`].
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`] unless the pilot is kept, because an error map reads kept samples in both halves.
+    /// [`Error::OutOfRange`] unless the policy is [`PilotPolicy::Keep`].
     pub fn with_error_map(mut self, errors: ErrorMap) -> Result<Self, Error> {
         if self.options.policy != PilotPolicy::Keep {
             let allowed = "policy=keep, as a filter's error map reads kept samples";

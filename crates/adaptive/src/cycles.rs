@@ -12,14 +12,14 @@ dapple_core::options! {
         pub threshold: f64 = 0.0 => "0", |t| t >= 0.0 && t.is_finite(), "0 or above; 0 chooses";
         /// Minimum samples per pixel before any pixel stops; 0 = automatic (16 x threshold^-0.3; with mode=budget at most spp/4).
         ///
-        /// With 0, at least 4 samples are taken. The limit of a quarter applies only with [`Stopping::Budget`].
+        /// The automatic minimum is never below 4.
         pub min: u32 = 0, |min| min != 1, "at least 2, one for each half; 0 chooses";
         /// Samples per round for each pixel that has not stopped.
         pub step: u32 = 16, |step| step != 0, "at least one sample";
-        /// Stopping rule: budget (the threshold falls until it is spent) or threshold (until all pixels are below it, within the budget).
+        /// Stopping rule: budget (the threshold falls until all samples are spent) or threshold (all pixels below it, within the budget).
         ///
-        /// With [`Stopping::Budget`], errors are compared with half of the largest error if that is less than 5 times the
-        /// threshold.
+        /// With [`Stopping::Budget`], errors are compared with 5 times the threshold or half of the largest error, whichever is
+        /// less.
         pub mode: Stopping = Stopping::Budget => "budget";
         /// keep: samples used to set counts stay in the image (biased, as published); the only value.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
@@ -51,14 +51,14 @@ const BLACK: f64 = 1e-4;
 /// The adaptive sampler of Blender's Cycles [Cycles, `kernel/film/adaptive_sampling.h` and `scene/integrator.cpp`;
 /// after Dammertz 2010].
 ///
-/// A pixel's error compares the mean of all samples with the mean of half of them: `(|dR| + |dG| + |dB|) / (1e-4 + N(I))`. Here
-/// `I = R + G + B`, and `N(I)` is `sqrt(I)` for `I < 1` and `I` otherwise. Pixels whose error exceeds five times the threshold
-/// get another `step` samples, and so do their eight neighbours. The halves here are two independent sequences; Cycles splits
-/// one sequence, whose halves are not independent.
+/// A pixel's error is `(|dR| + |dG| + |dB|) / (1e-4 + N(I))`. `dR`, `dG` and `dB` are the differences between the mean `(R, G,
+/// B)` of all samples and the mean of one half. `I` is `R + G + B`, and `N(I)` is `sqrt(I)` for `I < 1` and `I` otherwise.
+/// Pixels whose error exceeds five times the threshold, and their eight neighbours, get another `step` samples. The halves here
+/// are independent; those of Cycles are not, since it splits one sequence.
 ///
 /// *Guarantees*: spends the budget exactly, or treats it as an upper bound; no pixel gets fewer than `min` samples if the
-/// budget allows it. *Bias*: sample counts depend on the samples, and all samples are kept [Kirk and Arvo 1991]. A pixel thus
-/// stops when its halves agree by chance. *Weaknesses*: the two halves of one pixel are a poor error estimate, one threshold
+/// budget allows it. *Bias*: sample counts depend on the samples, and all samples are kept [Kirk and Arvo 1991]. A pixel may
+/// stop because its halves agree by chance. *Weaknesses*: the two halves of one pixel are a poor error estimate, one threshold
 /// applies to all brightnesses, and fireflies keep a pixel from stopping.
 pub struct Cycles<P> {
     points: P,

@@ -10,10 +10,9 @@ dapple_core::options! {
     pub struct AdaptiveOptions {
         /// Samples per pixel before counts adapt; 0 = automatic, max(min(spp/2, 8), spp/4).
         ///
-        /// With 0, the pilot is rounded down to a count on the ladder of well-stratified counts. It is then at least 4, or 1
-        /// with [`PilotPolicy::Neighbours`]. An explicit pilot has at least 2 samples per pixel. With
-        /// [`PilotPolicy::Neighbours`] 1 is enough, as the variance then comes from pairs of pixels. With
-        /// [`PilotPolicy::Cross`] it is at least 4, because each half needs a variance.
+        /// An automatic pilot is rounded down to a well-stratified count, but not below 4, or 1 with
+        /// [`PilotPolicy::Neighbours`]. An explicit pilot has at least 2 samples, or 1 with [`PilotPolicy::Neighbours`]
+        /// (variances come from pairs of pixels), or 4 with [`PilotPolicy::Cross`] (each half needs a variance).
         pub pilot: u32 = 0;
         /// Rounds after the pilot; 0 = automatic (3 with policy=keep, 2 with neighbours, 1 with discard or cross).
         ///
@@ -22,7 +21,7 @@ dapple_core::options! {
         pub rounds: u32 = 0, |rounds| rounds <= 64, "1 to 64; 0 chooses";
         /// Weights of neighbours in the pooled variance: similar (higher for similar pixels) or window (equal).
         pub pool: PoolShape = PoolShape::Similar => "similar";
-        /// Radius of the pooling window in pixels; doubled if the pilot has fewer than 4 samples per pixel.
+        /// Radius of the pooling window in pixels; with pool=similar, doubled while any pixel has fewer than 4 samples.
         pub radius: u32 = 2, |radius| radius <= 64, "at most 64 pixels";
         /// Weight of the pooled variance when averaged with the pixel's own, in degrees of freedom; inf: use only the pooled variance.
         pub prior: f64 = 12.0 => "12", |prior| prior >= 0.0, "a weight of 0 or more, or inf";
@@ -45,10 +44,9 @@ dapple_core::options! {
         /// Pilot samples: keep (biased), neighbours (kept; set only neighbours' counts), discard, cross (each half sets the other's counts).
         pub policy: PilotPolicy = PilotPolicy::Neighbours => "neighbours",
             |policy| !matches!(policy, PilotPolicy::Refined), "keep, neighbours, discard or cross";
-        /// Cost that counts are optimised for: 0 = number of samples, 1 = number of rays.
+        /// Unit of cost in the optimisation of sample counts: 0 = samples, 1 = rays.
         ///
-        /// The budget is still a number of samples. Costs that are equal everywhere change nothing. Costs are pooled over the
-        /// window.
+        /// The budget is a number of samples in both cases. Rays per sample are pooled over the window.
         pub cost: u32 = 0, |cost| cost <= 1, "0 or 1";
     }
 }
@@ -68,9 +66,12 @@ impl AdaptiveOptions {
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`] for a value out of range; for several rounds with [`PilotPolicy::Discard`] or
-    /// [`PilotPolicy::Cross`], or more than two with [`PilotPolicy::Neighbours`]; for a pilot below 4 or costs (which films do
-    /// not record per half) with [`PilotPolicy::Cross`]; for a window of radius 0 with [`PilotPolicy::Neighbours`].
+    /// [`Error::OutOfRange`] for a value out of range, and for these combinations:
+    ///
+    /// * [`PilotPolicy::Keep`] or [`PilotPolicy::Discard`] with a pilot of 1
+    /// * [`PilotPolicy::Discard`] with more than one round
+    /// * [`PilotPolicy::Cross`] with more than one round, a pilot below 4, or `cost` 1
+    /// * [`PilotPolicy::Neighbours`] with more than two rounds or a radius of 0
     pub fn check(&self) -> Result<(), Error> {
         self.check_ranges()?;
         let Self { pilot, rounds, radius, policy, cost, .. } = *self;
@@ -133,7 +134,7 @@ dapple_core::options! {
         /// Pilot samples: keep (biased), neighbours (kept; set only neighbours' counts), discard, cross (each half sets the other's counts).
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
             |policy| !matches!(policy, PilotPolicy::Refined), "keep, discard, cross or neighbours";
-        /// Cost that counts are optimised for: 0 = number of samples, 1 = number of rays.
+        /// Unit of cost in the optimisation of sample counts: 0 = samples, 1 = rays.
         ///
         /// See [`AdaptiveOptions::cost`].
         pub cost: u32 = 0;

@@ -6,7 +6,7 @@ use dapple_core::{Frame, Limits};
 /// A uniform pilot: samples taken in every pixel before counts adapt.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pilot {
-    /// How the image uses the pilot samples. [`PilotPolicy::Refined`] is treated as [`PilotPolicy::Keep`].
+    /// The use of the pilot samples in the image. [`PilotPolicy::Refined`] is treated as [`PilotPolicy::Keep`].
     pub policy: PilotPolicy,
     /// The pilot samples per pixel. 0 uses max(min(mean / 2, 8), mean / 4) for a budget of `mean` samples per pixel, rounded
     /// down to a ladder count, but at least 4, or 1 with [`PilotPolicy::Neighbours`].
@@ -38,8 +38,8 @@ impl Pilot {
         self.wanted(saturating_u32(limits.expected_samples(frame) / frame.pixels() as u64), Ladder::Whole) == 1
     }
 
-    /// Begins a round: sets how `plan` combines halves, and requests the missing pilot samples if the budget allows it. If none
-    /// are missing, the counts of `plan` stay 0.
+    /// Requests the pilot samples that pixels still lack, if the budget suffices for all of them. Otherwise the counts of
+    /// `plan` become 0. Also sets [`Plan::combine`] according to the policy.
     pub fn begin(self, seen: &Feedback<'_>, plan: &mut Plan) -> PilotRound {
         let budget = seen.budget;
         let (crosses, discards) = (self.policy == PilotPolicy::Cross, self.policy == PilotPolicy::Discard);
@@ -73,7 +73,7 @@ impl Pilot {
 pub struct PilotRound {
     /// The number of pilot samples per pixel.
     pub samples: u32,
-    /// `true` if pilot samples were missing. In that case this round's plan requests them.
+    /// `true` if this round's plan requests pilot samples.
     pub is_missing: bool,
 }
 

@@ -25,9 +25,9 @@ pub enum PoolShape {
 
 dapple_core::choices!(PoolShape { Window = "window", Similar = "similar" });
 
-/// The pixels of a window whose samples count in a pixel's score.
+/// The pixels of the window that contribute to a pixel's score.
 ///
-/// The steps between two pixels are the difference in columns plus the difference in rows.
+/// A step leads to an adjacent pixel of the same row or column.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Sources {
     /// All pixels, including the pixel itself.
@@ -42,7 +42,7 @@ pub enum Sources {
 /// The parameters of [`relative_variance`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pooling {
-    /// The shape of the pool.
+    /// The weights of the window's pixels.
     pub pool: PoolShape,
     /// The radius of the window, which is `2 radius + 1` pixels wide and high.
     pub radius: u32,
@@ -58,18 +58,17 @@ pub struct Pooling {
     pub sources: Sources,
 }
 
-/// The relative variance `v~ / (m^2 + epsilon)` of each pixel's samples, pooled and summed over channels.
+/// The relative variance of each pixel's samples: `v~ / (m^2 + epsilon)`, summed over channels.
 ///
-/// Here `v~^q = ((n - 1) v^q + prior pool(v^q)) / (n - 1 + prior)`. `v` is the pixel's sample variance, `n` its count,
-/// `q` the power, and `m` the mean radiance over the window. The result is not negative, and 0 if neither the pixel nor
-/// the pool has two samples.
+/// `v~` is the pooled variance: `v~^q = ((n - 1) v^q + prior P) / (n - 1 + prior)`. `v` is the pixel's sample variance, `n` its
+/// count and `q` the power. `P` is the mean of `v^q` over the window, weighted by degrees of freedom, and `m` the channel's
+/// mean radiance over the window. The result is 0 or above; it is 0 if no pixel of the window has two samples.
 ///
-/// `moments` are in row order, for an image of `size` pixels. The pool is a mean weighted by degrees of freedom, so pixels with
-/// fewer than two samples do not contribute.
+/// `moments` are in row order, for an image of `size` pixels.
 ///
 /// With [`PoolShape::Similar`], the weight of a neighbour depends on its distance alone, since surfaces are unknown here.
 ///
-/// With [`Sources::Odd`] and [`Sources::Even`], `v~^q = pool(v^q)`, and both the pool and `m` omit the pixel itself.
+/// With [`Sources::Odd`] and [`Sources::Even`], `v~^q` is `P`, and the pixel itself contributes neither to `P` nor to `m`.
 ///
 /// # Errors
 ///

@@ -28,16 +28,16 @@ dapple_core::options! {
 
 /// The sampler of adaptive wavelet rendering [after Overbeck, Donner and Ramamoorthi 2009].
 ///
-/// Blocks of 1, 2x2, 4x4 and more pixels compete for samples. `V` is the variance of the mean of a block's pixels. The mean
-/// square of the block's three wavelet coefficients is subtracted, so that across an edge its sub-blocks win over the block.
-/// Both are relative to the square of the scaling coefficient plus 0.01. The block with the largest difference times its number
-/// of pixels gets four samples per pixel, at most 64 in all. Its variance is lowered accordingly, and the next block is picked.
-/// [`Wavelet`](crate::Wavelet) is the matching filter.
+/// Blocks of 1, 2x2, 4x4 and more pixels compete for samples. The priority of a block of `n` pixels is `n (V - D) / (s^2 +
+/// 0.01)`. `V` is the variance of the block's mean, and `s` its scaling coefficient. `D` is the mean square of its three
+/// wavelet coefficients, minus the noise expected in them. `D` is large across an edge, so the parts of the block come first
+/// there. The block with the highest priority gets four samples per pixel, at most 64 in all. Its variance is lowered
+/// accordingly, and the next block is picked. [`Wavelet`](crate::Wavelet) is the matching filter.
 ///
-/// The difference `V - w^2` comes from a re-implementation, since the authors' own priority was not available. On noise the
-/// mean of `w^2` equals `V` and would hide all noise, so only its excess is subtracted. These choices are not in the paper
-/// either: the sample variance relative to the squared brightness, averaged over 3x3 pixels; the variance of a block (only for
-/// Haar wavelets the variance of its scaling coefficient); levels, batches, number of rounds and pilot.
+/// The authors' priority was not available. A re-implementation has `V - w^2` for coefficients `w`; on noise, the mean of `w^2`
+/// equals `V`, which would hide all noise. These choices are not in the paper either: the sample variance relative to the
+/// squared brightness, averaged over 3x3 pixels; the variance of a block (only for Haar wavelets the variance of its scaling
+/// coefficient); levels, batches, number of rounds and pilot.
 ///
 /// *Guarantees*: spends the budget exactly, and takes the pilot in every pixel if the budget allows. *Bias*: sample counts
 /// depend on the samples, and all samples are kept [Kirk and Arvo 1991]. *Weaknesses*: counts suit wavelet shrinkage; the

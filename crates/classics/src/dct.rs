@@ -47,21 +47,22 @@ const ROUNDING: f64 = 1e-12;
 /// A sampler that adds samples where cosines fitted to blocks leave the largest visible error [after Bolin and Meyer 1995].
 ///
 /// Blocks of 8x8 pixels start with a sample in each cell of 2x2 pixels, if pixels have no floor (`--min-spp 0`). Luminance and
-/// two colour differences of each block are fitted by cosines: half as many as there are samples, the lowest frequencies first.
-/// A cell's error is the mean squared deviation of its samples from the fit, plus the energy expected in the first frequencies
-/// that the fit leaves out. That energy is extrapolated by the inverse square of the frequency. Errors are weighted by the
-/// eye's sensitivity to these frequencies, and masked by the block's luminance. The cell with the largest error per sample gets
-/// the next sample. A block whose sample count has grown by half gets no more until it is fitted again.
+/// two colour differences of each block are fitted by cosines, the lowest frequencies first. Luminance has half as many cosines
+/// as the block has samples, and each colour difference a quarter. A cell's error is the mean squared deviation of its samples
+/// from the fit, plus the energy expected in the first frequencies that the fit leaves out. This energy is extrapolated from
+/// lower frequencies by `1 / frequency^2`. Errors are weighted by the eye's sensitivity to these frequencies, and masked by the
+/// block's luminance. The cell with the largest error per sample gets the next sample. A block whose sample count has grown by
+/// half gets no more until it is fitted again.
 ///
 /// The paper has half as many cosines as samples, and refinement by frequency. Not in the paper: the opponent colour space, the
-/// penalty, JPEG's tables as sensitivity, masking, pooling a cell's deviations with one sample of its block, and rounds (of at
-/// most half of the samples that blocks may get).
+/// penalty `lambda`, JPEG's tables as sensitivity, masking, pooling a cell's deviations with one sample of its block, and
+/// rounds (of at most half of the samples that blocks may get).
 ///
 /// The image is made by [`DctFilter`].
 ///
-/// *Guarantees*: spends the budget exactly. A cell's error is at least 1 % of the mean. *Bias*: samples determine where others
-/// are placed, and all are kept [Kirk and Arvo 1991]. *Weaknesses*: the fit mistakes noise for detail. Sensitivity and masking
-/// leave busy and bright regions coarse, which raises the squared error.
+/// *Guarantees*: spends the budget exactly. A cell's error is at least 1 % of the mean. *Bias*: the values of samples determine
+/// where later ones lie, and all samples are kept [Kirk and Arvo 1991]. *Weaknesses*: the fit mistakes noise for detail.
+/// Sensitivity and masking leave busy and bright regions coarse, which raises the squared error.
 pub struct Dct<P> {
     points: P,
     domain: Domain,
@@ -91,7 +92,7 @@ impl BlockErrors {
 type Gain = (f64, u32);
 
 impl<P: PointSet> Dct<P> {
-    /// Creates a sampler over this point set, whose dimensions `domain` names.
+    /// Creates a sampler over `points`; `domain` gives the meaning of their dimensions.
     ///
     /// # Errors
     ///
@@ -324,12 +325,12 @@ impl<P: PointSet> Sampler for Dct<P> {
 ///
 /// The fit is by least squares at the samples' positions in the image, so unequal densities do not move edges. Luminance has
 /// half as many cosines as the block has samples, the lowest frequencies first. The colour differences (red and blue minus
-/// luminance) have half as many as luminance. `lambda` penalises large coefficients of high frequencies. A pixel is the mean of
-/// the cosines over its area, and 0 where that is negative.
+/// luminance) have half as many as luminance. The option `lambda` penalises large coefficients of high frequencies. A pixel is
+/// the mean of the cosines over its area, or 0 if the mean is negative.
 ///
 /// The filter is made for the sampler `dct` but works with any sampler; [`FilmPoints`] provides the coordinates. Blocks without
-/// samples are black. There is no error estimate. Opponent colour space, penalty and the fraction of chroma cosines are not in
-/// the paper.
+/// samples are black. There is no error estimate. Not in the paper: the opponent colour space, the penalty, and the number of
+/// cosines for colour differences.
 ///
 /// *Bias*: from the frequencies that are left out. *Weaknesses*: block boundaries show; cosines ring at edges and around
 /// lights.

@@ -42,7 +42,7 @@ dapple_core::options! {
 /// pixels by the width of their intervals: each round adds samples to the widest quarter.
 ///
 /// *Guarantees*: spends the budget exactly, or treats it as an upper bound. No pixel stops below `min` samples if the budget
-/// allows it. With [`Stopping::Budget`], that minimum is at most a quarter of the mean budget.
+/// allows it. With [`Stopping::Budget`], `min` is lowered to a quarter of the budget's mean samples per pixel.
 ///
 /// *Bias*: sample counts depend on the samples, and all samples are kept [Kirk and Arvo 1991]. A pixel stops when its samples
 /// happen to agree, so its interval misses the true mean more often than `alpha`.
@@ -113,13 +113,13 @@ dapple_core::options! {
 
 /// Counts in proportion to an upper bound of each pixel's deviation [after Carpentier and Munos 2011].
 ///
-/// The bound is `w (s + c sqrt(ln(1/delta) / n))` for a pixel of `n` samples with deviation `s` and weight `w = 1 / sqrt(mean^2
-/// + epsilon)`. The scale `c` is `bonus` times the pooled deviation of the image. The published method gives the next sample to
-/// the pixel with the largest bound divided by `n`. Here, each round spends the next fraction of the budget in proportion to
-/// the bounds and then computes them again. The constants in `ln(1/delta)` and `c` are not in the paper.
+/// The bound is `w (s + c sqrt(ln(1/delta) / n))` for a pixel of `n` samples with standard deviation `s`. The weight `w` is `1
+/// / sqrt(mean^2 + epsilon)`. The scale `c` is `bonus` times the pooled deviation of the image. The published method gives the
+/// next sample to the pixel with the largest bound divided by `n`. Here, each round computes the bounds and spends a fraction
+/// of the budget in proportion to them. The constants in `ln(1/delta)` and `c` are not in the paper.
 ///
 /// The bonus of a pixel grows as its fraction of the samples falls. A pixel whose pilot samples were all 0 is therefore sampled
-/// again. (`variance` solves the same problem by pooling over neighbours.)
+/// again.
 ///
 /// Means and deviations are averages over the three channels.
 ///
@@ -210,11 +210,11 @@ dapple_core::options! {
 /// Rath 2022].
 ///
 /// A pixel's factor is `sqrt(V / C) sqrt(C_image / V_image)`, clamped to `[0.05, 20]`. `V` is the variance of its samples
-/// relative to the squared denoised pixel, and `C` the number of rays per sample. `V_image` and `C_image` are means over the
-/// image, the former without the 10 worst pixels. The denoiser is [`Gaussian`]. The published method also splits at later
-/// vertices of a path; this sampler splits only at the camera, where the factor is a sample count.
+/// relative to the squared denoised pixel, and `C` the number of rays per sample. `V_image` and `C_image` are the means of `V`
+/// and `C` over the image; `V_image` leaves out the 10 pixels of largest `V`. The denoiser is [`Gaussian`]. The published
+/// method also splits at later vertices of a path; this sampler splits only at the camera, where the factor is a sample count.
 ///
-/// The budget is a sample count, but its distribution minimises the error per ray, so it helps under a time limit.
+/// The budget is a number of samples, but counts minimise the error for a given number of rays. This helps under a time limit.
 ///
 /// *Guarantees*: spends the budget exactly. No pixel gets fewer samples than the pilot. *Bias*: sample counts depend on the
 /// samples, and all samples are kept [Kirk and Arvo 1991]. *Weaknesses*: the number of rays is not the time. If all samples

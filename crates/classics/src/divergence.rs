@@ -53,11 +53,11 @@ dapple_core::options! {
 /// *Guarantees*: spends the budget exactly, or treats it as an upper bound. No pixel gets fewer samples than the pilot. *Bias*:
 /// sample counts depend on the samples, and all samples are kept [Kirk and Arvo 1991].
 ///
-/// *Weaknesses*: a score from few samples is as noisy as their variance, and is not pooled over neighbours. Near convergence
-/// all divergences rank pixels alike: for a coefficient of variation `c`, `kl` is about `c^2 / 2` and `hellinger` about `c^2 /
-/// 8`. `hellinger` reacts least to fireflies. Later samples do not change `geometric`, `fuzzy` and `gh`: with
-/// [`Stopping::Threshold`], a pixel whose pilot exceeds the threshold is refined up to the cap. The factor of the published
-/// score is quoted from memory. The published refinement descends a tree over the image, which this sampler does not have.
+/// *Weaknesses*: a score from few samples is as noisy as a variance from few samples, and is not pooled over neighbours. For a
+/// small coefficient of variation `c`, all divergences depend on `c` alone: `kl` is about `c^2 / 2` and `hellinger` about `c /
+/// sqrt 8`. `hellinger` reacts least to fireflies. Later samples do not change `geometric`, `fuzzy` and `gh`: with
+/// [`Stopping::Threshold`], a pixel whose pilot exceeds the threshold is refined up to the cap. The factor `mean / n` of the
+/// published score is quoted from memory. Unlike here, the published refinement descends a tree over the image.
 pub type Divergence<P> = MethodSampler<P, DivergenceOptions>;
 
 impl DivergenceOptions {

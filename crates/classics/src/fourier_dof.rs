@@ -29,9 +29,7 @@ dapple_core::options! {
         pub density: f64 = 0.015625, |density| density > 0.0 && density <= 1.0, "above 0 and at most 1";
         /// Weight of normals, relative to albedo, in the contrast over the lens.
         pub normals: f64 = 0.25, |weight| weight >= 0.0 && weight.is_finite(), "a weight of 0 or more";
-        /// Lower bound on the standard deviation over the lens, for noise from other sources.
-        ///
-        /// It covers all noise that does not come from the lens.
+        /// Lower bound on the standard deviation over the lens (in units of albedo), for noise from other sources.
         pub floor: f64 = 0.3, |floor| floor > 0.0 && floor <= 1.0, "above 0 and at most 1";
         /// 1: accept scenes without a lens, with bandwidths from surfaces alone; 0: refuse them.
         pub force: u8 = 0, |force| force <= 1, "0 or 1";
@@ -41,10 +39,11 @@ dapple_core::options! {
 /// Fourier depth of field [after Soler et al. 2009]: few pixels get samples where the lens blurs the image; pixels whose
 /// radiance varies over the lens get many.
 ///
-/// One ray per pixel, through the centres of pixel and lens, finds the surface and its circle of confusion. They determine the
+/// One ray per pixel, through the centres of pixel and lens, finds the surface and its circle of confusion. These determine the
 /// image's bandwidth `W` in cycles per pixel ([`LensBandwidthOptions`]). A pixel is sampled with probability `(2 W)^2`; a
-/// blue-noise tile selects the pixels. Their counts follow the standard deviation over the lens of a sinusoid with the
-/// surface's own bandwidth. Its amplitude is the contrast of albedo and normals within the circle of confusion.
+/// blue-noise tile selects the pixels. Counts are proportional to the standard deviation over the lens, computed for a
+/// sinusoidal texture. The sinusoid has the surface's own bandwidth, and the contrast of albedo and normals within the circle
+/// of confusion.
 ///
 /// The floor of samples per pixel applies to all pixels: use a floor of 0 (`--min-spp 0`), so that pixels may have none. The
 /// filter [`Splat`] fills these pixels.
@@ -181,11 +180,11 @@ dapple_core::options! {
 /// standard deviation `1 / (4 W)` pixels. The image is the weighted mean of these Gaussians. Where the bandwidth is 1/2, a
 /// pixel keeps its own mean.
 ///
-/// A pixel of `n` samples has the weight `n / (n + m)` if the mean is `m` samples per pixel. Pixels with the minimum count thus
-/// matter little, and the weight never exceeds 1.
+/// A pixel of `n` samples has the weight `n / (n + m)`, where `m` is the mean count of all pixels. Pixels with few samples thus
+/// matter little.
 ///
-/// The cost of each pixel's Gaussian is its area. If all pixels of a smooth image have samples, filtering therefore takes
-/// longer than after the sampler. Pixels out of reach of all samples are black. There is no error estimate.
+/// The cost of a Gaussian is proportional to its area, so filtering is slow if all pixels of a smooth area have samples. Pixels
+/// out of reach of all samples are black. There is no error estimate.
 ///
 /// *Bias*: blur within the bandwidth, and across edges by a pixel or two. *Weaknesses*: shadows and reflections are ignored,
 /// and blurred where surfaces are smooth.

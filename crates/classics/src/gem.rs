@@ -38,16 +38,16 @@ dapple_core::options! {
 /// variance. The loss is `beta (mu_f - mu_c)^2`, with `beta = (r_c^2 + r_f^2) / (r_c^2 - r_f^2)` for standard deviations `r`.
 /// If the image is quadratic in the position, the loss is the increase of the squared bias. The factor `z = -ln(1 - (1.9
 /// gamma)^(1 / sqrt 2)) (1 - 1 / N)` depends on the mean number of samples `N` under the kernel. On white noise, `gamma` is the
-/// fraction of false stops. Smoothing the stop flags of each step by a Gaussian removes most of these.
+/// fraction of false stops. Smoothing the stop flags of each step by a Gaussian removes most false stops.
 ///
 /// *Differences from the authors' program*: the finest grid has one cell per pixel instead of 4x4, and therefore no Gaussian of
 /// 0.71 pixels. Variances are exact at the image's border, and pixels without samples have no weight.
 ///
-/// *Error*: the variance, plus the losses without their noise. The losses are averaged by a Gaussian of 8 pixels, and only
-/// positive averages count. On white noise the error is overestimated. On six bundled scenes at 16 independent samples per
-/// pixel, its sum is 0.54 to 0.84 of the true one; on the scene `lens`, where most pixels' samples miss the light, 0.18.
-/// *Bias*: scales depend on the samples that are blurred. *Weaknesses*: kernels are round and use no features. Textures and
-/// edges of shadows blur at few samples, and blotches appear where flags change.
+/// *Error*: the variance plus the squared bias. The squared bias is the sum of the losses, minus their expectation on noise,
+/// averaged by a Gaussian of 8 pixels. Negative averages count as 0. On white noise the error is overestimated. On six bundled
+/// scenes at 16 independent samples per pixel, its sum is 0.54 to 0.84 of the true one; on the scene `lens`, where most pixels'
+/// samples miss the light, 0.18. *Bias*: scales depend on the samples that are blurred. *Weaknesses*: kernels are round and use
+/// no features. Textures and edges of shadows blur at few samples, and blotches appear where flags change.
 pub type GemFilter = MethodFilter<GemFilterOptions>;
 
 impl GemFilterOptions {
@@ -89,8 +89,8 @@ impl FilterMethod for GemFilterOptions {
 ///
 /// After a pilot, each round selects one of four Gaussians for every pixel (see [`GemFilter`]). The pixels with the largest
 /// estimated error `e / (0.001 + mu^2) b / (b + N)` are picked. Here `e` is the squared error, `mu` the mean, `N` the number of
-/// samples under the kernel and `b` the mean budget. Each pick distributes `b` samples, in pixels drawn from the picked pixel's
-/// own kernel.
+/// samples under the kernel, and `b` the budget's mean samples per pixel. Each pick adds `b` samples, to pixels drawn at random
+/// from the picked pixel's kernel.
 ///
 /// *Guarantees*: spends the budget exactly, and takes the pilot in every pixel if the budget allows. *Bias*: sample counts
 /// depend on the samples, and all samples are kept [Kirk and Arvo 1991]. *Weaknesses*: counts suit the Gaussians of

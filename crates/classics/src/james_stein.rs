@@ -30,18 +30,18 @@ dapple_core::options! {
 
 /// Shrinkage of noisy pixels towards the image of another filter [Gu 2022, without the network].
 ///
-/// Let `y` be the pixels of one half of the samples with variance `s^2`, and `z` the filtered image of the other half. In
-/// each channel, over a window of `K^2` pixels,
+/// Let `y` be the pixel means of one half of the samples, `s^2` their variance, and `z` the filtered image of the other half.
+/// In each channel, over a window of `K^2` pixels,
 ///
 /// `rho = max(0, 1 - (K^2 - 2) s^2 / max(sum (y - z)^2, 1e-5))`
 ///
-/// is the positive-part factor of [James and Stein 1961]. It is averaged over the same window, and the result of that half is
-/// `z + rho (y - z)`. The image is the mean of both halves, weighted by their counts.
+/// is the positive-part factor of [James and Stein 1961]. It is averaged over the same window, and the half's result is `z +
+/// rho (y - z)`. The image is the mean of both results, weighted by the sample counts of their halves.
 ///
 /// *Guarantee*: before factors are averaged, the squared error of a window is below the error of `y`, for any filter. This
-/// requires that `z` is independent of `y`, and that `s^2` is known and the same over the window. So a biased filter no longer
-/// flattens images of many samples. The guarantee holds for each half. If a poor filter is applied to few samples, the mean of
-/// both halves can have a few percent more error than the unfiltered image.
+/// requires that `z` is independent of `y`, and that `s^2` is known and the same over the window. With many samples, `rho`
+/// approaches 1 where the filter is biased, so the bias vanishes. The guarantee holds for each half. If a poor filter is
+/// applied to few samples, the mean of both halves can have a few percent more error than the unfiltered image.
 ///
 /// # Differences from the paper
 ///
@@ -64,7 +64,7 @@ pub struct JamesStein<F> {
 }
 
 impl<F: Filter> JamesStein<F> {
-    /// Shrinks towards the images of the filter `of`, with the default parameters.
+    /// Creates a filter that shrinks towards the images of the filter `of`, with the default parameters.
     ///
     /// # Errors
     ///
@@ -73,7 +73,7 @@ impl<F: Filter> JamesStein<F> {
         Self::with_options(of, JamesSteinOptions::default())
     }
 
-    /// Shrinks towards the images of the filter `of`, with these parameters.
+    /// Creates a filter that shrinks towards the images of the filter `of`, with these parameters.
     ///
     /// # Errors
     ///

@@ -17,16 +17,16 @@ dapple_core::options! {
         pub candidates: u32 = 4, |n| (1..=64).contains(&n), "1 to 64 candidates";
         /// Samples in a cell before it is split.
         pub leaf: u32 = 4, |n| (1..=64).contains(&n), "1 to 64 samples";
-        /// Side of a pixel in distances between samples; lens, time and light axes have length 1.
+        /// Length of a pixel's side in the distance metric; lens, time and light axes have length 1.
         ///
         /// The paper scales the image differently, but that scale was not available; the default is not in the paper.
         pub pixel: f64 = 0.5, |pixel| pixel > 0.0 && pixel.is_finite(), "a finite number above 0";
         /// Pilot samples per pixel.
         ///
-        /// The published grid has four samples in a cell, here 2x2 pixels: pilot=1. What these samples miss is found late or
+        /// pilot=1 gives each cell of 2x2 pixels four samples, as published. Features that the pilot misses are found late or
         /// never, since boxes without contrast get hardly any samples.
         pub pilot: u32 = 4, |n| n >= 1, "at least one sample";
-        /// 1: accept scenes with other random dimensions, whose noise is mistaken for detail; 0: refuse them.
+        /// 1: accept scenes with random dimensions beyond lens, time and light (noise looks like detail); 0: refuse them.
         pub force: u8 = 0, |force| force <= 1, "0 or 1";
         /// keep: samples used to set counts stay in the image (biased, as published); the only value.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
@@ -39,7 +39,7 @@ dapple_core::options! {
     pub struct MdasBoxesOptions {
         /// Samples in a cell before it is split.
         pub leaf: u32 = 4, |n| (1..=64).contains(&n), "1 to 64 samples";
-        /// Side of a pixel in distances between samples; lens, time and light axes have length 1. Use the sampler's value.
+        /// Length of a pixel's side in the distance metric; lens, time and light axes have length 1. Use the sampler's value.
         pub pixel: f64 = 0.5, |pixel| pixel > 0.0 && pixel.is_finite(), "a finite number above 0";
     }
 }
@@ -176,18 +176,18 @@ impl Refinement for MdasOptions {
 ///
 /// The pilot samples come from the point set; the published grid has four samples in each cell. Boxes never exceed 2x2 pixels.
 /// The published program cuts a full box when a sample arrives. Here, all boxes are rebuilt from all samples before each round,
-/// by the same rule: the longest side is cut, in the gap at the median. A round has half a sample per pixel, or a quarter of
-/// the samples so far if that is more. It adds samples to many boxes at once, as if each sample removed a proportional part of
-/// a box's error.
+/// by the same rule: the longest side is cut, in the gap at the median. A round has half a sample per pixel or a quarter of the
+/// samples so far, whichever is more. It adds samples to many boxes at once, as if each sample removed a proportional part of a
+/// box's error.
 ///
 /// The matching filter is [`MdasBoxes`]. Plain pixel means give refined regions too much weight, as does every filter that
 /// reads only means.
 ///
-/// *Guarantees*: spends the budget exactly. *Bias*: samples determine where others are placed, and all are kept [Kirk and Arvo
-/// 1991]. *Weaknesses*: random numbers outside the domain, such as those of a second scattering, look like detail and attract
-/// samples; such scenes are rejected unless [`MdasOptions::force`] is 1. Boxes in which the pilot found no contrast get too few
-/// samples. Boxes become elongated in more than five dimensions. Each round reads the coordinates of all samples in the cells
-/// that got new ones.
+/// *Guarantees*: spends the budget exactly. *Bias*: the values of samples determine where later ones lie, and all samples are
+/// kept [Kirk and Arvo 1991]. *Weaknesses*: random numbers outside the domain, such as those of a second scattering, look like
+/// detail and attract samples; such scenes are rejected unless [`MdasOptions::force`] is 1. Boxes in which the pilot found no
+/// contrast get too few samples. Boxes become elongated in more than five dimensions. Each round reads the coordinates of all
+/// samples in the cells to which the last round added samples.
 pub type Mdas<P> = TreeSampler<P, MdasOptions>;
 
 /// The integral of a function that is constant in each box: the reconstruction of [Meister and Hachisuka 2022] for samples in

@@ -23,11 +23,11 @@ dapple_core::options! {
 ///
 /// Normal, albedo and depth of each half are first filtered by non-local means, with weights from the other half. In the window
 /// of each pixel, the colours of one half are then fitted by an affine function of the other half's features. Weights come from
-/// the other half's colours. All fitted values of a pixel are averaged with the weights of their windows. This is done with
-/// bandwidths 0.5 and 1. The squared error of each bandwidth is estimated from the halves' images `F_A` and `F_B`: the mean of
-/// `(B - F_A)^2 - v_B` and `(A - F_B)^2 - v_A`, minus `(F_A - F_B)^2 / 4`. Errors are smoothed by non-local means, and the map
-/// of the better bandwidth is smoothed likewise. A second regression removes the remaining noise, with variances from the
-/// difference of the halves.
+/// the other half's colours. All fitted values of a pixel are averaged with the weights of their windows. The fit is repeated
+/// with bandwidths 0.5 and 1. Let `A` and `B` be the means of the halves, `v_A` and `v_B` the variances of the means, and `F_A`
+/// and `F_B` the fitted images. The squared error of a bandwidth is estimated as the mean of `(B - F_A)^2 - v_B` and `(A -
+/// F_B)^2 - v_A`, minus `(F_A - F_B)^2 / 4`. Errors are smoothed by non-local means; so is the map that selects each pixel's
+/// bandwidth. A second regression removes the remaining noise, with variances from the difference of the halves.
 ///
 /// # Differences from the authors' pseudo-code
 ///
@@ -38,7 +38,7 @@ dapple_core::options! {
 /// # Weaknesses
 ///
 /// Five regressions over 361 pixels for each pixel cost as much as tens of samples in scenes that are fast to trace. Sample
-/// variances are too large for low-discrepancy points, which makes the weights too wide. Negative fits become black.
+/// variances are too large for low-discrepancy points, so the weights include too many pixels. Negative fits become black.
 ///
 /// # Result
 ///

@@ -7,7 +7,7 @@ use crate::windows::{convolve, gaussian_taps, per_pixel, stored};
 use dapple_core::plan::{Feedback, PilotPolicy, Plan, saturating_u32, share};
 use dapple_core::{Error, Film, Filtered, Needs, filter::ImagePlanes};
 
-/// The source of the variance of a half's pixel means.
+/// The estimate of the variance of pixel means in one half of the samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HalfVariance {
     /// The squared difference of the halves' means, smoothed. It is valid for low-discrepancy points.
@@ -60,14 +60,14 @@ dapple_core::options! {
 /// The filter of adaptive rendering with non-local means, as in the authors' program [Rousselle, Knaus and Zwicker 2012].
 ///
 /// Each pixel becomes the mean of pixels with similar surrounding patches. Weights from one half of the samples filter the
-/// other half, and the image is the mean of both, weighted by their counts. Patches are compared as in `NlMeans` of
-/// `dapple-denoise`, whose filter `nlm` is faster. The authors' program differs from `nlm` in these points:
+/// other half, and the image is the mean of both, weighted by their counts. Patches are compared as in the faster filter `nlm`
+/// (`NlMeans` of `dapple-denoise`). This filter differs from `nlm` in these points:
 ///
 /// * Windows have 21x21 pixels.
 /// * Opposite pixels of a window are also compared by their mean, and then share one weight.
 /// * Weights are averaged over patches; weights below 0.05 are removed.
-/// * The variance of a half's mean is `(A - B)^2 / 2` of the two halves, smoothed over 3x3 pixels by the same method with the
-///   sample variance as guide. It is limited to the sample variance divided by the count.
+/// * The variance of a half's mean is `(A - B)^2 / 2` for the means `A` and `B` of the halves. It is smoothed over 3x3 pixels
+///   by the same method with the sample variance as guide. It is limited to the sample variance divided by the count.
 ///
 /// *Differences from the authors' program*: the finest grid has one cell per pixel, and sample variances are averaged over 3x3
 /// pixels instead of by the program's pixel filter. Averages are exact at the image's border, and pixels without samples have
@@ -228,9 +228,10 @@ impl FilterMethod for NlmLoopFilterOptions {
 /// The sampler of adaptive rendering with non-local means, as in the authors' program [Rousselle, Knaus and Zwicker 2012].
 ///
 /// After a pilot, each round filters both halves of the samples by [`NlmLoopFilter`], by default with smaller windows and half
-/// of the subtracted noise. A pixel's error is `2 (A - B)^2 / (0.001 + A^2)`, averaged over the channels and divided by the
-/// mean sample count under its weights, plus the same for `B`. Counts are proportional to this error, blurred by a Gaussian of
-/// 0.8 pixels. A pixel gets at most twice the mean budget per round.
+/// of the subtracted noise. For the filtered halves `A` and `B`, a pixel's error is `2 (A - B)^2 (1 / (0.001 + A^2) / n_A + 1 /
+/// (0.001 + B^2) / n_B)`, averaged over the channels. `n_A` and `n_B` are the mean sample counts under the weights. Counts are
+/// proportional to this error, blurred by a Gaussian of 0.8 pixels. A pixel gets at most twice the budget's mean samples per
+/// pixel in a round.
 ///
 /// *Guarantees*: spends the budget exactly, and takes the pilot in every pixel if the budget allows. *Bias*: sample counts
 /// depend on the samples, and all samples are kept [Kirk and Arvo 1991]. *Weaknesses*: filtering once per round costs as much

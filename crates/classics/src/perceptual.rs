@@ -10,8 +10,6 @@ dapple_core::options! {
     /// The parameters of [`Perceptual`].
     pub struct PerceptualOptions {
         /// With mode=threshold: a pixel stops below this many just noticeable differences.
-        ///
-        /// Only [`Stopping::Threshold`] uses it.
         pub threshold: f64 = 1.0 => "1", |t| t > 0.0 && t.is_finite(), "above 0";
         /// Pixels per degree of visual angle, as for FLIP.
         pub ppd: f64 = 67.0 => "67", |ppd| (1.0..=1000.0).contains(&ppd), "1 to 1000 pixels per degree";
@@ -34,18 +32,17 @@ dapple_core::options! {
 /// Sample counts by how visible the noise is [after Bolin and Meyer 1998].
 ///
 /// The luminance of each pixel has bounds: the mean plus and minus two standard errors. The eye's response to these is `ln(1 +
-/// x / adapt)`. The response is split into six octaves by means over blocks of 1, 2x2, 4x4 and more pixels. The noise of a
-/// band, four standard errors wide, is divided by the mean response two levels below, which gives a contrast. It is weighted by
-/// the sensitivity `s (f / 4) exp(1 - f / 4)` to the band's frequency `f` in cycles per degree. The image's contrast `c` in the
-/// same band, reduced by its noise, masks the noise by the factor `1 / (1 + (c / 0.1)^0.7)`. The fourth root of the sum
-/// of fourth powers over all bands is the difference `D` in just noticeable differences.
+/// x / adapt)`. The response is split into six octaves by means over blocks of 1, 2x2, 4x4 and more pixels. The noise contrast
+/// of a band is four standard errors, divided by the mean response two levels coarser. It is weighted by the sensitivity `s (f
+/// / 4) exp(1 - f / 4)` to the band's frequency `f` in cycles per degree. The image's contrast `c` in the same band, reduced by
+/// its noise, masks the noise by the factor `1 / (1 + (c / 0.1)^0.7)`. The fourth root of the sum of fourth powers over all
+/// bands is the difference `D` in just noticeable differences.
 ///
 /// With [`Stopping::Budget`], counts minimise the sum of `D^2`. With [`Stopping::Threshold`], pixels whose `D` is above the
 /// threshold get the samples expected to bring it below, which at most doubles their count.
 ///
 /// The method is implemented from memory: bounds, octaves, contrast, sensitivity and masking are the authors' steps, but no
-/// formula or constant is from the paper. The authors bound the details of a Haar pyramid; bounds of whole images would hide
-/// uniform noise.
+/// formula or constant is from the paper. The authors compute bounds of the details of a Haar pyramid.
 ///
 /// *Guarantees*: spends the budget exactly, or treats it as an upper bound. Takes the pilot in every pixel if the budget
 /// allows. *Bias*: sample counts depend on the samples, and all samples are kept [Kirk and Arvo 1991]. *Weaknesses*: stops

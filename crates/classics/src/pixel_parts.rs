@@ -17,7 +17,7 @@ dapple_core::options! {
         pub pilot: u32 = 4, |n| n >= 1, "at least one sample";
         /// Added to the denominator (mean^2) of relative variances.
         ///
-        /// Variances are divided by `mean^2 + epsilon` of the part. In the paper, they are absolute.
+        /// The mean is that of a part of the pixel. In the paper, variances are absolute.
         pub epsilon: f64 = 0.01 => "0.01", |e| e > 0.0 && e.is_finite(), "a finite number above 0";
         /// keep: samples used to set counts stay in the image (biased, as published); the only value.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
@@ -104,9 +104,9 @@ impl Refinement for HierarchicalOptions {
 /// The filter [`TreeMean`] with `tree=contrast` weights parts by their volume. Plain pixel means give parts with many samples
 /// too much weight.
 ///
-/// *Guarantees*: spends the budget exactly. *Bias*: samples determine where others are placed, and all are kept [Kirk and Arvo
-/// 1991]. *Weaknesses*: a well-distributed point set with a count known in advance is better. Each round reads the coordinates
-/// of all samples.
+/// *Guarantees*: spends the budget exactly. *Bias*: the values of samples determine where later ones lie, and all samples are
+/// kept [Kirk and Arvo 1991]. *Weaknesses*: well-distributed points with equal counts give less error. Each round reads the
+/// coordinates of all samples.
 pub type Hierarchical<P> = TreeSampler<P, HierarchicalOptions>;
 
 dapple_core::options! {
@@ -232,16 +232,16 @@ impl Refinement for SubdivisionOptions {
 
 /// Adaptive subdivision of pixels [after Whitted 1980].
 ///
-/// A pixel starts with four samples, one in each quadrant. A part whose samples have high contrast is split into its quadrants,
-/// and each of these is filled up to four samples: twelve new ones in all. The part with the largest product of area and
-/// contrast is split first. Whitted's samples lie at corners and are shared between pixels; a sample here belongs to one pixel.
-/// Whitted's threshold was not available.
+/// A pixel starts with four samples, one in each quadrant. A part whose samples have high contrast is split into quadrants, and
+/// each quadrant gets three more samples. The part with the largest product of area and contrast is split first. Whitted's
+/// samples lie at corners and are shared between pixels; a sample here belongs to one pixel. Whitted's threshold was not
+/// available.
 ///
 /// The filter [`TreeMean`] weights parts by their area. Plain pixel means give split parts too much weight.
 ///
-/// *Guarantees*: spends the budget exactly, or treats it as an upper bound. *Bias*: samples determine where others are placed,
-/// and all are kept [Kirk and Arvo 1991]. *Weaknesses*: misses whatever the first four samples miss. The method assumes
-/// functions without noise: with noise, contrast never falls, and all parts are split.
+/// *Guarantees*: spends the budget exactly, or treats it as an upper bound. *Bias*: the values of samples determine where later
+/// ones lie, and all samples are kept [Kirk and Arvo 1991]. *Weaknesses*: misses whatever the first four samples miss. The
+/// method assumes functions without noise: with noise, contrast never falls, and all parts are split.
 pub type Subdivision<P> = TreeSampler<P, SubdivisionOptions>;
 
 dapple_core::options! {
@@ -254,7 +254,7 @@ dapple_core::options! {
     }
 }
 
-/// The parts of a pixel to which [`TreeMean`] gives weights.
+/// The rule by which [`TreeMean`] divides a pixel into parts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PartRule {
     /// Nested quadrants, down to the level that the sampler [`Subdivision`] has filled.
@@ -266,8 +266,8 @@ pub enum PartRule {
 
 dapple_core::choices!(PartRule { Quadrants = "quadrants", Contrast = "contrast" });
 
-/// A pixel as the sum over its parts of their volume times their mean: the estimate of hierarchical integration
-/// [after Kajiya 1986; after Whitted 1980].
+/// The sum of `volume * mean` over the parts of a pixel: the estimate of hierarchical integration [after Kajiya 1986; after
+/// Whitted 1980].
 ///
 /// The filter is made for samplers that refine parts of a pixel, where plain means are biased towards these parts. It works
 /// with any sampler; [`FilmPoints`] provides the coordinates. Parts without samples are left out. Pixels without samples are

@@ -41,8 +41,8 @@ impl Axis {
 /// The blur of a thin lens: how far a point moves in the image, given its depth and the point on the lens.
 ///
 /// The two lens coordinates of a sample are mapped to a point `(u, v)` of the unit disk by the concentric map [Shirley and Chiu
-/// 1997]. The offset of a point at depth `w` from its position seen through the lens' centre is then `radius(1 / w)` times `(u,
-/// v)`, in pixels. Depth is measured along the view direction, in any unit.
+/// 1997]. Compared with its image through the lens' centre, a point at depth `w` moves by `radius(1 / w) * (u, v)` pixels.
+/// Depth is measured along the view direction, in any unit.
 ///
 /// ```
 /// use dapple_classics::Defocus;
@@ -73,8 +73,8 @@ impl Defocus {
     }
 }
 
-/// The dimensions of a renderer's samples with a known meaning: the position in the pixel first (two axes), then lens, time and
-/// light if the image depends on them.
+/// The sample dimensions whose meaning is known: the position in the pixel (two axes), then lens, time and light if the image
+/// depends on them.
 ///
 /// Methods that place samples, or reconstruct over the lens and time, use these dimensions. A sample with position coordinates
 /// `(u, v)` lies at `(column + u, row + v)` in the image, so the pixel filter must be a box of one pixel.
@@ -142,7 +142,8 @@ impl Domain {
         self.outside.as_deref()
     }
 
-    /// Writes the sample's coordinates to the front of `to`, in the order of the axes and each in `[0, 1)`.
+    /// Writes the sample's coordinates, each in `[0, 1)`, to the front of `to` in the order of the axes. A short `to` gets the
+    /// first axes.
     pub fn read(&self, points: &dyn PointSet, id: SampleId, to: &mut [f32]) {
         let mut last = None;
         for (axis, to) in self.axes.iter().zip(to) {
@@ -171,11 +172,11 @@ impl Domain {
 /// The largest coordinate below 1.
 const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
 
-/// A point set over an inner one, in which a sampler has set the coordinates of some samples in a [`Domain`].
+/// A point set in which a sampler places samples: it sets their coordinates along the axes of a [`Domain`].
 ///
-/// All other coordinates, and all coordinates of other samples, come from the inner set. The sampler owns the set and adds
-/// samples in [`Sampler::next_round`](dapple_core::Sampler::next_round). Coordinates never change once they are set, so that
-/// traced samples can be replayed. A sampler saves them with [`Placed::save`].
+/// All other coordinates come from an inner point set, as do those of samples that are not placed. The sampler owns the set and
+/// adds samples in [`Sampler::next_round`](dapple_core::Sampler::next_round). Coordinates never change once they are set, so
+/// that traced samples can be replayed. A sampler saves them with [`Placed::save`].
 ///
 /// ```
 /// use dapple_classics::{Axis, Domain, Placed, Role};
@@ -308,11 +309,11 @@ impl<P: PointSet> Placed<P> {
         words.into_iter().flat_map(u32::to_le_bytes).collect()
     }
 
-    /// Restores the bytes that [`Placed::save`] of a set with the same domain returned.
+    /// Replaces the placed samples by those that [`Placed::save`] of a set with the same domain wrote to `saved`.
     ///
     /// # Errors
     ///
-    /// [`Error::BadSnapshot`] for other bytes.
+    /// [`Error::BadSnapshot`] if `saved` is malformed.
     pub fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
         self.clear();
         if !saved.is_empty() {
@@ -420,12 +421,12 @@ impl FilmPoints {
         self.defocus
     }
 
-    /// The dimensions of samples that have a meaning.
+    /// The sample dimensions whose meaning is known.
     pub fn domain(&self) -> &Domain {
         &self.domain
     }
 
-    /// The points of all samples traced so far.
+    /// Returns the point set with all samples placed up to the last published round.
     pub fn now(&self) -> Placed<Arc<dyn PointSet>> {
         let domain = self.placed.as_ref().map_or(&self.domain, |placed| &placed.domain);
         let mut points = Placed::new(self.points.clone(), domain.clone());

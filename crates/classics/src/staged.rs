@@ -18,11 +18,11 @@ dapple_core::options! {
 /// Box filters in stages, so that dense clumps of samples do not outweigh the rest of a pixel [after Mitchell 1987].
 ///
 /// The samples in each cell of 1/8 pixel are averaged. A box of 1/4 pixel is the mean of its four cells, and a box of 1/2 pixel
-/// is the mean of its four boxes of 1/4 pixel. A pixel is the mean of the boxes of 1/2 pixel in the last box, weighted by their
-/// overlap with it. Cells and boxes without samples are left out at each stage. With `width` above 1, the last box reaches into
-/// neighbouring pixels.
+/// is the mean of its four boxes of 1/4 pixel. The final box is `width` pixels wide and high, around the pixel's centre. The
+/// pixel's value is the mean of the boxes of 1/2 pixel, weighted by their overlap with the final box. Cells and boxes without
+/// samples are left out at each stage.
 ///
-/// The filter works with any sampler; [`FilmPoints`] provides the coordinates. Pixels without samples in the last box are
+/// The filter works with any sampler; [`FilmPoints`] provides the coordinates. Pixels without samples in the final box are
 /// black. There is no error estimate. The sides of cells and boxes are quoted from memory.
 ///
 /// *Bias*: none at `width=1` if samples are independent and uniform in the pixel. Wider boxes blur. *Weaknesses*: for

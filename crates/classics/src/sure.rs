@@ -24,9 +24,9 @@ dapple_core::options! {
 /// A bank of cross non-local means filters; each pixel uses the filter with the least estimated error [Li 2012].
 ///
 /// The weight of a pixel `q` in the result of pixel `p` is `exp(-D / (2 sigma^2))` times a weight by features. `D` is the mean
-/// squared difference between the 5x5 patches around both pixels. The bank has `sigma` 0 (unfiltered), and 0.005, 0.01, … to
-/// 0.64. Features are normal, albedo and depth divided by its maximum, with standard deviations 0.8, 0.25 and 0.6. Their
-/// squared differences are divided by the sum of both pixels' sample variances, at least 0.01.
+/// squared difference between the 5x5 patches around both pixels. The bank has `sigma` 0 (unfiltered), and 0.005 doubled up to
+/// seven times (0.64). Features are the normal (standard deviation 0.8), the albedo (0.25), and the depth divided by its
+/// maximum (0.6). Squared feature differences are divided by the sum of both pixels' sample variances, at least 0.01.
 ///
 /// The squared error of a filter is estimated by `(F - y)^2 + 2 v dF/dy - v` for a mean `y` of variance `v` [Stein 1981].
 /// Neither a reference nor halves are needed. For `sigma` 0 the estimate is `2 v`. Estimates are smoothed by a cross-bilateral

@@ -27,11 +27,12 @@ const ASSUMED_SPP: usize = 64;
 
 /// Temporal light field reconstruction [Lehtinen et al. 2011]: samples are reused at other points of lens and time.
 ///
-/// Each pixel is the mean over points of its area, the lens and the exposure. For each point, all samples are moved to its lens
-/// coordinates and time, using their depth and motion. The samples near the point are sorted by depth and divided into
-/// surfaces. Samples belong to one surface if they do not pass each other for nearby lens points and times. The first surface
-/// that covers the point determines its colour: the mean of the surface's samples, weighted by a tent. The tent's radius is the
-/// largest gap between samples, given the mean number of samples per pixel.
+/// Each pixel is the mean over many points, each with a position in the pixel, a position on the lens, and a time. For each
+/// point, all samples are moved to its lens position and time, using their depth and motion. The samples near the point are
+/// sorted by depth and divided into surfaces. Samples belong to one surface if they do not pass each other for nearby lens
+/// points and times. The first surface that covers the point determines its colour: the mean of the surface's samples, weighted
+/// by a tent. The tent's radius is that of the largest circle without samples, tabulated by the mean number of samples per
+/// pixel.
 ///
 /// Here, two samples pass each other if their offset in the image reverses. The published test uses bounds of tree leaves. The
 /// published option of Gaussians over lens and time is left out.
@@ -39,9 +40,9 @@ const ASSUMED_SPP: usize = 64;
 /// *Without lens and motion*, there is one surface everywhere, and the image is the input filtered by the tent. Samples without
 /// a trajectory count as a background at rest.
 ///
-/// *Bias*: biased. *Weaknesses*: highlights and reflections do not move with their surface, and whatever is behind glass moves
-/// with the glass. Noise that does not come from lens or time is averaged only over the tent. Rotation is treated as linear
-/// motion. Surfaces with fewer than four samples are merged with the surface behind.
+/// *Bias*: biased. *Weaknesses*: highlights and reflections do not move with their surface, and objects behind glass move with
+/// the glass. Noise that does not come from lens or time is averaged only over the tent. Rotation is treated as linear motion.
+/// Surfaces with fewer than four samples are merged with the surface behind.
 pub type Tlfr = MethodFilter<TlfrOptions, FilmPoints>;
 
 impl FilterMethod<FilmPoints> for TlfrOptions {

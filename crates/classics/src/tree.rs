@@ -18,7 +18,7 @@ pub(crate) type At = [f32; Domain::MOST];
 /// The indices of some samples of a cell.
 pub(crate) type Items = [u32];
 
-/// The samples of a cell.
+/// The samples in a square of pixels (a cell).
 #[derive(Default)]
 pub struct Cell {
     pub(crate) at: Vec<At>,

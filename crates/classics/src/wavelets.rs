@@ -268,8 +268,8 @@ dapple_core::options! {
 /// Wavelet shrinkage, the reconstruction of adaptive wavelet rendering [after Overbeck, Donner and Ramamoorthi 2009].
 ///
 /// The image of pixel means is transformed. Each wavelet coefficient `w` becomes `sign(w) max(0, |w| - gamma SE)`, and the
-/// image is transformed back. `SE` is the coefficient's standard error: the square root of the pixels' variances filtered by
-/// the squared filter. Pixels without samples are filled from their neighbours first.
+/// image is transformed back. `SE` is the coefficient's standard error, `sqrt(sum f^2 v)` for filter taps `f` and the variances
+/// `v` of the pixel means. Pixels without samples are filled from their neighbours first.
 ///
 /// The paper shrinks by one standard error. The basis, the levels and the use of sample variances are not in the paper.
 ///

@@ -41,7 +41,7 @@ dapple_core::options! {
     }
 }
 
-/// The mean over all pixels in a circle that a test cannot distinguish from the central pixel [after Sakai 2024].
+/// The mean of the pixels in a circle, except those that differ significantly from the central pixel [after Sakai 2024].
 ///
 /// Samples are transformed to `y = 2 (sqrt x - 1)`, which makes their distribution more normal [Box and Cox 1964]. Their mean
 /// is corrected for skewness, `m = mean + M3 / (6 s^2 n^2)` [Johnson 1978], and its variance is `v = s^2 / n`. Two pixels are
@@ -59,8 +59,8 @@ dapple_core::options! {
 ///
 /// # Weaknesses
 ///
-/// A pixel with few samples is joined with neighbours of different brightness, since the test cannot distinguish them: a bias
-/// that falls with the count. Sample variances are too large for low-discrepancy points, so the test joins more pixels;
+/// A pixel with few samples is joined with neighbours of different brightness, since the test cannot distinguish them. This
+/// bias falls with the count. Sample variances are too large for low-discrepancy points, so the test joins more pixels;
 /// `shrink` corrects for this. Pixels with one sample have no variance and are not joined with others.
 ///
 /// # Result

@@ -247,7 +247,7 @@ fn mean(values: &[f64]) -> MeasuredValue {
 }
 
 impl JobMonitor for Studio {
-    fn slice(&mut self, status: &Status<'_>) -> Control {
+    fn progress(&mut self, status: &Status<'_>) -> Control {
         if self.stop.asked() {
             return Control::Stop;
         }

@@ -20,7 +20,7 @@ pub(crate) fn of_job(error: &JobError) -> Failure {
     match error {
         JobError::Spec(error) => of_spec(error),
         JobError::Read(error) => of_reader(error),
-        JobError::NoShard { shard, why } => Failure::new(format!("--shard {shard}: {why}")),
+        JobError::NoParts { part, why } => Failure::new(format!("--part {part}: {why}")),
         JobError::CheckpointExists { path } => {
             let with = format!("resume from it with --resume {},", path.display());
             Failure::new(error.to_string().replace("resume from it,", &with))

@@ -100,7 +100,7 @@ const HELP: &[(&str, &str)] = &[
 
 /// Options of `dapple render` that concern a single process, so that a job refuses them.
 const REFUSED: &str = "maps features preview view preview_every progress_every layers half checkpoint checkpoint_every resume \
-    shard from print_spec json exposure";
+    part from print_spec json exposure";
 
 impl Args for FarmArgs {
     fn augment_args(command: Command) -> Command {

@@ -277,7 +277,7 @@ impl Progress {
 }
 
 impl JobMonitor for Progress {
-    fn slice(&mut self, status: &Status<'_>) -> Control {
+    fn progress(&mut self, status: &Status<'_>) -> Control {
         if self.stop.asked() {
             return Control::Stop;
         }

@@ -25,9 +25,9 @@ use std::path::{Path, PathBuf};
 use values::EachLayer;
 
 pub(crate) fn run(args: &RenderArgs) -> Result<Outcome> {
-    if let Some(shard) = args.shard {
+    if let Some(part) = args.part {
         args.check_part().map_err(|wrong| Failure::usage("render", wrong))?;
-        return many::part(args, shard);
+        return many::part(args, part);
     }
     let spec = args.spec()?;
     if args.print_spec {

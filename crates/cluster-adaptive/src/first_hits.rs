@@ -35,7 +35,7 @@ impl std::fmt::Display for Placement {
     }
 }
 
-/// A ray from the camera to the first hit, which the caller traces.
+/// A ray that the caller traces from the camera to the first hit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FirstHitRay {
     /// Column and row of the first-hit ray's pixel in the full image.
@@ -53,7 +53,7 @@ pub struct FirstHitRay {
 /// The first surface on a first-hit ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FirstHitSurface {
-    /// The index of the primitive in the list of labels.
+    /// The index of the primitive, and of its label.
     pub primitive: u32,
     /// The ray's direction, from the eye to the hit; its length may be any number above 0.
     pub direction: [f32; 3],
@@ -124,13 +124,13 @@ pub struct FirstHits {
     cost: FirstHitsCost,
 }
 
-/// Traces the first-hit rays of `frame`, in parallel by rows, and labels their hits: `labels` holds one cluster per primitive.
+/// Traces the first-hit rays of `frame`, in parallel by rows. `labels` holds the cluster number of each primitive.
 ///
-/// Coordinates come from `points`, as samples of [`streams::FIRST_HITS`]; [`Placement::Centre`] needs none. The result does not
-/// depend on threads or their order, as long as `shoot` is a pure function.
+/// With [`Placement::Jittered`], positions on pixel and lens come from `points`, in the stream [`streams::FIRST_HITS`]. The
+/// result does not depend on threads or their order, as long as `shoot` is a pure function.
 ///
-/// Each first-hit ray ends in exactly one class: a cluster, or the background. A hit with NaN, infinite or negative lengths, or
-/// without direction, counts as a miss; [`FirstHits::rejected`] counts such hits.
+/// Each first-hit ray ends in exactly one class: a cluster, or the background. A hit is rejected, and counts as a miss, if a
+/// value is NaN or infinite, the distance or footprint is negative, or the direction is zero.
 ///
 /// # Errors
 ///
@@ -216,13 +216,13 @@ impl FirstHits {
     ///
     /// # Panics
     ///
-    /// Panics if there is no such pixel.
+    /// If `i` is not below the number of pixels.
     pub fn of_pixel(&self, i: usize) -> &[ClusterHit] {
         let k = self.placement.per_pixel() as usize;
         &self.first_hits[i * k..(i + 1) * k]
     }
 
-    /// The number of rejected hits: those with NaN, infinite or negative lengths, or no direction.
+    /// The number of rejected hits, which count as misses ([`first_hits()`] defines them).
     pub fn rejected(&self) -> u64 {
         self.rejected
     }

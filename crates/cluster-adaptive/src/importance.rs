@@ -7,8 +7,8 @@ use dapple_clustering::Cluster;
 use dapple_core::{PointSet, parallel, point_set::mix};
 use std::sync::Arc;
 
-/// An increasing map `f` from the ratio `x = SP / SC` of pixel area to cluster size to a sampling rate [Lan 2016, eq. 3-3]. The
-/// thesis requires such a map but does not specify one.
+/// An increasing map `f` that turns the ratio `x = SP / SC` of pixel area to cluster size into a sampling rate [Lan 2016, eq.
+/// 3-3]. The thesis requires such a map but does not specify one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum RateMap {
     /// `f(x) = x` for the ratio `x` of pixel area to cluster size: every cluster gets the same number of samples, as in
@@ -41,17 +41,17 @@ impl RateMap {
 /// The sampling importance of all pixels: weights to which sample counts are proportional.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Importance {
-    /// The importance of each pixel of the window, row by row: finite, not negative, without unit. If no term is zero
-    /// everywhere, the mean over the image is `1 + angle + distance`.
+    /// The importance of each pixel of the window, row by row: finite, not negative, without unit. The mean over the image is
+    /// `1 + angle + distance`, less if a term of [`importance()`] is zero in every pixel.
     pub per_pixel: Vec<f32>,
-    /// The number of first-hit rays whose cluster has no size ([`Rates::replaced`](crate::Rates::replaced)).
+    /// The number of first-hit rays whose cluster's size is zero or not finite ([`Rates::replaced`](crate::Rates::replaced)).
     pub replaced: usize,
 }
 
 /// Computes the sampling importance of every pixel.
 ///
 /// [Lan 2016, 2.5] describes it as "cluster share, plus weight for a large angle between cluster normal and view ray, plus
-/// weight for distance", without a formula. This is the simplest one:
+/// weight for distance", without a formula. The simplest formula is used:
 ///
 /// `I_p = share_p / <share> + angle * a_p / <a> + distance * z_p / <z>`
 ///
@@ -61,8 +61,7 @@ pub struct Importance {
 /// First-hit rays without a hit add 0 to each term, except to the share with [`ClusterSize::Hits`].
 ///
 /// Importance has no unit: scaling a scene changes it only by rounding of coordinates. (The published
-/// [`PixelArea::One`](crate::PixelArea::One) is an area in world units. It is the same for all pixels and cancels.) Values are
-/// rounded to `f32`, which hides the last digits of `f64`.
+/// [`PixelArea::One`](crate::PixelArea::One) is an area in world units. It is the same for all pixels and cancels.)
 ///
 /// # Errors
 ///
@@ -133,10 +132,10 @@ const SEED: u64 = 0x51ab_71e5;
 /// The steps of an additive recurrence in three dimensions: powers of the inverse of the root of `x^4 = x + 1`.
 const STEPS: [f64; 3] = [0.819_172_513_396_164_4, 0.671_043_606_703_789_3, 0.549_700_477_901_970_3];
 
-/// The variance `v (1 - v)`, 0 to 1/4, of the lights' visibility over each of `clusters` clusters. `v` is the fraction of
-/// shadow rays that reach a light.
+/// The variance `v (1 - v)` of the lights' visibility over each cluster, from 0 to 1/4. `v` is the fraction of the cluster's
+/// shadow rays that reach a light, and `clusters` the number of clusters.
 ///
-/// Each cluster that a first-hit ray hit gets `rays` shadow rays, from the hits of evenly spread first-hit rays. Random numbers
+/// Each cluster that first-hit rays hit gets `rays` shadow rays, which start at an even selection of these hits. Random numbers
 /// have a fixed seed. Clusters without a hit have variance 0. `points` is the point set of the first-hit rays.
 ///
 /// # Errors

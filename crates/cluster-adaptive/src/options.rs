@@ -6,10 +6,10 @@ use dapple_core::options::Options as _;
 dapple_core::options! {
     /// The parameters of [`ClusterThesis`](crate::ClusterThesis), the sampler of [Lan 2016].
     ///
-    /// The defaults are the thesis' values where it states them. It states no formula for `map` and no weights; the default of
-    /// 0.25 is a guess.
+    /// The defaults are the thesis' values where it states them. It states no formula for `map`, and no values for the weights
+    /// `angle` and `distance`: 0.25 is a guess.
     pub struct ClusterThesisOptions {
-        /// Pixel area that size=box or triangles is compared with: one (constant 1, as published) or footprint (surface area seen by the pixel).
+        /// Pixel area for size=box and size=triangles: one (1, as published) or footprint (surface area seen by the pixel).
         pub pixel: PixelArea = PixelArea::One => "one";
         /// Function that turns pixel area / cluster size into a sampling rate: identity, root (square root) or log.
         pub map: RateMap = RateMap::Root => "root";
@@ -23,8 +23,8 @@ dapple_core::options! {
         pub distance: f64 = 0.25, |weight| weight >= 0.0 && weight.is_finite(), "a weight of 0 or more";
         /// Minimum samples per pixel (with --time or --error use --min-spp); 0 = automatic (table 4-3 of Lan's thesis).
         ///
-        /// [`published_bounds`] returns the values of this table. Under a time or error limit, the budget may be raised later
-        /// and the minimum rejected; use `--min-spp` there.
+        /// [`published_bounds`] returns the values of this table. A time or error limit begins with a small budget,
+        /// which this minimum may exceed; `--min-spp` raises that budget too.
         pub min: u32 = 0;
         /// Maximum samples per pixel; 0 = automatic (table 4-3 of Lan's thesis).
         pub max: u32 = 0;

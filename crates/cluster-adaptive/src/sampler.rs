@@ -29,14 +29,13 @@ pub struct FirstHitSource {
     pub described: String,
 }
 
-/// A handle to the first-hit rays of a sampler, for their cost and for maps. It remains usable after the sampler is boxed.
-/// The default handle belongs to a sampler without first-hit rays.
+/// A handle to the first-hit rays of a sampler and to their cost. It remains usable after the sampler is boxed. The default
+/// handle belongs to a sampler without first-hit rays.
 #[derive(Clone, Debug, Default)]
 pub struct FirstHitsHandle(Vec<Arc<Mutex<Option<Arc<FirstHits>>>>>);
 
 impl FirstHitsHandle {
-    /// Joins handles for a sampler made of several samplers: the first-hit rays of this handle's sampler, then those of
-    /// `others`.
+    /// Joins the handles of several samplers into one handle, with the samplers of `self` before those of `others`.
     #[must_use]
     pub fn joined(mut self, others: Self) -> Self {
         self.0.extend(others.0);
@@ -94,9 +93,9 @@ impl Prior {
 /// proportion to importance, up to a maximum; the excess is redistributed to the other pixels ([`share`]).
 ///
 /// *Guarantees*: the budget is spent exactly. Counts depend on geometry alone, not on radiance, and first-hit rays never
-/// contribute to the image. The image is thus unbiased for every budget, or sequence of budgets, that is known beforehand. (A
-/// limit on the *error* stops depending on the samples, and has its own bias.) A raised budget keeps the proportions as far as
-/// the samples already spent allow. Equal importance gives counts that differ by at most 1.
+/// contribute to the image. The image is thus unbiased for every budget, or sequence of budgets, that is known beforehand.
+/// (Under an error limit, the samples decide when the render stops, which has a bias of its own.) A raised budget keeps the
+/// proportions as far as the samples already spent allow. Equal importance gives counts that differ by at most 1.
 ///
 /// *Weaknesses*: equal samples per cluster do not minimise the error; light, texture and gloss are ignored. With the published
 /// parameters, the MSE exceeds that of uniform counts if most of the error lies in large clusters, such as a textured floor, by
@@ -147,8 +146,8 @@ impl<P: PointSet> ClusterThesis<P> {
         Ok(Self { points, size, options, placement, source: None, visible: None, handle, prior })
     }
 
-    /// Creates the sampler with any size measure and parameters. It traces its first-hit rays at the first plan for a frame,
-    /// which need not be known in advance. [`ClusterThesis::handle`] reports their cost.
+    /// Creates the sampler with any size measure and parameters, for any frame. The first plan for a frame traces the first-hit
+    /// rays; [`ClusterThesis::handle`] reports their cost.
     ///
     /// # Errors
     ///

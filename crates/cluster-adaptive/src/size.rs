@@ -53,12 +53,13 @@ dapple_core::choices!(PixelArea { One = "one", Footprint = "footprint" });
 /// degrees.
 const EDGE_ON: f64 = 1e-3;
 
-/// The sampling rates that first-hit rays predict, one for each.
+/// The sampling rate that each first-hit ray predicts.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rates {
     /// The ratio `SP / SC` of pixel area to cluster size, for each first-hit ray in the order of [`FirstHits::all`]. Finite and
-    /// not negative; 0 for a first-hit ray without a hit. Only proportions matter, except with [`PixelArea::Footprint`],
-    /// [`ClusterSize::ScreenBox`] and [`ClusterSize::Hits`], where a cluster of `n` pixels gives `1 / n`.
+    /// not negative; 0 for a first-hit ray without a hit, except with [`ClusterSize::Hits`]. The ratio is `1 / n` for a cluster
+    /// of `n` pixels with [`PixelArea::Footprint`], [`ClusterSize::ScreenBox`] or [`ClusterSize::Hits`]. Otherwise only
+    /// proportions matter.
     pub values: Vec<f64>,
     /// The number of first-hit rays whose cluster has no size (a point, a line, or corners that are not finite). Their rate is
     /// the largest rate of the other first-hit rays.
@@ -68,11 +69,10 @@ pub struct Rates {
 /// The sampling rate that each first-hit ray predicts: the ratio `SP / SC` of pixel area to cluster size [Lan 2016, eq. 3-3,
 /// before `f`].
 ///
-/// The thesis estimates the pixel's true rate `R sum_i Scc_i / Sc_i` with one ray, as `R SP / SC`. The sum is over the clusters
-/// that the pixel sees, and `Scc_i` is the part of cluster `i` in it. A first-hit ray through the pixel's centre is correct if
-/// one cluster fills the pixel. A first-hit ray placed uniformly in the pixel hits cluster `i` with probability `Scc_i / SP`,
-/// so its expectation is the true rate for any pixel. The mean over [`Placement::Jittered`](crate::Placement::Jittered)
-/// first-hit rays is thus unbiased.
+/// The true rate of a pixel is the sum of `S_i / SC_i` over the clusters `i` that it sees, where `S_i` is the area of the
+/// cluster's part inside the pixel. The thesis estimates it by `SP / SC` from one ray through the pixel's centre, which is
+/// correct if one cluster fills the pixel. A ray placed uniformly in the pixel hits cluster `i` with probability `S_i / SP`.
+/// The mean over [`Placement::Jittered`](crate::Placement::Jittered) first-hit rays is thus unbiased for any pixel.
 ///
 /// # Errors
 ///
@@ -267,8 +267,8 @@ fn area(polygon: &[[f64; 2]]) -> f64 {
 ///
 /// If a cluster's normals all lie on one side of the plane perpendicular to `d`, as they do except at grazing angles, one dot
 /// product is exact: `|d . sum of area vectors|`. Otherwise up to 256 triangles are summed exactly. More triangles are combined
-/// into at most 256 bundles of similar normals. Only bundles seen edge-on are inexact (less than 1 % of the cluster's area in
-/// the tests' hemisphere).
+/// into at most 256 bundles of similar normals. Only bundles seen edge-on are inexact; for normals over a whole hemisphere, the
+/// error is below 1 % of the cluster's area.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AreaVectors {
     clusters: Vec<Bundle>,

@@ -55,8 +55,8 @@ pub struct ClusterReport {
     /// The number of triangle-voxel pairs: equal to `triangles` for insertion by centroid, and equal or more for insertion by
     /// bounding box.
     pub insertions: u64,
-    /// The number of clusters that were dropped because all their triangles kept a cluster from another voxel; 0 for insertion
-    /// by centroid.
+    /// The number of clusters dropped because they kept no triangle: a triangle in several voxels keeps only the cluster
+    /// of the last one. 0 for insertion by centroid.
     pub phantoms: u64,
 }
 

@@ -46,7 +46,7 @@ pub enum Order {
     Input,
 }
 
-/// How opposite normals are compared.
+/// The rule by which opposite normals are equal or different.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Sides {
@@ -104,7 +104,7 @@ pub struct ClusterParams {
     pub grouping: Grouping,
     /// The order in which a voxel's triangles are visited.
     pub order: Order,
-    /// How opposite normals are compared.
+    /// The rule by which opposite normals are equal or different.
     pub sides: Sides,
     /// The rule by which two triangles are connected, for [`Grouping::Connected`].
     pub connection: Connection,
@@ -147,12 +147,12 @@ impl ClusterParams {
     /// The default parameters, with a grid whose number of clusters is close to `count` (at least 1).
     ///
     /// The count is only a target. Materials and normals separate triangles even in a single voxel, triangles at one position
-    /// stay together in any grid, and the number of clusters jumps from grid to grid.
+    /// stay together in any grid, and a slightly finer grid may give many more clusters.
     ///
-    /// The search tries a few dozen grids, from 1 to 2^20 voxels along the longest axis. It returns the grid whose number of
-    /// clusters is nearest to `count` by ratio (among equals, the coarsest). It ends when the number of clusters is within 1 %
-    /// of `count`, or when the next grids differ by at most 1 %. With [`Insertion::BoundingBox`], it skips grids that put
-    /// triangles into more than 32 voxels on average.
+    /// The search tries a few dozen grids, from 1 to 2^20 voxels along the longest axis, and returns the grid whose number of
+    /// clusters is nearest to `count` by ratio (among equals, the coarsest). It ends within 1 % of `count`, or when a grid with
+    /// too few clusters and one with too many differ in resolution by at most 1 %. With [`Insertion::BoundingBox`], grids are
+    /// too fine if triangles are in more than 32 voxels on average and 2^16 in total.
     pub fn for_count(count: u32) -> Self {
         Self { count: Some(count), ..Self::default() }
     }

@@ -39,9 +39,9 @@ const WIDE: u64 = 1 << 32;
 /// The result is bit-identical for any number of threads. With [`crate::Order::Canonical`], triangles that are shuffled
 /// together with their vertices and materials keep their labels; only sums may differ in their last digits.
 ///
-/// A triangle without a normal (zero area, or three corners on a line) is similar to every triangle. It joins the first cluster
-/// of its voxel and material, or with [`crate::Grouping::Connected`] the first cluster that it touches. If there is none, such
-/// triangles form a cluster of their own, or one per connected piece.
+/// A flat triangle, without a normal (zero area, or three corners on a line), is similar to every triangle. It joins the first
+/// cluster of its voxel and material; with [`crate::Grouping::Connected`], the first that it touches, directly or through other
+/// flat triangles. Without a cluster to join, flat triangles form their own.
 ///
 /// # Errors
 ///

@@ -33,8 +33,8 @@ pub fn filter_within(tolerance: f32, make: impl Fn() -> Box<dyn Filter>) {
     check(tolerance, &|_| make());
 }
 
-/// Checks filters as [`filter`] does, but `make` creates each filter for one frame. Use it for filters that depend on the
-/// frame's pixels, such as on their clusters.
+/// Checks filters as [`filter`] does, but `make` creates each filter for one frame. Use it for filters made for one frame,
+/// for example from the cluster that each pixel sees.
 ///
 /// # Panics
 ///

@@ -9,18 +9,18 @@ use rayon::prelude::*;
 /// * Purity: bit-identical numbers in forward, backward and interleaved order, on several threads, in pairs of blocks, and in
 ///   batches of any size.
 /// * Uniformity: over pixels, each coordinate has the mean and variance of uniform numbers, and reaches close to 0 and 1.
-/// * Independence: pixels at five distances are uncorrelated, and so are streams, and blocks up to number 4000. Blocks must
-///   also order a pixel's samples differently. Sets that couple neighbouring pixels ([`PointSet::couples_pixels`]) are tested
-///   on pixels 1009 columns and rows apart.
+/// * Independence: pixels at five distances, streams, and blocks up to number 4000 are uncorrelated. Blocks order a pixel's
+///   samples differently. A set that couples neighbouring pixels ([`PointSet::couples_pixels`]) is tested on every 1009th
+///   column and row.
 /// * Distinctness: no two samples of a pixel are equal, at the start, past 2^31 and 2^32 and at the end.
-/// * `preferred_count(n)` is at least `n`, never decreases with `n`, and is its own preferred count.
+/// * `preferred_count(n)` is at least `n` and never decreases with `n`. A preferred count `c` has `preferred_count(c) = c`.
 /// * `describe` is not empty and does not change.
 ///
 /// # Precision
 ///
 /// Statistical bounds are at 4.5 standard errors. Independent numbers exceed each bound with probability 6.8e-6. Over all
-/// comparisons, a correct point set fails by chance with probability 0.01. Because inputs are fixed, it then fails every time;
-/// try another seed.
+/// comparisons, a correct point set fails by chance with probability 0.01. Inputs are fixed, so such a failure repeats in every
+/// run; try another seed.
 ///
 /// Stratification and convergence are not checked here; test them in the point set's own crate.
 ///

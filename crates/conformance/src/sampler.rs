@@ -24,9 +24,9 @@ pub enum Spending {
 /// * the budget is spent exactly, even if it is raised later;
 /// * every pixel's count lies between `min_spp` and `max_spp`, and every plan is valid;
 /// * images have no NaN or infinity;
-/// * images are bit-identical for any threads, tiles, slices and task order, and in a second run;
+/// * images are bit-identical in a second run, and for any number of threads and [`Schedule`](dapple_core::limits::Schedule);
 /// * a render resumed from any snapshot ends with a bit-identical film ([`Sampler::save`]);
-/// * the sampler's description begins with the sampler's name, and neither changes.
+/// * the sampler's description begins with the sampler's name, and does not change.
 ///
 /// Below 16 samples per pixel a sampler may refuse with [`Error::BudgetTooSmall`](dapple_core::Error::BudgetTooSmall).
 ///
@@ -47,8 +47,8 @@ pub fn threshold_sampler(make: impl Fn() -> Box<dyn Sampler>) {
     sampler_on_frames(|_| make(), Spending::AtMost);
 }
 
-/// Checks samplers as [`sampler`] does, but `make` creates each sampler for one frame. Use it for samplers that depend on the
-/// frame's pixels, such as on their clusters.
+/// Checks samplers as [`sampler`] does, but `make` creates each sampler for one frame. Use it for samplers made for one frame,
+/// for example from the cluster that each pixel sees.
 ///
 /// # Panics
 ///
@@ -142,7 +142,7 @@ pub(crate) fn frame(size: [u32; 2]) -> Frame {
     Frame::new(size[0], size[1]).expect("a frame of the checks")
 }
 
-/// All statistics of a film as 64-bit integers. Films with equal words are bit-identical except for timings.
+/// All statistics of a film as 64-bit integers. If two films give equal integers, they are bit-identical except for timings.
 pub fn bits(film: &Film) -> Vec<u64> {
     let record = film.record();
     let mut bits = vec![record.samples, record.rays, record.blocks, record.rejected];
@@ -303,7 +303,7 @@ struct Keeper {
 }
 
 impl Monitor for Keeper {
-    fn slice(&mut self, status: &Status<'_>) -> Control {
+    fn progress(&mut self, status: &Status<'_>) -> Control {
         self.slices.push(status.snapshot());
         Control::Continue
     }

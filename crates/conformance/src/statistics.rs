@@ -145,7 +145,7 @@ impl MeanTest {
         Self { difference, standard_error, degrees_of_freedom }
     }
 
-    /// The difference in standard errors. Without spread, 0 if the means are equal, else infinite.
+    /// The statistic `t = difference / standard_error`; 0 for a difference of 0. Infinite if only the standard error is 0.
     pub fn t(&self) -> f64 {
         if self.difference == 0.0 { 0.0 } else { self.difference / self.standard_error }
     }

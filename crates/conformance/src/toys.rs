@@ -67,7 +67,7 @@ impl<F: Fn(SampleId, u32) -> [f32; 4] + Send + Sync> PointSet for Points<F> {
     }
 }
 
-/// An integrator made of a closure that receives the random numbers and the worker.
+/// An integrator made of a closure that receives the random numbers and the [`Worker`].
 pub struct Traced<F>(pub F);
 
 impl<F: Fn(&Draws<'_>, &mut Worker) -> Estimate + Sync> Integrator for Traced<F> {
@@ -88,7 +88,7 @@ impl<F: Fn([u32; 2], [f32; 4]) -> [f32; 3] + Sync> Integrator for Field<F> {
 
 /// An integrator with training passes, made of a closure that receives the passes so far.
 pub struct Learner<F> {
-    /// The closure.
+    /// The closure, called once per sample.
     pub trace: F,
     /// The number of training passes that the integrator requests.
     pub passes: usize,
@@ -97,7 +97,7 @@ pub struct Learner<F> {
 }
 
 impl<F: Fn(&[TrainingData], &Draws<'_>, &mut Worker) -> Estimate + Sync> Learner<F> {
-    /// An integrator without training passes so far.
+    /// An integrator that requests `passes` training passes and has learned nothing yet.
     pub fn new(passes: usize, trace: F) -> Self {
         Self { trace, passes, learned: Vec::new() }
     }
@@ -123,7 +123,7 @@ pub struct ToySampler<F> {
     pub points: Independent,
     /// The statistics that the closure reads.
     pub needs: Needs,
-    /// The closure.
+    /// The closure, called before each round.
     pub plan: F,
 }
 
@@ -165,7 +165,7 @@ pub struct ToyFilter<F> {
     pub name: &'static str,
     /// The statistics that the closure reads.
     pub needs: Needs,
-    /// The closure.
+    /// The closure that turns a film into an image.
     pub apply: F,
 }
 
@@ -212,7 +212,7 @@ pub fn raised(
 struct End(Vec<u8>);
 
 impl Monitor for End {
-    fn slice(&mut self, _: &Status<'_>) -> Control {
+    fn progress(&mut self, _: &Status<'_>) -> Control {
         Control::Continue
     }
 

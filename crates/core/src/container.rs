@@ -10,7 +10,7 @@ const MAGIC: &[u8; 8] = b"dapple\r\n";
 /// The version of the container and of the sections of a render's state.
 const VERSION: u32 = 13;
 
-/// The reason why bytes are not a valid container.
+/// The reason why bytes are not a valid [container](crate::container).
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
@@ -36,7 +36,7 @@ impl Fault {
     }
 }
 
-/// Returns a container without sections, with room for `capacity` bytes of them.
+/// Creates a container without sections, and reserves memory for `capacity` bytes of sections.
 pub fn begin(capacity: usize) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(capacity + 64);
     bytes.extend(MAGIC);

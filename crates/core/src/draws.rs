@@ -93,8 +93,8 @@ impl Points<'_> {
 }
 
 impl Draws<'static> {
-    /// The random numbers of sample `id`, from a point set that the host shares with its sampler. The result borrows nothing,
-    /// so a generator made by [`Draws::into_rng`] can be stored in a thread-local variable or in an enum of samplers.
+    /// The random numbers of sample `id`, from a point set that is shared with a sampler. They borrow nothing, so the generator
+    /// that [`Draws::into_rng`] makes of them can be stored in a thread-local variable.
     ///
     /// ```
     /// # use dapple_core::{Draws, PointSet, SampleId};
@@ -130,13 +130,13 @@ impl<'a> Draws<'a> {
         self.cursor.set(0);
     }
 
-    /// The random numbers of sample `id`, which request no first hits or other statistics from the integrator.
+    /// The random numbers of sample `id`, for an integrator that needs to return only radiance.
     #[inline]
     pub fn new(points: &'a dyn PointSet, id: SampleId) -> Self {
         Self::for_film(points, id, Needs::none())
     }
 
-    /// The random numbers of sample `id`, which request the statistics listed in `needs` from the integrator.
+    /// The random numbers of sample `id`, for an integrator that returns radiance and the statistics listed in `needs`.
     #[inline]
     pub fn for_film(points: &'a dyn PointSet, id: SampleId, needs: Needs) -> Self {
         Self::of(Points::Borrowed(points), id, needs)
@@ -168,14 +168,14 @@ impl<'a> Draws<'a> {
     /// A cursor that hands out the sample's numbers one after the other, from the first block on. A second cursor continues
     /// after the blocks that the first has taken.
     ///
-    /// A renderer that also names blocks moves the cursor past them with [`Rng::skip_to`].
+    /// A renderer that also calls [`Draws::block`] moves the cursor past those blocks with [`Rng::skip_to`].
     #[inline]
     pub fn rng(&self) -> Rng<'_> {
         Rng::new(self)
     }
 
-    /// A cursor that owns the sample, for renderers whose generator outlives the scope of the sample. Clone the sample
-    /// first if its result is added later by [`Tile::add`](crate::Tile::add).
+    /// A cursor that owns the random numbers, for renderers whose generator outlives the scope of the sample. Clone them first
+    /// if [`Tile::add`](crate::Tile::add) needs them later.
     #[inline]
     pub fn into_rng(self) -> OwnedRng<'a> {
         Cursor::new(self)
@@ -196,10 +196,10 @@ impl<'a> Draws<'a> {
         ahead
     }
 
-    /// The sample's number among all samples of its pixel, from 0, for renderers that map samples to jitter cells or to
-    /// their own numbers.
+    /// The sample's number in its pixel, from 0, for renderers that select a jitter cell by sample number.
     ///
-    /// The two halves alternate: samples of the first half have even numbers. Discarded samples are numbered separately.
+    /// The two halves alternate: the first half has even numbers, the second odd ones. Kept and discarded samples are numbered
+    /// separately.
     #[inline]
     pub fn sample_number(&self) -> u64 {
         let SampleId { stream, index, .. } = self.id;
@@ -226,7 +226,7 @@ impl<'a> Draws<'a> {
         self.needs.wants_first_hit()
     }
 
-    /// Returns `true` if the film records features. Then [`Draws::wants_first_hit`] returns `true` as well. If not, leave
+    /// Returns `true` if the film records features, which implies [`Draws::wants_first_hit`]. If `false`, leave
     /// [`Estimate::features`](crate::Estimate::features) at `None`.
     #[inline]
     pub fn wants_features(&self) -> bool {
@@ -247,7 +247,7 @@ impl<'a> Draws<'a> {
         self.needs.indirect
     }
 
-    /// Returns `true` if the film records trajectories. Then [`Draws::wants_first_hit`] returns `true` as well. If not, leave
+    /// Returns `true` if the film records trajectories, which implies [`Draws::wants_first_hit`]. If `false`, leave
     /// [`Estimate::trajectory`](crate::Estimate::trajectory) at `None`.
     #[inline]
     pub fn wants_trajectory(&self) -> bool {

@@ -120,14 +120,14 @@ impl Film {
         Layout { needs: self.needs, recorders: self.recorders.names.len() }
     }
 
-    /// The bytes per pixel of a film with these `needs`, without discarded samples and the recorders' words.
+    /// The bytes per pixel of a film with these `needs`. Discarded samples and the data of [`Recorder`]s are not included.
     pub fn bytes_per_pixel(needs: &Needs) -> usize {
         let halves = if needs.halves { 2 } else { 1 };
         let splats = if needs.splats { halves * size_of::<[i128; 3]>() } else { 0 };
         Self::halves_bytes_per_pixel(needs) + Beside::bytes_per_pixel(&Layout { needs: *needs, recorders: 0 }) + splats
     }
 
-    /// The bytes per pixel for the statistics of all kept samples, or of all discarded samples.
+    /// The bytes per pixel for the statistics of all kept samples. Discarded samples, if any, take as many again.
     pub fn halves_bytes_per_pixel(needs: &Needs) -> usize {
         let halves = if needs.halves { 2 } else { 1 };
         halves * Self::half_bytes_per_pixel(needs) + Spread::bytes_per_pixel(&Layout { needs: *needs, recorders: 0 })
@@ -143,7 +143,7 @@ impl Film {
         &self.recorders.names
     }
 
-    /// The 32-bit words that the recorder called `name` has recorded; `None` if the film has no such recorder.
+    /// The data of the [`Recorder`] called `name`: a list of 32-bit words per pixel. `None` if the film lacks this recorder.
     pub fn recorded(&self, name: &str) -> Option<Recorded<'_>> {
         Some(Recorded { film: self, number: self.recorders.position(name)? })
     }
@@ -274,8 +274,8 @@ impl Film {
         self.kept[half % self.kept.len()].emission.get(i).copied()
     }
 
-    /// Count, mean and sum of squared deviations of pixel `i`'s discarded samples, withdrawn ones included; zero if
-    /// there are none.
+    /// Count, mean and sum of squared deviations of pixel `i`'s discarded samples; zero if there are none. Includes samples
+    /// that a [plan](crate::plan::Plan::withdraw) has withdrawn.
     pub fn discarded(&self, i: usize) -> RgbMoments {
         match self.discarded.is_empty() {
             true => RgbMoments::default(),
@@ -289,15 +289,15 @@ impl Film {
         self.beside.features.get(i).map(Into::into)
     }
 
-    /// The first hits of pixel `i`'s first samples, [`Needs::first_hits`] in number. An element is `None` if its sample
+    /// The first hits of pixel `i`'s first `k` samples, with `k` = [`Needs::first_hits`]. An element is `None` if its sample
     /// missed or was not traced.
     pub fn first_hits(&self, i: usize) -> &[Option<FirstHit>] {
         let k = usize::from(self.needs.first_hits);
         &self.beside.first_hits[i * k..(i + 1) * k]
     }
 
-    /// Shape and primitive of the first hit of pixel `i`'s first sample; `None` if it missed or was not traced, and without
-    /// [`Needs::surfaces`].
+    /// Shape and primitive of the first hit of pixel `i`'s first sample. `None` if the sample missed or was not traced, or if
+    /// the film lacks [`Needs::surfaces`].
     pub fn surface(&self, i: usize) -> Option<[u32; 2]> {
         self.beside.surfaces.get(i).copied().filter(|surface| *surface != planes::NO_SURFACE)
     }
@@ -317,8 +317,8 @@ impl Film {
         (0..self.frame.pixels()).map(|i| self.count(i)).collect()
     }
 
-    /// Checks that the film records the statistics in `needs`. Emission and indirect lighting are optional. A filter
-    /// calls this first.
+    /// Checks that the film records the statistics in `needs`. Emission, indirect lighting and trajectories are not checked.
+    /// A filter calls this first.
     ///
     /// # Errors
     ///
@@ -393,7 +393,7 @@ impl Film {
     }
 }
 
-/// The words of one recorder in a film.
+/// The data of one [`Recorder`] in a film: a list of 32-bit words for each pixel and half.
 #[derive(Clone, Copy)]
 pub struct Recorded<'a> {
     film: &'a Film,
@@ -401,12 +401,12 @@ pub struct Recorded<'a> {
 }
 
 impl<'a> Recorded<'a> {
-    /// The words of pixel `i`'s kept samples: of half 0 or 1, or of all samples in a film without halves.
+    /// The recorder's words for the kept samples of pixel `i`: of half 0 or 1, or of all samples in a film without halves.
     pub fn kept(&self, half: usize, i: usize) -> &'a [u32] {
         self.of(&self.film.kept[half % self.film.kept.len()], i)
     }
 
-    /// The words of pixel `i`'s discarded samples, withdrawn ones included; empty if there are none.
+    /// The recorder's words for the discarded samples of pixel `i`, selected as in [`Recorded::kept`]. Empty if there are none.
     pub fn discarded(&self, half: usize, i: usize) -> &'a [u32] {
         self.film.discarded.get(half % self.film.kept.len()).map_or(&[], |planes| self.of(planes, i))
     }

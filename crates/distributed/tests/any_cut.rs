@@ -256,7 +256,7 @@ impl Project {
 struct Keeper(Vec<Vec<u8>>);
 
 impl Monitor for Keeper {
-    fn slice(&mut self, status: &Status<'_>) -> Control {
+    fn progress(&mut self, status: &Status<'_>) -> Control {
         self.0.push(status.snapshot());
         Control::Continue
     }

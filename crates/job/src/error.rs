@@ -2,7 +2,7 @@
 
 use crate::memory::{MemoryEstimate, MemoryLimit, size};
 use crate::registry::RegistryError;
-use crate::{Shard, SpecError, checkpoint};
+use crate::{PartNumber, SpecError, checkpoint};
 use dapple_renderer::{IntegratorError, WorldError};
 use dapple_scene::ReadError;
 use dapple_scene::{Effect, WithoutError, bundled};
@@ -98,15 +98,15 @@ pub enum JobError {
     },
     /// Part files that cannot be read or do not belong together: one message per problem.
     #[error("{}", .0.join("\n"))]
-    Shards(Vec<String>),
+    Parts(Vec<String>),
     /// A panic in the integrator, with its message.
     #[error("{0}")]
     Panicked(String),
     /// An image that cannot be rendered in parts without a plan.
-    #[error("part {shard}: {why}")]
-    NoShard {
+    #[error("part {part}: {why}")]
+    NoParts {
         /// The part that was requested.
-        shard: Shard,
+        part: PartNumber,
         /// The reason why the image cannot be rendered in parts.
         why: String,
     },

@@ -110,10 +110,10 @@ impl Job {
         if of_integrator.splats && matches!(limits.budget, Budget::Error { .. }) {
             return Err(JobError::SplatsWithoutError { integrator });
         }
-        if let Some(shard) = spec.shard.filter(|_| prepares == Prepares::EveryPass) {
+        if let Some(part) = spec.part.filter(|_| prepares == Prepares::EveryPass) {
             let why =
                 format!("integrator \"{integrator}\" traces light for the whole image in each pass; use \"path\"");
-            return Err(JobError::NoShard { shard, why });
+            return Err(JobError::NoParts { part, why });
         }
         Ok(Self {
             spec: spec.clone(),

@@ -11,6 +11,7 @@ mod job;
 mod load;
 pub mod memory;
 pub mod output;
+mod part;
 pub mod registry;
 mod spec;
 mod warning;
@@ -25,8 +26,9 @@ pub use job::{
 };
 pub use load::{LoadOptions, LoadedScene, PreparedScene, check_integrator};
 pub use output::OutputFiles;
+pub use part::PartNumber;
 pub use spec::{
     BudgetSpec, CropSpec, DEFAULT_INTEGRATOR, DEFAULT_SPP, ERROR_SPP, ErrorOf, MOST_SECONDS, PixelFilterSpec,
-    RenderSpec, SPEC_VERSION, Shard, SpecError,
+    RenderSpec, SPEC_VERSION, SpecError,
 };
 pub use warning::{Warning, can_be_replayed, found_by_chance};

@@ -104,10 +104,10 @@ impl LoadedScene {
         let without = called_for(&spec.without, &scene)?;
         let frame = frame(spec, &scene)?;
         check_capacity(spec, frame)?;
-        if let Some(shard) = spec.shard.filter(|shard| shard.of() > frame.size()[1]) {
+        if let Some(part) = spec.part.filter(|part| part.of() > frame.size()[1]) {
             let rows = frame.size()[1];
             let why = format!("the rendered window has {rows} rows; use at most {rows} parts");
-            return Err(JobError::NoShard { shard, why });
+            return Err(JobError::NoParts { part, why });
         }
         let memory = MemoryEstimate::of_scene(&scene, &frame);
         let mut warnings = notices(spec, &scene);
@@ -336,7 +336,7 @@ pub(crate) fn chosen_integrator(spec: &RenderSpec, scene: &Scene) -> (String, Op
     if spec.integrator != DEFAULT_INTEGRATOR {
         return (spec.integrator.clone(), None);
     }
-    let excluded = spec.shard.is_some() || Effects::of(scene).has(Effect::MotionBlur);
+    let excluded = spec.part.is_some() || Effects::of(scene).has(Effect::MotionBlur);
     match Effects::found_by_chance(scene) {
         Some(called) if !excluded => ("photons".to_owned(), Some(called)),
         _ => ("path".to_owned(), None),
@@ -370,7 +370,7 @@ mod tests {
         }
         assert_eq!(chosen(&RenderSpec::new("caustic").integrator("path")), "path");
         assert_eq!(chosen(&RenderSpec::new("cornell").integrator("photons:what=all")), "photons:what=all");
-        let shard = "1/2".parse().expect("a shard");
-        assert_eq!(chosen(&RenderSpec { shard: Some(shard), ..RenderSpec::new("caustic") }), "path");
+        let part = "1/2".parse().expect("a part");
+        assert_eq!(chosen(&RenderSpec { part: Some(part), ..RenderSpec::new("caustic") }), "path");
     }
 }

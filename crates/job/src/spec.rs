@@ -6,7 +6,6 @@ use dapple_renderer::light::LightSelection;
 use dapple_scene::Effect;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
-use std::str::FromStr;
 
 /// The version of the JSON format that [`RenderSpec::to_json`] writes.
 pub const SPEC_VERSION: u32 = 1;
@@ -84,8 +83,8 @@ pub struct RenderSpec {
     /// If `true`, unsupported directives of a scene are warnings instead of errors.
     pub allow_unsupported: bool,
     /// The part (a subset of the image's rows) to render; `None` renders the whole image.
-    #[serde(with = "names::shard", skip_serializing_if = "Option::is_none")]
-    pub shard: Option<Shard>,
+    #[serde(with = "crate::part::text", alias = "shard", skip_serializing_if = "Option::is_none")]
+    pub part: Option<PartNumber>,
 }
 
 /// The condition that ends a render.
@@ -228,7 +227,7 @@ impl RenderSpec {
             pixel_filter: PixelFilterSpec::Scene,
             without: Vec::new(),
             allow_unsupported: false,
-            shard: None,
+            part: None,
         }
     }
 
@@ -284,7 +283,7 @@ impl RenderSpec {
     ///
     /// A part cannot use learned selection, because training needs samples of the whole image.
     pub fn selection(&self) -> LightSelection {
-        let default = if self.shard.is_some() { LightSelection::Power } else { LightSelection::Learned };
+        let default = if self.part.is_some() { LightSelection::Power } else { LightSelection::Learned };
         self.light_selection.unwrap_or(default)
     }
 
@@ -353,12 +352,12 @@ impl RenderSpec {
         fine("points", crate::registry::check_points(&self.points))?;
         fine("filter", crate::registry::check_filter(&self.filter))?;
         fine("integrator", check_integrator(&self.integrator))?;
-        let learned = self.shard.is_some() && self.selection() == LightSelection::Learned;
+        let learned = self.part.is_some() && self.selection() == LightSelection::Learned;
         refuse(learned, "light_selection", || {
             "learned light selection needs samples of the whole image and cannot be rendered in parts; use power, or render in stages"
                 .into()
         })?;
-        let open = self.shard.is_some() && matches!(self.budget, BudgetSpec::Error(_) | BudgetSpec::Seconds(_));
+        let open = self.part.is_some() && matches!(self.budget, BudgetSpec::Error(_) | BudgetSpec::Seconds(_));
         refuse(open, self.budget.field(), || "a part needs a fixed number of samples; set spp".into())
     }
 
@@ -426,54 +425,8 @@ fn not_above_zero(x: f64) -> String {
     format!("{x} is not allowed; use a finite number above zero")
 }
 
-/// A part of an image that one of several machines renders.
-///
-/// ```
-/// let shard: dapple_job::Shard = "2/4".parse()?;
-/// assert_eq!((shard.index(), shard.of(), shard.to_string()), (1, 4, "2/4".to_owned()));
-/// # Ok::<(), String>(())
-/// ```
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Shard {
-    index: u32,
-    of: u32,
-}
-
-impl Shard {
-    /// The part's number, from 0.
-    pub const fn index(&self) -> u32 {
-        self.index
-    }
-
-    /// The number of parts of the image.
-    pub const fn of(&self) -> u32 {
-        self.of
-    }
-}
-
-impl FromStr for Shard {
-    type Err = String;
-
-    /// Parses `I/N`: part I of N, counted from 1.
-    fn from_str(text: &str) -> Result<Self, String> {
-        let parse = |(i, n): (&str, &str)| Some((i.parse::<u32>().ok()?.checked_sub(1)?, n.parse().ok()?));
-        match text.split_once('/').and_then(parse).filter(|(index, of)| index < of) {
-            Some((index, of)) => Ok(Self { index, of }),
-            None => Err(format!("\"{text}\" is not a part; write I/N with I from 1 to N, such as 1/4 or 4/4")),
-        }
-    }
-}
-
-impl std::fmt::Display for Shard {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{}/{}", self.index + 1, self.of)
-    }
-}
-
 /// The serialisation of values that are names in JSON.
 mod names {
-    use super::Shard;
-
     /// Serialisation of effects as a list of their names.
     pub(super) mod effects {
         use dapple_scene::Effect;
@@ -485,21 +438,6 @@ mod names {
 
         pub(crate) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<Effect>, D::Error> {
             Vec::<String>::deserialize(from)?.iter().map(|name| name.parse().map_err(D::Error::custom)).collect()
-        }
-    }
-
-    /// Serialisation of a part as `I/N`, with I from 1.
-    pub(super) mod shard {
-        use super::Shard;
-        use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
-
-        pub(crate) fn serialize<S: Serializer>(shard: &Option<Shard>, to: S) -> Result<S::Ok, S::Error> {
-            shard.map(|shard| shard.to_string()).serialize(to)
-        }
-
-        pub(crate) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Shard>, D::Error> {
-            let text = Option::<String>::deserialize(from)?;
-            text.map(|text| text.parse().map_err(D::Error::custom)).transpose()
         }
     }
 }

@@ -121,7 +121,7 @@ pub enum Warning {
     },
     /// A part whose file is not written, because its render was stopped.
     #[error("part {0} was stopped, and is not written")]
-    ShardStopped(crate::Shard),
+    PartStopped(crate::PartNumber),
 }
 
 /// The object that uses an effect, as the end of a sentence.

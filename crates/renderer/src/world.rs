@@ -167,7 +167,8 @@ pub struct Interaction<'w> {
 }
 
 impl Interaction<'_> {
-    /// Returns the hit point. Its geometric normal is on the side on which an area light emits.
+    /// Returns the hit point. Its geometric normal points to the side on which the shape would emit; see
+    /// [`dapple_scene::Shape`].
     #[inline]
     pub fn point(&self) -> &SurfacePoint {
         &self.point
@@ -180,7 +181,7 @@ impl Interaction<'_> {
         self.shading_normal
     }
 
-    /// Returns the hit as reported by the geometry, with the numbers of shape and triangle and the barycentric coordinates.
+    /// Returns the hit as reported by the geometry: ray parameter, shape index, triangle index and barycentric weights.
     #[inline]
     pub fn hit(&self) -> &Hit {
         &self.hit
@@ -192,7 +193,7 @@ impl Interaction<'_> {
         self.hit.t
     }
 
-    /// Returns the time of the hit within the motion, in `[0, 1]`.
+    /// Returns the time of the hit: 0 at the start of the scene's motion, 1 at its end.
     #[inline]
     pub fn time(&self) -> f32 {
         self.time
@@ -265,10 +266,9 @@ impl World {
         &self.space
     }
 
-    /// Returns the camera ray of a sample, and the sample's time in `[0, 1]` within the motion.
+    /// Returns the camera ray of a sample and its time: 0 at the start of the scene's motion, 1 at its end.
     ///
-    /// The random numbers are those of [`blocks::CAMERA`] (the position in the pixel by the pixel filter, and the
-    /// point on the lens) and, in scenes with motion, [`blocks::TIME`].
+    /// [`blocks::CAMERA`] samples the pixel filter and the lens. In scenes with motion, [`blocks::TIME`] samples the time.
     pub fn camera_ray(&self, draws: &Draws<'_>) -> (Ray, f32) {
         let u = draws.block(blocks::CAMERA);
         let offset = self.filter.sample([u[0], u[1]]);
@@ -287,8 +287,8 @@ impl World {
     /// Calls `add` with the column, row and weight of each pixel to which light at a position of the image contributes. The
     /// position is in pixels from the top left corner.
     ///
-    /// The weight is the pixel filter's density. Light at positions that are uniform over the image therefore has the same
-    /// mean as the samples of [`camera_ray`](Self::camera_ray).
+    /// The weight is the pixel filter's density per square pixel. Splats at one uniform position per pixel have the same mean
+    /// as one sample of [`camera_ray`](Self::camera_ray) per pixel.
     pub fn splat_at(&self, place: Vec2, mut add: impl FnMut([u32; 2], f32)) {
         let (radius, size) = (self.filter.radius(), self.camera.resolution());
         let first = (place - radius - 0.5).ceil().max(Vec2::ZERO);
@@ -392,12 +392,12 @@ impl World {
             || !self.surfaces.iter().all(Surface::is_plain)
     }
 
-    /// Returns true if a material is an interface between media, which rays pass without scattering.
+    /// Returns true if any material of the scene is an interface between media, which rays pass without scattering.
     pub fn has_interfaces(&self) -> bool {
         self.surfaces.iter().any(|surface| surface.interface)
     }
 
-    /// Returns true if a material is unlit, so that only the camera sees it.
+    /// Returns true if any material of the scene is unlit: visible only to the camera, with its colour as radiance.
     pub fn has_unlit_surfaces(&self) -> bool {
         self.surfaces.iter().any(|surface| surface.unlit)
     }

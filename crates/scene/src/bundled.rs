@@ -69,7 +69,7 @@ impl Bundle {
     /// Reads the scene from the bundle's files. The returned scene has the bundle's name.
     ///
     /// # Errors
-    /// Never fails for a bundle that [`files`] returned.
+    /// Never fails for a bundle returned by [`bundled::files`](files).
     pub fn read(&self) -> Result<Scene, ReadError> {
         let mut scene = read_scene_from(self, &self.main, &ReadOptions::default())?;
         self.name.clone_into(&mut scene.name);

@@ -45,7 +45,7 @@ impl fmt::Display for Source {
     }
 }
 
-/// A message from a scene reader, with its place: a warning or an ignored setting.
+/// A message from a scene reader: a warning, or a note about an ignored setting.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Notice {
     /// The file and line that the message is about.
@@ -98,8 +98,8 @@ pub struct Scene {
     pub lights: Vec<Light>,
     /// Media, which shapes and the camera reference by index.
     pub media: Vec<Medium>,
-    /// The times of the poses `to_world` and `moves_to` of moving objects. Objects are at rest before the first time and
-    /// after the second. Equal times mean `[0, 1]`.
+    /// The start and the end of all motion. A moving object has the pose `to_world` until the start, and `moves_to` from the
+    /// end on. Equal times mean `[0, 1]`.
     pub motion_times: [f64; 2],
     /// Messages of the reader: warnings and ignored settings.
     pub notices: Vec<Notice>,

@@ -25,7 +25,7 @@ macro_rules! effects {
         }
 
         impl Effect {
-            /// All effects, in the order of reports.
+            /// All effects, in the order of the enum.
             pub const ALL: [Self; [$($name),*].len()] = [$(Self::$variant),*];
 
             /// Returns the effect's name on the command line, such as `soft-shadows`.
@@ -33,7 +33,7 @@ macro_rules! effects {
                 match self { $(Self::$variant => $name,)* }
             }
 
-            /// Returns a short phrase that describes the scene without the effect, as [`Scene::without`] returns it.
+            /// Returns a short description of the result of [`Scene::without`], such as "media do not scatter".
             pub const fn left_out(self) -> &'static str {
                 match self { $(Self::$variant => $left_out,)* }
             }
@@ -137,7 +137,7 @@ pub struct CalledEffect {
     pub because: String,
     /// File and line of the first object that uses the effect.
     pub source: Source,
-    /// Number of objects that use the effect (lights, materials, shapes, media, moving objects); at least 1.
+    /// Number of lights, materials, shapes, media or moving objects that use the effect; at least 1.
     pub objects: usize,
 }
 
@@ -153,9 +153,9 @@ fn found<T>(objects: impl IntoIterator<Item = T>, describe: impl FnOnce(T) -> (S
 
 /// The effects that a scene uses, each once, with the first object that uses it.
 ///
-/// Only visible objects that affect the image count. A material on no shape, an object without instances, a black light, a
-/// medium without coefficients, an opacity of 1 and a shutter without duration cause no effect. An undecidable case (a number
-/// out of range, a texture's values) counts. Diffuse transmission
+/// Objects that cannot affect the image are ignored: unused materials, objects without instances, black lights, media whose
+/// coefficients are 0, opacities of 1 and shutters without duration. An object counts if a number out of range or a texture
+/// leaves its effect uncertain. Diffuse transmission
 /// ([`DiffuseTransmission`](crate::MaterialKind::DiffuseTransmission)) and interfaces between media are not effects.
 ///
 /// ```
@@ -198,21 +198,20 @@ impl Effects {
         self.max_depth
     }
 
-    /// Returns the caustics that a path tracer finds only by chance, if the scene has any: light from small light sources
-    /// through smooth glass.
+    /// Finds caustics from small lights through smooth glass, which a path tracer samples only by chance. Returns `None` for a
+    /// scene without them.
     ///
-    /// A path tracer samples lights directly, but not through a surface that refracts. Behind such a surface, light arrives
-    /// only along scattered rays that happen to leave through it and to hit the light. After a diffuse event their
-    /// probability is at most the light's solid angle over pi. A scene has such caustics if
-    /// * a visible shape refracts and is smooth (see [`effectively_smooth`](crate::effectively_smooth)) or has a textured
-    ///   roughness, and paths may scatter twice,
-    /// * and a light covers less than 1e-3 sr, seen from the centre of that shape. Fewer than one scattered ray in 3000 hits
-    ///   such a light. Points, spots and distant lights have no solid angle, and are never found through glass.
-    /// * Lights with less than 0.01 of the power of all lights do not count.
+    /// Light sampling cannot connect a point to a light through a refracting surface. Only scattered rays that hit the light
+    /// by chance carry its light. After a diffuse event, their probability is at most `solid angle / pi`.
     ///
-    /// The solid angle is the upper bound `area / distance^2`, a quarter of this for a sphere. Small bright parts of an
-    /// environment map are not searched. The reason in the result names the first such light; its `objects` is the number of
-    /// such lights.
+    /// A light counts if paths may scatter twice and all of these conditions hold:
+    /// * The scene has a refracting shape that is smooth (see [`effectively_smooth`](crate::effectively_smooth)) or has a
+    ///   textured roughness.
+    /// * The light covers less than 1e-3 sr, seen from the centre of the shape. Point, spot and distant lights cover 0 sr.
+    /// * It has at least 0.01 of the power of all lights, and is not an environment.
+    ///
+    /// The solid angle is taken to be `area / distance^2`, an upper bound, or a quarter of this for a sphere. In the result,
+    /// `source` is the first light that counts, and `objects` the number of these lights.
     pub fn found_by_chance(scene: &Scene) -> Option<CalledEffect> {
         lights::found_by_chance(&Visible::of(scene))
     }
@@ -230,23 +229,22 @@ pub enum WithoutError {
     },
 }
 
-/// A function that returns the albedo at normal incidence of a material without textures, or `None` for a material that the
-/// renderer rejects. [`Scene::without`] calls it.
+/// A function for [`Scene::without`]: takes a material without textures, and returns the albedo of the material at normal
+/// incidence, or `None` if the renderer rejects the material.
 pub type Albedo<'a> = dyn Fn(&Material) -> Option<[f32; 3]> + 'a;
 
 impl Scene {
-    /// Returns a copy of the scene without `effect`, so that a renderer needs no switches for effects. A scene that does not
-    /// use the effect is returned unchanged.
+    /// Returns a copy of the scene without `effect`; an unchanged copy if the scene does not use the effect.
     ///
-    /// * [`SoftShadows`](Effect::SoftShadows): each area light is replaced by a light without extent and of the same power,
-    ///   at its area-weighted centroid in the first pose. The light's shape is removed, since it would enclose the new light.
+    /// * [`SoftShadows`](Effect::SoftShadows): each area light is replaced by a point or spot light of the same power, at the
+    ///   area light's centroid in the pose `to_world`. The shape is removed, since it would enclose the new light.
     ///   A flat one-sided light of area `A` and radiance `L` becomes a 90 degree spot along its normal with smooth-step
     ///   falloff. This spot has the same axial intensity `A L` and power `pi A L`. A flat two-sided light becomes two such
     ///   spots, back to back. Any other area light (a sphere, a curved mesh) becomes a point of intensity `power / 4 pi`.
-    /// * [`SeveralLights`](Effect::SeveralLights): only the light of the highest power (the first of equals) emits. Other
-    ///   area lights remain as shapes without emission.
-    /// * [`Glossy`](Effect::Glossy): materials with a rough lobe become diffuse, with their whole albedo at normal
-    ///   incidence as reflectance. A textured colour keeps its texture, scaled to the new mean. Rough glass becomes
+    /// * [`SeveralLights`](Effect::SeveralLights): only the light of the highest power emits. Other area lights remain as
+    ///   shapes without emission.
+    /// * [`Glossy`](Effect::Glossy): materials with a rough lobe become diffuse. The reflectance is the albedo of all lobes at
+    ///   normal incidence. A textured colour keeps its texture, scaled so that its mean is this albedo. Rough glass becomes
     ///   smooth glass.
     /// * [`Mirror`](Effect::Mirror): materials with a smooth reflecting lobe become diffuse in the same way.
     /// * [`Refraction`](Effect::Refraction): glass and panes become [`Interface`](crate::MaterialKind::Interface)s;
@@ -260,11 +258,11 @@ impl Scene {
     ///   nothing moves.
     /// * [`Transparency`](Effect::Transparency): shapes with a constant opacity below one half are removed unless they
     ///   emit light. All other shapes become opaque.
-    /// * [`AbsorbingMedia`](Effect::AbsorbingMedia), [`ScatteringMedia`](Effect::ScatteringMedia): the coefficients of
-    ///   this kind become 0. Media left without any coefficient are removed.
+    /// * [`AbsorbingMedia`](Effect::AbsorbingMedia), [`ScatteringMedia`](Effect::ScatteringMedia): the absorption or
+    ///   scattering coefficients become 0. Media whose coefficients are all 0 are removed.
     ///
-    /// `albedo` returns the albedo at normal incidence of a material without textures, bump map and normal map, which only a
-    /// renderer knows. `None` (for a material that the renderer rejects) leaves the material unchanged.
+    /// `albedo` takes a material without textures, bump map and normal map, and returns its albedo at normal incidence. A
+    /// material for which it returns `None` stays unchanged.
     ///
     /// # Errors
     ///

@@ -71,7 +71,7 @@ render() {
         return 0
     fi
     status=0
-    "$dapple" render --from "$stages/$stage.plan" --shard "$1/@PARTS@" -o "$folder/$1.part" --quiet@LIMITS@ \
+    "$dapple" render --from "$stages/$stage.plan" --part "$1/@PARTS@" -o "$folder/$1.part" --quiet@LIMITS@ \
         --checkpoint "$folder/$1.checkpoint" --resume "$folder/$1.checkpoint" || status=$?
     # 3: the part is done, and no checkpoint could be written.
     if [ "$status" -ne 0 ] && [ "$status" -ne 3 ]; then return "$status"; fi

@@ -7,7 +7,9 @@ use super::values::{
 };
 use crate::{Failure, Result, failure};
 use clap::Args;
-use dapple_job::{BudgetSpec, CheckpointOptions, CropSpec, ErrorOf, PixelFilterSpec, RenderSpec, Shard, read_text};
+use dapple_job::{
+    BudgetSpec, CheckpointOptions, CropSpec, ErrorOf, PartNumber, PixelFilterSpec, RenderSpec, read_text,
+};
 use dapple_renderer::light::LightSelection;
 use dapple_scene::image::Format;
 use dapple_scene::{Effect, bundled};
@@ -113,7 +115,7 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "N", help_heading = "Image")]
     pub(crate) max_depth: Option<u32>,
 
-    /// How lights (and parts of environment maps) are selected: power (in proportion to power), uniform, or learned (from samples) [default: learned; with --shard, power]
+    /// How lights (and parts of environment maps) are selected: power (in proportion to power), uniform, or learned (from samples) [default: learned; with --part, power]
     #[arg(long, alias = "light-choice", value_name = "HOW", value_parser = light_selection)]
     #[arg(help_heading = "Method")]
     pub(crate) light_selection: Option<LightSelection>,
@@ -215,15 +217,15 @@ pub(crate) struct RenderArgs {
     ///
     /// Without --from, it needs --spp and a sampler whose counts do not depend on the samples (uniform, cluster-thesis).
     /// Finished bands are saved with --checkpoint.
-    #[arg(long, value_name = "I/N", help_heading = "Interruption")]
+    #[arg(long, alias = "shard", value_name = "I/N", help_heading = "Interruption")]
     #[arg(conflicts_with_all = ["maps", "features", "json", "time", "error", "preview", "view"])]
-    pub(crate) shard: Option<Shard>,
+    pub(crate) part: Option<PartNumber>,
 
-    /// Render one part of the stage planned in this file. Requires `--shard I/N`; write the part with `-o FILE.part`, for
+    /// Render one part of the stage planned in this file. Requires `--part I/N`; write the part with `-o FILE.part`, for
     /// `dapple plan`
     ///
     /// Scene and settings come from the plan; do not repeat them. Any sampler and learned light selection work.
-    #[arg(long, value_name = "PLAN", requires = "shard", help_heading = "Interruption")]
+    #[arg(long, value_name = "PLAN", requires = "part", help_heading = "Interruption")]
     #[arg(conflicts_with_all = ["maps", "features", "json", "time", "error", "preview", "view"])]
     pub(crate) from: Option<PathBuf>,
 
@@ -275,11 +277,11 @@ impl RenderArgs {
     /// Makes the description of the render, from `--spec` or from the other options.
     pub(crate) fn spec(&self) -> Result<RenderSpec> {
         let mut spec = self.spec.as_deref().map_or_else(|| Ok(self.described()), described_in)?;
-        if self.shard.is_some() && self.from.is_none() {
-            spec.shard = self.shard;
+        if self.part.is_some() && self.from.is_none() {
+            spec.part = self.part;
         }
         spec.check().map_err(|e| failure::of_spec(&e))?;
-        if self.shard.is_none() {
+        if self.part.is_none() {
             self.check().map_err(|wrong| Failure::usage("render", wrong))?;
         }
         Ok(spec)
@@ -314,7 +316,7 @@ impl RenderArgs {
             pixel_filter: self.pixel_filter,
             without: self.without.clone(),
             allow_unsupported: self.allow_unsupported,
-            shard: self.shard,
+            part: self.part,
             ..RenderSpec::new(&self.scene)
         }
     }
@@ -334,7 +336,7 @@ impl RenderArgs {
         let is_part = |path: &PathBuf| has_extension(path, "part") || has_extension(path, "shard");
         if self.outputs.len() > 1 || !self.outputs.iter().all(is_part) {
             return Err(
-                "--shard needs a single --output, a .part file; dapple merge makes the image from all parts".into()
+                "--part needs a single --output, a .part file; dapple merge makes the image from all parts".into()
             );
         }
         Ok(())
@@ -350,7 +352,7 @@ impl RenderArgs {
         }
         let are = |extension| self.outputs.iter().filter(|path| has_extension(path, extension)).count();
         if are("part") > 0 {
-            return Err("--output: a .part file needs --shard I/N".into());
+            return Err("--output: a .part file needs --part I/N".into());
         }
         if are("plan") > 0 && self.outputs.len() > 1 {
             return Err("--output: a .plan file must be the only output; remove the other outputs".into());

@@ -11,7 +11,9 @@ use crate::{Failure, Outcome, Result, failure};
 use dapple_distributed::{Processes, dismiss, refuse};
 use dapple_job::memory::{MemoryLimit, size};
 use dapple_job::output::FileIdentity;
-use dapple_job::{BudgetSpec, Job, JobError, OutputFiles, PlanFile, RenderSpec, RowsFiles, Shard, Traced, Warning};
+use dapple_job::{
+    BudgetSpec, Job, JobError, OutputFiles, PartNumber, PlanFile, RenderSpec, RowsFiles, Traced, Warning,
+};
 use dapple_scene::image::{check_writable, write_file};
 use dapple_scene::text::file_stem;
 use std::path::{Path, PathBuf};
@@ -66,7 +68,7 @@ pub(super) fn first_plan(spec: &RenderSpec, output: &Path, options: &PlanOptions
     write_file(output, &bytes).map_err(Failure::new)?;
     drop(progress);
     if !options.quiet {
-        tell(format!("{}: a plan; render its parts with --from and --shard I/N", output.display()))?;
+        tell(format!("{}: a plan; render its parts with --from and --part I/N", output.display()))?;
     }
     Ok(Outcome::Done)
 }
@@ -93,7 +95,7 @@ fn next_plan(parts: &[PathBuf], from: Option<&Path>, output: &Path, options: &Pl
 }
 
 /// Traces a part of a plan or, without a plan, a part of an image.
-pub(super) fn part(args: &RenderArgs, shard: Shard) -> Result<Outcome> {
+pub(super) fn part(args: &RenderArgs, part: PartNumber) -> Result<Outcome> {
     let plan = args.from.as_deref().map(PlanFile::read).transpose()?;
     let spec = match &plan {
         Some(plan) if args.spec.is_none() => plan.spec.clone(),
@@ -103,31 +105,31 @@ pub(super) fn part(args: &RenderArgs, shard: Shard) -> Result<Outcome> {
         tell(spec.to_json_pretty().map_err(Failure::new)?)?;
         return Ok(Outcome::Done);
     }
-    let output = args.outputs.first().cloned().unwrap_or_else(|| part_name(&spec, shard));
+    let output = args.outputs.first().cloned().unwrap_or_else(|| part_name(&spec, part));
     keep(&output, args.from.iter().map(|plan| ("--from", plan.as_path())))?;
     let checkpoints = args.checkpoints().open()?;
     let options = PlanOptions::from(args);
     let mut progress = options.progress()?;
     let Some(mut job) = options.job(&spec, &output, &progress)? else { return Ok(Outcome::Interrupted) };
     progress.begin(&job);
-    let traced = job.trace_part(plan.as_ref(), shard, checkpoints, &mut progress)?;
+    let traced = job.trace_part(plan.as_ref(), part, checkpoints, &mut progress)?;
     let Some(bytes) = traced else {
-        warn(failure::warning(&Warning::ShardStopped(shard)));
+        warn(failure::warning(&Warning::PartStopped(part)));
         return Ok(Outcome::Interrupted);
     };
     write_file(&output, &bytes).map_err(Failure::new)?;
     drop(progress);
     if !args.quiet {
         let next = if plan.is_some() { "plan joins all parts" } else { "merge makes the image of all parts" };
-        tell(format!("{}: part {shard}; dapple {next}", output.display()))?;
+        tell(format!("{}: part {part}; dapple {next}", output.display()))?;
     }
     Ok(Outcome::Done)
 }
 
 /// The name of a part's file if none is given.
-fn part_name(spec: &RenderSpec, shard: Shard) -> PathBuf {
+fn part_name(spec: &RenderSpec, part: PartNumber) -> PathBuf {
     let scene = file_stem(&spec.scene).unwrap_or_else(|| "scene".into());
-    format!("{scene}-{}-of-{}.part", shard.index() + 1, shard.of()).into()
+    format!("{scene}-{}-of-{}.part", part.index() + 1, part.of()).into()
 }
 
 /// Returns an error if `output` is also an input.
@@ -229,7 +231,7 @@ fn worker(args: &RenderArgs, spec: &RenderSpec, stop: Stop) -> Result<Job> {
 ///
 /// Samplers and light selection that learn from samples need all samples of a stage before the next one. A stage is one
 /// training pass of the light selection, or the rest of one round of the sampler. `dapple render --from PLAN
-/// --shard I/N` renders the parts of a stage, in any order, on any machines. After the last stage this command prints
+/// --part I/N` renders the parts of a stage, in any order, on any machines. After the last stage this command prints
 /// "done", and `dapple merge PLAN` makes the image, with the same bits as a render on one machine.
 #[derive(clap::Args)]
 #[command(after_help = include_str!("../help/plan.txt").trim_end())]
@@ -289,7 +291,7 @@ type Film = Box<dyn FnOnce(&mut Job) -> std::result::Result<Traced, JobError>>;
 pub(crate) struct MergeArgs {
     /// Files of all parts, in any order; or the .plan file for which `dapple plan` printed "done"
     #[arg(value_name = "PART", required = true)]
-    shards: Vec<PathBuf>,
+    parts: Vec<PathBuf>,
 
     /// Image file to write: .exr, .pfm or .png; may be repeated [default: as for dapple render]
     #[arg(short, long = "output", visible_alias = "outfile", value_name = "OUT", value_parser = values::output())]
@@ -324,9 +326,9 @@ pub(crate) struct MergeArgs {
 
 pub(crate) fn merge(args: &MergeArgs) -> Result<Outcome> {
     let limit = limit(args.memory);
-    check_fits(&args.shards, limit)?;
-    let plan = args.shards.iter().find(|path| values::has_extension(path, "plan"));
-    let (film, mut spec): (Film, RenderSpec) = match (plan, args.shards.len()) {
+    check_fits(&args.parts, limit)?;
+    let plan = args.parts.iter().find(|path| values::has_extension(path, "plan"));
+    let (film, mut spec): (Film, RenderSpec) = match (plan, args.parts.len()) {
         (Some(path), 1) => {
             let plan = PlanFile::read(path)?;
             let spec = plan.spec.clone();
@@ -334,9 +336,9 @@ pub(crate) fn merge(args: &MergeArgs) -> Result<Outcome> {
         }
         (Some(_), _) => return Err(Failure::usage("merge", "a .plan file holds the whole image; pass no other file")),
         (None, _) => {
-            let shards = RowsFiles::read(&args.shards)?;
-            let spec = shards.spec.clone();
-            (Box::new(move |job| job.merge(&shards)), spec)
+            let parts = RowsFiles::read(&args.parts)?;
+            let spec = parts.spec.clone();
+            (Box::new(move |job| job.merge(&parts)), spec)
         }
     };
     if let Some(scene) = &args.scene {
@@ -349,8 +351,8 @@ pub(crate) fn merge(args: &MergeArgs) -> Result<Outcome> {
 
 /// Checks before reading that merging fits into memory: the films of all parts, the whole, and the file being read. A file
 /// of unknown length counts as empty; reading it reports the error.
-fn check_fits(shards: &[PathBuf], limit: MemoryLimit) -> Result<()> {
-    let lengths: Vec<u64> = shards.iter().map(|path| std::fs::metadata(path).map_or(0, |found| found.len())).collect();
+fn check_fits(parts: &[PathBuf], limit: MemoryLimit) -> Result<()> {
+    let lengths: Vec<u64> = parts.iter().map(|path| std::fs::metadata(path).map_or(0, |found| found.len())).collect();
     let sum = lengths.iter().fold(0_u64, |sum, length| sum.saturating_add(*length));
     let needed = sum.saturating_mul(2).saturating_add(lengths.iter().copied().max().unwrap_or(0));
     if let Some(limit) = limit.bytes().filter(|limit| needed > *limit) {

@@ -68,11 +68,11 @@ fn paths_that_are_not_utf_8_are_read_and_written() {
         let spec = run(&format!("render @.obj --print-spec {small}"));
         std::fs::write(folder.0.path().join(name(".json")), spec).expect("the description");
         run("render --spec @.json -o @-2.exr");
-        run(&format!("render @.obj --shard 1/2 -o @-1.part {small} --sampler uniform"));
-        run(&format!("render @.obj --shard 2/2 -o @-2.part {small} --sampler uniform"));
+        run(&format!("render @.obj --part 1/2 -o @-1.part {small} --sampler uniform"));
+        run(&format!("render @.obj --part 2/2 -o @-2.part {small} --sampler uniform"));
         run("merge @-1.part @-2.part -o @-3.exr");
         run(&format!("render @.obj -o @.plan {small}"));
-        run("render --from @.plan --shard 1/1 -o @.part");
+        run("render --from @.plan --part 1/1 -o @.part");
         run("plan @.part -o @-2.plan");
         run("compare @.exr @-2.exr");
         run("denoise @.exr -o @-4.exr");

@@ -231,7 +231,7 @@ fn shards_make_the_image_of_one_machine_x07() {
         folder.done(&format!("{words} -q -o whole.exr -o whole.pfm -o whole.png"));
         let names: Vec<String> = (1..=of).rev().map(|i| format!("{i}.shard")).collect();
         for (i, name) in names.iter().enumerate() {
-            let out = folder.done(&format!("{words} --threads {} --shard {}/{of} -o {name}", 1 + i % 2, of - i));
+            let out = folder.done(&format!("{words} --threads {} --part {}/{of} -o {name}", 1 + i % 2, of - i));
             assert!(out.contains("dapple merge makes the image of all parts"), "{out}");
         }
         let all = names.join(" ");
@@ -251,7 +251,7 @@ fn a_merge_that_does_not_fit_is_refused() {
     let folder = Folder::new();
     let words = "render tiny.pbrt --resolution 256x256 --sampler uniform --spp 1 -q";
     for shard in ["1/2", "2/2"] {
-        folder.done(&format!("{words} --shard {shard}"));
+        folder.done(&format!("{words} --part {shard}"));
     }
     let merge = "merge tiny-1-of-2.part tiny-2-of-2.part -o a.pfm";
     for (limit, what) in [("16", "merging these parts takes "), ("60", "creating the image takes ")] {
@@ -268,10 +268,10 @@ fn shards_that_make_no_image_x07() {
     let words = "render tiny.pbrt --resolution 24x64 --sampler uniform --spp 2 -q";
     let unfiltered = format!("{words} --filter none");
     for shard in ["1/3", "2/3", "3/3"] {
-        folder.done(&format!("{unfiltered} --shard {shard}"));
+        folder.done(&format!("{unfiltered} --part {shard}"));
     }
-    folder.done(&format!("{} --shard 2/3 -o more.shard", unfiltered.replace("--spp 2", "--spp 3")));
-    folder.done(&format!("{words} --shard 2/3 --filter gaussian -o filtered.shard"));
+    folder.done(&format!("{} --part 2/3 -o more.shard", unfiltered.replace("--spp 2", "--spp 3")));
+    folder.done(&format!("{words} --part 2/3 --filter gaussian -o filtered.shard"));
     let [a, b, c] = [1, 2, 3].map(|i| format!("tiny-{i}-of-3.part"));
     for (shards, expected) in [
         (
@@ -284,14 +284,14 @@ fn shards_that_make_no_image_x07() {
     }
     assert!(!folder.path("p.pfm").exists());
     for (other, status, expected) in [
-        ("--shard 1/2 --sampler variance", 1, "or render in stages (dapple plan)"),
-        ("--shard 1/17 --sampler uniform", 1, "the rendered window has 16 rows; use at most 16 parts"),
-        ("--shard 1/2 --sampler uniform --light-choice cells", 2, "needs samples of the whole image"),
-        ("--shard 0/2", 2, "is not a part; write I/N"),
-        ("--shard 3/2", 2, "is not a part; write I/N"),
-        ("--shard 1/2 --time 3", 2, "cannot be used with"),
-        ("--shard 1/2 -o a.png", 2, "a .part file"),
-        ("-o a.part", 2, "needs --shard I/N"),
+        ("--part 1/2 --sampler variance", 1, "or render in stages (dapple plan)"),
+        ("--part 1/17 --sampler uniform", 1, "the rendered window has 16 rows; use at most 16 parts"),
+        ("--part 1/2 --sampler uniform --light-choice cells", 2, "needs samples of the whole image"),
+        ("--part 0/2", 2, "is not a part; write I/N"),
+        ("--part 3/2", 2, "is not a part; write I/N"),
+        ("--part 1/2 --time 3", 2, "cannot be used with"),
+        ("--part 1/2 -o a.png", 2, "a .part file"),
+        ("-o a.part", 2, "needs --part I/N"),
     ] {
         folder.says(&format!("render tiny.pbrt -q {other}"), status, &[expected]);
     }

@@ -111,7 +111,7 @@ fn output_follows_the_schemas() {
     ] {
         check("spec", &folder.done(&format!("render tiny.pbrt --print-spec {words}")));
     }
-    check("spec", &folder.done(&format!("render tiny.pbrt --print-spec {shard} --shard 1/2")));
+    check("spec", &folder.done(&format!("render tiny.pbrt --print-spec {shard} --part 1/2")));
     folder.done("render tiny.pbrt --spp 4 --seed 2 -o a.exr");
     folder.done("render tiny.pbrt --spp 4 --seed 3 -o b.exr");
     check("compare", &folder.done("compare a.exr b.exr --json"));

@@ -17,11 +17,11 @@ fn a_program_without_mpi_refuses_to_be_one_of_several() {
         let said = Said::of(command.env(name, processes).output().expect("it runs"));
         assert!(said.status == Some(1) && said.err.contains("--features mpi"), "{}", said.err);
         assert!(said.err.contains(&format!("{processes} processes")), "{}", said.err);
-        // One process of a launcher is alone, and so is one with --shard.
+        // One process of a launcher is alone, and so is one with --part.
         let one = folder.command("render tiny.pbrt --spp 1 -q -o a.pfm").env(name, "1").output().expect("it runs");
         assert!(one.status.success());
         std::fs::remove_file(folder.path("a.pfm")).expect("the image");
-        let shard = "render tiny.pbrt --sampler uniform --spp 1 --shard 1/2 -q -o a.shard";
+        let shard = "render tiny.pbrt --sampler uniform --spp 1 --part 1/2 -q -o a.shard";
         assert!(folder.command(shard).env(name, processes).output().expect("it runs").status.success());
     }
 }

@@ -13,8 +13,8 @@ const OUTLYING: f64 = 1.96;
 /// squared z).
 const RESAMPLES: usize = 200;
 
-/// The p-values of an image test. The p-values of the most deviating block and channel are adjusted for the number of
-/// candidates.
+/// The p-values of an image test. `blocks` and `global` belong to the largest of several deviations, and are adjusted for the
+/// number of deviations.
 #[derive(Clone, Copy, Debug)]
 pub struct ImageTest {
     /// The p-value of the 8x8 block and channel that deviates most.
@@ -36,8 +36,8 @@ impl ImageTest {
 
 /// Tests that replicates of two images, `width` pixels wide, have the same expectation.
 ///
-/// Use at least 16 replicates of each image (64 for heavy tails), each with its own seed. All pixels are tested, and variances
-/// have no lower bound, so blocks without noise must be equal.
+/// Use at least 16 replicates of each image (64 for heavy tails), each with its own seed. All pixels are tested, in blocks of
+/// 8x8. Blocks without noise must be equal in both images.
 ///
 /// # Panics
 ///
@@ -191,18 +191,18 @@ fn null(a: &Group, b: Option<&Group>, seen: [f64; 2]) -> [f64; 2] {
     [tails(0)[0].min(1.0), (2.0 * above.min(below)).min(1.0)]
 }
 
-/// The expected value of a pixel that keeps its `pilot` pilot samples, and gets `total` samples if the pilot samples differ.
+/// The expected mean of a pixel whose samples are 1 with probability `p`, else 0. The pixel keeps its first `pilot` samples. If
+/// they differ, more samples are added, up to `total`.
 ///
-/// Each sample is 1 with probability `p`, else 0. With `n = pilot` and `N = total`, the value is `p^n + (n p - n p^n + (N - n)
-/// p Pmix) / N`. Here `Pmix = 1 - p^n - (1 - p)^n` [after Kirk and Arvo 1991].
+/// For `n = pilot`, `N = total`, `P = 1 - p^n - (1 - p)^n`: `p^n + (n p - n p^n + (N - n) p P) / N` [after Kirk and Arvo 1991].
 pub fn kept(p: f64, pilot: u32, total: u32) -> f64 {
     let (first, all) = (f64::from(pilot), f64::from(total));
     let [ones, mixed] = outcomes(p, pilot);
     ones + (first * p - first * ones + (all - first) * p * mixed) / all
 }
 
-/// The expected value of a pixel whose samples are 1 with probability `p`, else 0. The `pilot` pilot samples are discarded if
-/// they differ, and kept if they are equal, as in pbrt-v2.
+/// The expected mean of a pixel whose samples are 1 with probability `p`, else 0. The first `pilot` samples are kept if they
+/// are equal; if they differ, new samples replace them, as in pbrt-v2.
 pub fn refined(p: f64, pilot: u32) -> f64 {
     let [ones, mixed] = outcomes(p, pilot);
     ones + mixed * p
@@ -290,9 +290,8 @@ impl Pixels {
 /// A test statistic for a trend of pixel values with sample counts: standard normal if values and counts are unrelated,
 /// negative if pixels with few samples are too bright.
 ///
-/// In each pixel, the logarithm of the count and the value are centred on their means over the replicates. The statistic is the
-/// sum of their products divided by its standard deviation, which allows for variances that depend on the count [after White
-/// 1980].
+/// In each pixel, the value and the logarithm `ln(count)` are reduced by their means over the replicates. The statistic is the
+/// sum of the products of both, divided by its standard deviation. Variances may depend on the count [after White 1980].
 pub fn count_trend(replicates: &[Pixels]) -> f64 {
     let pixels = replicates[0].counts.len();
     let n = replicates.len() as f64;
@@ -326,7 +325,8 @@ pub struct Calibration {
 impl Calibration {
     /// Adds an estimate with its predicted variance `forecast`, and the true value `truth`, known up to the variance `noise`.
     ///
-    /// `quantile` scales the interval: 1.96 for 95 %, or Student's t if the forecast has few degrees of freedom.
+    /// The confidence interval of the estimate is `quantile * sqrt(forecast)` to either side. For 95 %, `quantile` is 1.96, or
+    /// that of Student's t if the forecast has few degrees of freedom.
     pub fn add(&mut self, estimate: f64, forecast: f64, truth: f64, noise: f64, quantile: f64) {
         let off = estimate - truth;
         let reach = (quantile * forecast.sqrt()).hypot(1.96 * noise.sqrt());

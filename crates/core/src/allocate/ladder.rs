@@ -51,13 +51,14 @@ impl Ladder {
         rung
     }
 
-    /// Allocates samples to pixels as [`allocate`](super::allocate), but with counts on this ladder and a pixel error
-    /// that falls as `n^-exponent`. The exponent is 1 for independent samples, and about 1.3 for images sampled with
-    /// low-discrepancy nets.
+    /// Allocates samples to pixels as [`allocate`](super::allocate) does, but minimises `sum_p scores[p] * n_p^-exponent`
+    /// with counts `n_p` on this ladder. The exponent is 1 for independent samples, and about 1.3 for low-discrepancy nets.
     ///
-    /// Of the pixels whose floor is on the ladder, at most one gets a count off the ladder, to make the sum exact. There
-    /// are more only if the budget fills every pixel to the last rung below `ceiling`. If all scores are equal, counts
-    /// differ by at most 1, unless the floors differ by more.
+    /// Counts may leave the ladder in four cases:
+    /// * a pixel's floor is off the ladder;
+    /// * one pixel makes the sum exact;
+    /// * the budget is larger than the pixels can hold with counts on the ladder up to `ceiling`;
+    /// * all scores are equal: counts then differ by at most 1, unless the floors differ by more.
     ///
     /// # Errors
     ///

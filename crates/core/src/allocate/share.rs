@@ -21,11 +21,10 @@ const MOST_ROUNDS: u32 = 64;
 ///
 /// [`allocate`](crate::plan::allocate()) takes squared errors and returns counts proportional to their square root. This
 /// function takes the proportions of the counts themselves, for samplers that compute priorities rather than variances.
-/// Counts depend on the weights alone: permuted weights give permuted counts, except among equal weights.
 ///
-/// NaN and negative weights count as 0, infinite ones as the largest finite weight; [`Allocation::replaced`] counts both.
-/// Pixels whose weight is 0, or below 1e-60 of the largest weight, get samples only after all others are at the ceiling, and
-/// then equal numbers. If `total` is too small for `base` samples in every pixel, counts are as equal as the floors allow.
+/// NaN and negative weights are replaced by 0, infinite ones by the largest finite weight ([`Allocation::replaced`]). A weight
+/// below 1e-60 of the largest is treated as 0: the pixel gets more than `base` samples only if all pixels of larger weight are
+/// at the ceiling. If `total` is too small for `base` samples in every pixel, counts are as equal as the floors allow.
 ///
 /// ```
 /// let counts = dapple_core::plan::share(&[1.0, 2.0, 3.0], 4, &[0; 3], 100, 72)?.counts;

@@ -12,8 +12,8 @@ use crate::film::RgbMoments;
 ///
 /// In all other pixels, and in films without [`Needs::emission`](crate::Needs::emission), refined means equal plain means.
 impl Film {
-    /// The number and the mean emission of pixel `i`'s feature-only samples: of half 0 or 1, or of all in a film without
-    /// halves. `None` if the pixel is not at the edge of a light source.
+    /// The number and the mean emission of pixel `i`'s [feature-only samples](crate::Integrator::features_alone): of half 0
+    /// or 1, or of all in a film without halves. `None` without feature-only samples that measure emission.
     pub fn emission_alone(&self, half: usize, i: usize) -> Option<(u32, [f32; 3])> {
         if !self.needs.emission {
             return None;
@@ -31,15 +31,15 @@ impl Film {
         (count > 0).then(|| [0, 1, 2].map(|c| share * (f64::from(alone[c]) - f64::from(plain[c]))))
     }
 
-    /// The refined mean emission of pixel `i`: of half 0 or 1, or of all samples in a film without halves. `None` if the film
-    /// lacks [`Needs::emission`](crate::Needs::emission).
+    /// The mean emission over ordinary and feature-only samples of pixel `i`: of half 0 or 1, or of all samples in a film
+    /// without halves. `None` if the film lacks [`Needs::emission`](crate::Needs::emission).
     pub fn refined_emission(&self, half: usize, i: usize) -> Option<[f32; 3]> {
         let plain = self.emission(half, i)?;
         let Some(change) = self.refinement(half, i) else { return Some(plain) };
         Some([0, 1, 2].map(|c| (f64::from(plain[c]) + change[c]).max(0.0) as f32))
     }
 
-    /// [`Film::half`] with the refined mean.
+    /// Equals [`Film::half`], except that the mean contains [`Film::refined_emission`] in place of [`Film::emission`].
     pub fn refined_half(&self, half: usize, i: usize) -> Option<RgbMoments> {
         let mut moments = self.half(half, i)?;
         if let Some(change) = self.refinement(half, i) {
@@ -48,7 +48,7 @@ impl Film {
         Some(moments)
     }
 
-    /// [`Film::mean`] with the refined mean of both halves.
+    /// Equals [`Film::mean`], except that it contains [`Film::refined_emission`] in place of [`Film::emission`].
     pub fn refined_mean(&self, i: usize) -> [f64; 3] {
         let first = if self.kept.len() == 2 { self.first_half_weight(i) } else { 1.0 };
         let halves = [first, 1.0 - first].into_iter().take(self.kept.len()).enumerate();
@@ -68,9 +68,9 @@ impl Film {
     /// The estimated squared error of pixel `i`'s mean, per channel. `None` in a film without halves, and for a pixel
     /// without samples in one of the two halves.
     ///
-    /// The estimate comes from the difference of the means A and B of the two halves, which are scrambled independently: `E
-    /// (A - B)^2 = var A + var B`. That sum is split by sample counts, for a pixel mean of `w A + (1 - w) B`. Each pixel
-    /// has one degree of freedom, so average over pixels before use. The error of splats is not included.
+    /// The halves are scrambled independently, so their means A and B satisfy `E (A - B)^2 = var A + var B`. The variances are
+    /// taken as inversely proportional to sample counts. The pixel's mean `w A + (1 - w) B` has the squared error `w^2 var A +
+    /// (1 - w)^2 var B`. It has one degree of freedom, so average over pixels before use. The error of splats is not included.
     pub fn squared_error(&self, i: usize) -> Option<[f64; 3]> {
         let [a, b] = &self.kept[..] else { return None };
         let (na, nb) = (f64::from(a.counts[i]), f64::from(b.counts[i]));
@@ -100,12 +100,12 @@ impl Film {
     /// The relMSE of the unfiltered image, `mean((x - truth)^2 / (truth^2 + 0.01))` over pixels and channels, estimated
     /// from the halves. `None` in a film without halves, or if a pixel has no samples in one half.
     ///
-    /// The mean over 3x3 pixels replaces the truth. A pixel's own mean would hide its error, since both are high together.
+    /// In the denominator, the mean over 3x3 pixels replaces the truth. The large mean of a firefly would hide its error.
     ///
     /// # Precision
     ///
-    /// On the bundled scenes with 8 and more samples per pixel, the estimate is 0.65 to 1.05 of the true relMSE. With
-    /// the pixel's own mean it would be 0.07 to 1.11 (`examples/predicted_error.rs`).
+    /// On the bundled scenes with 8 and more samples per pixel, the estimate is 0.65 to 1.05 times the true relMSE. With
+    /// the pixel's own mean it would be 0.07 to 1.11 times (`examples/predicted_error.rs`).
     pub fn predicted_relmse(&self) -> Option<f64> {
         if self.kept.len() != 2 {
             return None;

@@ -56,13 +56,13 @@ fn sums([nx, ny, nz, r, g, b, x, y, z, depth]: &[f32; 10]) -> [f32; 4] {
     [nx + ny + nz, r + g + b, x + y + z, *depth]
 }
 
-/// Mean and sample variance of one pixel's [`SurfaceFeatures`](crate::SurfaceFeatures). For a sample without surface
-/// features, the features of its first hit count. Means are over the samples that hit a surface.
+/// Mean and sample variance of one pixel's [`SurfaceFeatures`](crate::SurfaceFeatures), over the samples that hit a surface. A
+/// sample without surface features contributes the features of its first hit.
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Features {
     /// The number of samples of the pixel, at most 65,535. It includes [feature-only
-    /// samples](crate::Integrator::features_alone), and excludes [rare](crate::SurfaceFeatures::rare) ones that were left out.
+    /// samples](crate::Integrator::features_alone), and a [rare](crate::SurfaceFeatures::rare) sample only if it is the first.
     pub samples: u32,
     /// The number of samples that hit a surface.
     pub hits: u32,

@@ -29,8 +29,8 @@ impl Film {
         Ok(Film { record: self.record.clone(), unreported: self.unreported, rejected, ..part })
     }
 
-    /// A copy of the film without the samples in half 0 or 1 of pixel `i` for which `is_marked(half, i)` is true. `None` if
-    /// nothing is marked. If one half of a pixel remains, its variance is NaN unless the film records [`Needs::half_variance`].
+    /// A copy of the film that lacks the samples of half 0 or 1 of pixel `i` if `is_marked(half, i)` is true. `None` if nothing
+    /// is marked. A pixel with one marked half has a variance of NaN, unless the film records [`Needs::half_variance`].
     pub fn without_samples(&self, is_marked: impl Fn(usize, usize) -> bool) -> Option<Film> {
         let pixels = self.frame.pixels();
         let marked = |half: usize| (0..pixels).map(|i| is_marked(half, i)).collect::<Vec<_>>();
@@ -110,12 +110,12 @@ impl Film {
 
     /// The samples of half 0 or 1 as a film without halves, so that a filter can be applied to one half alone.
     ///
-    /// Counts, means, emission, recorders' words, splats and discarded samples are restricted to the half, and so is the
-    /// emission of [feature-only samples](Film::emission_alone). Variances and features are restricted to it if the film
-    /// records them per half ([`Needs::half_variance`], [`Needs::feature_halves`]). Otherwise the new film has no
-    /// variances, and features of both halves. First hits and surfaces always cover both halves. Costs and the record of
-    /// rounds are left out. A filter that needs halves refuses the film.
-    /// The new film takes [`Film::bytes_per_pixel`] of its own [`Needs`].
+    /// * From one half: counts, means, emission (also of [feature-only samples](Film::emission_alone)), data of recorders,
+    ///   splats, discarded samples. Variances too, which are left out without [`Needs::half_variance`].
+    /// * From both halves: first hits and surfaces. Features too, unless the film records [`Needs::feature_halves`].
+    /// * Left out: costs and the record of rounds.
+    ///
+    /// A filter that needs halves refuses the new film, which takes [`Film::bytes_per_pixel`] of its own [`Needs`].
     ///
     /// ```
     /// use dapple_core::{Film, Frame, Needs};
@@ -248,8 +248,8 @@ impl PixelStatistics {
 impl Film {
     /// A film made from the per-pixel statistics of another program, row by row from the top.
     ///
-    /// The film records variance, halves, features, emission, and surfaces if any pixel has one. Filters treat it like the
-    /// film of a render. `dapple_denoise::denoise` makes such films from image buffers.
+    /// The film records variance, halves, features and emission. It records surfaces only if a pixel has one. Filters treat
+    /// it like the film of a render. `dapple_denoise::denoise` makes such films from image buffers.
     ///
     /// ```
     /// use dapple_core::{Film, Frame};

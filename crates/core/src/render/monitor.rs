@@ -80,14 +80,14 @@ pub enum Control {
 /// struct Minute;
 ///
 /// impl Monitor for Minute {
-///     fn slice(&mut self, status: &Status<'_>) -> Control {
+///     fn progress(&mut self, status: &Status<'_>) -> Control {
 ///         if status.seconds < 60.0 { Control::Continue } else { Control::Stop }
 ///     }
 /// }
 /// ```
 pub trait Monitor {
     /// Called after about 0.2 seconds of tracing each. The returned value decides whether the render continues.
-    fn slice(&mut self, status: &Status<'_>) -> Control;
+    fn progress(&mut self, status: &Status<'_>) -> Control;
 
     /// Called once at the end, unless the render was stopped. A render resumed from a snapshot taken here may have
     /// larger limits.
@@ -101,13 +101,13 @@ pub trait Monitor {
 pub struct NoMonitor;
 
 impl Monitor for NoMonitor {
-    fn slice(&mut self, _: &Status<'_>) -> Control {
+    fn progress(&mut self, _: &Status<'_>) -> Control {
         Control::Continue
     }
 }
 
 impl<F: FnMut(&Status<'_>) -> Control> Monitor for F {
-    fn slice(&mut self, status: &Status<'_>) -> Control {
+    fn progress(&mut self, status: &Status<'_>) -> Control {
         self(status)
     }
 }

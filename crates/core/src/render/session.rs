@@ -360,9 +360,9 @@ impl<'a> Session<'a> {
         answer
     }
 
-    /// Passes the state of the session to [`Monitor::slice`], as a render does after a slice.
+    /// Passes the state of the session to [`Monitor::progress`], as a render does after a slice.
     pub fn show_to(&mut self, monitor: &mut dyn Monitor) -> Control {
-        self.show(monitor, |monitor, status| monitor.slice(status))
+        self.show(monitor, |monitor, status| monitor.progress(status))
     }
 
     /// Passes the final state of the render to [`Monitor::end`]. A resumed render plans the last round again, so the

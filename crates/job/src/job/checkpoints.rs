@@ -131,16 +131,16 @@ impl<'m> Watched<'m> {
 }
 
 impl Monitor for Watched<'_> {
-    fn slice(&mut self, status: &Status<'_>) -> Control {
+    fn progress(&mut self, status: &Status<'_>) -> Control {
         if let Some(warning) = self.time.look(status, self.min_spp) {
             self.monitor.warn(warning);
         }
-        if self.monitor.slice(status) == Control::Stop {
+        if self.monitor.progress(status) == Control::Stop {
             self.save_last(status);
             return Control::Stop;
         }
         if let Some(writer) = &mut self.writer {
-            writer.slice(status, self.monitor);
+            writer.progress(status, self.monitor);
         }
         Control::Continue
     }
@@ -178,7 +178,7 @@ impl Writer {
 
     /// Starts writing a checkpoint if one is due and none is being written. After a disk error, the next due checkpoint
     /// tries again.
-    fn slice(&mut self, status: &Status<'_>, monitor: &mut dyn JobMonitor) {
+    fn progress(&mut self, status: &Status<'_>, monitor: &mut dyn JobMonitor) {
         if !self.is_due(status) || self.writing.as_ref().is_some_and(|writing| !writing.is_finished()) {
             return;
         }

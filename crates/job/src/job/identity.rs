@@ -6,8 +6,6 @@ use crate::checkpoint::Identity;
 use dapple_scene::PixelFilter;
 use std::path::Path;
 
-/// The identity's key for the part, `I/N`, which differs between parts of one image.
-pub(super) const SHARD: &str = "shard";
 /// The identity's key for the filter. Only parts have it, since a checkpoint may be finished with another filter.
 pub(super) const FILTER: &str = "filter";
 /// The identity's key for the render's description as JSON, which is never compared.
@@ -42,9 +40,8 @@ pub(super) fn identity(job: &Job) -> Result<Identity, JobError> {
         ("samples per pixel", format!("{} to {}", job.limits.min_spp, job.limits.max_spp)),
         (SPEC, spec.to_json()?),
     ];
-    if let Some(shard) = spec.shard {
+    if spec.part.is_some() {
         pairs.push((FILTER, job.filter.describe()));
-        pairs.push((SHARD, shard.to_string()));
     }
     Ok(Identity::new(pairs))
 }
@@ -64,12 +61,12 @@ pub(super) fn compared(identity: &Identity) -> Identity {
 
 /// The pairs of an identity that must be equal in all parts of one image.
 pub(super) fn common(identity: &Identity) -> Identity {
-    without(identity, &[SPEC, SHARD, PART])
+    without(identity, &[SPEC, PART])
 }
 
 /// The pairs of an identity that must be equal in a file of rows and in the job that merges the file.
 pub(super) fn joined(identity: &Identity) -> Identity {
-    without(identity, &[SPEC, SHARD, PART, PLAN, FILTER])
+    without(identity, &[SPEC, PART, PLAN, FILTER])
 }
 
 fn without(identity: &Identity, names: &[&str]) -> Identity {

@@ -7,7 +7,7 @@ use dapple_core::render::{Control, Monitor, NoMonitor, Status};
 /// An observer of a job's run.
 pub trait JobMonitor {
     /// Called after about 0.2 seconds of tracing each. The returned value decides whether the render continues.
-    fn slice(&mut self, status: &Status<'_>) -> Control;
+    fn progress(&mut self, status: &Status<'_>) -> Control;
 
     /// Called when all samples are traced, unless the render was stopped.
     fn end(&mut self, status: &Status<'_>) {
@@ -26,7 +26,7 @@ pub trait JobMonitor {
 }
 
 impl JobMonitor for NoMonitor {
-    fn slice(&mut self, _: &Status<'_>) -> Control {
+    fn progress(&mut self, _: &Status<'_>) -> Control {
         Control::Continue
     }
 }
@@ -35,8 +35,8 @@ impl JobMonitor for NoMonitor {
 pub struct RenderMonitor<'m>(pub &'m mut dyn Monitor);
 
 impl JobMonitor for RenderMonitor<'_> {
-    fn slice(&mut self, status: &Status<'_>) -> Control {
-        self.0.slice(status)
+    fn progress(&mut self, status: &Status<'_>) -> Control {
+        self.0.progress(status)
     }
 
     fn end(&mut self, status: &Status<'_>) {

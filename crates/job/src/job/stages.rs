@@ -6,7 +6,7 @@ use super::{Checkpoints, Job, JobMonitor, Traced};
 use crate::checkpoint::{Identity, ROWS, StateFile, StateKind};
 use crate::files::path::{of_text, to_text};
 use crate::memory::MemoryEstimate;
-use crate::{JobError, RenderSpec, Shard};
+use crate::{JobError, PartNumber, RenderSpec};
 use dapple_core::render::{Control, Monitor, Readiness, Stage, Status, TracedRows};
 use dapple_core::{Clock, Error, Integrator, Methods, Render, Session, Snapshot, container, limits::Budget};
 use dapple_distributed::{Processes, coordinate, dismiss, rows_of_part, serve};
@@ -51,7 +51,7 @@ impl RowsFiles {
     ///
     /// # Errors
     ///
-    /// [`JobError::Shards`] with a line for each file that cannot be read, is damaged, or belongs to another render than the
+    /// [`JobError::Parts`] with a line for each file that cannot be read, is damaged, or belongs to another render than the
     /// first file.
     pub fn read(paths: &[PathBuf]) -> Result<Self, JobError> {
         let (mut files, mut troubles): (Vec<(PathBuf, StateFile)>, Vec<String>) = (Vec::new(), Vec::new());
@@ -70,10 +70,10 @@ impl RowsFiles {
             }
         }
         let first = files.first().filter(|_| troubles.is_empty());
-        let Some((_, first)) = first else { return Err(JobError::Shards(troubles)) };
+        let Some((_, first)) = first else { return Err(JobError::Parts(troubles)) };
         let spec = RenderSpec::from_json(first.identity.value(SPEC).unwrap_or_default())?;
         // Parts have another default light selection than whole images.
-        let spec = RenderSpec { light_selection: Some(spec.selection()), shard: None, ..spec };
+        let spec = RenderSpec { light_selection: Some(spec.selection()), part: None, ..spec };
         Ok(Self { spec, files })
     }
 
@@ -115,18 +115,18 @@ impl Job {
     ///
     /// # Errors
     ///
-    /// As [`Job::run`]; [`JobError::OtherRender`] for a plan of another render, [`JobError::NoShard`] without a plan, for a render
+    /// As [`Job::run`]; [`JobError::OtherRender`] for a plan of another render, [`JobError::NoParts`] without a plan, for a render
     /// with more than one stage.
     pub fn trace_part(
         &mut self,
         plan: Option<&PlanFile>,
-        shard: Shard,
+        part: PartNumber,
         checkpoints: Option<Checkpoints>,
         monitor: &mut dyn JobMonitor,
     ) -> Result<Option<Vec<u8>>, JobError> {
         let mut pairs = self.identity()?.pairs().to_vec();
         pairs.extend(plan.map(|plan| (PLAN.into(), to_text(&plan.path))));
-        pairs.push((PART.into(), shard.to_string()));
+        pairs.push((PART.into(), part.to_string()));
         let identity = Identity::new(pairs);
         // This integrator receives its training passes with the rows, `planning` receives them from the plan.
         let world = self.prepared.world.clone();
@@ -136,10 +136,10 @@ impl Job {
             .next_stage(&*planning)?
             .ok_or_else(|| Error::other("the plan", "all samples are traced; run dapple merge"))?;
         if plan.is_none() {
-            only_stage(&session, &stage, &*planning, shard)?;
+            only_stage(&session, &stage, &*planning, part)?;
         }
         let cut = |rows| session.rows_of(&stage, rows);
-        let runs = rows_of_part(&session, &stage, shard.index(), shard.of());
+        let runs = rows_of_part(&session, &stage, part.index(), part.of());
         let runs = runs.into_iter().map(cut).collect::<Result<Vec<_>, _>>()?;
         drop((session, planning));
         let began = checkpoints.as_ref().map(|c| c.state(&identity, monitor)).transpose()?.flatten();
@@ -160,7 +160,7 @@ impl Job {
     ///
     /// # Errors
     ///
-    /// [`JobError::Shards`] if the rows do not make up the complete stage.
+    /// [`JobError::Parts`] if the rows do not make up the complete stage.
     pub fn next_plan(&mut self, plan: &PlanFile, rows: &RowsFiles) -> Result<(Vec<u8>, bool), JobError> {
         self.check_rows(rows)?;
         let identity = self.identity()?;
@@ -187,11 +187,11 @@ impl Job {
     ///
     /// # Errors
     ///
-    /// [`JobError::Shards`] if the parts do not make up the complete image.
-    pub fn merge(&mut self, shards: &RowsFiles) -> Result<Traced, JobError> {
-        self.check_rows(shards)?;
+    /// [`JobError::Parts`] if the parts do not make up the complete image.
+    pub fn merge(&mut self, parts: &RowsFiles) -> Result<Traced, JobError> {
+        self.check_rows(parts)?;
         let (mut session, mut integrator) = self.open(None)?;
-        join(&mut session, &mut *integrator, shards)?;
+        join(&mut session, &mut *integrator, parts)?;
         session.next_stage(&*integrator)?;
         Ok(Traced::of(session.into_film()))
     }
@@ -313,20 +313,25 @@ fn rows_file(kind: StateKind, identity: &Identity, runs: &[Vec<u8>]) -> StateFil
 }
 
 /// Returns an error for a part of a render that has more than one stage.
-fn only_stage(session: &Session<'_>, stage: &Stage, integrator: &dyn Integrator, shard: Shard) -> Result<(), JobError> {
+fn only_stage(
+    session: &Session<'_>,
+    stage: &Stage,
+    integrator: &dyn Integrator,
+    part: PartNumber,
+) -> Result<(), JobError> {
     let all = session.samples_left();
     if session.samples_in(stage) == all && !integrator.wants_training() {
         return Ok(());
     }
     let why = "the sampler or the light selection needs samples of other machines; use --sampler uniform and \
                --light-selection power, or render in stages (dapple plan)";
-    Err(JobError::NoShard { shard, why: why.into() })
+    Err(JobError::NoParts { part, why: why.into() })
 }
 
 /// Adds `rows` to the session's current stage, and ends the stage.
 fn join(session: &mut Session<'_>, integrator: &mut dyn Integrator, rows: &RowsFiles) -> Result<(), JobError> {
     let Some(stage) = session.next_stage(integrator)? else {
-        return Err(JobError::Shards(vec!["the plan is done; run dapple merge to make the image".into()]));
+        return Err(JobError::Parts(vec!["the plan is done; run dapple merge to make the image".into()]));
     };
     let (mut runs, mut troubles): (Vec<(u32, u32)>, Vec<String>) = (Vec::new(), Vec::new());
     for (path, file) in &rows.files {
@@ -350,7 +355,7 @@ fn join(session: &mut Session<'_>, integrator: &mut dyn Integrator, rows: &RowsF
         next = end;
     }
     if !troubles.is_empty() {
-        return Err(JobError::Shards(troubles));
+        return Err(JobError::Parts(troubles));
     }
     session.end_stage(&stage, integrator)?;
     Ok(())

@@ -18,7 +18,7 @@ fn full() -> RenderSpec {
         pixel_filter: PixelFilterSpec::Box,
         without: vec![Effect::Glossy, Effect::DepthOfField],
         allow_unsupported: true,
-        shard: Some("2/8".parse().expect("a shard")),
+        part: Some("2/8".parse().expect("a part")),
         ..RenderSpec::new("scenes/a.pbrt").sampler("uniform").filter("gaussian").integrator("path")
     }
 }

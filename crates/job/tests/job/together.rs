@@ -6,7 +6,7 @@ use dapple_distributed::{Processes, local};
 use dapple_job::checkpoint::{StateFile, StateKind};
 use dapple_job::{
     BudgetSpec, CheckpointOptions, Checkpoints, Job, JobError, JobMonitor, LoadOptions, LoadedScene, OutputFiles,
-    PlanFile, PreparedScene, RenderSpec, RenderedImage, RowsFiles, Shard, Traced,
+    PartNumber, PlanFile, PreparedScene, RenderSpec, RenderedImage, RowsFiles, Traced,
 };
 use std::path::{Path, PathBuf};
 
@@ -99,7 +99,7 @@ struct Stops {
 }
 
 impl JobMonitor for Stops {
-    fn slice(&mut self, _: &Status<'_>) -> Control {
+    fn progress(&mut self, _: &Status<'_>) -> Control {
         self.after = self.after.saturating_sub(1);
         if self.after == 0 { Control::Stop } else { Control::Continue }
     }
@@ -231,7 +231,7 @@ fn plans_and_parts_of_another_render_are_refused_with_a_list() {
     let second = part(&mut job(&prepared, &other), &theirs, "2/2", folder.path()).unwrap();
     let cut = written(folder.path(), "cut", &std::fs::read(&first).expect("a part")[..300]);
     let listed = |outcome: Option<JobError>| match outcome {
-        Some(JobError::Shards(lines)) => lines.join("\n"),
+        Some(JobError::Parts(lines)) => lines.join("\n"),
         other => panic!("{:?}", other.map(|e| e.to_string())),
     };
     let read = listed(RowsFiles::read(&[first.clone(), second, cut, folder.path().join("nowhere")]).err());
@@ -254,7 +254,7 @@ fn plans_and_parts_of_another_render_are_refused_with_a_list() {
 struct StopsAtFile<'a>(&'a Path);
 
 impl JobMonitor for StopsAtFile<'_> {
-    fn slice(&mut self, _: &Status<'_>) -> Control {
+    fn progress(&mut self, _: &Status<'_>) -> Control {
         if self.0.exists() { Control::Stop } else { Control::Continue }
     }
 }
@@ -267,7 +267,7 @@ fn a_stopped_part_goes_on_from_its_checkpoint() {
     let folder = tempfile::tempdir().expect("a folder");
     let bytes = job(&prepared, &spec).first_plan().unwrap();
     let plan = PlanFile::read(&written(folder.path(), "plan", &bytes)).unwrap();
-    let shard: Shard = "1/1".parse().expect("a part");
+    let shard: PartNumber = "1/1".parse().expect("a part");
     let path = folder.path().join("checkpoint");
     let trace = |checkpoints, monitor: &mut dyn JobMonitor| {
         let traced = job(&prepared, &spec).trace_part(Some(&plan), shard, checkpoints, monitor);

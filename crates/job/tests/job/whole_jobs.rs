@@ -4,8 +4,8 @@ use dapple_core::container;
 use dapple_core::render::{Control, NoMonitor, Status};
 use dapple_job::checkpoint::{Identity, StateFile, StateKind};
 use dapple_job::{
-    BudgetSpec, CheckpointOptions, Job, JobError, JobMonitor, LoadOptions, LoadedScene, PixelFilterSpec, RenderSpec,
-    RowsFiles, Shard,
+    BudgetSpec, CheckpointOptions, Job, JobError, JobMonitor, LoadOptions, LoadedScene, PartNumber, PixelFilterSpec,
+    RenderSpec, RowsFiles,
 };
 use std::path::{Path, PathBuf};
 
@@ -20,8 +20,8 @@ fn render(spec: &RenderSpec) -> Vec<[f32; 3]> {
 
 fn shards(folder: &Path, spec: &RenderSpec, of: u32) -> Vec<PathBuf> {
     let shard = |index| {
-        let shard: Shard = format!("{}/{of}", index + 1).parse().expect("a shard");
-        let spec = RenderSpec { shard: Some(shard), ..spec.clone() };
+        let shard: PartNumber = format!("{}/{of}", index + 1).parse().expect("a part");
+        let spec = RenderSpec { part: Some(shard), ..spec.clone() };
         let mut job = Job::prepare(&spec).unwrap();
         let bytes = job.trace_part(None, shard, None, &mut NoMonitor).unwrap();
         let path = folder.join(format!("{index}.shard"));
@@ -44,8 +44,8 @@ fn merged_shards_have_the_bits_of_one_machine() {
 /// A render whose counts depend on other machines' samples cannot be sharded.
 #[test]
 fn a_sampler_that_reads_samples_has_no_shards() {
-    let shard: Shard = "1/2".parse().expect("a shard");
-    let spec = RenderSpec { shard: Some(shard), ..spec().sampler("variance") };
+    let shard: PartNumber = "1/2".parse().expect("a part");
+    let spec = RenderSpec { part: Some(shard), ..spec().sampler("variance") };
     let mut job = Job::prepare(&spec).unwrap();
     let error = job.trace_part(None, shard, None, &mut NoMonitor).expect_err("it reads").to_string();
     assert!(error.contains("render in stages"), "{error}");
@@ -58,7 +58,7 @@ fn a_shard_carries_the_description_as_json() {
     let path = &shards(folder.path(), &spec(), 2)[1];
     let file = StateFile::read(path, StateKind::Rows).unwrap();
     let json = file.identity.value("spec").expect("a description");
-    let expected = RenderSpec { shard: Some("2/2".parse().expect("a shard")), ..spec() };
+    let expected = RenderSpec { part: Some("2/2".parse().expect("a part")), ..spec() };
     assert_eq!(RenderSpec::from_json(json).unwrap(), expected);
     let text: Vec<&String> = file.identity.pairs().iter().map(|(_, value)| value).collect();
     assert!(text.iter().all(|value| !value.contains("--")), "{text:?}");
@@ -81,7 +81,7 @@ fn shards_with_a_description_of_another_version_are_refused() {
 struct Impatient;
 
 impl JobMonitor for Impatient {
-    fn slice(&mut self, _: &Status<'_>) -> Control {
+    fn progress(&mut self, _: &Status<'_>) -> Control {
         Control::Stop
     }
 }

@@ -24,17 +24,16 @@ pub struct SampleDimensions {
     pub lens: BlockDimensions,
     /// The time within the exposure: one dimension, or none if nothing moves.
     pub time: BlockDimensions,
-    /// The point on the light: two dimensions, or none unless the only light is an area light or an environment.
+    /// The point on the light: two dimensions if the scene's only light is an area light or an environment, else none.
     pub light: BlockDimensions,
-    /// The first use of other random numbers, as a noun phrase: multiple scattering, scattering in media, surfaces that rays
-    /// may pass, the selection among lights, or scattered directions towards an area light or environment. `None` if there are
-    /// no others.
+    /// A phrase that names the first random decision outside these dimensions, such as "scattering in media". `None` if these
+    /// dimensions determine each sample.
     pub outside: Option<&'static str>,
 }
 
 impl World {
-    /// Returns the sample dimensions of the path tracer with a geometric meaning. Returns `None` for pixel filters other than a
-    /// box of one pixel, in which the position in the pixel is not a random number.
+    /// Returns the sample dimensions of the path tracer with a geometric meaning. Requires a pixel filter that is a box of one
+    /// pixel, so that two random numbers are the position in the pixel. Returns `None` for all other filters.
     pub fn sample_dimensions(&self) -> Option<SampleDimensions> {
         let is_light_a_coordinate = self.lights.len() == 1 && !self.lights.has_delta();
         self.filter.is_one_pixel().then(|| SampleDimensions {
@@ -90,8 +89,8 @@ impl World {
 
     /// Returns the features of a surface that a path hits behind mirrors, glass or smooth coats.
     ///
-    /// `u` in `[0, 1)` selects one material if the surface is a mix. `tint` is the fraction of light that the previous
-    /// surfaces transmit to the camera, and `length` the path's length up to the last of them.
+    /// `u` in `[0, 1)` selects one material if the surface is a mix. `tint` is the fraction of light that earlier surfaces and
+    /// media pass on to the camera. `length` is the distance along the path from the camera to the previous surface.
     pub fn surface_features(
         &self,
         ray: &Ray,

@@ -129,7 +129,7 @@ fn refuse(shape: &DescribedShape, problems: &mut Problems) {
 }
 
 impl World {
-    /// Returns the index of the material of the shape with this number.
+    /// Returns the index of a shape's material. `shape` is a number as in [`Hit::shape`].
     pub fn shape_material(&self, shape: u32) -> u32 {
         self.part(shape).material
     }
@@ -242,8 +242,8 @@ impl Shutter {
 }
 
 impl World {
-    /// Returns a time within the motion, in `[0, 1]`. The random number `u` in `[0, 1)` samples it uniformly from the
-    /// interval in which the shutter is open.
+    /// Samples a time uniformly while the shutter is open, from a random number `u` in `[0, 1)`. Time 0 is the start of the
+    /// scene's motion, and 1 its end.
     #[inline]
     pub fn time(&self, u: f32) -> f32 {
         let [opens, closes] = self.open;

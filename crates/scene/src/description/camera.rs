@@ -6,14 +6,14 @@ use glam::DAffine3;
 /// A camera: pose, projection, lens and shutter.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Camera {
-    /// The transform from camera space (x right, y up, z forward, as in pbrt) to world space. It may mirror.
+    /// The transform from camera space (x right, y up, z forward, as in pbrt) to world space. It may include a reflection.
     pub to_world: DAffine3,
-    /// The camera-to-world transform at the second of [`Scene::motion_times`](super::Scene::motion_times); `None` if
-    /// the camera does not move.
+    /// The camera-to-world transform at the end of the motion (see [`Scene::motion_times`](super::Scene::motion_times));
+    /// `None` if the camera does not move.
     pub moves_to: Option<DAffine3>,
     /// The projection: perspective or orthographic.
     pub projection: Projection,
-    /// Width of the screen divided by its height; `None` uses the ratio of the resolution.
+    /// Aspect ratio (width / height) of the default screen window; `None` takes it from the resolution.
     pub aspect: Option<f64>,
     /// The part of the screen plane that the image shows: x0, x1, y0, y1. `None` derives it from the aspect ratio.
     pub screen_window: Option<[f64; 4]>,
@@ -21,7 +21,7 @@ pub struct Camera {
     pub lens_radius: f64,
     /// Distance of the focal plane from the camera, in units of camera space.
     pub focal_distance: f64,
-    /// The times at which the shutter opens and closes.
+    /// The times at which the shutter opens and closes, in the unit of [`Scene::motion_times`](super::Scene::motion_times).
     pub shutter: [f64; 2],
     /// The medium around the camera; `None` is vacuum.
     pub medium: Option<MediumId>,
@@ -63,7 +63,7 @@ impl Default for Camera {
 pub struct FilmSettings {
     /// Width and height in pixels.
     pub resolution: [u32; 2],
-    /// Crop window in pixels: x0, y0, x1, y1; `None` for the whole image.
+    /// Crop window in pixels: x0, y0, x1, y1, where x1 and y1 are exclusive; `None` for the whole image.
     pub crop: Option<[u32; 4]>,
     /// The pixel filter. It is importance-sampled, so that each sample belongs to one pixel.
     pub pixel_filter: PixelFilter,

@@ -18,8 +18,7 @@ pub struct Light {
     pub source: Source,
 }
 
-/// The kind of a light, with its parameters. Code matches on it without a wildcard, so that the compiler reports every place
-/// to extend for a new kind.
+/// The kind of a light, with its parameters.
 #[derive(Clone, Debug)]
 pub enum LightKind {
     /// An environment: radiance from all directions, infinitely far away.

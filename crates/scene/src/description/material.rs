@@ -28,7 +28,7 @@ impl Material {
     }
 }
 
-/// The scattering of a material. Parameters are pbrt-v4's, or those of the older pbrt version that has the material.
+/// The scattering of a material, with the parameters of pbrt-v4, of an older pbrt version or of glTF.
 #[derive(Clone, Debug, PartialEq)]
 pub enum MaterialKind {
     /// Lambertian (ideal diffuse) reflection.
@@ -274,7 +274,7 @@ impl Lobe<'_> {
 pub struct ClearCoat {
     /// The fraction of the surface that is coated, 0 to 1.
     pub amount: f32,
-    /// Microfacet width of the coat.
+    /// Microfacet width (alpha) of the coat: the square of glTF's roughness.
     pub alpha: f32,
 }
 

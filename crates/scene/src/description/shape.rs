@@ -7,20 +7,20 @@ use std::sync::Arc;
 
 /// A shape: geometry, material, emission and media.
 ///
-/// The shape emits on the side of its geometric normal, which follows pbrt-v4:
-/// * In the shape's own space the normal is `(p1 - p0) x (p2 - p0)` for a triangle, outwards for a sphere, +z for a disk.
-/// * The inverse transpose of the transform maps the normal to world space, so that a mirroring transform does not reverse
-///   it. Then the normal is negated if [`reversed`](Self::reversed).
-/// * Normals of a mesh are transformed and negated in the same way. A triangle's geometric normal is negated if it
-///   points away from the interpolated mesh normal, so that shading normals select the side.
+/// The shape emits on the side to which its geometric normal points. As in pbrt-v4, this normal follows from three rules:
+/// * In the shape's own space, it is `(p1 - p0) x (p2 - p0)` for a triangle, outwards for a sphere, +z for a disk.
+/// * The inverse transpose of the transform maps it to world space; mirroring does not reverse it. Then
+///   [`reversed`](Self::reversed) negates it. The vertex normals of a mesh are mapped and negated likewise.
+/// * In a mesh with vertex normals, a triangle's geometric normal is negated where it points away from the interpolated
+///   vertex normal.
 #[derive(Clone, Debug)]
 pub struct Shape {
     /// Geometry in the shape's own space.
     pub geometry: Geometry,
     /// The transform from the shape's space to world space, or to the object's space for a shape of an [`Object`].
     pub to_world: DAffine3,
-    /// The transform `to_world` at the second of [`Scene::motion_times`](super::Scene::motion_times); `None` if the
-    /// shape does not move. Shapes of objects cannot move; instances can.
+    /// The transform `to_world` at the end of the motion (see [`Scene::motion_times`](super::Scene::motion_times)); `None`
+    /// if the shape does not move. Shapes of objects cannot move; instances can.
     pub moves_to: Option<DAffine3>,
     /// The index of the shape's material.
     pub material: MaterialId,
@@ -98,8 +98,8 @@ pub struct Instance {
     pub object: ObjectId,
     /// The transform from the object's space to world space.
     pub to_world: DAffine3,
-    /// The transform `to_world` at the second of [`Scene::motion_times`](super::Scene::motion_times); `None` if the
-    /// instance does not move.
+    /// The transform `to_world` at the end of the motion (see [`Scene::motion_times`](super::Scene::motion_times)); `None`
+    /// if the instance does not move.
     pub moves_to: Option<DAffine3>,
     /// File and line of the instance, for messages.
     pub source: Source,
@@ -197,7 +197,7 @@ pub struct MeshFault(String);
 pub struct MeshData {
     /// Vertex positions in the shape's own space.
     pub positions: Vec<DVec3>,
-    /// Shading normals of any length, one per vertex; empty if the mesh has none.
+    /// Shading normals, one vector of any length per vertex; empty if the mesh has none.
     pub normals: Vec<[f32; 3]>,
     /// Texture coordinates, one pair per vertex; empty if the mesh has none.
     pub uvs: Vec<[f32; 2]>,
@@ -251,7 +251,7 @@ pub struct Medium {
     pub source: Source,
 }
 
-/// The media on both sides of a shape; `None` is vacuum.
+/// The media on both sides of a shape. A side that is `None` is vacuum.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MediumInterface {
     /// The medium on the side opposite to the normal.

@@ -18,7 +18,7 @@ pub enum Color {
     Texture(TextureId),
 }
 
-/// A number: constant, or the first channel of a texture whose channels are equal.
+/// A number: constant, or the first channel of a texture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Scalar {
     /// A constant value.

@@ -17,14 +17,14 @@ pub struct Chromaticities {
 }
 
 impl Chromaticities {
-    /// Rec. ITU-R BT.709, which is also the space of sRGB and of OpenEXR files that name none.
+    /// Rec. 709: the primaries and the white of sRGB, and the default of OpenEXR files.
     pub const REC709: Self = Self { red: [0.64, 0.33], green: [0.3, 0.6], blue: [0.15, 0.06], white: [0.3127, 0.329] };
 
     fn points(self) -> [[f32; 2]; 4] {
         [self.red, self.green, self.blue, self.white]
     }
 
-    /// Returns true if both are the same colour space, up to rounding by programs.
+    /// Returns true if all chromaticities of the two colour spaces differ by less than 0.001.
     pub fn is_same(self, other: Self) -> bool {
         let pairs = self.points().into_iter().zip(other.points());
         pairs.into_iter().all(|(a, b)| (a[0] - b[0]).abs() < 1e-3 && (a[1] - b[1]).abs() < 1e-3)

@@ -124,10 +124,10 @@ impl<'a> ExrFile<'a> {
         File { bytes: &self.bytes, name: &self.name, format: OPENEXR }
     }
 
-    /// Returns the values of all channels of a part, in full precision and in the order of its `channels`.
+    /// Returns the values of all channels of a part, in full precision and in the order of [`ExrPart::channels`].
     ///
     /// # Errors
-    /// Those of [`read_image`](super::read_image). The memory limit holds for all parts together.
+    /// The errors of [`read_image`](super::read_image), whose memory limit holds here for the channels of all parts together.
     ///
     /// # Panics
     /// If the file has no part of this index.
@@ -190,7 +190,7 @@ impl<'a> ExrFile<'a> {
         })
     }
 
-    /// Returns the whole numbers (name, value) among the attributes of a part, sorted by name.
+    /// Returns the integer attributes (name, value) of a part, sorted by name.
     pub fn integers(&self, part: usize) -> Vec<(String, i32)> {
         self.attributes(part, |value| match value {
             AttributeValue::I32(value) => Some(value),
@@ -214,7 +214,7 @@ pub struct Channels {
 }
 
 impl Channels {
-    /// Returns the values of the channel with this full name; `None` if there is none.
+    /// Returns the values of the channel with this full name; `None` for an unknown name.
     pub fn plane(&self, name: &str) -> Option<&Plane<'static>> {
         self.channels.iter().find(|(n, _)| n == name).map(|(_, plane)| plane)
     }

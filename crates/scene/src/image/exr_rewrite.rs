@@ -33,8 +33,8 @@ pub struct RewrittenExr {
 
 impl ExrFile<'_> {
     /// Encodes the file with new values in some channels, and adds text attributes to the first part. Parts without edits are
-    /// copied unchanged. Edited parts keep their header, but lose smaller versions of their image. Their lossy compression
-    /// becomes ZIP, so that channels without edits keep their values.
+    /// copied unchanged. Edited parts keep their header, but lose their mip or rip maps. If an edited part has a lossy
+    /// compression, ZIP replaces it, so that its other channels keep their values.
     ///
     /// # Errors
     /// Those of [`planes`](Self::planes); [`ImageError::PixelCount`] and [`ImageError::Encode`] for channels and

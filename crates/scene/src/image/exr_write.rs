@@ -60,8 +60,8 @@ pub struct EncodedExr {
 /// The largest finite 16-bit float.
 const F16_MAX: f32 = 65504.0;
 
-/// Encodes layers of `size` pixels as one OpenEXR part: scan lines, top row first, ZIP compression. A channel is named
-/// `LAYER.CHANNEL`, or just `CHANNEL` in the main layer; every viewer reads such files.
+/// Encodes layers of `size` pixels as one OpenEXR part that every viewer reads: scan lines, top row first, ZIP compression.
+/// A channel is named `LAYER.CHANNEL`, or just `CHANNEL` in the main layer.
 ///
 /// 32-bit values are stored bit for bit, NaN and infinities included. 16-bit values are rounded to nearest; finite
 /// values beyond 65504 are clamped and counted. `attributes` (name, value) become text attributes of the header
@@ -69,8 +69,8 @@ const F16_MAX: f32 = 65504.0;
 ///
 /// # Errors
 /// [`ImageError::Empty`] if a side is 0. [`ImageError::PixelCount`] for a plane whose length disagrees with `size`.
-/// [`ImageError::Encode`] if there are no channels, or for an attribute name that OpenEXR reserves.
-/// [`ImageError::Encode`] also for a name that is empty, longer than 255 bytes, given twice or contains NUL.
+/// [`ImageError::Encode`] if there are no channels, for a name that is empty, longer than 255 bytes, given twice or contains
+/// NUL, and for an attribute name that OpenEXR reserves.
 pub fn encode_exr(
     size: [u32; 2],
     layers: &[Layer<'_>],
@@ -94,8 +94,8 @@ pub fn encode_exr_with(size: [u32; 2], layers: &[Layer<'_>], given: &ExrHeader<'
     Ok(EncodedExr { bytes: bytes.into_inner(), clamped: channels.iter().map(|(_, plane)| count_clamped(plane)).sum() })
 }
 
-/// Writes the file of [`encode_exr_with`] block by block, so that the whole file is never in memory. Returns the number of
-/// [clamped](EncodedExr::clamped) values.
+/// Encodes like [`encode_exr_with`], and writes to `path` block by block. The whole file is in memory only if `path` is a
+/// device or a pipe. Returns the number of [clamped](EncodedExr::clamped) values.
 ///
 /// # Errors
 /// Those of [`encode_exr`] and of [`write_file`](super::write_file).

@@ -35,8 +35,8 @@ impl Format {
     }
 }
 
-/// Writes a whole file: first `FILE.part-PID-N` beside it, which is flushed to the disk and then renamed. The final
-/// name thus never holds an incomplete file. On failure the part file is removed and an old file stays as it was.
+/// Writes a file so that `path` never holds an incomplete one. The bytes go to a part file `FILE.part-PID-N` beside it, which
+/// is flushed to the disk and then renamed. On failure the part file is removed, and a file at `path` stays unchanged.
 ///
 /// A symbolic link is followed. A device or a pipe is written to directly. A file marked read-only is not replaced.
 ///

@@ -48,8 +48,8 @@ use LayerKind::{
 /// Names of noisy images that renderers write beside the denoised image.
 const NOISY: [&str; 2] = ["unfiltered", "noisy image"];
 
-/// Every kind of layer with the names under which it is found, best first. Case does not matter. The empty name is `R`,
-/// `G`, `B` (or `Y`) without a layer.
+/// Every kind of layer, its name in arguments, and the names of its layers in files, best first. Case does not matter. The
+/// empty name stands for the channels `R`, `G`, `B` (or `Y`) outside of any layer.
 ///
 /// | renderer | names |
 /// |---|---|
@@ -261,7 +261,8 @@ impl Layers {
         self.groups.iter().flat_map(name).collect()
     }
 
-    /// The channel names of a layer, for messages; the name itself for a channel without a layer. Empty for an unknown name.
+    /// The channel names of the layer `name`, for messages. If `name` is a channel without a layer, the list holds only this
+    /// channel. For an unknown name it is empty.
     pub fn letters(&self, name: &str) -> Vec<String> {
         match self.named(name) {
             Some(group) => self.groups[group].channels.iter().map(|(letter, _)| shown_letter(letter)).collect(),
@@ -269,14 +270,14 @@ impl Layers {
         }
     }
 
-    /// The name of a layer that has a known name of this kind, but lacks its channels.
+    /// Finds a layer with a known name of this kind, but without the channels that the kind needs. Returns the name.
     pub fn unusable(&self, kind: LayerKind) -> Option<&str> {
         let known = |group: &&Group| kind.names().contains(&group.pass.to_lowercase().as_str());
         let group = self.groups.iter().filter(known).find(|group| group.channels_of(kind).is_none())?;
         Some(&group.name)
     }
 
-    /// The index of the alpha channel of an image's layer, in the layer's part.
+    /// The alpha channel of an image's layer, as an index into the channels of the part; `None` without alpha.
     pub fn alpha(&self, image: &FoundLayer) -> Option<usize> {
         self.groups[image.group].alpha()
     }

@@ -106,7 +106,7 @@ impl Keeper {
 }
 
 impl Monitor for Keeper {
-    fn slice(&mut self, status: &Status<'_>) -> Control {
+    fn progress(&mut self, status: &Status<'_>) -> Control {
         self.slices.push(status.snapshot());
         Control::Continue
     }

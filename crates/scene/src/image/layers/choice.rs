@@ -3,7 +3,7 @@
 use super::{ExrPart, FoundLayer, Group, LayerKind, Layers, NOISY, first_moment_of, is_feature};
 use LayerKind::{Color, SecondMoment};
 
-/// The use of an image.
+/// The purpose for which [`Layers::image`] chooses an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Purpose {
     /// To be denoised: the noisy image of a view layer, not a composite of several.
@@ -12,7 +12,7 @@ pub enum Purpose {
     Showing,
 }
 
-/// An image that was chosen.
+/// The image of a file that [`Layers::image`] chose.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ChosenImage {
     /// The layer.
