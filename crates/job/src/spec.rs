@@ -83,8 +83,8 @@ pub struct RenderSpec {
     /// If `true`, unsupported directives of a scene are warnings instead of errors.
     pub allow_unsupported: bool,
     /// The part (a subset of the image's rows) to render; `None` renders the whole image.
-    #[serde(with = "crate::part::text", alias = "shard", skip_serializing_if = "Option::is_none")]
-    pub part: Option<PartNumber>,
+    #[serde(with = "crate::part::text", rename = "shard", skip_serializing_if = "Option::is_none")]
+    pub part: Option<crate::PartNumber>,
 }
 
 /// The condition that ends a render.
