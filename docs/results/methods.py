@@ -165,9 +165,10 @@ class Row:
 
     def verdict(self):
         value, low, high, _ = self.figures["time"]
-        figure = [f"{value:.3g} [{low:.3g}, {high:.3g}]"] if value is not None else []
-        slow = [f"cannot finish 1 spp in that time on {self.too_slow} of {self.scenes} scenes"] if self.too_slow > 0 else []
-        return ", ".join(figure + slow)
+        if value is None:
+            return f"cannot finish 1 spp in that time on {self.too_slow} of {self.scenes} scenes"
+        slow = f" over {self.scenes - self.too_slow} of {self.scenes} scenes (on the others, 1 spp takes longer)" if self.too_slow > 0 else ""
+        return f"{value:.3g} [{low:.3g}, {high:.3g}]{slow}"
 
     def text(self, what):
         value, low, high, _ = self.figures[what]
@@ -191,7 +192,7 @@ def verdicts(rows, path, new):
         texts.setdefault((kind, description), []).append(f"{beside}{row.verdict()}")
     with open(path, "w") as out:
         for (kind, description), parts in texts.items():
-            base = {"sampler": "uniform sampling", "points": "sobol", "filter": "the unfiltered image"}[kind]
+            base = {"sampler": "uniform sampling with the same filter", "points": "sobol", "filter": "the unfiltered image"}[kind]
             line = f"{kind}\t{description}\tsRGB MSE relative to {base} at equal time (below 1 is better, [95 % interval]): {'; '.join(parts)}\n"
             out.write(line if (kind, description) in concerned else kept.get((kind, description), line))
 

@@ -8,7 +8,7 @@ use dapple_core::{Error, Film, Frame, Limits, Needs, PointSet, Sampler};
 dapple_core::options! {
     /// The parameters of [`Cycles`], the adaptive sampling of Blender's Cycles.
     pub struct CyclesOptions {
-        /// A pixel stops when its error is below 5 times the threshold; 0 = automatic (1/spp, at least 0.001).
+        /// Noise threshold of Cycles: a pixel stops when its relative error is below 5 times this; 0 = automatic (1/spp, at least 0.001).
         pub threshold: f64 = 0.0 => "0", |t| t >= 0.0 && t.is_finite(), "0 or above; 0 chooses";
         /// Minimum samples per pixel before any pixel stops; 0 = automatic (16 x threshold^-0.3; with mode=budget at most spp/4).
         ///

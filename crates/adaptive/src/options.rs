@@ -29,7 +29,7 @@ dapple_core::options! {
         ///
         /// See [`Pooling::power`](crate::Pooling::power).
         pub power: f64 = 1.0 => "1", |power| power > 0.0 && power <= 4.0, "above 0 and at most 4";
-        /// Squared error is assumed to fall as n^-exponent with n samples; with independent points, the exponent is at most 1.
+        /// Squared error is assumed to fall as n^-exponent with n samples; for independent points, values above 1 count as 1.
         pub exponent: f64 = 1.15, |rate| rate > 0.0 && rate <= 3.0, "above 0 and at most 3";
         /// Added to the denominator (mean^2) of relative squared errors; 0.2 suits the default filter, 0.01 no filter.
         pub epsilon: f64 = 0.2, |epsilon| epsilon > 0.0 && epsilon.is_finite(), "a number above zero";
@@ -123,7 +123,7 @@ dapple_core::options! {
         pub pilot: u32 = 0;
         /// Radius in pixels of the window over which variance and mean are pooled.
         pub radius: u32 = 2;
-        /// Squared error is assumed to fall as n^-exponent with n samples; with independent points, the exponent is at most 1.
+        /// Squared error is assumed to fall as n^-exponent with n samples; for independent points, values above 1 count as 1.
         ///
         /// The default 1.3 gives the least error for Owen-scrambled nets in images.
         pub exponent: f64 = 1.3;

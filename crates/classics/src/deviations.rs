@@ -190,9 +190,9 @@ dapple_core::options! {
         pub rounds: u32 = 3, |rounds| (1..=64).contains(&rounds), "1 to 64";
         /// Radius in pixels of the window over which variances and costs are pooled.
         pub radius: u32 = 2, |radius| radius <= 64, "at most 64 pixels";
-        /// Minimum splitting factor.
+        /// Minimum splitting factor: samples of a pixel relative to the average pixel.
         pub least: f64 = 0.05, |least| least > 0.0 && least <= 1.0, "above 0 and at most 1";
-        /// Maximum splitting factor.
+        /// Maximum splitting factor: samples of a pixel relative to the average pixel.
         pub most: f64 = 20.0 => "20", |most| most >= 1.0 && most.is_finite(), "at least 1";
         /// Number of highest-variance pixels excluded from the variance of the image.
         ///

@@ -27,9 +27,9 @@ dapple_core::options! {
     pub struct FourierDofOptions {
         /// Minimum fraction of pixels that get samples, in smooth areas.
         pub density: f64 = 0.015625, |density| density > 0.0 && density <= 1.0, "above 0 and at most 1";
-        /// Weight of normals, relative to albedo, in the contrast over the lens.
+        /// Samples follow the deviation of albedo and normals over the lens; this is the weight of normals relative to albedo.
         pub normals: f64 = 0.25, |weight| weight >= 0.0 && weight.is_finite(), "a weight of 0 or more";
-        /// Lower bound on the standard deviation over the lens (in units of albedo), for noise from other sources.
+        /// Lower bound on that deviation (in units of albedo), so that pixels with other noise get samples too.
         pub floor: f64 = 0.3, |floor| floor > 0.0 && floor <= 1.0, "above 0 and at most 1";
         /// 1: accept scenes without a lens, with bandwidths from surfaces alone; 0: refuse them.
         pub force: u8 = 0, |force| force <= 1, "0 or 1";

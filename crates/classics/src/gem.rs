@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 dapple_core::options! {
     /// The parameters of [`Gem`], the sampler.
     pub struct GemOptions {
-        /// Probability that scale selection stops at a given step when there is only noise (false-positive rate).
+        /// Probability that noise alone stops the search for a wider Gaussian at a step; larger values smooth less.
         pub gamma: f64 = 0.2, |gamma| gamma > 0.0 && gamma <= 0.5, "above 0 and at most 0.5";
         /// Samples per pixel before counts adapt.
         pub pilot: u32 = 4, |pilot| pilot >= 2, "at least 2, since one sample has no variance";
@@ -25,7 +25,7 @@ dapple_core::options! {
 dapple_core::options! {
     /// The parameters of [`GemFilter`].
     pub struct GemFilterOptions {
-        /// Probability that scale selection stops at a given step when there is only noise (false-positive rate).
+        /// Probability that noise alone stops the search for a wider Gaussian at a step; larger values smooth less.
         pub gamma: f64 = 0.2, |gamma| gamma > 0.0 && gamma <= 0.5, "above 0 and at most 0.5";
     }
 }

@@ -42,7 +42,8 @@ pub(crate) struct FarmOptions {
 
     /// Number of sampling stages in the job (openjd and opencue only) [default: derived from --spp]
     ///
-    /// Methods that learn from samples render in stages, each after the previous one. Surplus stages exit at once.
+    /// Methods that learn from samples render in stages, each after the previous one. Surplus stages exit at once;
+    /// with too few, the image is not made.
     #[arg(long, value_name = "N", help_heading = "Job")]
     #[arg(value_parser = clap::value_parser!(u32).range(1..=1000))]
     stages: Option<u32>,

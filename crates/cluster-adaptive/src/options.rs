@@ -9,7 +9,7 @@ dapple_core::options! {
     /// The defaults are the thesis' values where it states them. It states no formula for `map`, and no values for the weights
     /// `angle` and `distance`: 0.25 is a guess.
     pub struct ClusterThesisOptions {
-        /// Pixel area for size=box and size=triangles: one (1, as published) or footprint (surface area seen by the pixel).
+        /// With size=box or triangles, area over cluster size sets the rate: one (area 1, as published) or footprint (surface seen by the pixel).
         pub pixel: PixelArea = PixelArea::One => "one";
         /// Function that turns pixel area / cluster size into a sampling rate: identity, root (square root) or log.
         pub map: RateMap = RateMap::Root => "root";
@@ -21,12 +21,12 @@ dapple_core::options! {
         ///
         /// 0 leaves the distance out.
         pub distance: f64 = 0.25, |weight| weight >= 0.0 && weight.is_finite(), "a weight of 0 or more";
-        /// Minimum samples per pixel (with --time or --error use --min-spp); 0 = automatic (table 4-3 of Lan's thesis).
+        /// Minimum samples per pixel (with --time or --error use --min-spp); 0 = automatic (rises with spp, after table 4-3 of Lan's thesis).
         ///
         /// [`published_bounds`] returns the values of this table. A time or error limit begins with a small budget,
         /// which this minimum may exceed; `--min-spp` raises that budget too.
         pub min: u32 = 0;
-        /// Maximum samples per pixel; 0 = automatic (table 4-3 of Lan's thesis).
+        /// Maximum samples per pixel; 0 = automatic (rises with spp, after table 4-3 of Lan's thesis).
         pub max: u32 = 0;
         /// Shadow rays per cluster to random points on lights, so that penumbras get more samples; 0: none (as published).
         ///

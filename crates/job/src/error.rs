@@ -118,7 +118,7 @@ pub enum JobError {
     },
     /// A description that needs another world (scene built for tracing) than the prepared one.
     #[error(
-        "the description does not match the prepared scene, resolution or light selection; prepare the scene again"
+        "scene, resolution or light selection of the render settings differ from the prepared scene; prepare the scene again with these settings"
     )]
     OtherWorld,
     /// A checkpoint or part of a scene that was read without a digest (hash of its files).

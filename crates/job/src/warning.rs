@@ -120,7 +120,7 @@ pub enum Warning {
         layer: String,
     },
     /// A part whose file is not written, because its render was stopped.
-    #[error("part {0} was stopped, and is not written")]
+    #[error("part {0} was stopped, and is not written; run the same command again")]
     PartStopped(crate::PartNumber),
 }
 

@@ -9,7 +9,7 @@ use dapple_core::{Error, Film};
 dapple_core::options! {
     /// The parameters of [`Mitchell`], the contrast-adaptive sampler.
     pub struct MitchellOptions {
-        /// Samples per pixel before refinement. Set both initial and additional, or neither; 0 for both: table 4-2 of Lan's thesis.
+        /// Samples per pixel before refinement; 0 for this and additional = automatic (rises with spp, after table 4-2 of Lan's thesis).
         ///
         /// [`Rates::for_mean`] returns the values of this table. They are selected again when the mean budget has doubled.
         pub initial: u32 = 0;

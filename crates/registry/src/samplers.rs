@@ -167,7 +167,7 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
         "mdas",
         "samples in image x lens x time x light space, refined where cells vary (Hachisuka 2008); filter with mdas-boxes",
         "Hachisuka et al., Multidimensional Adaptive Sampling and Reconstruction for Ray Tracing, 2008; boxes: Meister and Hachisuka 2022; defaults of pilot and pixel: Dapple",
-        "noise from other dimensions is mistaken for detail; a pilot of four samples per cell misses small features",
+        "noise from other dimensions is mistaken for detail; features that the pilot misses are found late or never",
         &[MdasOptions::PARAMETERS],
         crate::classics::mdas,
     ),
@@ -274,7 +274,7 @@ const PROBES: &[Parameter] = &[
     Parameter::new(
         "size",
         "box",
-        "Cluster size: box (orthographic bounding box, published), triangles (orthographic), screen (box in perspective), hits (its pixels).",
+        "Cluster size: projected area of its bounding box (box, as published) or triangles, its box in pixels (screen), or pixels seen (hits).",
     ),
 ];
 const A_PRIORI: &[Parameter] =

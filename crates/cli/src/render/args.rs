@@ -146,7 +146,7 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "DIR", help_heading = "Image")]
     pub(crate) maps: Option<PathBuf>,
 
-    /// Write albedo, normal, depth and coverage of first hits to the EXR files, whichever filter is used
+    /// Write albedo, normal, depth and coverage of the first non-specular surface to the EXR files, whichever filter is used
     ///
     /// Other denoisers read these layers. The default filter writes them anyway. The image itself does not change.
     #[arg(long, help_heading = "Image")]
@@ -241,7 +241,8 @@ pub(crate) struct RenderArgs {
 
     /// Memory limit, such as 2G, 500M or a number of bytes; larger renders are refused [default: the machine's memory]
     ///
-    /// The summary prints the estimate: scene + film + sampler + the largest of setting counts, filtering and writing.
+    /// The summary prints the estimate: scene + film + sampler + the largest of three phases: planning sample counts,
+    /// filtering, and writing.
     #[arg(long, value_name = "SIZE", value_parser = size)]
     pub(crate) memory: Option<u64>,
 

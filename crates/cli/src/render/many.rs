@@ -230,7 +230,7 @@ fn worker(args: &RenderArgs, spec: &RenderSpec, stop: Stop) -> Result<Job> {
 /// Plan the next stage of a render on many machines, from the parts of the stage before
 ///
 /// Samplers and light selection that learn from samples need all samples of a stage before the next one. A stage is one
-/// training pass of the light selection, or the rest of one round of the sampler. `dapple render --from PLAN
+/// training pass of the light selection, or what remains of a round of the sampler. `dapple render --from PLAN
 /// --part I/N` renders the parts of a stage, in any order, on any machines. After the last stage this command prints
 /// "done", and `dapple merge PLAN` makes the image, with the same bits as a render on one machine.
 #[derive(clap::Args)]
