@@ -10,7 +10,7 @@ use dapple_core::{Error, Frame, Limits, Needs, PointSet, Sampler, film::Recorder
 use std::mem;
 use std::sync::Arc;
 
-/// A rule that scores the boxes of its [`Division`], and places samples in them.
+/// A rule that scores the boxes of its `Division`, and places samples in them.
 pub trait Refinement: Division + Options + Copy + Send {
     /// The sampler's name.
     const NAME: &'static str;
