@@ -24,12 +24,12 @@ pub struct Filtered {
     pub fireflies: Fireflies,
 }
 
-/// The number of pixels with fireflies, and their excess light.
+/// Fireflies in a filtered image: the number of pixels, and their excess light.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Fireflies {
-    /// The number of pixels with fireflies.
+    /// The number of pixels that are fireflies.
     pub pixels: u64,
-    /// The luminance by which these pixels exceed their surroundings, summed over the pixels.
+    /// The luminance by which fireflies exceed their surroundings, summed over all fireflies.
     pub light: f64,
     /// `true` if the excess light is left out of the image.
     pub dropped: bool,
@@ -53,18 +53,16 @@ impl Filtered {
         Self { size, radiance, error: None, fireflies: Fireflies::default() }
     }
 
-    /// Sets the estimated squared error of each pixel; `None` states no estimate.
+    /// Sets the estimated squared error of each pixel, or removes it (`None`).
     #[must_use]
     pub fn with_error(self, error: impl Into<Option<Vec<f32>>>) -> Self {
         Self { error: error.into(), ..self }
     }
 }
 
-/// A filter (the denoiser; not the pixel filter): makes an image from a film, and optionally an error estimate per
-/// pixel.
+/// A filter (the denoiser; not the pixel filter): turns a film into an image, and may estimate the error of each pixel.
 ///
-/// Filters work on per-pixel means and not on samples with positions, so that unequal sample counts do not move edges.
-/// Implementations must pass `dapple_conformance::filter`.
+/// Filters read the film's per-pixel statistics. Implementations must pass `dapple_conformance::filter`.
 ///
 /// ```
 /// use dapple_core::{Error, Film, Filter, Filtered, Frame, Needs, Unfiltered};

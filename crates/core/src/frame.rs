@@ -51,7 +51,7 @@ impl Frame {
         Ok(Self { origin: [x0, y0], size: [x1 - x0, y1 - y0], ..self })
     }
 
-    /// Makes the frame of some rows of this window.
+    /// Makes the frame of the window's rows `rows`, counted from the top of the window.
     ///
     /// # Errors
     ///

@@ -11,11 +11,11 @@ use serde::{Deserialize, Serialize};
 /// The cluster label of a camera ray that hits no surface; other rays have the label of the cluster they hit.
 pub const BACKGROUND: u32 = u32::MAX;
 
-/// The first surface that a sample hits, as the integrator reports it. Clusters and samplers read it; filters read it in
-/// samples without [`SurfaceFeatures`].
+/// The first surface that a sample hits, as the integrator reports it. Clusters and samplers read it. Filters read it if the
+/// sample has no [`SurfaceFeatures`].
 ///
-/// Position, normal and depth are enough for every filter. Of the optional fields, albedo improves images most; the others
-/// serve clusters and some samplers (`docs/book/src/your-renderer.md` has a table).
+/// Every filter works with only position, normal and depth, the arguments of [`FirstHit::new`]. Albedo improves images most.
+/// The other fields serve clusters and some samplers (`docs/book/src/your-renderer.md` has a table).
 ///
 /// ```
 /// use dapple_core::FirstHit;
@@ -92,11 +92,11 @@ impl FirstHit {
     }
 }
 
-/// The features of one sample for filters: those of the first non-specular surface, seen directly or through mirrors, glass
-/// and smooth coats.
+/// The features of one sample, for filters: position, normal, albedo and depth of the first non-specular surface, seen
+/// directly or through mirrors, glass and smooth coats.
 ///
-/// Each sample's path selects reflection or refraction. The mean over samples then blends both in the same proportions as
-/// the colour.
+/// At glass, each path is reflected or refracted at random. The mean features of a pixel blend the reflected and the
+/// refracted surface in the same proportions as the mean radiance.
 ///
 /// ```
 /// use dapple_core::SurfaceFeatures;
@@ -169,8 +169,7 @@ pub struct Trajectory {
     /// The inverse of the depth along the view direction at the sample's time, in the unit of the camera's focal distance. 0 for
     /// the background.
     pub inverse_depth: f32,
-    /// The change of `(x w, y w, w)` from the time when the shutter opens to the time when it closes, divided by the depth at
-    /// the sample's time.
+    /// The change of `(x w, y w, w)` (see [`Trajectory`]) while the shutter is open, divided by `w` at the sample's time.
     pub motion: [f32; 3],
 }
 
@@ -192,23 +191,22 @@ pub struct Estimate {
     /// The first hit, if [`Draws::wants_first_hit`] requests it and the sample hit a surface. A hit with a NaN or an
     /// infinity counts as a miss.
     pub first_hit: Option<FirstHit>,
-    /// The features, if [`Draws::wants_features`] requests them and they differ from those of the first hit. The film
-    /// records the first hit's features if this is `None`, or has a NaN or an infinity.
+    /// The features of the first non-specular surface, if [`Draws::wants_features`] requests them. With `None`, a NaN or an
+    /// infinity, the film records the features of `first_hit`.
     pub features: Option<SurfaceFeatures>,
     /// The trajectory of the first hit, if [`Draws::wants_trajectory`] requests it. A trajectory that is `None`, or has a
     /// NaN or an infinity, counts as a static background.
     pub trajectory: Option<Trajectory>,
-    /// The part of the radiance that light sources emit towards the camera, if [`Draws::wants_emission`] requests it: seen
-    /// by the camera ray itself, through mirrors, or through glass that shows them in almost every sample; else 0.
+    /// The part of the radiance that comes from light sources seen directly, through mirrors, or through glass that shows
+    /// the source in almost every sample. 0 unless [`Draws::wants_emission`] requests it.
     ///
-    /// Filters do not spread bright emission to other pixels. They also work without this value.
+    /// Filters do not spread bright emission to other pixels. An emission of 0 is always valid.
     pub emission: [f32; 3],
-    /// The indirect part of the radiance, if [`Draws::wants_indirect`] requests it, else 0: light scattered by at least two
-    /// non-specular surfaces or points in media. The rest is emission, seen directly or through mirrors, and light
-    /// scattered once.
+    /// The part of the radiance that was scattered by at least two non-specular surfaces or points in media. 0 unless
+    /// [`Draws::wants_indirect`] requests it.
     ///
-    /// Filters may process both parts separately, since direct shadows have sharp edges and indirect lighting has more
-    /// noise. Filters return the sum, so any other split is correct too.
+    /// Filters may process `indirect` and the rest separately, since direct shadows have sharp edges and indirect lighting
+    /// has more noise. Filters return the sum of both results, so any value from 0 to `radiance` is valid.
     pub indirect: [f32; 3],
     /// The cost of the sample: the number of rays traced.
     pub cost: u32,
@@ -248,7 +246,7 @@ impl Estimate {
         self
     }
 
-    /// Sets the features of a surface seen through the first hit or reflected in it: `None` means that there is none.
+    /// Sets the features of the surface seen in a mirror or through glass. With `None`, the first hit supplies the features.
     #[inline]
     #[must_use]
     pub fn with_features(mut self, features: impl Into<Option<SurfaceFeatures>>) -> Self {
@@ -282,7 +280,7 @@ impl From<([f32; 3], Option<FirstHit>)> for Estimate {
     }
 }
 
-/// An integrator: estimates the radiance of a pixel from one sample's random numbers, independent of the sampler.
+/// An integrator: estimates the radiance of a pixel from the random numbers of one sample.
 ///
 /// ```
 /// use dapple_core::{Block, Draws, Estimate, Integrator, Worker};
@@ -462,7 +460,7 @@ pub enum Prepares {
     EveryPass,
 }
 
-/// The inputs of one preparation.
+/// A pass of samples for which an integrator prepares: the argument of [`Integrator::prepare`].
 #[non_exhaustive]
 pub struct Pass<'a> {
     /// The number of the pass, from 0.

@@ -42,7 +42,7 @@ pub enum InvalidSample {
 pub struct Schedule {
     /// Rows of pixels per task, at least 1; 1 by default. Rounded up to a multiple of 16 in training passes.
     pub tile_rows: u32,
-    /// Samples per pixel between two calls of the monitor. 0, the default, takes those of about 0.2 seconds.
+    /// Samples per pixel between two calls of the monitor. 0, the default, selects as many as take about 0.2 seconds.
     pub slice_spp: u32,
     /// The seed of a random permutation of tasks, for tests. 0, the default, keeps tasks in order.
     pub shuffle: u64,
@@ -58,7 +58,7 @@ impl Schedule {
     setters! {
         /// Sets the rows of pixels per task.
         with_tile_rows(tile_rows: u32);
-        /// Sets the samples per pixel between two calls of the monitor; 0 takes those of about 0.2 seconds.
+        /// Sets the samples per pixel between two calls of the monitor; 0 selects as many as take about 0.2 seconds.
         with_slice_spp(slice_spp: u32);
         /// Sets the seed of a random permutation of tasks; 0 keeps tasks in order.
         with_shuffle(shuffle: u64);
@@ -143,8 +143,8 @@ impl Limits {
         Self { budget, min_spp: 1, max_spp: u32::MAX, invalid: InvalidSample::Reject, schedule: Schedule::default() }
     }
 
-    /// The maximum number of samples for an image of this frame. Time limits and open budgets are assumed to trace 64
-    /// samples per pixel, or [`Limits::max_spp`] if that is less.
+    /// The number of samples to expect for an image of this frame: `at_most` for an error limit, and `min(64, max_spp)`
+    /// samples per pixel for time limits and open budgets.
     pub fn expected_samples(&self, frame: &Frame) -> u64 {
         match &self.budget {
             Budget::Error { at_most, .. } => *at_most,

@@ -2,13 +2,11 @@
 
 use crate::{Film, Frame, Limits, Needs};
 
-/// The bytes that a sampler takes besides the film; 0 by default. Counts only memory that grows with the number of
-/// pixels.
+/// The sampler's memory in bytes, without the film; 0 by default. Includes only memory that grows with the number of pixels.
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SamplerMemory {
-    /// The bytes of the statistics of discarded or withdrawn samples, which the film stores in addition to those of kept
-    /// samples.
+    /// The film's additional planes for discarded and withdrawn samples, in bytes.
     pub discarded: u64,
     /// The bytes of state that the sampler keeps from one round to the next.
     pub state: u64,
@@ -19,7 +17,7 @@ pub struct SamplerMemory {
 }
 
 impl SamplerMemory {
-    /// The memory of a sampler without state that takes `bytes_per_pixel` for planning, in addition to the plan.
+    /// The memory of a stateless sampler. Planning takes `bytes_per_pixel` in addition to the plan.
     pub fn planning(frame: &Frame, bytes_per_pixel: usize) -> Self {
         let plan = frame.bytes(4);
         Self { planning: plan.saturating_add(frame.bytes(bytes_per_pixel)), plan, ..Self::default() }
@@ -41,8 +39,8 @@ impl SamplerMemory {
 
     /// Adds the memory of discarded samples: a film with both kept and discarded samples holds its statistics twice.
     ///
-    /// With a budget given in samples, all samples so far are discarded when the rest is planned. The planes of kept
-    /// samples are then still untouched zeros, which take no memory yet.
+    /// With a budget given in samples, the sampler plans before the film has any kept samples. The operating system has not
+    /// yet allocated their planes, so the peak of planning is lower by this amount.
     #[must_use]
     pub fn with_discarded(self, frame: &Frame, needs: &Needs, limits: &Limits) -> Self {
         let discarded = frame.bytes(Film::halves_bytes_per_pixel(needs));

@@ -2,8 +2,8 @@
 
 /// Count, mean and sum of squared deviations of a stream of numbers.
 ///
-/// Values are added after [Welford 1962], and moments merged after [Chan, Golub and LeVeque 1979]. Sums of squares
-/// would lose all digits where the mean is far larger than the spread.
+/// [`Moments::push`] follows [Welford 1962], [`Moments::merge`] follows [Chan, Golub and LeVeque 1979]. Both stay accurate
+/// if the mean is far larger than the spread.
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Moments {

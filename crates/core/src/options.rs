@@ -387,10 +387,10 @@ impl<T: OptionValue> OptionValue for Option<T> {
 crate::choices!(PilotPolicy { Keep = "keep", Refined = "refined", Discard = "discard", Cross = "cross", Neighbours = "neighbours" });
 crate::choices!(Stopping { Budget = "budget", Threshold = "threshold" });
 
-/// Writes a description `NAME:key=value,key=value` so that it can be the value of a parameter: `NAME/key=value/key=value`.
-///
-/// In a description that is nested inside this one, each separator gets one more `/`, so that any depth is unambiguous.
+/// Converts `NAME:key=value,key=value` to `NAME/key=value/key=value`, a form that can be the value of another parameter.
 /// [`unnested`] is the inverse.
+///
+/// Converted separators get one more `/`: two slashes separate the parameters of a value nested twice.
 ///
 /// ```
 /// use dapple_core::options::{nested, unnested};
@@ -421,8 +421,7 @@ pub fn nested(description: &str) -> String {
     text
 }
 
-/// Reads the value of a parameter that [`nested`] writes: `NAME/key=value/key=value` is the description
-/// `NAME:key=value,key=value`.
+/// Converts `NAME/key=value/key=value` back to `NAME:key=value,key=value`: the inverse of [`nested`].
 pub fn unnested(value: &str) -> String {
     let mut text = String::with_capacity(value.len());
     let mut separators = [':'].into_iter().chain(std::iter::repeat(','));

@@ -12,13 +12,13 @@ use std::sync::{Mutex, PoisonError};
 /// The number of pixels per task.
 const CHUNK: usize = 1024;
 
-/// Calls `f` with the number and the contents of each part, in any order.
+/// Calls `f` with the index and the value of each item of `parts`, in parallel and in any order.
 pub fn parts<P: Send>(parts: impl Iterator<Item = P>, f: impl Fn(usize, &mut P) + Sync) {
     let parts: Vec<Mutex<P>> = parts.map(Mutex::new).collect();
     for_each(parts.len(), &|number| f(number, &mut parts[number].lock().unwrap_or_else(PoisonError::into_inner)));
 }
 
-/// Calls `f` with each part and returns the results in the order of the parts.
+/// Calls `f` with each item of `all`, in parallel, and returns the results in the order of the items.
 pub fn map_parts<P: Send, R: Send>(all: impl Iterator<Item = P>, f: impl Fn(P) -> R + Sync) -> Vec<R> {
     let mut slots: Vec<(Option<P>, Option<R>)> = all.map(|part| (Some(part), None)).collect();
     parts(slots.iter_mut(), |_, (part, result)| *result = part.take().map(&f));
@@ -55,7 +55,7 @@ pub(crate) fn within<R: Send>(f: impl FnOnce() -> R + Send) -> R {
     f()
 }
 
-/// The number of threads that loops use.
+/// The number of threads on which the loops of this module run.
 pub fn threads() -> usize {
     #[cfg(feature = "threads")]
     return rayon::current_num_threads();

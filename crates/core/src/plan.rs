@@ -58,17 +58,17 @@ pub struct Plan {
     /// Additional samples per pixel, row by row over the frame's window. All are zero when
     /// [`Sampler::next_round`](crate::Sampler::next_round) gets the plan.
     pub counts: Vec<u32>,
-    /// Additional samples per pixel for the second half; `counts` then holds those of the first half. With `None`,
-    /// samples alternate between the halves. Allowed only in films with halves.
+    /// Additional samples per pixel for the second half, in films with halves; `counts` is then for the first half only.
+    /// With `None`, samples alternate between the halves.
     pub second_half: Option<Vec<u32>>,
     /// The use of the round's samples: in the image, or only as information for the sampler.
     pub retention: Retention,
     /// The rule that combines the means of a pixel's two halves from this round on.
     pub combine: Combine,
-    /// Marks the pixels whose kept samples are withdrawn from the image before the round is traced. Withdrawn samples count
-    /// as discarded, and remain spent. A marked pixel must get kept samples in this round, whose indices continue after the
-    /// withdrawn ones. It must not have discarded samples yet. Withdrawal that depends on the samples' own values is still
-    /// biased [Kirk and Arvo 1991].
+    /// Marks the pixels whose kept samples become discarded samples before the round is traced. The budget does not get
+    /// them back; the indices of new samples continue after them. A marked pixel must have no discarded samples yet, and
+    /// must get new, kept samples in this round. Marks that depend on the samples' own values still bias the image
+    /// [Kirk and Arvo 1991].
     #[serde(skip)]
     pub withdraw: Option<Vec<bool>>,
 }

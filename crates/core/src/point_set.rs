@@ -145,9 +145,9 @@ forward!(PointSet for &T, Box<T>, Arc<T>; {
 
 /// The point set of a renderer that has its own random numbers, and uses only the sample counts of Dapple.
 ///
-/// Samplers then plan for independent samples. A [`Session`](crate::Session) returns the number of samples for each pixel
-/// ([`Tile::pixels`](crate::Tile::pixels)), and takes the results ([`Tile::push`](crate::Tile::push)). Code that requests
-/// numbers of this point set anyway gets a hash.
+/// Samplers plan for independent samples. In a [`Session`](crate::Session), [`Tile::pixels`](crate::Tile::pixels) returns the
+/// number of samples for each pixel, and [`Tile::push`](crate::Tile::push) adds the results. [`PointSet::block`] returns
+/// independent random numbers, a hash of the sample's identity.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct HostNumbers;
 

@@ -5,13 +5,12 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::sync::Arc;
 
-/// Statistics that one sampler or filter records for itself. The film stores a list of 32-bit words for each pixel, and the
-/// recorder fills it.
+/// Statistics that one sampler or filter records for itself, as a list of 32-bit words per pixel in the film.
 ///
 /// A film has one list per pixel and half, and separate lists for [discarded](crate::plan::Retention::Discard) samples.
-/// Lists stay with their pixel in tiles, in checkpoints and on other machines.
+/// Tiles, checkpoints and shards contain the lists of their pixels.
 /// [`Sampler::recorders`](crate::Sampler::recorders) and [`Filter::recorders`](crate::Filter::recorders) return the
-/// recorders that a method reads; [`Film::recorded`](crate::Film::recorded) returns their words.
+/// recorders; [`Film::recorded`](crate::Film::recorded) returns the words of a pixel.
 ///
 /// ```
 /// use dapple_core::film::{Recorder, RecordedSample};

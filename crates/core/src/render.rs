@@ -89,7 +89,7 @@ impl<'a> Render<'a> {
         self
     }
 
-    /// Sets the monitor that is called after about 0.2 seconds of tracing each.
+    /// Sets the monitor, which is called about every 0.2 seconds during tracing.
     pub fn monitor(mut self, monitor: &'a mut dyn Monitor) -> Self {
         self.monitor = Some(monitor);
         self
@@ -101,11 +101,12 @@ impl<'a> Render<'a> {
         self
     }
 
-    /// Applies an error limit to the image of `filter` instead of the unfiltered image. The film then records what the filter
-    /// needs. A time limit includes the filter's time, which is estimated after the first round. Other limits are not affected.
+    /// Applies an error limit to the image of `filter`, and includes the filter's time in a time limit, estimated after the
+    /// first round.
     ///
-    /// The film is filtered when a budget is spent. The next samples, which are not part of that image, measure its error
-    /// and correct the filter's own estimate, [`Filtered::error`](crate::Filtered::error).
+    /// Under an error limit, the film records the statistics that the filter reads, and each prediction filters the film.
+    /// Samples traced after a prediction measure the error of its image, and correct the filter's own estimate,
+    /// [`Filtered::error`](crate::Filtered::error).
     /// [`Record::filtered_relmse`](crate::film::Record::filtered_relmse) is the last prediction. If the filter has no error
     /// estimate, the limit applies to the unfiltered image.
     ///

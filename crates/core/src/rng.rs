@@ -4,8 +4,8 @@ use crate::{Block, Draws, SampleId, point_set::mix};
 
 /// A cursor that hands out the random numbers of one sample one after the other; made by [`Draws::rng`].
 ///
-/// * [`Rng::next_2d`] returns a pair of dimensions that belong together, for a position, a direction or a lens. It skips one
-///   number if an odd count was taken before.
+/// * [`Rng::next_2d`] returns a pair of dimensions that belong together, for a position, a direction or a lens. If the next
+///   dimension is odd, it is skipped.
 /// * [`Rng::next_f32`] returns one number.
 /// * [`Rng::next_u32`] and [`Rng::next_u64`] return integers: the upper 24 bits come from the point set, the others from a
 ///   hash. Floats that `rand` makes from them are as well distributed as the point set.
@@ -31,7 +31,7 @@ use crate::{Block, Draws, SampleId, point_set::mix};
 ///
 /// # Guarantees
 ///
-/// Each number is a function of the sample's identity and of the numbers taken before it. There is no limit to their number.
+/// Each number is a pure function of the sample's identity and of its own dimension. The number of dimensions is unlimited.
 ///
 /// # Limits
 ///
@@ -130,8 +130,8 @@ impl<D: CursorDraws> Cursor<D> {
         }
     }
 
-    /// Continues at the first number of this block, so that later numbers have the same dimensions in every sample. Does
-    /// nothing if the cursor is already beyond. Each block has four numbers.
+    /// Continues at the first of this block's four numbers, so that later numbers have the same dimensions in every sample.
+    /// Does nothing if the cursor has passed that number.
     pub fn skip_to(&mut self, block: Block) {
         if self.draws.draws().skip_to(block) {
             self.taken = 4;

@@ -85,9 +85,9 @@ impl View<'_> {
 
 /// The state of a render between two calls of its monitor, with everything needed to resume it.
 ///
-/// [`Status::snapshot`](crate::render::Status::snapshot) makes the bytes, and [`Render::resume`](crate::Render::resume)
-/// continues from them. This crate does no file I/O: a [`Monitor`](crate::render::Monitor) stores the bytes. Reading checks
-/// their version, checksums and consistency.
+/// [`Status::snapshot`](crate::render::Status::snapshot) returns the state as bytes, which a
+/// [`Monitor`](crate::render::Monitor) can store. [`Snapshot::from_bytes`] checks version, checksums and consistency.
+/// [`Render::resume`](crate::Render::resume) continues the render.
 ///
 /// ```
 /// # use dapple_core::{PointSet, SampleId};

@@ -5,7 +5,7 @@ use std::any::Any;
 
 /// The memory of one task of the render loop, passed to [`Integrator::estimate`](crate::Integrator::estimate).
 ///
-/// * [`Worker::scratch`]: memory of any type, reused by later samples of the same thread.
+/// * [`Worker::scratch`]: memory of any type, reused by later samples and tasks.
 /// * [`Worker::splat`]: light that this sample adds to other pixels.
 /// * [`Worker::note`]: training data.
 ///
@@ -33,8 +33,8 @@ pub struct Worker {
 }
 
 impl Worker {
-    /// The task's own value of type `T`: the default at first, then the value that earlier samples left. Results must not
-    /// depend on it, since pixels are divided among tasks in any way. A request for another type resets it.
+    /// A value of type `T` for this task alone: `T::default()`, or the value that any earlier sample or task left. Estimates
+    /// must not depend on what was left. A request for another type drops the value.
     #[inline]
     pub fn scratch<T: Any + Send + Default>(&mut self) -> &mut T {
         if !self.scratch.as_ref().is_some_and(|s| s.is::<T>()) {
@@ -46,10 +46,11 @@ impl Worker {
     /// Adds light of this sample to another pixel, at column and row of the full image: light of a path that starts at a
     /// light source, for example.
     ///
-    /// The image gets the sum of all splats divided by the mean number of samples per pixel, in addition to the mean of the
-    /// pixel's own samples. In a cropped window, the mean number is over all pixels of the full image, since splats may land
-    /// anywhere in it. Splats outside the frame's window are dropped. Splats that are NaN, infinite, negative or above 9e17 are
-    /// rejected, and the sample is listed. Without [`Needs::splats`](crate::Needs::with_splats), splats are ignored.
+    /// A pixel's radiance is the mean of its own samples plus `S P / N`, where `S` is the sum of its splats, `P` the number
+    /// of pixels of the full image, and `N` the number of all kept samples. In films with halves, this holds for each half.
+    ///
+    /// Splats outside the frame's window are dropped. Splats that are NaN, infinite, negative or above 9e17 are rejected,
+    /// and the sample is listed. Without [`Needs::splats`](crate::Needs::with_splats), splats are ignored.
     #[inline]
     pub fn splat(&mut self, pixel: [u32; 2], radiance: [f32; 3]) {
         self.splats.push((pixel, radiance));

@@ -8,11 +8,8 @@ use dapple_core::{Error, Film, Filter, Filtered, filter::filled};
 use std::sync::Arc;
 pub use warnings::{Warning, warnings_of};
 
-/// The variance of each pixel, either of one sample or of the mean over all samples. `T` is `[f32; 3]` for one variance per
-/// channel, `f32` for one per entry.
-///
-/// A sample's variance stays the same as samples are added. The variance of the mean is the sample's variance divided by
-/// the number of samples. Renderers write either one; mixing them up misleads filters by that factor.
+/// The variance of each pixel: of one sample, or of the mean of all `n` samples, which is `n` times smaller. Renderers
+/// write one or the other. `T` is `[f32; 3]` for colours and vectors (one variance per channel), `f32` for depths.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Variance<'a, T = [f32; 3]> {
     /// The variance of one sample, as pbrt-v4's `Variance` layers hold it.
@@ -187,8 +184,9 @@ pub fn denoise_whole<'a>(size: [u32; 2], all: &SampleBuffers<'a>) -> Denoise<'a>
 
 /// An image to be denoised, given as buffers. [`denoise`] and [`denoise_whole`] create it.
 ///
-/// Features are means over each pixel's samples, as for any denoiser. All features are optional; more features leave less
-/// error. A pixel is a miss if its normal and position are 0, and its depth is 0, at least 10^10 or infinite.
+/// Features are means over each pixel's samples. All features are optional; more features leave less error. A pixel is a
+/// miss if its [coverage](Denoise::coverage) is 0. Without coverage, a pixel is a miss if all given normals, positions and
+/// depths are misses: 0, or a depth of at least 10^10.
 #[derive(Clone)]
 #[must_use = "`run` denoises the image"]
 pub struct Denoise<'a> {
@@ -250,8 +248,8 @@ impl<'a> Denoise<'a> {
 
     /// Adds the depth: the distance from the camera, along the ray or along the view axis.
     ///
-    /// If no positions are given, pixel coordinates times depth take their place, for any field of view. If no depths are
-    /// given, they are estimated from the positions.
+    /// Without [`Denoise::position`], positions are computed from depths and pixel coordinates; the field of view is not
+    /// needed. Without [`Denoise::depth`], depths are estimated from the positions.
     pub fn depth(self, mean: &'a [f32]) -> Self {
         self.feature(DEPTH, mean, None)
     }
@@ -261,10 +259,10 @@ impl<'a> Denoise<'a> {
         self.feature(DEPTH, mean, Some(variance))
     }
 
-    /// Adds the fraction of each pixel's samples that hit a surface, 0 to 1. Features are then means over these hits.
+    /// Adds the fraction of each pixel's samples that hit a surface, 0 to 1. All features must then be means over only the
+    /// samples that hit a surface.
     ///
-    /// The fraction must come from the same samples as the image. With other samples it would not match the edges of lights,
-    /// and their light would leak.
+    /// The fraction must come from the image's own samples; with others, light leaks across the edges of light sources.
     pub fn coverage(self, share: &'a [f32]) -> Self {
         Self { coverage: Some(share), ..self }
     }
@@ -319,7 +317,7 @@ impl<'a> Denoise<'a> {
 
     /// Creates a film (per-pixel statistics) from the buffers, for filters and error maps that read films.
     ///
-    /// Ids are stored as the shapes of first hits.
+    /// [`ids`](Self::ids) become the shape numbers of the film's first hits.
     ///
     /// # Errors
     ///
@@ -333,9 +331,10 @@ impl<'a> Denoise<'a> {
     /// # Errors
     ///
     /// * [`Error::EmptyFrame`] and [`Error::FrameTooLarge`] for an invalid size.
-    /// * [`Error::BadBuffer`] for a buffer of the wrong length, NaN or infinite numbers (allowed in means and depths), negative
-    ///   variances, no pixel with a sample, two halves that are the same buffer, or a single set of samples without variance.
-    /// * [`Error::Other`] with the first warning, if the image is [`strict`](Self::strict).
+    /// * [`Error::BadBuffer`] for a buffer of the wrong length, or with a number that is NaN, infinite or out of range. Mean
+    ///   radiance may be NaN or infinite; depths may be infinite.
+    /// * [`Error::BadBuffer`] if no pixel has a sample, both halves are equal, or a single set of samples has no variance.
+    /// * [`Error::Other`] with the first warning, after a call of [`strict`](Self::strict).
     /// * The errors of the filter.
     pub fn run(&self) -> Result<Filtered, Error> {
         if self.is_strict

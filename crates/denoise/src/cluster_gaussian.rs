@@ -13,16 +13,16 @@ dapple_core::options! {
     pub struct ClusterGaussianOptions {
         /// Weight of a pixel of another cluster, relative to a pixel of the same cluster; 1 ignores clusters.
         ///
-        /// The table shows the relMSE relative to the best `outside` for each image and budget. Values are geometric means over
-        /// five synthetic images at 8 to 64 spp (`tests/denoise/filters.rs`). In some images the clusters miss edges, in others
-        /// they cut smooth gradients.
+        /// The table shows the ratio of the relMSE to the lowest relMSE of any `outside`, as the geometric mean over five
+        /// synthetic images at 8 to 64 spp (`tests/denoise/filters.rs`). In some images the clusters miss edges, in others they
+        /// cut smooth gradients.
         ///
         /// | `outside` | 0 | 0.01 | 0.03 | 0.05 | 0.07 | 0.1 | 0.2 | 1 |
         /// |---|---|---|---|---|---|---|---|---|
         /// | 1 first hit | 1.124 | 1.117 | 1.108 | 1.103 | 1.100 | 1.101 | 1.130 | 1.608 |
         /// | 4 first hits | 1.101 | 1.098 | 1.095 | 1.094 | 1.097 | 1.105 | 1.156 | 1.704 |
         ///
-        /// The optimum is flat. Over 4 to 256 spp it lies at 0.01 or 0.02, since leaks matter more when there is less noise.
+        /// The optimum is flat. As the mean over 4 to 256 spp, it is 0.01 or 0.02: with less noise, leaks matter more.
         pub outside: f64 = 0.05,
             |w| (0.0..=1.0).contains(&w), "0 (nothing crosses a border) to 1 (clusters do not matter)";
         /// Number of first hits per pixel whose clusters are compared: 1 (as published) to 8.
@@ -45,19 +45,18 @@ enum Clusters {
 ///
 /// `outside + (1 - outside) overlap`
 ///
-/// where `overlap` is 1 for pixels in the same cluster and 0 for pixels in different ones. If samples of a pixel lie in several
-/// clusters, `overlap` is the sum over all clusters of the smaller of the two pixels' fractions. With `outside` 1 the filter is
-/// the plain Gaussian; with 0 nothing crosses a cluster's border.
+/// where `overlap` is 1 for pixels `p` and `q` in the same cluster and 0 for pixels in different ones. If the fraction `p_c` of
+/// the samples of `p` lies in cluster `c`, and `q_c` likewise, `overlap` is the sum of `min(p_c, q_c)` over all clusters. With
+/// `outside` 1 the filter is the plain Gaussian; with 0 nothing crosses a cluster's border.
 ///
-/// The cluster-adaptive thesis "modified [its Gaussian] to favour same-cluster pixels" but gives no formula. This formula is
-/// not in the thesis.
+/// The cluster-adaptive thesis "modified [its Gaussian] to favour same-cluster pixels" but gives no formula.
 ///
 /// # Clusters
 ///
 /// Clusters come from a map ([`from_map`](Self::from_map)) or from the first hits of a pixel's first samples
 /// ([`from_hits`](Self::from_hits)).
-/// One first hit is that of the thesis. Four first hits reveal that a pixel lies on an edge.
-/// They leave 0.6 times the error on a slanted edge at 64 spp (`tests/denoise/filters.rs`).
+/// The thesis uses one first hit per pixel. Four first hits reveal that a pixel lies on an edge: the error on a slanted edge at
+/// 64 spp is 0.6 times as large (`tests/denoise/filters.rs`).
 ///
 /// With first hits, clusters and values come from the same samples. In pixels with several clusters, weights and values are
 /// therefore not quite independent.
@@ -87,12 +86,12 @@ pub struct ClusterGaussian {
 }
 
 impl ClusterGaussian {
-    /// Creates a filter from the cluster of each pixel, in row-major order from the top of a film window of `size` (width,
-    /// height). Any number may represent the background, such as `u32::MAX`.
+    /// Creates a filter from the cluster number of each pixel, in row-major order from the top. `size` is the width and height
+    /// of the film. Any number may represent the background, such as `u32::MAX`.
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`] unless there are `size[0] * size[1]` clusters.
+    /// [`Error::OutOfRange`] unless `clusters` has `size[0] * size[1]` entries.
     pub fn from_map(size: [u32; 2], clusters: Vec<u32>) -> Result<Self, Error> {
         let [width, height] = size;
         if u64::from(width) * u64::from(height) != clusters.len() as u64 {
@@ -103,11 +102,11 @@ impl ClusterGaussian {
         Ok(Self::new(Clusters::Map { size, clusters }))
     }
 
-    /// Creates a filter with clusters from the first hits of each pixel's first samples, which the film must record. The number
-    /// of hits is [`ClusterGaussianOptions::hits`].
+    /// Creates a filter with clusters from the film's first hits. The film must record [`ClusterGaussianOptions::hits`] first
+    /// hits per pixel.
     ///
-    /// Each sample votes for the cluster that `label` returns. A miss or `None` is a vote for the background. With one vote, as
-    /// published, a single sample determines the pixel's cluster.
+    /// Each first hit votes for the cluster that `label` returns. A miss or `None` is a vote for the background. With one vote,
+    /// as published, a single sample determines the pixel's cluster.
     pub fn from_hits(label: ClusterLookup) -> Self {
         Self::new(Clusters::Hits(label))
     }

@@ -61,25 +61,25 @@ dapple_core::options! {
 /// 1. Features are averaged over 9x9 pixels where they are equal up to their noise [after Rousselle 2013]. Noise from the lens,
 ///    the shutter and subpixel geometry is also in the radiance, so regression on noisy features would keep it.
 /// 2. A [`Bilateral`] filter over 9x9 pixels without the corners computes a first image.
-/// 3. A linear function is fitted to the radiance in a disc 13 pixels wide around every second pixel of every second row. This
-///    first pass runs only for direct lighting on its own.
-///    The regressors are normal, albedo and position [after Bitterli 2016; Moon 2014].
-///    * A pixel's weight grows with its sample count and is `exp(-max(0, d_colour)) exp(-max(0, d_features))`. In another
-///      cluster it is multiplied by `outside`.
+/// 3. The first pass runs only for direct lighting (see step 7). A linear function of normal, albedo and position is fitted to
+///    the radiance in a disc 13 pixels wide around every second pixel of every second row [after Bitterli 2016; Moon 2014].
+///    * The weight of a pixel is `exp(-max(0, d_colour)) exp(-max(0, d_features))`, with `d` as in [`Bilateral`]. It grows with
+///      the sample count. For pixels in another cluster it is multiplied by `outside`.
 ///    * Colours are compared over 3x3 pixels, in the half that is not being filtered [after Rousselle 2012].
-///    * The predictions of all windows for a pixel are averaged with the same weights. The first image is added with a small
-///      weight; it fills pixels that no window fits.
-/// 4. The estimated errors of these images and of the unfiltered image over 5x5 pixels are compared in each pixel. A blend of
-///    the best images, divided by albedo, guides a second pass. Its remaining noise is estimated from the halves. Both halves
-///    share this guide, and so their weights and normal equations.
-/// 5. All filtered images and the second pass are compared in the same way; the unfiltered image is not a candidate here.
-/// 6. The selected image, divided by albedo, guides a regression over 41x41 pixels around every sixth pixel of every sixth row.
-///    The selected image is blended with the result, and then the unfiltered image with that blend. The weights follow from the
-///    part of the difference that the halves show to be noise [after James and Stein 1961].
-/// 7. With two `layers`, these steps filter direct and then indirect lighting, and the two images are added. Indirect lighting
+///    * All windows predict a pixel's colour; their predictions are averaged with the same weights. The first image is added
+///      with a small weight, and fills pixels that no window fits.
+/// 4. In each pixel, the estimated errors of the unfiltered image and of the images of steps 2 and 3 are compared over 5x5
+///    pixels. The best images, blended and divided by albedo, guide the second pass: step 3 with colours compared in this
+///    guide. The noise of the guide is estimated from the halves. Both halves share the guide, the weights and the normal
+///    equations.
+/// 5. The images of steps 2 to 4 are compared in the same way, without the unfiltered image, and blended.
+/// 6. The blend, divided by albedo, guides a regression over 41x41 pixels around every sixth pixel of every sixth row. Its
+///    result is blended with the image of step 5, and then with the unfiltered image. The weights depend on how much of the
+///    difference between two images is noise, according to the halves [after James and Stein 1961].
+/// 7. With two `layers`, steps 2 to 6 filter direct and then indirect lighting, and the two images are added. Indirect lighting
 ///    has few edges, so colours and features may differ 1.4 times as much from step 4 on.
-/// 8. A small trained network averages the film and this image again and blends both [after Isik 2021]
-///    (docs/results/learned.md). From 24 samples per pixel on, its weight falls with the square of the sample count.
+/// 8. A small trained network averages the film and the image of step 7 over neighbours and blends both [after Isik 2021]
+///    (docs/results/learned.md). From 24 samples per pixel on, the network's weight falls with the square of the sample count.
 ///
 /// # Guarantees
 ///
@@ -125,9 +125,9 @@ impl ClusterRegression {
         Self { is_one_pass: true, ..self }
     }
 
-    /// Multiplies the weight of a pixel in the first pass by `outside` if its first sample lies in another cluster. Clusters
-    /// always belong to the first hit, even if it is a mirror or glass. `described` (the parameters of the clusters, such as
-    /// `k=9,clamp=32`) is appended to the filter's description.
+    /// Multiplies the weight of pixels in other clusters by `outside`, in the second pass by `max(outside, 0.7)`. The first hit
+    /// of a pixel's first sample determines its cluster, even on a mirror or glass. `described` (the parameters of the
+    /// clusters, such as `k=9,clamp=32`) is appended to the filter's description.
     #[must_use]
     pub fn with_clusters(self, label: ClusterLookup, described: impl Into<String>) -> Self {
         Self { reads: Reads { label: Some(label), described: described.into(), ..self.reads }, ..self }
@@ -135,7 +135,7 @@ impl ClusterRegression {
 
     /// Filters by colours alone, for films without features. Every pixel counts as a miss.
     ///
-    /// Otherwise, a film with room for features that were never reported is rejected ([`Error::NoneReported`]).
+    /// Without this setting, a film whose samples all lack features is rejected ([`Error::NoneReported`]).
     #[must_use]
     pub fn without_features(self) -> Self {
         Self { reads: Reads { without_features: true, ..self.reads }, ..self }

@@ -9,8 +9,8 @@ use crate::planes::{found, per_pixel, quantile};
 use dapple_core::film::luminance;
 use dapple_core::{Film, Filtered, filter::Fireflies};
 
-/// Where the energy of fireflies goes. A firefly is a pixel at least 880 times as bright as its surroundings, in only one of the
-/// two halves.
+/// The destination of the energy of fireflies. A firefly is a pixel at least 880 times as bright as its surroundings in one
+/// half of the samples, and less than a tenth as bright in the other half.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum FireflyLight {

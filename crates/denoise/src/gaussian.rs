@@ -11,7 +11,7 @@ use std::f64::consts::PI;
 dapple_core::options! {
     /// The parameters of [`Gaussian`].
     pub struct GaussianOptions {
-        /// The kernel is exp(-alpha r^2) - exp(-alpha radius^2) along each axis.
+        /// Falloff of the kernel, exp(-alpha r^2) - exp(-alpha radius^2) along each axis, with r in pixels.
         ///
         /// The standard deviation is `sqrt(0.5 / alpha)` pixels.
         pub alpha: f64 = 0.5, |alpha| alpha > 0.0 && alpha.is_finite(), "a finite number above 0; 0.5 is usual";
@@ -44,14 +44,14 @@ dapple_core::options! {
 /// normalised over the pixels that exist and have samples.
 ///
 /// The result equals splatting infinitely many samples, spread evenly over every pixel.
-/// Sample counts affect only its noise: an edge stays in place even if its two sides have different counts.
+/// Sample counts affect only the noise of the result: an edge stays in place even if its two sides have different counts.
 /// Splatting the actual samples, `sum(w f) / sum(w)`, would move the edge.
 ///
 /// # Default
 ///
-/// `alpha` is 0.5 and `radius` is 4 pixels. The cluster-adaptive thesis states "kernel 0.5, width 8 px", taken here as a full
-/// support of 8 pixels. The `xwidth` of pbrt-v2 is a half-width, which would make the radius 8. The two filters are nearly the
-/// same:
+/// `alpha` is 0.5 and `radius` is 4 pixels. The cluster-adaptive thesis states "kernel 0.5, width 8 px". Here, 8 pixels are the
+/// full width; as a half-width, like `xwidth` in pbrt-v2, they would be the radius. The kernels of radius 4 and 8 are nearly
+/// the same:
 ///
 /// * No weight differs by more than 0.0003; the largest weight is 0.147.
 /// * The wider kernel's weights beyond 4.5 pixels add up to 7e-6 per axis.
@@ -60,8 +60,8 @@ dapple_core::options! {
 ///
 /// # Light sources
 ///
-/// Bright light sources seen directly stay in their pixels, if the film recorded their emission. The published blur spreads
-/// them too; a film without [`Needs::emission`] reproduces that.
+/// If the film records emission, bright light sources seen directly stay in their pixels. Without [`Needs::emission`] they are
+/// blurred, as in the published filter.
 ///
 /// # Pixels without samples
 ///
@@ -74,9 +74,8 @@ dapple_core::options! {
 /// The variances come from the film's halves, or else from its sample variance. The error is `None` if the film has
 /// neither.
 ///
-/// It is the variance only: **the bias of blurred edges is not included**. The noise of different pixels is assumed to be
-/// independent.
-/// It is infinite where a pixel in reach has samples but an unknown variance.
+/// **The bias of blurred edges is not included.** The noise of different pixels is assumed to be independent. The error is
+/// infinite where a pixel in reach has samples but an unknown variance.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Gaussian {
     options: GaussianOptions,
@@ -118,8 +117,8 @@ impl Gaussian {
         self.options
     }
 
-    /// The `2 n + 1` weights of the pixels along one axis, the pixel itself in the middle. They are positive, symmetric and sum
-    /// to 1. A pixel's weight is the product of its column's and its row's weight.
+    /// The weights along one axis, positive, symmetric and of sum 1; their number is odd. With `n` as the middle index, the
+    /// pixel at the offset `(dx, dy)` has the weight `weights[n + dx] * weights[n + dy]`.
     pub fn weights(&self) -> &[f64] {
         &self.weights
     }

@@ -13,7 +13,7 @@ use dapple_core::{Film, Needs, options::Options};
 use std::fmt;
 use std::sync::Arc;
 
-/// A function from shape and primitive of a first hit to its cluster; `None` for the background.
+/// A function from the shape number and the primitive number of a first hit to a cluster number; `None` for the background.
 pub type ClusterLookup = Arc<dyn Fn(u32, u32) -> Option<u32> + Send + Sync>;
 
 /// A filter's description: its name, its parameters, and the parameters of its clusters, if any.

@@ -12,7 +12,7 @@ use dapple_core::options::Options as _;
 use dapple_core::{Error, Film, Filter, Filtered, Frame, Needs, filter::FilterMemory, filter::ImagePlanes};
 
 dapple_core::options! {
-    /// The parameters of [`NlMeans`]: `k` and patches as published, and smaller windows.
+    /// The parameters of [`NlMeans`]. The defaults are as published, except for a smaller window.
     pub struct NlMeansOptions {
         /// Search radius in pixels, 0 to 7.
         pub window: usize = REACH => "7", |window| window <= REACH, "0 to 7 pixels to each side";
@@ -37,7 +37,7 @@ dapple_core::options! {
 /// where `u` is a pixel's mean and `v` its variance. The subtracted term is the squared difference expected from noise alone.
 /// The weight is `exp(-max(0, d))`, or 0 if that is below 0.05.
 ///
-/// Weights from one half of the samples filter the other half, so the noise in the weights is not the noise that is filtered.
+/// Weights from one half of the samples filter the other half, so the weights are independent of the noise that they filter.
 /// The image is the mean of both halves, weighted by their counts [after Rousselle 2012].
 ///
 /// With [`NlMeansOptions::features`], features are compared too, and colours are divided by albedo.
@@ -63,9 +63,9 @@ dapple_core::options! {
 /// # Differences from the paper
 ///
 /// * Windows have at most 15x15 pixels, not 21x21.
-/// * A pixel's variance is shrunk towards the mean of 5x5 pixels, not scaled to the variance between the halves. Its floor
-///   falls as 1 / n.
-/// * Each pixel is weighted by its number of samples.
+/// * A pixel's variance is shrunk towards the mean of 5x5 pixels, not scaled to the variance between the halves. With `n`
+///   samples, a small constant divided by `n` is added.
+/// * The weight of a pixel with `m` samples is multiplied by `m / (n + m)`, where `n` is the filtered pixel's count.
 /// * There is one pass, without adaptive sampling.
 ///
 /// # Result
@@ -152,15 +152,16 @@ const PATCH: usize = 1;
 ///
 /// The weight of a pixel is the product of
 ///
-/// * a Gaussian of its distance, `exp(-falloff r^2)`;
-/// * `exp(-max(0, d_features))`, with the largest difference of normal, albedo and depth, in units of `features` standard
+/// * a Gaussian of the distance, `exp(-falloff r^2)`;
+/// * `exp(-max(0, d_features))`, where `d_features` is the largest of the differences of normal, albedo and depth, in units of
+///   `features` standard deviations;
+/// * `exp(-max(0, d_colour))`, where `d_colour` is the colour difference over 3x3 pixels, in units of `colour` standard
 ///   deviations;
-/// * `exp(-max(0, d_colour))`, with the difference of 3x3 pixels in units of `colour` standard deviations;
 /// * `outside` if the pixels lie in different clusters.
 ///
-/// The difference expected from noise is subtracted as in [`NlMeans`]. Colours are divided by albedo and
-/// compared in the half of the samples that is not being filtered. The colour term makes the filter consistent: pixels that
-/// differ by more than noise are not averaged, however many samples they have.
+/// Differences are squared and reduced by the expected noise, as in [`NlMeans`]. Colours are divided by albedo and compared in
+/// the half of the samples that is not being filtered. The colour term makes the filter consistent: pixels that differ by more
+/// than noise are not averaged.
 ///
 /// [`Filtered::error`] estimates the whole squared error from the halves, bias included.
 ///
@@ -202,8 +203,8 @@ impl Bilateral {
         Ok(Self { options, ..Self::default() })
     }
 
-    /// Multiplies the weight of a pixel by `outside` if its first sample lies in another cluster. `described` (the parameters
-    /// of the clusters, such as `k=9,clamp=32`) is appended to the filter's description.
+    /// Multiplies the weight of pixels in other clusters by `outside`; a pixel's first sample determines its cluster.
+    /// `described` (the parameters of the clusters, such as `k=9,clamp=32`) is appended to the filter's description.
     #[must_use]
     pub fn with_clusters(self, label: ClusterLookup, described: impl Into<String>) -> Self {
         Self { reads: Reads { label: Some(label), described: described.into(), ..self.reads }, ..self }
@@ -211,7 +212,7 @@ impl Bilateral {
 
     /// Filters by colours alone, for films without features. Every pixel counts as a miss.
     ///
-    /// Otherwise, a film with room for features that were never reported is rejected ([`Error::NoneReported`]).
+    /// Without this setting, a film whose samples all lack features is rejected ([`Error::NoneReported`]).
     #[must_use]
     pub fn without_features(self) -> Self {
         Self { reads: Reads { without_features: true, ..self.reads }, ..self }

@@ -8,10 +8,9 @@ use dapple_core::render::{Control, Monitor, Stage, Status, TracedRows};
 use dapple_core::{Error, Integrator, Session, container};
 use std::ops::Range;
 
-/// The processes of a render, which exchange messages: the processes of an MPI job, or threads ([`local`]).
+/// A process's connection to the other processes of a render, by MPI or between threads ([`local`]).
 ///
-/// Process 0 coordinates: it plans, distributes rows, joins the results, and holds the film. The others trace the rows
-/// that it sends.
+/// Process 0 plans, distributes rows, joins the results, and holds the film. The other processes trace rows.
 pub trait Processes {
     /// The number of this process, from 0.
     fn rank(&self) -> u32;
@@ -59,7 +58,7 @@ fn rows_message<'a>(runs: impl IntoIterator<Item = &'a Vec<u8>>) -> Vec<u8> {
 /// about the same time even if some rows cost more than others.
 const RUNS: u32 = 8;
 
-/// The rows of a stage that part `index` of `parts` traces, as runs from the top. Depends on the plan only.
+/// The row ranges of part `index` of `parts` of a stage, from top to bottom; the same on all machines with the same plan.
 pub fn rows_of_part(session: &Session<'_>, stage: &Stage, index: u32, parts: u32) -> Vec<Range<u32>> {
     // An integrator that prepares for each of several passes would do so again for each range.
     let runs = if stage.passes() > 1 { 1 } else { RUNS };
@@ -67,11 +66,11 @@ pub fn rows_of_part(session: &Session<'_>, stage: &Stage, index: u32, parts: u32
     runs.into_iter().skip(index as usize).step_by(parts as usize).collect()
 }
 
-/// Coordinates a render of several processes; called on process 0. Returns `false` if any process was stopped; the
-/// session is then at the end of the previous stage.
+/// Coordinates a render of several processes; called on process 0. Returns `false` if `monitor` stops the render or any process
+/// was stopped; the session is then at the end of the last complete stage.
 ///
-/// The session may be new, or resumed from a snapshot of a render with the same settings, by any number of processes.
-/// `monitor` is called after each stage and at the end. `stop` is called between slices of this process's own rows.
+/// The session may be new, or resumed from a snapshot of a render with the same settings and any number of processes. `monitor`
+/// is called after each stage and at the end. `stop` is called between slices of this process's own rows.
 ///
 /// # Errors
 ///
@@ -171,7 +170,7 @@ pub fn serve(
     }
 }
 
-/// Reports to process 0 that this process cannot prepare, with the reason `why`, and waits until the render is over.
+/// Serves a render without tracing: answers each request of process 0 with the error `why`, until the render is over.
 ///
 /// # Errors
 ///
@@ -180,7 +179,7 @@ pub fn refuse(why: &str, processes: &mut dyn Processes) -> Result<(), Error> {
     serve(|_| Err(Error::other("preparing for the render", why)), processes)
 }
 
-/// Sends the end of the render to all other processes, even if some have already ended.
+/// Sends all other processes the message that the render is over, even if some have already ended.
 ///
 /// # Errors
 ///

@@ -52,8 +52,8 @@ impl Geometry {
     /// An object may have no shapes, or no instances. To move a single shape, place it as the only shape of an object with one
     /// moving instance.
     ///
-    /// A mesh in an instance is watertight. Where surfaces of different instances, or of an instance and the base shapes, only
-    /// touch, rays may pass through a gap as wide as f32 rounding.
+    /// A mesh in an instance is watertight. Rays may pass between two instances that touch, or between an instance and a base
+    /// shape, through a gap as wide as f32 rounding.
     ///
     /// # Errors
     /// * The errors of [`build`](Self::build) for the base shapes.
@@ -85,7 +85,7 @@ impl Geometry {
         self.closest_at(ray, 0.0)
     }
 
-    /// Returns the closest hit with `tmin < t < tmax` at a time in `[0, 1]`. Ties in `t` are resolved as in
+    /// Returns the closest hit with `tmin < t < tmax` at the given time, from 0 to 1. Ties in `t` are resolved as in
     /// [`closest`](Self::closest).
     // Debug builds do not inline the traversal into other crates, which would take longer to compile.
     #[cfg_attr(not(debug_assertions), inline(always))]
@@ -122,7 +122,7 @@ impl Geometry {
         self.occluded_at(ray, 0.0)
     }
 
-    /// Returns true if the ray hits anything with `tmin < t < tmax` at a time in `[0, 1]`.
+    /// Returns true if the ray hits anything with `tmin < t < tmax` at the given time, from 0 to 1.
     #[cfg_attr(not(debug_assertions), inline(always))]
     pub fn occluded_at(&self, ray: &Ray, time: f32) -> bool {
         match PreparedRay::ordinary(ray) {
@@ -157,8 +157,8 @@ impl Geometry {
     /// Returns the surface parameters of a point that was hit at a time in `[0, 1]`: a triangle's [`Hit::barycentrics`], or
     /// pbrt-v4's `(u, v)` in `[0, 1]` of a sphere or disk.
     ///
-    /// For spheres and disks, `u` is the angle around the z axis. `v` increases from a sphere's lower pole to its
-    /// upper pole, or from a disk's rim inwards.
+    /// For spheres and disks, `u` is the angle around the z axis divided by 2 pi. `v` increases from a sphere's lower pole to
+    /// its upper pole, or from a disk's rim inwards.
     pub fn parametric_at(&self, hit: &Hit, position: Vec3, time: f32) -> [f32; 2] {
         match self.shapes.get(hit.shape as usize) {
             Some(Shape::Mesh(_) | Shape::Moving(_)) => hit.barycentrics,

@@ -112,9 +112,8 @@ impl Mesh {
     /// Returns a point of a triangle, a bound on its distance from the exact triangle per axis, and the unit normal.
     /// `barycentrics` are the weights of the second and third corner.
     ///
-    /// The weights are treated as exact, and the sum is computed in f64. The bound is the rounding to f32 (half an ulp,
-    /// doubled for slack) plus the rounding error of the f64 sum. A sum in f32 has pbrt's larger bound, `gamma_7` times the
-    /// sum of magnitudes [Pharr 2023, eq. 6.26].
+    /// The weights are treated as exact, and the sum is computed in f64. The bound is twice the rounding error to f32 plus the
+    /// rounding error of the f64 sum. It is smaller than pbrt's for a sum in f32 [Pharr 2023, eq. 6.26].
     #[inline(always)]
     pub fn point(&self, triangle: u32, barycentrics: [f32; 2]) -> (Vec3, Vec3, Vec3) {
         let [a, b, c] = self.corners(triangle).map(Vec3::as_dvec3);
@@ -229,9 +228,8 @@ impl MovingMesh {
         self.start.triangles()[triangle as usize].map(|vertex| Vec3::from_array(self.ends[vertex as usize]))
     }
 
-    /// Returns a point of a triangle at a time, a bound on its error per axis, and the unit normal. `barycentrics` are the
-    /// weights of the second and third corner. The error is the distance to the triangle whose corners
-    /// [`corners`](Self::corners) returns.
+    /// Returns a point of a triangle at a time, a bound on its distance from the triangle of [`corners`](Self::corners) per
+    /// axis, and the unit normal. `barycentrics` are the weights of the second and third corner.
     pub fn point(&self, triangle: u32, barycentrics: [f32; 2], time: f32) -> (Vec3, Vec3, Vec3) {
         let [a, b, c] = self.corners(triangle, time).map(Vec3::as_dvec3);
         let [second, third] = barycentrics.map(f64::from);

@@ -110,10 +110,8 @@ impl Motion {
 
     /// Returns the lower and upper corner of a box that contains the moved box at all times.
     ///
-    /// A point of the box is a fixed weighted mean of the box's corners, and its path is the same mean of the corners' paths. A
-    /// corner's path is divided into pieces. A piece of duration `h` deviates from the straight line between its ends by at
-    /// most `h^2 / 8` times its largest acceleration. With angular speed `w`, point `p` and stretch `S` of derivative `S'`, the
-    /// acceleration is at most `w^2 |S p| + 2 w |S' p|`.
+    /// The box bounds the paths of the eight corners. Each path is divided into pieces. The positions at the ends of the pieces
+    /// are padded by a bound on the distance of a piece from a straight line.
     pub fn bounds(&self, low: DVec3, high: DVec3) -> [DVec3; 2] {
         let corners = (0..8_u32).map(|k| {
             let side = |bit: u32, axis: usize| if k >> bit & 1 == 0 { low[axis] } else { high[axis] };
@@ -144,7 +142,9 @@ impl Path {
         }
     }
 
-    /// Returns a bound on the distance between a point's path and the straight lines that join the ends of its pieces.
+    /// Returns a bound on the distance between a point's path and the straight lines that join the ends of its pieces. For
+    /// pieces of duration `h` it is `h^2 / 8` times the largest acceleration. With angular speed `w`, point `p` and stretch `S`
+    /// of derivative `S'`, the acceleration is at most `w^2 |S p| + 2 w |S' p|`.
     fn sagitta(&self, point: DVec3, pieces: u32) -> f64 {
         let [start, end] = self.stretch.map(|stretch| stretch * point);
         let acceleration = self.angle * (self.angle * start.length().max(end.length()) + 2.0 * (end - start).length());

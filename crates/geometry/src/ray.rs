@@ -31,8 +31,8 @@ pub struct Ray {
     pub tmin: f32,
     /// The upper limit of hits: only hits with `t < tmax` count. It may be infinite.
     pub tmax: f32,
-    /// The triangles on which the ray starts and ends, or [`PrimitiveId::NONE`]. They are skipped. This does not change hits,
-    /// but saves a test in f64 against `tmin` and `tmax`.
+    /// The triangles on which the ray starts and ends, or [`PrimitiveId::NONE`]. The ray never hits these triangles. Without
+    /// this field, a test in f64 against `tmin` and `tmax` would reject the hits.
     pub ends: [PrimitiveId; 2],
 }
 
@@ -125,9 +125,9 @@ pub struct SurfacePoint {
 
 /// Returns a point moved off its surface to the side of `direction`, by slightly more than the error of its position.
 ///
-/// `error` bounds the position's error per axis and `normal` is the surface's unit normal. The step along the normal
-/// has the length `error . |normal|`. The moved point is then shifted by at most two units in the last place, away
-/// from the surface [after Pharr 2023, section 6.8.6].
+/// `error` bounds the position's error per axis and `normal` is the surface's unit normal. The step along the normal has the
+/// length `dot(error, abs(normal))`. The moved point is then shifted by at most two units in the last place, away from the
+/// surface [after Pharr 2023, section 6.8.6].
 #[inline(always)]
 pub fn offset_origin(position: Vec3, error: Vec3, normal: Vec3, direction: Vec3) -> Vec3 {
     let side = 1.0_f32.copysign(normal.dot(direction));
@@ -151,7 +151,7 @@ pub fn spawn_ray(from: &SurfacePoint, direction: Vec3) -> Ray {
 
 /// Returns a ray between two surface points that hits neither surface at its ends. `t` runs from 0 to 1.
 ///
-/// Both ends are moved off their surfaces by the error bounds; the far bound includes the rounding of `direction`.
+/// Both ends are moved off their surfaces by their error bounds. The bound at `to` includes the rounding of `direction`.
 #[inline(always)]
 pub fn spawn_ray_to(from: &SurfacePoint, to: &SurfacePoint) -> Ray {
     // `target - origin` is rounded once per axis.

@@ -2,7 +2,7 @@
 
 use crate::{Film, snapshot::View};
 
-/// The state of a render, passed to a [`Monitor`] after about 0.2 seconds of tracing each.
+/// The state of a render, passed to a [`Monitor`] about every 0.2 seconds during tracing.
 #[non_exhaustive]
 #[derive(Clone, Copy)]
 pub struct Status<'a> {
@@ -18,14 +18,14 @@ pub struct Status<'a> {
     pub seconds: f64,
     /// The time limit in seconds, if there is one.
     pub seconds_limit: Option<f64>,
-    /// The seconds of the time limit that are reserved for the filter, once they are measured: after the first round.
+    /// The part of the time limit reserved for the filter, in seconds; `None` until measured, after the first round.
     pub filter_seconds: Option<f64>,
     pub(super) view: View<'a>,
 }
 
 impl Status<'_> {
     /// The state of the render as bytes for [`Snapshot::from_bytes`](crate::Snapshot::from_bytes), about as large as the
-    /// film in memory. A render resumed from them ends bit-identical to this one.
+    /// film in memory.
     pub fn snapshot(&self) -> Vec<u8> {
         self.view.write()
     }
@@ -86,7 +86,7 @@ pub enum Control {
 /// }
 /// ```
 pub trait Monitor {
-    /// Called after about 0.2 seconds of tracing each. The returned value decides whether the render continues.
+    /// Called about every 0.2 seconds during tracing. The returned value decides whether the render continues.
     fn slice(&mut self, status: &Status<'_>) -> Control;
 
     /// Called once at the end, unless the render was stopped. A render resumed from a snapshot taken here may have

@@ -113,8 +113,9 @@ impl<'s> Round<'s> {
     ///
     /// # Errors
     ///
-    /// [`Error::BadTile`] for a tile with missing samples or incorrect use, and for pixels that are already submitted.
-    /// [`Error::InvalidSample`] under [`InvalidSample::Fail`]. In both cases the round is unchanged.
+    /// [`Error::BadTile`] for missing results, incorrect use of the tile's methods, a tile of another session or an ended
+    /// round, and pixels that were submitted before. [`Error::InvalidSample`] under [`InvalidSample::Fail`]. The round is
+    /// then unchanged.
     pub fn submit(&self, tile: Tile<'_>) -> Result<(), Error> {
         let area = tile.area();
         let bad = |what: String| Err(Error::BadTile { area, what });

@@ -18,8 +18,8 @@ use crate::{Clock, Error, Film, Filter, Filtered, Frame, Integrator, Limits, Nee
 /// A render whose loop belongs to the caller. The caller requests rounds, traces their samples in any way, and submits the
 /// results.
 ///
-/// It is the engine of [`Render`](crate::Render), without threads and integrator. The image is bit-identical to that of
-/// `Render`, for any order of results.
+/// A session starts no threads and needs no integrator. For any order of results, the image is bit-identical to that of a
+/// [`Render`](crate::Render).
 ///
 /// ```
 /// # use dapple_core::{PointSet, SampleId};
@@ -58,8 +58,8 @@ use crate::{Clock, Error, Film, Filter, Filtered, Frame, Integrator, Limits, Nee
 /// # Ok::<(), dapple_core::Error>(())
 /// ```
 ///
-/// Intermediate images and checkpoints need no callback, since the loop belongs to the host. A round ends at every doubling
-/// of the samples. [`Round::image`] and [`Round::snapshot`] do the same between tiles, for previews every few seconds.
+/// The host's loop makes intermediate images and checkpoints between rounds, which end at every doubling of the samples.
+/// [`Round::image`] and [`Round::snapshot`] make them within a round, for previews every few seconds.
 ///
 /// ```
 /// # use dapple_core::{PointSet, SampleId, samplers::Uniform, Frame, Limits, Methods, Session, Snapshot};
@@ -248,9 +248,9 @@ impl<'a> Session<'a> {
         &self.state.film
     }
 
-    /// The image of the samples submitted so far, filtered if the session has a filter. Pixels without samples, and pixels
-    /// whose samples [were all rejected](Film::is_rejected), are filled from the nearest pixel that has some.
-    /// [`Round::image`] does the same during a round.
+    /// The image of the samples submitted so far, filtered if the session has a filter. A pixel without samples, or whose
+    /// samples [were all rejected](Film::is_rejected), is filled from the nearest pixel with valid samples. During a round,
+    /// use [`Round::image`].
     ///
     /// # Errors
     ///
@@ -287,8 +287,8 @@ impl<'a> Session<'a> {
         self.state.film
     }
 
-    /// The state of the session as bytes for [`Snapshot::from_bytes`]. At the end, it leaves out the last round's budget,
-    /// since a resumed session plans that round again.
+    /// The state of the session as bytes for [`Snapshot::from_bytes`]. At the end of the render, the snapshot lacks the last of
+    /// [`Record::budgets`](crate::film::Record::budgets), which a resumed session adds again.
     pub fn snapshot(&mut self) -> Vec<u8> {
         let shown = if self.over { self.state.film.record.budgets.pop() } else { None };
         let bytes = self.view(self.clock.seconds()).write();
@@ -365,8 +365,8 @@ impl<'a> Session<'a> {
         self.show(monitor, |monitor, status| monitor.slice(status))
     }
 
-    /// Passes the final state of the render to [`Monitor::end`]. A resumed render plans the last round again, so the
-    /// snapshot omits that round's budget.
+    /// Passes the final state of the render to [`Monitor::end`], without the last of
+    /// [`Record::budgets`](crate::film::Record::budgets), which a resumed render adds again.
     pub fn show_end_to(&mut self, monitor: &mut dyn Monitor) {
         let shown = self.state.film.record.budgets.pop();
         self.show(monitor, |monitor, status| monitor.end(status));

@@ -11,7 +11,7 @@ use crate::{Clock, Error, Film, Frame, Integrator, Sampler, Snapshot, film::Reco
 use std::ops::Range;
 
 /// The state of an integrator between two calls of [`Render::trace_rows`]: the number of training passes it has learned,
-/// and the pass it is prepared for. A new integrator needs a new value.
+/// and the last pass for which it was prepared. Each integrator needs its own, `Readiness::default()` at first.
 #[derive(Clone, Debug, Default)]
 pub struct Readiness {
     learned: usize,
@@ -34,8 +34,8 @@ impl TracedRows {
 }
 
 impl Session<'_> {
-    /// The next stage: the rest of the open round, or of its training pass. Plans a round if none is open. `None` at the
-    /// end of the render.
+    /// The next stage; `None` at the end of the render. Plans a round if none is open. The stage has the untraced samples of
+    /// the open round, or of one pass if the integrator learns or the render was interrupted within a pass.
     ///
     /// # Errors
     ///
@@ -65,7 +65,7 @@ impl Session<'_> {
         Ok(Some(Stage { frame: film.frame, rows: [row, height], ends }))
     }
 
-    /// Divides the rows of a stage into at most `parts` runs with about equal numbers of samples. Depends on the plan only.
+    /// Divides the rows of a stage into at most `parts` ranges with about equal numbers of samples, from top to bottom.
     pub fn deal(&self, stage: &Stage, parts: u32) -> Vec<Range<u32>> {
         let Some(open) = &self.state.open else { return Vec::new() };
         let samples = |band: &Range<u32>| planned(open, stage, band);

@@ -130,7 +130,7 @@ impl Stage {
         self.rows[0]..self.rows[1]
     }
 
-    /// The number of passes for which an integrator prepares, at least 1.
+    /// The number of passes in the stage, at least 1. [`Integrator::prepare`](crate::Integrator::prepare) may run before each.
     pub fn passes(&self) -> usize {
         self.ends.len()
     }

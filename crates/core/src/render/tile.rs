@@ -53,8 +53,8 @@ impl<'r> Planned<'r> {
 
 /// A rectangle of pixels of a [`Round`](crate::Round), with the samples to trace and the results so far.
 ///
-/// Results may be added in any order. Early ones wait in the tile, since the film gets them in the order of
-/// [`Tile::samples`]. Results count only after [`Round::submit`](crate::Round::submit) has accepted the complete tile.
+/// Results may be added in any order; the tile sorts them. The film contains the results only after
+/// [`Round::submit`](crate::Round::submit) has accepted the complete tile.
 pub struct Tile<'r> {
     pub(super) planned: Arc<Planned<'r>>,
     pub(super) retention: Retention,
@@ -124,9 +124,9 @@ impl<'r> Tile<'r> {
 
     /// Column and row of each pixel in the full image, and the range of sample numbers to trace in it.
     ///
-    /// Renderers with their own random numbers trace these samples and pass the results to [`Tile::push`]. The seed of a
-    /// generator must include the sample's number. A sequence continues at the first number, since numbers count a pixel's
-    /// samples over all rounds. Samples that are used only for planning have numbers from 2^32 on.
+    /// Renderers with their own random numbers trace these samples and pass the results to [`Tile::push`]. Sample numbers
+    /// run on over all rounds: use them in the seed, or as indices into a pixel's sequence. Samples that are used only for
+    /// planning have numbers from 2^32 on.
     pub fn pixels(&self) -> impl Iterator<Item = ([u32; 2], Range<u64>)> + use<'r> {
         let (planned, discarded) = (self.planned.clone(), self.retention == Retention::Discard);
         (0..planned.pixels.len()).map(move |local| {
@@ -186,14 +186,14 @@ impl<'r> Tile<'r> {
         (film, books)
     }
 
-    /// Takes feature-only samples where they are due, as [`Render`](crate::Render) does with
-    /// [`Integrator::features_alone`](crate::Integrator::features_alone). `sample` returns a first hit, features and the
-    /// emission seen directly. If `sample` returns `None`, the pixel gets no more feature-only samples.
+    /// Takes feature-only samples, as [`Render`](crate::Render) does with
+    /// [`Integrator::features_alone`](crate::Integrator::features_alone), to reduce noise at edges. `sample` returns a first
+    /// hit, features and the emission seen directly. If `sample` returns `None`, the pixel gets no more feature-only samples.
     ///
-    /// They are due in pixels without kept samples. With a time limit, they are due in all pixels of the second round, if
-    /// the limit allows enough samples.
+    /// Without a time limit, only pixels without kept samples get feature-only samples. With a time limit, all pixels get
+    /// them in the second round, and only if the limit allows at least 4 samples per pixel.
     ///
-    /// Call this once, before samples are added. Without the call, filters leave more noise at edges.
+    /// Call this once, before samples are added.
     pub fn sample_features(&mut self, mut sample: impl FnMut(&Draws<'_>) -> Option<Estimate>) {
         let planned = self.planned.clone();
         if self.left < planned.total() {
