@@ -5,7 +5,7 @@ use dapple_registry::{HostClusters, PointSettings};
 
 /// Makes a point set (where samples lie) from its description: `NAME` or `NAME:key=value,…`.
 ///
-/// Point sets for a fixed number of samples take that number as a parameter: `stratified:strata=8`.
+/// Some point sets suit one number of samples, which a parameter sets: `stratified:strata=8`, 8x8 cells, suits 64 samples.
 ///
 /// ```
 /// let points = dapple::points("sobol", 7)?;
@@ -15,7 +15,7 @@ use dapple_registry::{HostClusters, PointSettings};
 ///
 /// # Errors
 ///
-/// [`Error::Method`] for an unknown name or key, listing the known ones, and for a value out of range.
+/// [`Error::Method`] for an unknown name or key, or for a value out of range.
 pub fn points(description: &str, seed: u64) -> Result<Box<dyn PointSet>, Error> {
     Ok(dapple_registry::points(description, PointSettings { seed, spp: None })?)
 }
@@ -33,7 +33,7 @@ pub fn points(description: &str, seed: u64) -> Result<Box<dyn PointSet>, Error> 
 ///
 /// # Errors
 ///
-/// [`Error::Method`] for an unknown name or key, listing the known ones, and for a value out of range.
+/// [`Error::Method`] for an unknown name or key, or for a value out of range.
 /// `cluster-thesis` needs clusters and first-hit rays: use `dapple_registry::sampler` for it.
 pub fn sampler(description: &str, points: Box<dyn PointSet>) -> Result<Box<dyn Sampler>, Error> {
     Ok(dapple_registry::sampler(description, points, &HostClusters::none())?.sampler)
@@ -49,7 +49,7 @@ pub fn sampler(description: &str, points: Box<dyn PointSet>) -> Result<Box<dyn S
 ///
 /// # Errors
 ///
-/// [`Error::Method`] for an unknown name or key, listing the known ones, and for a value out of range.
+/// [`Error::Method`] for an unknown name or key, or for a value out of range.
 /// `cluster-gaussian` needs clusters: use `dapple_registry::filter` for it.
 pub fn filter(description: &str) -> Result<Box<dyn Filter>, Error> {
     Ok(dapple_registry::filter(description, &HostClusters::none())?)

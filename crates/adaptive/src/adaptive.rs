@@ -6,15 +6,16 @@ use dapple_core::options::Options as _;
 use dapple_core::plan::{Feedback, PilotPolicy, Plan, Progress, SamplerMemory};
 use dapple_core::{Error, Frame, Limits, Needs, PointSet, Sampler, film::RgbMoments, parallel};
 
-/// The error-driven sampler. A uniform pilot estimates each pixel's error; further counts minimise the estimated relative error
-/// of the image.
+/// The error-driven sampler. A uniform pilot estimates each pixel's error. The other samples are distributed so that the
+/// estimated relative error of the image is least.
 ///
 /// The score of a pixel is the relative variance of its samples, pooled with that of its neighbours
 /// ([`relative_variance`](crate::relative_variance)). By default, neighbours with similar surfaces weigh more, and pixels with
 /// few similar neighbours get higher scores, since a filter averages over fewer pixels there
-/// ([`PoolShape::Similar`](crate::PoolShape::Similar)). An [`ErrorMap`] is combined with the scores by a geometric mean
-/// ([`AdaptiveOptions::mix`]). A pixel's error is assumed to fall as `n^-exponent` with its count `n`. Counts minimise the sum
-/// of errors and are restricted to the ladder of well-stratified counts ([`Ladder`](dapple_core::plan::Ladder)).
+/// ([`PoolShape::Similar`](crate::PoolShape::Similar)). If an [`ErrorMap`] is given, it is combined with the scores by a
+/// geometric mean ([`AdaptiveOptions::mix`]). A pixel's error is assumed to fall as `n^-exponent` with its count `n`. Counts
+/// minimise the sum of errors and are restricted to the ladder of well-stratified counts
+/// ([`Ladder`](dapple_core::plan::Ladder)).
 ///
 /// With [`AdaptiveOptions::cost`], scores are divided by the rays per sample. Counts are then proportional to the deviation
 /// divided by the square root of the cost, as in efficiency-aware splitting at the camera [after Rath 2022].
@@ -28,11 +29,11 @@ use dapple_core::{Error, Frame, Limits, Needs, PointSet, Sampler, film::RgbMomen
 ///
 /// # Bias
 ///
-/// By default all samples stay in the image, and no pixel's count depends on its own samples ([`PilotPolicy::Neighbours`]):
-/// neither on their light nor on the surfaces they hit. If the budget is known at the start, the only remaining bias comes from
-/// the sum of all scores, to which each pixel contributes. With [`PilotPolicy::Keep`] a pixel's count also depends on its own
-/// samples [Kirk and Arvo 1991]. This lowers the error a little, and loses energy where light is rare. [`PilotPolicy::Discard`]
-/// and [`PilotPolicy::Cross`] are exactly unbiased for a budget that is known at the start, but less accurate.
+/// By default ([`PilotPolicy::Neighbours`]), all samples stay in the image. No pixel's count depends on the light or the
+/// surfaces of its own samples. If the budget is known at the start, the only remaining bias comes from the sum of all scores,
+/// to which each pixel contributes. With [`PilotPolicy::Keep`] a pixel's count also depends on its own samples [Kirk and Arvo
+/// 1991]. This lowers the error a little, and loses energy where light is rare. [`PilotPolicy::Discard`] and
+/// [`PilotPolicy::Cross`] are exactly unbiased for a budget that is known at the start, but less accurate.
 ///
 /// # Weaknesses
 ///

@@ -16,7 +16,7 @@ dapple_core::options! {
         pub min: u32 = 0, |min| min != 1, "at least 2, one for each half; 0 chooses";
         /// Samples per round for each pixel that has not stopped.
         pub step: u32 = 16, |step| step != 0, "at least one sample";
-        /// Stopping rule: budget (the threshold falls until all samples are spent) or threshold (all pixels below it, within the budget).
+        /// Stopping rule: budget (the threshold falls until all samples are spent) or threshold (until all pixels have stopped, within the budget).
         ///
         /// With [`Stopping::Budget`], errors are compared with 5 times the threshold or half of the largest error, whichever is
         /// less.

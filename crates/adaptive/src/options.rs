@@ -10,9 +10,9 @@ dapple_core::options! {
     pub struct AdaptiveOptions {
         /// Samples per pixel before counts adapt; 0 = automatic, max(min(spp/2, 8), spp/4).
         ///
-        /// An automatic pilot is rounded down to a well-stratified count, but not below 4, or 1 with
-        /// [`PilotPolicy::Neighbours`]. An explicit pilot has at least 2 samples, or 1 with [`PilotPolicy::Neighbours`]
-        /// (variances come from pairs of pixels), or 4 with [`PilotPolicy::Cross`] (each half needs a variance).
+        /// An automatic pilot is rounded down to a well-stratified count of at least 4, or 1 with [`PilotPolicy::Neighbours`].
+        /// An explicit pilot needs 2 samples for a variance. With [`PilotPolicy::Neighbours`], 1 suffices; with
+        /// [`PilotPolicy::Cross`], each half needs 2.
         pub pilot: u32 = 0;
         /// Rounds after the pilot; 0 = automatic (3 with policy=keep, 2 with neighbours, 1 with discard or cross).
         ///
@@ -21,7 +21,7 @@ dapple_core::options! {
         pub rounds: u32 = 0, |rounds| rounds <= 64, "1 to 64; 0 chooses";
         /// Weights of neighbours in the pooled variance: similar (higher for similar pixels) or window (equal).
         pub pool: PoolShape = PoolShape::Similar => "similar";
-        /// Radius of the pooling window in pixels; with pool=similar, doubled while any pixel has fewer than 4 samples.
+        /// Radius of the pooling window in pixels; with pool=similar, twice this if any pixel has fewer than 4 samples.
         pub radius: u32 = 2, |radius| radius <= 64, "at most 64 pixels";
         /// Weight of the pooled variance when averaged with the pixel's own, in degrees of freedom; inf: use only the pooled variance.
         pub prior: f64 = 12.0 => "12", |prior| prior >= 0.0, "a weight of 0 or more, or inf";
@@ -125,7 +125,7 @@ dapple_core::options! {
         pub radius: u32 = 2;
         /// Squared error is assumed to fall as n^-exponent with n samples; for independent points, values above 1 count as 1.
         ///
-        /// The default 1.3 gives the least error for Owen-scrambled nets in images.
+        /// With Owen-scrambled points, the default 1.3 gives the least error of rendered images.
         pub exponent: f64 = 1.3;
         /// Added to the denominator (mean^2) of relative squared errors.
         pub epsilon: f64 = 0.01;

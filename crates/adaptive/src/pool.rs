@@ -26,16 +26,14 @@ pub enum PoolShape {
 dapple_core::choices!(PoolShape { Window = "window", Similar = "similar" });
 
 /// The pixels of the window that contribute to a pixel's score.
-///
-/// A step leads to an adjacent pixel of the same row or column.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Sources {
     /// All pixels, including the pixel itself.
     #[default]
     All,
-    /// Pixels an odd number of steps away: the other colour of a chessboard.
+    /// Pixels whose column and row offsets add up to an odd number: the other colour of a chessboard.
     Odd,
-    /// Pixels an even number of steps away, except the pixel itself.
+    /// Pixels whose offsets add up to an even number, except the pixel itself.
     Even,
 }
 

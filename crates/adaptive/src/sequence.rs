@@ -6,8 +6,8 @@ use std::sync::Arc;
 
 /// Two samplers in sequence: the first spends a number of samples per pixel, the second the rest of the budget.
 ///
-/// The second sampler sees the first one's samples in the film. They count as pilot samples of the second sampler, which adds
-/// only those that pixels lack. A sampler that reads samples can thus follow one that plans from geometry.
+/// The second sampler sees the first one's samples in the film. They count towards the second sampler's pilot, so it adds only
+/// the pilot samples that are still missing. A sampler that reads samples can thus follow one that plans from geometry.
 ///
 /// The second sampler starts when the first one has spent its samples or requests no more. Each sampler uses its own point set.
 /// Use the same point set for both, so that a pixel's samples continue one sequence.
@@ -15,7 +15,7 @@ use std::sync::Arc;
 /// *Guarantees*: the budget is spent exactly if the second sampler does so. *Bias*: none if both samplers are [a
 /// priori](Sampler::a_priori). Otherwise each sampler has the bias of its policy. A second sampler that reads samples also
 /// reads the first one's, which stay in the image [Kirk and Arvo 1991]. [`Sampler::describe`] names both samplers with their
-/// policies. *Weaknesses*: samples that the first sampler puts in the wrong place are not available to the second.
+/// policies. *Weaknesses*: the second sampler cannot move samples that the first one put in the wrong place.
 ///
 /// ```
 /// # use dapple_core::{PointSet, SampleId};

@@ -30,14 +30,14 @@ dapple_core::options! {
 ///
 /// Blocks of 1, 2x2, 4x4 and more pixels compete for samples. The priority of a block of `n` pixels is `n (V - D) / (s^2 +
 /// 0.01)`. `V` is the variance of the block's mean, and `s` its scaling coefficient. `D` is the mean square of its three
-/// wavelet coefficients, minus the noise expected in them. `D` is large across an edge, so the parts of the block come first
-/// there. The block with the highest priority gets four samples per pixel, at most 64 in all. Its variance is lowered
+/// wavelet coefficients, minus the noise expected in them. `D` is large across an edge; there, a block ranks below its smaller
+/// parts. The block with the highest priority gets four samples per pixel, at most 64 in all. Its variance is lowered
 /// accordingly, and the next block is picked. [`Wavelet`](crate::Wavelet) is the matching filter.
 ///
-/// The authors' priority was not available. A re-implementation has `V - w^2` for coefficients `w`; on noise, the mean of `w^2`
-/// equals `V`, which would hide all noise. These choices are not in the paper either: the sample variance relative to the
-/// squared brightness, averaged over 3x3 pixels; the variance of a block (only for Haar wavelets the variance of its scaling
-/// coefficient); levels, batches, number of rounds and pilot.
+/// The authors' priority was not available. A re-implementation uses `V - w^2` with coefficients `w`; on noise, the mean of
+/// `w^2` equals `V`, so noisy blocks would get no priority. Not in the paper either: sample variances averaged over 3x3 pixels
+/// and divided by the squared brightness; `V` in place of the scaling coefficient's variance (equal for Haar wavelets); levels,
+/// batches, rounds and pilot.
 ///
 /// *Guarantees*: spends the budget exactly, and takes the pilot in every pixel if the budget allows. *Bias*: sample counts
 /// depend on the samples, and all samples are kept [Kirk and Arvo 1991]. *Weaknesses*: counts suit wavelet shrinkage; the

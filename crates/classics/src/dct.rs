@@ -46,17 +46,17 @@ const ROUNDING: f64 = 1e-12;
 
 /// A sampler that adds samples where cosines fitted to blocks leave the largest visible error [after Bolin and Meyer 1995].
 ///
-/// Blocks of 8x8 pixels start with a sample in each cell of 2x2 pixels, if pixels have no floor (`--min-spp 0`). Luminance and
-/// two colour differences of each block are fitted by cosines, the lowest frequencies first. Luminance has half as many cosines
-/// as the block has samples, and each colour difference a quarter. A cell's error is the mean squared deviation of its samples
+/// Blocks of 8x8 pixels start with one sample in each cell of 2x2 pixels, or more if `--min-spp` is above 0. Luminance and two
+/// colour differences of each block are fitted by cosines, the lowest frequencies first. Luminance has half as many cosines as
+/// the block has samples, and each colour difference a quarter. A cell's error is the mean squared deviation of its samples
 /// from the fit, plus the energy expected in the first frequencies that the fit leaves out. This energy is extrapolated from
 /// lower frequencies by `1 / frequency^2`. Errors are weighted by the eye's sensitivity to these frequencies, and masked by the
-/// block's luminance. The cell with the largest error per sample gets the next sample. A block whose sample count has grown by
+/// block's luminance. The next sample goes to the cell whose error it reduces most. A block whose sample count has grown by
 /// half gets no more until it is fitted again.
 ///
-/// The paper has half as many cosines as samples, and refinement by frequency. Not in the paper: the opponent colour space, the
-/// penalty `lambda`, JPEG's tables as sensitivity, masking, pooling a cell's deviations with one sample of its block, and
-/// rounds (of at most half of the samples that blocks may get).
+/// The number of cosines and the refinement by frequency are from the paper. Dapple adds the opponent colour space, the penalty
+/// `lambda`, JPEG's tables as sensitivity, and masking. It also counts the block's mean deviation as one more sample of each
+/// cell, and limits a round to half of the samples that blocks may get.
 ///
 /// The image is made by [`DctFilter`].
 ///

@@ -99,7 +99,7 @@ dapple_core::options! {
         pub pilot: u32 = 4, |pilot| pilot >= 2, "at least 2";
         /// Weight of the bonus for uncertainty, in units of the image's pooled deviation.
         pub bonus: f64 = 0.5, |bonus| bonus >= 0.0 && bonus.is_finite(), "0 or above";
-        /// The bounds fail with probability budget^-confidence, where budget is the number of samples of the image.
+        /// The deviations' upper bounds fail with probability budget^-confidence (budget in samples).
         pub confidence: f64 = 4.0 => "4", |k| k > 0.0 && k.is_finite(), "above 0";
         /// Epsilon in a pixel's weight, 1 / sqrt(mean^2 + epsilon).
         pub epsilon: f64 = 0.01, |epsilon| epsilon > 0.0 && epsilon.is_finite(), "a number above zero";
@@ -113,20 +113,19 @@ dapple_core::options! {
 
 /// Counts in proportion to an upper bound of each pixel's deviation [after Carpentier and Munos 2011].
 ///
-/// The bound is `w (s + c sqrt(ln(1/delta) / n))` for a pixel of `n` samples with standard deviation `s`. The weight `w` is `1
-/// / sqrt(mean^2 + epsilon)`. The scale `c` is `bonus` times the pooled deviation of the image. The published method gives the
-/// next sample to the pixel with the largest bound divided by `n`. Here, each round computes the bounds and spends a fraction
-/// of the budget in proportion to them. The constants in `ln(1/delta)` and `c` are not in the paper.
+/// The bound is `w (s + bonus S sqrt(confidence ln(N) / n))` for a pixel of `n` samples with standard deviation `s`. The weight
+/// `w` is `1 / sqrt(mean^2 + epsilon)`. `S` is the pooled deviation of the image, and `N` the budget in samples. The published
+/// method gives the next sample to the pixel with the largest bound divided by `n`. Here, each round spends a fraction of the
+/// budget so that counts become proportional to the bounds. The constants of the second term are not in the paper.
 ///
-/// The bonus of a pixel grows as its fraction of the samples falls. A pixel whose pilot samples were all 0 is therefore sampled
-/// again.
+/// The second term is large for small `n`, so a pixel whose pilot samples were all 0 is sampled again.
 ///
 /// Means and deviations are averages over the three channels.
 ///
 /// *Guarantees*: spends the budget exactly. No pixel gets fewer samples than the pilot. The regret over Neyman's counts falls
-/// as `n^(-3/2)` up to logarithms [Carpentier and Munos 2011, abstract]. *Bias*: sample counts depend on the samples, and all
-/// samples are kept [Kirk and Arvo 1991]. *Weaknesses*: the bonus makes counts more uniform, and each pixel is judged by its
-/// own samples alone. Counts differ from those at which the point set is well stratified.
+/// as `N^(-3/2)` up to logarithms [Carpentier and Munos 2011, abstract]. *Bias*: sample counts depend on the samples, and all
+/// samples are kept [Kirk and Arvo 1991]. *Weaknesses*: the second term makes counts more uniform, and each pixel is judged by
+/// its own samples alone. Counts differ from those at which the point set is well stratified.
 pub type UpperConfidence<P> = MethodSampler<P, UpperConfidenceOptions>;
 
 impl UpperConfidenceOptions {

@@ -32,7 +32,7 @@ dapple_core::options! {
         pub kappa: f64 = 1.0 => "1", |kappa| kappa > 0.0 && kappa.is_finite(), "above 0";
         /// Maximum samples per pixel, as a multiple of the mean.
         pub cap: f64 = 8.0 => "8", |cap| cap >= 1.0 && cap.is_finite(), "at least 1";
-        /// Stopping rule: budget (counts follow scores, until spent) or threshold (all pixels above it, within the budget).
+        /// Stopping rule: budget (counts follow scores, until spent) or threshold (refine pixels above it, within the budget).
         pub mode: Stopping = Stopping::Budget => "budget";
         /// keep: samples used to set counts stay in the image (biased, as published); the only value.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
@@ -40,7 +40,7 @@ dapple_core::options! {
     }
 }
 
-/// Sample counts by divergence: how far a pixel's samples are from equal fractions of their sum [after Rigau 2003].
+/// A sampler that ranks pixels by a divergence, which measures how unequal a pixel's samples are [after Rigau 2003].
 ///
 /// The samples `x_i` of one channel have the fractions `p_i = x_i / sum x`; equal fractions are `1 / n`. [`DivergenceScore`]
 /// lists the scores. Most scores are functions of streaming sums, so that no sample is stored. `geometric` reads the first hits
@@ -57,7 +57,7 @@ dapple_core::options! {
 /// small coefficient of variation `c`, all divergences depend on `c` alone: `kl` is about `c^2 / 2` and `hellinger` about `c /
 /// sqrt 8`. `hellinger` reacts least to fireflies. Later samples do not change `geometric`, `fuzzy` and `gh`: with
 /// [`Stopping::Threshold`], a pixel whose pilot exceeds the threshold is refined up to the cap. The factor `mean / n` of the
-/// published score is quoted from memory. Unlike here, the published refinement descends a tree over the image.
+/// published score is quoted from memory. In the paper, refinement descends a tree over the image.
 pub type Divergence<P> = MethodSampler<P, DivergenceOptions>;
 
 impl DivergenceOptions {

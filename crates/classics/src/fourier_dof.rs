@@ -42,14 +42,13 @@ dapple_core::options! {
 /// One ray per pixel, through the centres of pixel and lens, finds the surface and its circle of confusion. These determine the
 /// image's bandwidth `W` in cycles per pixel ([`LensBandwidthOptions`]). A pixel is sampled with probability `(2 W)^2`; a
 /// blue-noise tile selects the pixels. Counts are proportional to the standard deviation over the lens, computed for a
-/// sinusoidal texture. The sinusoid has the surface's own bandwidth, and the contrast of albedo and normals within the circle
-/// of confusion.
+/// sinusoidal texture. The sinusoid has the frequency of the surface's own bandwidth, and the variance of albedo, normals and
+/// coverage within the radius of the circle of confusion.
 ///
-/// The floor of samples per pixel applies to all pixels: use a floor of 0 (`--min-spp 0`), so that pixels may have none. The
-/// filter [`Splat`] fills these pixels.
+/// Use `--min-spp 0`: with a larger minimum, every pixel gets samples. The filter [`Splat`] fills pixels without samples.
 ///
 /// The published method propagates spectra through the scene; only its abstract and slides were available. The bandwidth and
-/// contrast here are simpler and not in the paper.
+/// variance here are simpler and not in the paper.
 ///
 /// *Guarantees*: spends the budget exactly. Counts never depend on samples, so each sampled pixel is unbiased. *Weaknesses*:
 /// only the lens is modelled. The bandwidth ignores edges of shadows and reflections, and the noise of lights. Tracing the rays

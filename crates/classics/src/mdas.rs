@@ -15,11 +15,11 @@ dapple_core::options! {
         pub alpha: f64 = 0.025, |alpha| alpha > 0.0 && alpha <= 1.0, "above 0 and at most 1";
         /// Best-candidate trials per sample.
         pub candidates: u32 = 4, |n| (1..=64).contains(&n), "1 to 64 candidates";
-        /// Samples in a cell before it is split.
+        /// Maximum samples in a box; a fuller box is split.
         pub leaf: u32 = 4, |n| (1..=64).contains(&n), "1 to 64 samples";
         /// Length of a pixel's side in the distance metric; lens, time and light axes have length 1.
         ///
-        /// The paper scales the image differently, but that scale was not available; the default is not in the paper.
+        /// The default is not in the paper, whose scale was not available.
         pub pixel: f64 = 0.5, |pixel| pixel > 0.0 && pixel.is_finite(), "a finite number above 0";
         /// Pilot samples per pixel.
         ///
@@ -37,7 +37,7 @@ dapple_core::options! {
 dapple_core::options! {
     /// The parameters of [`MdasBoxes`].
     pub struct MdasBoxesOptions {
-        /// Samples in a cell before it is split.
+        /// Maximum samples in a box; a fuller box is split.
         pub leaf: u32 = 4, |n| (1..=64).contains(&n), "1 to 64 samples";
         /// Length of a pixel's side in the distance metric; lens, time and light axes have length 1. Use the sampler's value.
         pub pixel: f64 = 0.5, |pixel| pixel > 0.0 && pixel.is_finite(), "a finite number above 0";
@@ -180,14 +180,14 @@ impl Refinement for MdasOptions {
 /// samples so far, whichever is more. It adds samples to many boxes at once, as if each sample removed a proportional part of a
 /// box's error.
 ///
-/// The matching filter is [`MdasBoxes`]. Plain pixel means give refined regions too much weight, as does every filter that
-/// reads only means.
+/// The matching filter is [`MdasBoxes`]. Pixel means give refined regions too much weight, and so does every filter that reads
+/// only these means.
 ///
 /// *Guarantees*: spends the budget exactly. *Bias*: the values of samples determine where later ones lie, and all samples are
 /// kept [Kirk and Arvo 1991]. *Weaknesses*: random numbers outside the domain, such as those of a second scattering, look like
 /// detail and attract samples; such scenes are rejected unless [`MdasOptions::force`] is 1. Boxes in which the pilot found no
-/// contrast get too few samples. Boxes become elongated in more than five dimensions. Each round reads the coordinates of all
-/// samples in the cells to which the last round added samples.
+/// contrast get too few samples. Boxes become elongated in more than five dimensions. Each round rereads all samples of each
+/// 2x2 cell that gained samples in the last round.
 pub type Mdas<P> = TreeSampler<P, MdasOptions>;
 
 /// The integral of a function that is constant in each box: the reconstruction of [Meister and Hachisuka 2022] for samples in

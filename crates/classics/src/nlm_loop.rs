@@ -64,10 +64,12 @@ dapple_core::options! {
 /// (`NlMeans` of `dapple-denoise`). This filter differs from `nlm` in these points:
 ///
 /// * Windows have 21x21 pixels.
-/// * Opposite pixels of a window are also compared by their mean, and then share one weight.
+/// * If the mean of two opposite pixels of a window is more similar to the central pixel than either, both get the mean's
+///   weight.
 /// * Weights are averaged over patches; weights below 0.05 are removed.
 /// * The variance of a half's mean is `(A - B)^2 / 2` for the means `A` and `B` of the halves. It is smoothed over 3x3 pixels
-///   by the same method with the sample variance as guide. It is limited to the sample variance divided by the count.
+///   by the same method with the sample variance as guide. It is at most the larger of the halves' sample variances divided by
+///   their counts.
 ///
 /// *Differences from the authors' program*: the finest grid has one cell per pixel, and sample variances are averaged over 3x3
 /// pixels instead of by the program's pixel filter. Averages are exact at the image's border, and pixels without samples have
@@ -227,16 +229,15 @@ impl FilterMethod for NlmLoopFilterOptions {
 
 /// The sampler of adaptive rendering with non-local means, as in the authors' program [Rousselle, Knaus and Zwicker 2012].
 ///
-/// After a pilot, each round filters both halves of the samples by [`NlmLoopFilter`], by default with smaller windows and half
-/// of the subtracted noise. For the filtered halves `A` and `B`, a pixel's error is `2 (A - B)^2 (1 / (0.001 + A^2) / n_A + 1 /
-/// (0.001 + B^2) / n_B)`, averaged over the channels. `n_A` and `n_B` are the mean sample counts under the weights. Counts are
-/// proportional to this error, blurred by a Gaussian of 0.8 pixels. A pixel gets at most twice the budget's mean samples per
-/// pixel in a round.
+/// After a pilot, each round filters both halves of the samples by [`NlmLoopFilter`], by default with `window` 7 and `alpha`
+/// 0.5. For the filtered halves `A` and `B`, a pixel's error is `2 (A - B)^2 (1 / (0.001 + A^2) / n_A + 1 / (0.001 + B^2) /
+/// n_B)`, averaged over the channels. `n_A` and `n_B` are the mean sample counts under the weights. Counts are proportional to
+/// this error, blurred by a Gaussian of 0.8 pixels. A pixel gets at most twice the budget's mean samples per pixel in a round.
 ///
 /// *Guarantees*: spends the budget exactly, and takes the pilot in every pixel if the budget allows. *Bias*: sample counts
 /// depend on the samples, and all samples are kept [Kirk and Arvo 1991]. *Weaknesses*: filtering once per round costs as much
-/// as many samples. The difference of two halves is a noisy estimate, and does not include bias. Counts are proportional to the
-/// error and not to its square root, as published, and so are more uneven than the least error requires.
+/// as many samples. The difference of two halves is a noisy estimate, and does not include bias. As published, counts are
+/// proportional to the error; counts proportional to its square root would give less error.
 pub type NlmLoop<P> = MethodSampler<P, NlmLoopOptions>;
 
 impl NlmLoopOptions {

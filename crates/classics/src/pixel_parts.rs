@@ -11,7 +11,7 @@ use dapple_core::{Error, Film, Filtered, film::luminance, point_set::mix};
 dapple_core::options! {
     /// The parameters of [`Hierarchical`].
     pub struct HierarchicalOptions {
-        /// Split a cell once it has this many samples.
+        /// Split a part once it has this many samples.
         pub split: u32 = 4, |n| (2..=64).contains(&n), "2 to 64 samples";
         /// Pilot samples per pixel.
         pub pilot: u32 = 4, |n| n >= 1, "at least one sample";
@@ -120,7 +120,7 @@ dapple_core::options! {
         pub blue: f64 = 0.6, |blue| blue > 0.0 && blue <= 1.0, "above 0 and at most 1";
         /// Maximum subdivision depth.
         pub depth: u32 = 4, |depth| (1..=10).contains(&depth), "1 to 10 splits";
-        /// Stopping rule: budget (largest contrast x area first, until spent) or threshold (all quadrants above it, within the budget).
+        /// Stopping rule: budget (largest contrast x area first, until spent) or threshold (split quadrants above it, within the budget).
         pub mode: Stopping = Stopping::Budget => "budget";
         /// keep: samples used to set counts stay in the image (biased, as published); the only value.
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
@@ -249,7 +249,7 @@ dapple_core::options! {
     pub struct TreeMeanOptions {
         /// Must match the sampler: quadrants for subdivision, contrast (split along any dimension) for hierarchical.
         pub tree: PartRule = PartRule::Quadrants => "quadrants";
-        /// With tree=contrast: split a cell once it has this many samples.
+        /// With tree=contrast: split a part once it has this many samples.
         pub split: u32 = 4, |n| (2..=64).contains(&n), "2 to 64 samples";
     }
 }

@@ -54,7 +54,7 @@ impl Axis {
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Defocus {
-    /// The signed radius at infinite depth, in pixels along columns and rows.
+    /// The signed radius at infinite depth in pixels, horizontal and vertical.
     pub at_infinity: [f32; 2],
     /// The change of the radius per unit of inverse depth.
     pub by_inverse_depth: [f32; 2],
@@ -172,11 +172,11 @@ impl Domain {
 /// The largest coordinate below 1.
 const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
 
-/// A point set in which a sampler places samples: it sets their coordinates along the axes of a [`Domain`].
+/// A point set in which a sampler places samples, that is, sets their coordinates along the axes of a [`Domain`].
 ///
-/// All other coordinates come from an inner point set, as do those of samples that are not placed. The sampler owns the set and
-/// adds samples in [`Sampler::next_round`](dapple_core::Sampler::next_round). Coordinates never change once they are set, so
-/// that traced samples can be replayed. A sampler saves them with [`Placed::save`].
+/// All other coordinates, and all coordinates of samples that are not placed, come from an inner point set. A sampler owns its
+/// `Placed`, and places samples in [`Sampler::next_round`](dapple_core::Sampler::next_round). Placed coordinates never change,
+/// so that traced samples can be replayed. Samplers save them with [`Placed::save`].
 ///
 /// ```
 /// use dapple_classics::{Axis, Domain, Placed, Role};
@@ -309,7 +309,7 @@ impl<P: PointSet> Placed<P> {
         words.into_iter().flat_map(u32::to_le_bytes).collect()
     }
 
-    /// Replaces the placed samples by those that [`Placed::save`] of a set with the same domain wrote to `saved`.
+    /// Replaces the placed samples by those in `saved`, the bytes from [`Placed::save`] of a set with the same domain.
     ///
     /// # Errors
     ///

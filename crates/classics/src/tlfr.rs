@@ -40,9 +40,10 @@ const ASSUMED_SPP: usize = 64;
 /// *Without lens and motion*, there is one surface everywhere, and the image is the input filtered by the tent. Samples without
 /// a trajectory count as a background at rest.
 ///
-/// *Bias*: biased. *Weaknesses*: highlights and reflections do not move with their surface, and objects behind glass move with
-/// the glass. Noise that does not come from lens or time is averaged only over the tent. Rotation is treated as linear motion.
-/// Surfaces with fewer than four samples are merged with the surface behind.
+/// *Bias*: the tent blurs, and moved samples keep their radiance. *Weaknesses*: highlights and reflections do not move with
+/// their surface, and objects behind glass move with the glass. Noise that does not come from lens or time is averaged only
+/// over the tent. Rotation is treated as linear motion. Surfaces with fewer than four samples are merged with the surface
+/// behind.
 pub type Tlfr = MethodFilter<TlfrOptions, FilmPoints>;
 
 impl FilterMethod<FilmPoints> for TlfrOptions {

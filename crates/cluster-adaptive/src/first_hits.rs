@@ -59,7 +59,7 @@ pub struct FirstHitSurface {
     pub direction: [f32; 3],
     /// Distance along the ray from the eye, in world units, not negative.
     pub distance: f32,
-    /// The surface's unit normal, on either side.
+    /// The surface's unit normal, facing either side.
     pub normal: [f32; 3],
     /// Width of a pixel at the hit, in world units, measured across the ray; not negative. Used with
     /// [`PixelArea::Footprint`](crate::PixelArea::Footprint) only.
@@ -134,8 +134,8 @@ pub struct FirstHits {
 ///
 /// # Errors
 ///
-/// [`Error::NoLabel`] for a hit whose primitive has no label (the first, row by row); [`Error::NoCluster`] if a label is
-/// [`BACKGROUND`]; [`Error::OutOfRange`] for 0 or more than 256 first-hit rays per pixel.
+/// [`Error::NoLabel`] for a hit whose primitive has no label; [`Error::NoCluster`] if a label is [`BACKGROUND`];
+/// [`Error::OutOfRange`] for 0 or more than 256 first-hit rays per pixel, or more than the point set's capacity.
 pub fn first_hits(
     frame: &Frame,
     placement: Placement,
@@ -222,7 +222,7 @@ impl FirstHits {
         &self.first_hits[i * k..(i + 1) * k]
     }
 
-    /// The number of rejected hits, which count as misses ([`first_hits()`] defines them).
+    /// The number of rejected hits, which count as misses. [`first_hits()`] lists the reasons for rejection.
     pub fn rejected(&self) -> u64 {
         self.rejected
     }

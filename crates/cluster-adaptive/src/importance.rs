@@ -42,7 +42,7 @@ impl RateMap {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Importance {
     /// The importance of each pixel of the window, row by row: finite, not negative, without unit. The mean over the image is
-    /// `1 + angle + distance`, less if a term of [`importance()`] is zero in every pixel.
+    /// `1 + angle + distance` for these two weights in [`ClusterThesisOptions`]. A term that is zero in every pixel lowers it.
     pub per_pixel: Vec<f32>,
     /// The number of first-hit rays whose cluster's size is zero or not finite ([`Rates::replaced`](crate::Rates::replaced)).
     pub replaced: usize,
@@ -122,8 +122,8 @@ fn median(first_hits: &FirstHits, rates: &[f64]) -> f64 {
 
 /// The caller's function that traces a shadow ray from a first hit to a random point on the lights.
 ///
-/// Three numbers in `[0, 1)` select a light and a point on it. The function returns `true` if the point is visible, and `false`
-/// if it is occluded or if there is no hit or light. It must be pure.
+/// Three numbers in `[0, 1)` select a light and a point on it. The function returns `true` if the point is visible from the hit
+/// of the first-hit ray. It returns `false` if the point is occluded, the ray misses, or there is no light. It must be pure.
 pub type TraceVisibility = Arc<dyn Fn(FirstHitRay, [f32; 3]) -> bool + Send + Sync>;
 
 /// The seed of all shadow rays.
@@ -132,8 +132,8 @@ const SEED: u64 = 0x51ab_71e5;
 /// The steps of an additive recurrence in three dimensions: powers of the inverse of the root of `x^4 = x + 1`.
 const STEPS: [f64; 3] = [0.819_172_513_396_164_4, 0.671_043_606_703_789_3, 0.549_700_477_901_970_3];
 
-/// The variance `v (1 - v)` of the lights' visibility over each cluster, from 0 to 1/4. `v` is the fraction of the cluster's
-/// shadow rays that reach a light, and `clusters` the number of clusters.
+/// The variance `v (1 - v)` of the lights' visibility over each of the `clusters` clusters, from 0 to 1/4. `v` is the fraction
+/// of the cluster's shadow rays that reach a light.
 ///
 /// Each cluster that first-hit rays hit gets `rays` shadow rays, which start at an even selection of these hits. Random numbers
 /// have a fixed seed. Clusters without a hit have variance 0. `points` is the point set of the first-hit rays.

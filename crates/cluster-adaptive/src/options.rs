@@ -23,8 +23,8 @@ dapple_core::options! {
         pub distance: f64 = 0.25, |weight| weight >= 0.0 && weight.is_finite(), "a weight of 0 or more";
         /// Minimum samples per pixel (with --time or --error use --min-spp); 0 = automatic (rises with spp, after table 4-3 of Lan's thesis).
         ///
-        /// [`published_bounds`] returns the values of this table. A time or error limit begins with a small budget,
-        /// which this minimum may exceed; `--min-spp` raises that budget too.
+        /// [`published_bounds`] returns the values of this table. With a time or error limit, the first budget is small,
+        /// and planning fails if this minimum exceeds it. `--min-spp` raises the first budget, too.
         pub min: u32 = 0;
         /// Maximum samples per pixel; 0 = automatic (rises with spp, after table 4-3 of Lan's thesis).
         pub max: u32 = 0;

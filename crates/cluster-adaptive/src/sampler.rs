@@ -97,10 +97,9 @@ impl Prior {
 /// (Under an error limit, the samples decide when the render stops, which has a bias of its own.) A raised budget keeps the
 /// proportions as far as the samples already spent allow. Equal importance gives counts that differ by at most 1.
 ///
-/// *Weaknesses*: equal samples per cluster do not minimise the error; light, texture and gloss are ignored. With the published
-/// parameters, the MSE exceeds that of uniform counts if most of the error lies in large clusters, such as a textured floor, by
-/// up to a factor of `mean / minimum`. As in the thesis, counts are not rounded to those at which the point set is well
-/// stratified.
+/// *Weaknesses*: equal samples per cluster do not minimise the error; light, texture and gloss are ignored. If most of the
+/// error lies in large clusters, such as a textured floor, the published parameters give up to `mean / minimum` times the MSE
+/// of uniform counts. As in the thesis, counts are not rounded to those at which the point set is well stratified.
 pub struct ClusterThesis<P> {
     points: P,
     size: ClusterSize,
@@ -113,23 +112,23 @@ pub struct ClusterThesis<P> {
 }
 
 impl<P: PointSet> ClusterThesis<P> {
-    /// Creates the sampler with the size measure and parameters of [Lan 2016], planned from these first-hit rays. It works only
-    /// for the frame of the first-hit rays.
+    /// Creates the sampler with the size measure and parameters of [Lan 2016]. It plans from `first_hits`, and works only for
+    /// the frame of these rays.
     ///
     /// # Errors
     ///
-    /// [`Error::NoCluster`] if a first-hit ray has a cluster that is not in the list.
+    /// [`Error::NoCluster`] if a first-hit ray has a cluster that is not in `clusters`.
     pub fn published(points: P, first_hits: &FirstHits, clusters: &[Cluster]) -> Result<Self, Error> {
         Self::with_options(points, first_hits, clusters, ClusterSize::ProjectedBox, ClusterThesisOptions::default())
     }
 
-    /// Creates the sampler with any size measure and parameters, planned from these first-hit rays. It works only for the frame
-    /// of the first-hit rays.
+    /// Creates the sampler with any size measure and parameters. It plans from `first_hits`, and works only for the frame of
+    /// these rays.
     ///
     /// # Errors
     ///
-    /// [`Error::NoCluster`] if a first-hit ray has a cluster that is not in the list; [`Error::OutOfRange`] for a weight below
-    /// 0, a maximum below the minimum, or shadow rays, which need [`ClusterThesis::tracing`].
+    /// [`Error::NoCluster`] if a first-hit ray has a cluster that is not in `clusters`; [`Error::OutOfRange`] for a weight
+    /// below 0, a maximum below the minimum, or shadow rays, which need [`ClusterThesis::tracing`].
     pub fn with_options(
         points: P,
         first_hits: &FirstHits,

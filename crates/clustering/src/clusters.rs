@@ -29,7 +29,7 @@ pub struct Cluster {
 ///
 /// ```
 /// # use dapple_clustering::{ClusterParams, Triangles, cluster};
-/// // A row of 100 small triangles, and one a thousand times as far off as the row is long.
+/// // A row of 100 small triangles, and one triangle 1000 row lengths away.
 /// let mut positions = Vec::new();
 /// for i in 0..101 {
 ///     let x = if i < 100 { i as f32 } else { 1e5 };
@@ -55,8 +55,8 @@ pub struct ClusterReport {
     /// The number of triangle-voxel pairs: equal to `triangles` for insertion by centroid, and equal or more for insertion by
     /// bounding box.
     pub insertions: u64,
-    /// The number of clusters dropped because they kept no triangle: a triangle in several voxels keeps only the cluster
-    /// of the last one. 0 for insertion by centroid.
+    /// The number of clusters dropped because they kept no triangle: a triangle in several voxels stays only in its cluster
+    /// of the last voxel. 0 for insertion by centroid.
     pub phantoms: u64,
 }
 

@@ -151,8 +151,8 @@ impl ClusterParams {
     ///
     /// The search tries a few dozen grids, from 1 to 2^20 voxels along the longest axis, and returns the grid whose number of
     /// clusters is nearest to `count` by ratio (among equals, the coarsest). It ends within 1 % of `count`, or when a grid with
-    /// too few clusters and one with too many differ in resolution by at most 1 %. With [`Insertion::BoundingBox`], grids are
-    /// too fine if triangles are in more than 32 voxels on average and 2^16 in total.
+    /// too few clusters and one with too many differ in resolution by at most 1 %. With [`Insertion::BoundingBox`], a grid is
+    /// too fine if the boxes of N triangles overlap more than `max(32 N, 2^16)` voxels in total.
     pub fn for_count(count: u32) -> Self {
         Self { count: Some(count), ..Self::default() }
     }

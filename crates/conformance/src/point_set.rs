@@ -9,10 +9,10 @@ use rayon::prelude::*;
 /// * Purity: bit-identical numbers in forward, backward and interleaved order, on several threads, in pairs of blocks, and in
 ///   batches of any size.
 /// * Uniformity: over pixels, each coordinate has the mean and variance of uniform numbers, and reaches close to 0 and 1.
-/// * Independence: pixels at five distances, streams, and blocks up to number 4000 are uncorrelated. Blocks order a pixel's
-///   samples differently. A set that couples neighbouring pixels ([`PointSet::couples_pixels`]) is tested on every 1009th
-///   column and row.
-/// * Distinctness: no two samples of a pixel are equal, at the start, past 2^31 and 2^32 and at the end.
+/// * Independence: coordinates are uncorrelated between pixels at five distances, between streams, and between blocks up to
+///   number 4000. A pixel's samples have another order in each block. A set that couples neighbouring pixels
+///   ([`PointSet::couples_pixels`]) is tested on every 1009th column and row.
+/// * Distinctness: no two samples of a pixel are equal, for indices near 0, powers of two from 2^8 to 2^63, and the last index.
 /// * `preferred_count(n)` is at least `n` and never decreases with `n`. A preferred count `c` has `preferred_count(c) = c`.
 /// * `describe` is not empty and does not change.
 ///

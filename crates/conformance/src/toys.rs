@@ -86,13 +86,13 @@ impl<F: Fn([u32; 2], [f32; 4]) -> [f32; 3] + Sync> Integrator for Field<F> {
     }
 }
 
-/// An integrator with training passes, made of a closure that receives the passes so far.
+/// An integrator with training passes, made of a closure that receives the data of the passes so far.
 pub struct Learner<F> {
     /// The closure, called once per sample.
     pub trace: F,
     /// The number of training passes that the integrator requests.
     pub passes: usize,
-    /// The training passes so far.
+    /// The data of the training passes so far.
     pub learned: Vec<TrainingData>,
 }
 
@@ -119,7 +119,7 @@ impl<F: Fn(&[TrainingData], &Draws<'_>, &mut Worker) -> Estimate + Sync> Integra
 
 /// A sampler made of a closure that plans each round.
 pub struct ToySampler<F> {
-    /// The points.
+    /// The point set that supplies the samples' random numbers.
     pub points: Independent,
     /// The statistics that the closure reads.
     pub needs: Needs,

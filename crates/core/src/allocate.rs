@@ -63,7 +63,8 @@ impl Steps for EveryCount {
 /// Returns the integer counts `n_p` that sum to `total` and minimise `sum_p scores[p] / n_p`. Before rounding, `n_p` is
 /// proportional to the square root of the score [Neyman 1934].
 ///
-/// Counts satisfy `floors[p] <= counts[p] <= ceiling`; a floor above the ceiling takes precedence.
+/// Counts satisfy `floors[p] <= counts[p] <= ceiling`; a floor above the ceiling takes precedence. If every pixel reaches the
+/// ceiling, the other samples are [`Allocation::unspent`].
 ///
 /// ```
 /// let counts = dapple_core::plan::allocate(&[1.0, 4.0, 9.0], &[1; 3], 100, 60)?.counts;

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 /// A named group of four dimensions of a sample's random numbers, for one use of randomness such as the lens.
 ///
-/// An integrator keeps its blocks as constants in one module, so that turning one effect off leaves the numbers of all
+/// An integrator keeps its blocks as constants in one module, so that turning one effect off leaves the random numbers of all
 /// others unchanged.
 ///
 /// ```
@@ -93,8 +93,8 @@ impl Points<'_> {
 }
 
 impl Draws<'static> {
-    /// The random numbers of sample `id`, from a point set that is shared with a sampler. They borrow nothing, so the generator
-    /// that [`Draws::into_rng`] makes of them can be stored in a thread-local variable.
+    /// The random numbers of sample `id`, from a point set that is shared with a sampler. No lifetime limits them:
+    /// a thread-local variable can hold the generator that [`Draws::into_rng`] returns.
     ///
     /// ```
     /// # use dapple_core::{Draws, PointSet, SampleId};
@@ -107,10 +107,10 @@ impl Draws<'static> {
     /// use std::sync::Arc;
     ///
     /// let points: Arc<dyn PointSet> = Arc::new(Centre);
-    /// let sampler = Uniform::new(points.clone()); // for a session
+    /// let sampler = Uniform::new(points.clone()); // Goes to a session.
     /// let mut rng: OwnedRng<'static> = Draws::shared(points, SampleId::new([0, 0], 0, 0)).into_rng();
     /// # let sample = SampleId::new([3, 5], 0, 1);
-    /// rng.start(sample); // of a sample of the session: sample.id()
+    /// rng.start(sample); // In a session: rng.start(sample.id()).
     /// assert_eq!(rng.next_f32(), 0.5);
     /// ```
     pub fn shared(points: Arc<dyn PointSet>, id: SampleId) -> Self {
@@ -174,8 +174,8 @@ impl<'a> Draws<'a> {
         Rng::new(self)
     }
 
-    /// A cursor that owns the random numbers, for renderers whose generator outlives the scope of the sample. Clone them first
-    /// if [`Tile::add`](crate::Tile::add) needs them later.
+    /// A cursor that owns the random numbers, for renderers whose generator outlives the scope of the sample. If
+    /// [`Tile::add`](crate::Tile::add) needs the `Draws` later, clone them first.
     #[inline]
     pub fn into_rng(self) -> OwnedRng<'a> {
         Cursor::new(self)

@@ -217,7 +217,7 @@ impl Film {
     /// Count, mean and sum of squared deviations of all kept samples of pixel `i`, both halves together. Without
     /// [`Needs::variance`] the deviations are NaN. The mean excludes splats.
     ///
-    /// Sums are accumulated in `f32`; for a million samples they are accurate to 1e-4.
+    /// Squared deviations are summed in `f32`, with a relative error below 1e-4 for a million samples.
     pub fn moments(&self, i: usize) -> RgbMoments {
         self.merged(&self.kept, |half| half.means[i], &self.spread.m2, i)
     }
@@ -406,7 +406,7 @@ impl<'a> Recorded<'a> {
         self.of(&self.film.kept[half % self.film.kept.len()], i)
     }
 
-    /// The recorder's words for the discarded samples of pixel `i`, selected as in [`Recorded::kept`]. Empty if there are none.
+    /// The recorder's words for pixel `i`'s discarded samples, with `half` as in [`Recorded::kept`]. Empty if there are none.
     pub fn discarded(&self, half: usize, i: usize) -> &'a [u32] {
         self.film.discarded.get(half % self.film.kept.len()).map_or(&[], |planes| self.of(planes, i))
     }

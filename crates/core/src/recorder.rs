@@ -8,7 +8,7 @@ use std::sync::Arc;
 /// Statistics that one sampler or filter records for itself, as a list of 32-bit words per pixel in the film.
 ///
 /// A film has one list per pixel and half, and separate lists for [discarded](crate::plan::Retention::Discard) samples.
-/// Tiles, checkpoints and shards contain the lists of their pixels.
+/// Tiles, checkpoints and parts contain the lists of their pixels.
 /// [`Sampler::recorders`](crate::Sampler::recorders) and [`Filter::recorders`](crate::Filter::recorders) return the
 /// recorders; [`Film::recorded`](crate::Film::recorded) returns the words of a pixel.
 ///

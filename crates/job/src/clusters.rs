@@ -8,7 +8,7 @@ use glam::{Vec2, Vec3};
 use std::sync::Arc;
 use std::time::Instant;
 
-/// The triangles of a world as plain slices, mesh by mesh, in the coordinates of first hits.
+/// Copies of all triangles of a world, mesh by mesh, in the space in which the world reports hits.
 #[derive(Clone, Debug, Default)]
 pub struct WorldTriangles {
     /// The positions of the vertices.
@@ -71,7 +71,7 @@ impl WorldClusters {
     ///
     /// # Errors
     ///
-    /// If a parameter is out of range.
+    /// The errors of [`dapple_clustering::cluster`].
     pub fn new(world: &World, params: &ClusterParams) -> Result<Self, dapple_clustering::Error> {
         let began = Instant::now();
         let triangles = WorldTriangles::of(world);
@@ -111,7 +111,7 @@ impl WorldClusters {
         &self.labels
     }
 
-    /// The clusters.
+    /// The clusters, in the order of their indices.
     pub fn clusters(&self) -> &Arc<[Cluster]> {
         &self.clusters
     }

@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 ///
 /// # Errors
 ///
-/// The operating system's error; [`ErrorKind::FileTooLarge`] for a longer file, [`ErrorKind::InvalidData`] for one in
-/// UTF-16.
+/// The operating system's error; [`ErrorKind::FileTooLarge`] for a longer file, [`ErrorKind::InvalidData`] for text in UTF-16
+/// or UTF-32.
 pub fn read_text(path: &Path, longest: u64) -> std::io::Result<String> {
     let mut bytes = Vec::new();
     fs::File::open(path)?.take(longest + 1).read_to_end(&mut bytes)?;

@@ -75,7 +75,7 @@ impl Job {
     ///
     /// # Errors
     ///
-    /// [`JobError`] if the description is invalid, the scene cannot be read, or a method cannot be created.
+    /// [`JobError`] if the description is invalid, the scene cannot be read, or the sampler or filter cannot be created.
     pub fn prepare(spec: &RenderSpec) -> Result<Self, JobError> {
         LoadedScene::read(spec, &LoadOptions::default())?.build()?.job(spec)
     }
@@ -251,9 +251,9 @@ impl Job {
         Ok(Traced { film, failure, checkpoint, checkpoints_written })
     }
 
-    /// Returns `true` if [`finish`](Self::finish) accepts `film`, which must come from a render that differs only in its
-    /// filter. The film must hold every statistic that this render needs, and this filter must have no recorders. Either both
-    /// renders or neither must use independent halves, because halves change the samples.
+    /// Returns `true` if [`finish`](Self::finish) accepts `film`, the film of a render with another filter and otherwise the
+    /// same settings: it holds every statistic that this render needs, this filter has no recorders, and both renders agree on
+    /// independent halves, which change the samples.
     pub fn is_recorded_by(&self, film: &Film) -> bool {
         let (needs, there) = (self.needs.and(self.sampler.needs()), film.needs());
         there.and(needs) == *there && there.halves == needs.halves && self.filter.recorders().is_empty()

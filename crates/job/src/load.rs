@@ -49,8 +49,8 @@ pub struct LoadedScene {
     pub frame: Frame,
     /// The effects (kinds of light transport) that are left out of the image.
     pub without: Vec<Effect>,
-    /// The warnings so far, about directives of the scene file, area lights without area, left-out effects, and lights found by
-    /// chance only. [`build`](Self::build) adds a warning about triangles without area.
+    /// Warnings about directives of the scene file, area lights without area, left-out effects, and lights that paths hit only
+    /// by chance. [`build`](Self::build) adds a warning about triangles without area.
     pub warnings: Vec<Warning>,
     /// An estimate of the minimum memory of the render.
     pub memory: MemoryEstimate,
@@ -77,8 +77,8 @@ impl LoadedScene {
     ///
     /// # Errors
     ///
-    /// [`JobError`] if the description is invalid, the scene cannot be read, or an effect is left out that the scene
-    /// does not use.
+    /// [`JobError`] if the scene cannot be read, or the description is invalid or leaves out an effect that the scene does not
+    /// use.
     pub fn read(spec: &RenderSpec, options: &LoadOptions) -> Result<Self, JobError> {
         spec.check()?;
         let clock = Instant::now();

@@ -37,8 +37,8 @@ fn attributes(mesh: &MeshData) -> u64 {
     of_slice(&mesh.normals) + of_slice(&mesh.uvs) + of_slice(&mesh.colors)
 }
 
-/// Estimates the bytes of the world that [`World::new`](dapple_renderer::World::new) builds for a scene: of the finished world,
-/// and at the peak of building it. The scene itself is not counted. For large meshes the estimates are within 10 %.
+/// Estimates the bytes of the world that [`World::new`](dapple_renderer::World::new) builds for a scene: after building, and at
+/// the peak while building. The scene itself is not counted. For large meshes the estimates are within 10 %.
 pub fn of_world(scene: &Scene) -> [u64; 2] {
     // Positions are stored in single precision; normals, texture coordinates and triangles are copied; each triangle
     // gets a normal.
@@ -181,7 +181,7 @@ impl MemoryLimit {
     }
 }
 
-/// The peak memory of a render in bytes, part by part.
+/// An estimate of the peak memory of a render, in bytes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MemoryEstimate {
     /// Bytes of the program and its threads, the scene and the world.
@@ -197,7 +197,7 @@ pub struct MemoryEstimate {
 }
 
 impl MemoryEstimate {
-    /// The minimum memory of a render of `scene`, estimated before the world is built.
+    /// The minimum memory of a render of `scene`, estimated before the [`World`](dapple_renderer::World) is built.
     pub fn of_scene(scene: &Scene, frame: &Frame) -> Self {
         let [built, building] = of_world(scene);
         let now = resident().map_or_else(|| PROGRAM + of_scene(scene), |[now, _]| now);
@@ -239,7 +239,7 @@ impl MemoryEstimate {
         self
     }
 
-    /// Avoids counting the film twice if it is already in memory, such as the film of merged parts.
+    /// Subtracts a film that is already in memory, such as the film of merged parts, so that it is counted once.
     #[must_use]
     pub fn with_film_in_memory(self) -> Self {
         Self { scene: self.scene.saturating_sub(self.film), ..self }

@@ -22,11 +22,11 @@ use std::sync::Arc;
 pub struct MadeSampler {
     /// The sampler.
     pub sampler: Box<dyn Sampler>,
-    /// The clusters; `None` if it uses none.
+    /// The clusters; `None` for a sampler without clusters.
     pub clusters: Option<Arc<WorldClusters>>,
     /// The first-hit rays that the sampler traces for its first plan; stays empty if it traces none.
     pub first_hits: FirstHitsHandle,
-    /// A handle to the samples that the sampler places itself; `None` if it places none.
+    /// A filter's view of samples whose coordinates the sampler chooses; `None` if the point set chooses all of them.
     pub placed: Option<PlacedHandle>,
 }
 
@@ -34,7 +34,7 @@ pub struct MadeSampler {
 pub struct MadeFilter {
     /// The filter.
     pub filter: Box<dyn Filter>,
-    /// The clusters; `None` if it uses none.
+    /// The clusters; `None` for a filter without clusters.
     pub clusters: Option<Arc<WorldClusters>>,
 }
 
@@ -64,19 +64,19 @@ pub fn filter(description: &str, inputs: &MethodInputs) -> Result<MadeFilter, Re
     Ok(MadeFilter { filter, clusters: inputs.used.into_inner() })
 }
 
-/// The world for which a sampler or filter is created, and existing clusters of that world.
+/// The [`World`] for which a sampler or filter is created, and its existing clusters.
 #[derive(Clone, Debug, Default)]
 pub struct MethodInputs {
     /// The world. With `None`, methods that need a world fail with [`RegistryError::NeedsWorld`].
     pub world: Option<Arc<World>>,
-    /// Existing clusters of the world. A method with the same clustering parameters reuses them; others compute new ones.
+    /// Existing clusters of the world. Only samplers and filters with the same clustering parameters reuse them.
     pub clusters: Option<Arc<WorldClusters>>,
     /// The points of the samples, for a filter that reads their coordinates.
     pub points: Option<FilmPoints>,
 }
 
 impl MethodInputs {
-    /// The inputs of a method on `world`, without clusters.
+    /// The inputs of a sampler or filter for `world`, without clusters and points.
     pub fn of(world: Arc<World>) -> Self {
         Self { world: Some(world), ..Self::default() }
     }
@@ -168,7 +168,7 @@ fn domain(world: &World) -> Option<Domain> {
     Some(found.outside.into_iter().fold(domain, Domain::with_outside))
 }
 
-/// The sample points of a film of `world` rendered with `points`; `None` if their coordinates have no known meaning.
+/// The sample points of a film of `world` rendered with `points`; `None` unless the pixel filter is a box one pixel wide.
 pub fn film_points(world: &World, points: Arc<dyn PointSet>) -> Option<FilmPoints> {
     let defocus = world.camera().defocus().map(|[far, by_inverse_depth]| Defocus::new(far, by_inverse_depth));
     Some(FilmPoints::new(points, domain(world)?).with_defocus(defocus))

@@ -53,12 +53,12 @@ pub struct RenderSpec {
     pub light_selection: Option<LightSelection>,
     /// The condition that ends the render.
     pub budget: BudgetSpec,
-    /// The image to which [`BudgetSpec::Error`] applies.
+    /// The image, filtered or unfiltered, whose error [`BudgetSpec::Error`] limits.
     #[serde(skip_serializing_if = "ErrorOf::is_default")]
     pub error_of: ErrorOf,
     /// The smallest number of samples per pixel.
     pub min_spp: u32,
-    /// The largest number of samples per pixel. `None` sets no bound, or [`ERROR_SPP`] if the budget is [`BudgetSpec::Error`].
+    /// The largest number of samples per pixel. `None` means [`ERROR_SPP`] with [`BudgetSpec::Error`], else no bound.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_spp: Option<u32>,
     /// Width and height of the full image in pixels; `None` uses the scene's resolution.

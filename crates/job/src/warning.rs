@@ -174,7 +174,7 @@ fn rounded(seconds: f64) -> String {
     ((seconds * step).round() / step).to_string()
 }
 
-/// Describes in a sentence the specks in the image from a light that is found by chance only.
+/// Formats a warning that paths find a light by chance only, so that the image has specks.
 pub fn found_by_chance(called: &CalledEffect) -> String {
     let others = match called.objects {
         1 => String::new(),
@@ -184,8 +184,8 @@ pub fn found_by_chance(called: &CalledEffect) -> String {
     format!("{}{others}: its light is found by chance only, and leaves specks even with many samples", called.because)
 }
 
-/// Returns `true` if uniform sampling with the same seed can replay the rejected sample `first`: its stream is
-/// [`streams::WHOLE`], not the stream of a half or a pilot.
+/// Returns `true` if uniform sampling with the same seed can replay a rejected sample. Only samples of the stream
+/// [`streams::WHOLE`] can be replayed; halves and discarded pilots have other streams.
 pub fn can_be_replayed(first: &Rejected) -> bool {
     first.sample.stream == streams::WHOLE
 }

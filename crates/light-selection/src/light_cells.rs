@@ -9,13 +9,13 @@ use rayon::prelude::*;
 /// The parameters of [`LightCells`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LightCellOptions {
-    /// The number of voxels along the longest side of the box, from 1 to 1024. Fewer are used if the table would
-    /// become too large for the number of lights.
+    /// The number of voxels along the longest side of the box, from 1 to 1024. With many lights, fewer voxels are used,
+    /// which limits the size of the table.
     pub resolution: u32,
-    /// The weight of the expected contribution relative to the measured one, as a number of samples. It must be positive.
+    /// The weight of the expected contribution in a mean with measured ones, as a number of samples above 0.
     pub prior: f32,
-    /// The fraction of uniform selection in every distribution, above 0 and at most 1. A sample's weight is at most the
-    /// number of lights divided by this fraction, up to the rounding of probabilities.
+    /// The fraction of samples for which a light is selected uniformly, above 0 and at most 1. Each light's probability is
+    /// at least `defensive / lights`, up to rounding.
     pub defensive: f32,
 }
 
@@ -40,9 +40,9 @@ pub enum Guidance {
 ///
 /// Let `X_e` be the contribution of light `e` before division by its selection probability `p_e`. The variance is minimal
 /// if `p_e` is proportional to the square root of the second moment `E[X_e^2]`. Second moments are learned from samples
-/// that are traced anyway. Cells with few samples fall back on the expected contribution, scaled by each light's mean over
-/// all cells. A fraction of the selection is uniform ([`LightCellOptions::defensive`]). A table is read-only while samples
-/// are traced, and learns between passes ([`LightCells::learn`]).
+/// that are traced anyway. Cells with few samples fall back on an expected `X_e`, scaled by light `e`'s ratio of measured to
+/// expected values over all cells. A fraction of the selection is uniform ([`LightCellOptions::defensive`]). A table is
+/// read-only while samples are traced, and learns between passes ([`LightCells::learn`]).
 ///
 /// *Guarantees*: in every cell, each light keeps the fraction [`LightCellOptions::defensive`] of its uniform
 /// probability, up to rounding. An estimator that divides by [`LightCells::pmf`] is therefore unbiased, whatever the
@@ -92,7 +92,7 @@ impl LightCells {
     /// cell.
     ///
     /// `expected` takes the centre of a voxel, half its diagonal, a cell's axis (a unit vector) and the index of a
-    /// light. It returns the light's approximate contribution there, in any unit; `|..| 1.0` if nothing is known.
+    /// light. It returns the light's approximate contribution to the cell, in any unit, or 1 if nothing is known.
     ///
     /// Returns `None` for fewer than two lights, which need no selection, and for more than 2^16, which are too many
     /// for a table.
@@ -163,13 +163,12 @@ impl LightCells {
         self.rows.len()
     }
 
-    /// The number of lights in each distribution.
+    /// The number of lights.
     pub fn lights(&self) -> usize {
         self.lights
     }
 
-    /// The maximum bytes of a table that has learned from `notes` notes. A cell with samples has its own row; any other
-    /// cell uses the row of its neighbourhood.
+    /// An upper bound on the bytes of the table after [`LightCells::learn`] has received `notes` items.
     pub fn memory(&self, notes: u64) -> u64 {
         let bytes = size_of::<f32>() + size_of::<f32>() + size_of::<[f32; 2]>();
         let rows = (self.cells() as u64).min(notes) * (self.lights * bytes) as u64;
@@ -206,19 +205,19 @@ impl LightCells {
         &self.ends[row * self.lights..][..self.lights]
     }
 
-    /// Returns the key of a cell and a light, which [`LightCells::learn`] takes with their samples.
+    /// Returns the key that identifies a pair of a cell and a light in [`LightCells::learn`].
     #[inline]
     pub fn key(&self, cell: u32, light: u32) -> u64 {
         u64::from(cell) * self.lights as u64 + u64::from(light)
     }
 
-    /// Learns from samples. Each note is a [`LightCells::key`], the number of its samples and the sum of their squared
-    /// contributions.
+    /// Learns from samples. Each item of `notes` holds the [key](LightCells::key) of a cell and a light, their number of
+    /// samples, and the sum of the squared contributions.
     ///
     /// A contribution is neither divided by the light's probability nor multiplied by the throughput of the path
-    /// before it. Samples of an occluded light count with contribution 0. Notes whose key is out of range or whose sum
-    /// is NaN, negative or too large for f32 are skipped. `expected` is the function given to [`LightCells::new`]; it
-    /// is called for cells that get their first samples.
+    /// before it. An occluded light has the contribution 0. Items whose key is out of range or whose sum is NaN,
+    /// negative or too large for f32 are skipped. `expected` is the function given to [`LightCells::new`]; it is called
+    /// for cells that get their first samples.
     pub fn learn(
         &mut self,
         notes: impl Iterator<Item = (u64, u64, f64)>,
@@ -248,7 +247,7 @@ impl LightCells {
         self.update_distributions();
     }
 
-    /// The kind of distributions in use: one per cell, or a common one while cells differ too little.
+    /// The distributions in use. Each call of [`LightCells::learn`] selects [`Guidance::Cells`] or [`Guidance::Global`].
     pub fn guidance(&self) -> Guidance {
         self.guidance
     }

@@ -27,8 +27,8 @@ use std::sync::LazyLock;
 ///
 /// # Precision
 ///
-/// Energy of the error at low frequencies (means over 4 x 4 pixels), relative to independent [`Sobol`](crate::Sobol) pixels.
-/// "Shifted" is [`BlueNoise`](crate::BlueNoise). Neither integrand was used in the optimisation:
+/// The table shows the error's energy at low frequencies (means over 4 x 4 pixels), divided by the energy with
+/// [`Sobol`](crate::Sobol). "Shifted" is [`BlueNoise`](crate::BlueNoise). The optimisation used neither integrand:
 ///
 /// | samples | half-plane | half-plane, shifted | `x y` | `x y`, shifted |
 /// |---|---|---|---|---|
@@ -43,8 +43,8 @@ use std::sync::LazyLock;
 ///
 /// # Differences from the publication
 ///
-/// * The test integrands are 48 cosine waves with the power spectrum of random half-planes. At 16 samples, 64 waves leave 0.62
-///   of the low-frequency energy of the errors of other half-planes; 64 half-planes as test integrands leave 0.72.
+/// * The test integrands are 48 cosine waves with the power spectrum of random half-planes. With the same number of half-planes
+///   as test integrands, the errors of other half-planes have more energy at low frequencies.
 /// * There are no ranking keys (exclusive ors of the sample index). They would make a pixel's first samples less uniform.
 ///   Instead, the scrambling keys are optimised for all sample counts jointly.
 /// * Two coordinates are optimised, and all pairs use the same tile.

@@ -26,10 +26,10 @@ use dapple_core::{PointSet, SampleId};
 ///
 /// # Stratification
 ///
-/// Among any `2^a 3^b` consecutive samples, the first pair has exactly one point in each of the `2^a x 3^b` boxes. The same
-/// holds for the second pair with 5 and 7 instead of 2 and 3. In a later pair, any `6^k` consecutive samples from a multiple of
-/// `6^k` on have one point in each of the `2^k x 3^k` boxes. Every prefix is usable; [`PointSet::preferred_count`] returns the
-/// best ones.
+/// Among any `2^a 3^b` consecutive samples, the first pair has exactly one point in each of the `2^a x 3^b` boxes. Among any
+/// `5^a 7^b` consecutive samples, the second pair has exactly one point in each of the `5^a x 7^b` boxes. In a later pair, any
+/// `6^k` samples whose first index is a multiple of `6^k` have one point in each of the `2^k x 3^k` boxes. Every prefix is
+/// usable; [`PointSet::preferred_count`] returns the best sample counts.
 ///
 /// # Limits
 ///

@@ -16,13 +16,13 @@ const MULTIPLIER: u32 = 1_063_578_985;
 ///
 /// # The multiplier
 ///
-/// `a = 1,063,578,985` was found by a beam search over its bits, lowest first, which is not from a publication.
+/// `a = 1,063,578,985` was found by a beam search over its bits, lowest first. The search is not from a publication.
 ///
 /// * Bits 0 to 17: the criterion is `P_2`, the squared worst-case error on periodic functions whose Fourier coefficients fall
-///   as `1 / (h k)`. The search minimises the largest ratio to the best multiplier of each size from `2^4` to `2^18`; the
-///   result is 2.17.
-/// * Bits 18 to 31: the criterion is the squared minimum distance on the torus, relative to that of the hexagonal lattice of
-///   equal density. From `2^19` to `2^32` points it is at least 0.54.
+///   as `1 / (h k)`. For each size from `2^4` to `2^18` points, `P_2` is divided by the value of the best multiplier for the
+///   size. The search minimises the largest of these ratios, which is 2.17.
+/// * Bits 18 to 31: the criterion is the squared minimum distance on the torus, divided by the value of the hexagonal lattice
+///   of equal density. From `2^19` to `2^32` points, the ratio is at least 0.54.
 ///
 /// ```
 /// use dapple_core::{PointSet, SampleId};

@@ -121,8 +121,8 @@ impl PointSet for LowDiscrepancy {
 ///
 /// * The sample count must be known in advance; it is rounded up to a power of two. With fewer samples, the errors over the
 ///   image are white noise. Further samples start a new sequence.
-/// * The sequence has 2^32 points. A larger image than `2^t x 2^t` pixels is divided into tiles of that size with separate
-///   sequences, where `t` is half of `32 - log2(count)`, rounded down: 16384 x 16384 pixels at 16 samples.
+/// * The sequence has 2^32 points. Larger images are divided into tiles with separate sequences. A tile has `2^t x 2^t` pixels
+///   with `t = floor((32 - log2(count)) / 2)`, which is 16384 x 16384 at 16 samples.
 /// * With adaptive sample counts, the nets of blocks are incomplete.
 ///
 /// Name: `zsobol`. Parameters: `seed`, `count`.

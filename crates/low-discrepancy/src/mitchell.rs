@@ -14,9 +14,8 @@ use std::sync::LazyLock;
 /// round, and best-candidate sampling replaces error diffusion. A pattern of 64 x 64 pixels and 16 rounds is computed once per
 /// process. The positions of each round together form a net, so that each position is uniform.
 ///
-/// * The first pair of block 0 is the position. Each tile of the image, stream and 16 samples uses the pattern at a different
-///   offset.
-/// * All other coordinates are those of [`Sobol`].
+/// The first pair of block 0 is the position. The pattern has another offset in each tile, in each stream and after every 16
+/// samples.
 ///
 /// ```
 /// use dapple_core::{PointSet, SampleId};
@@ -31,7 +30,7 @@ use std::sync::LazyLock;
 ///
 /// * It improves results at one to a few samples per pixel. With more samples, a pixel's positions are hardly better than
 ///   random, and [`Sobol`] is better.
-/// * Below 0.2 cycles per pixel, a jittered grid has even less noise power; from there to 0.6, it has 2x to 4x more.
+/// * A jittered grid has less noise power below 0.2 cycles per pixel, but 2x to 4x more from 0.2 to 0.6.
 /// * Tile borders are seams: the pixels on both sides are independent.
 /// * Coordinates for light, lens and time are not distributed jointly over pixels.
 ///

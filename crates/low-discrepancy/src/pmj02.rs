@@ -32,7 +32,7 @@ use std::sync::LazyLock;
 /// * A net shifted modulo 1 is no longer a net. [`Sobol`](crate::Sobol) preserves nets, and has a smaller error.
 /// * After 1024 samples, a pair starts another sequence with its own shift.
 /// * The sequences take 128 KiB of memory.
-/// * For the next `n` points, the free strata restrict the candidates to one cell of `1/2n` by `1/2n`, so that candidates
+/// * From `n` to `2n` points, the free strata restrict all candidates for a new point to one cell of `1/(2n)` by `1/(2n)`. They
 ///   differ little. The published variant without elementary intervals (`pmjbn`) has a clearer blue-noise spectrum.
 ///
 /// Name: `pmj02`. Parameters: `seed`, `pixels` (blue-noise or independent).

@@ -14,7 +14,7 @@ pub struct Blocks {
     pub means: Vec<[f64; 3]>,
 }
 
-/// Ratios of an image's block means to those of its reference, from [`block_ratios`].
+/// Ratios of block means, image over reference, from [`block_ratios`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct BlockRatios {
     /// For each channel, image over reference in all blocks where the reference is bright enough, ascending.
@@ -22,7 +22,7 @@ pub struct BlockRatios {
 }
 
 impl BlockRatios {
-    /// The number of blocks counted in channel 0, 1 or 2: those whose reference is bright enough in this channel.
+    /// The number of ratios of channel 0, 1 or 2. A block whose reference is too dark has no ratio.
     ///
     /// # Panics
     /// For a channel above 2.
@@ -99,8 +99,8 @@ fn finite(value: f32) -> f64 {
 /// Ratios of block means, image over reference, channel by channel. They reveal bias that the noise of single pixels
 /// hides.
 ///
-/// A block counts in a channel only if its reference mean is at least 2 % of the median of the reference's means over
-/// all blocks and channels.
+/// A block whose reference is too dark has no ratio. Its mean in the reference must be above 0 and at least 2 % of the
+/// median over all blocks and channels of the reference.
 ///
 /// ```
 /// # use dapple_metrics::{Pixels, block_ratios};

@@ -6,7 +6,7 @@ use crate::{MetricsError, Pixels};
 /// The constant added to the squared reference in relMSE, so that black pixels do not dominate [after Rousselle 2011].
 pub const RELATIVE_EPSILON: f64 = 0.01;
 
-/// The fraction of pixels, those with the largest errors, that [`Comparison::rel_mse_trimmed`] leaves out: 0.1 %.
+/// The fraction of worst pixels that [`Comparison::rel_mse_trimmed`] leaves out: 0.1 %.
 pub const TRIMMED_SHARE: f64 = 0.001;
 
 /// The side length in pixels of the blocks searched for [`Comparison::worst_block`].
@@ -14,8 +14,8 @@ pub const WORST_BLOCK_SIZE: u32 = 16;
 
 /// Error metrics of an image x against its reference r, from [`compare`].
 ///
-/// Unless noted, means are over pixels and the three channels, of linear values without clamping. A non-finite channel
-/// of x counts as 0 everywhere, so check [`non_finite`](Self::non_finite) first.
+/// Unless noted, means are over pixels and the three channels, of linear values without clamping. All metrics replace
+/// non-finite values of x by 0, so check [`non_finite`](Self::non_finite) first.
 #[non_exhaustive]
 #[derive(Clone, Debug, PartialEq)]
 pub struct Comparison {
@@ -32,8 +32,7 @@ pub struct Comparison {
     pub display_mse: f64,
     /// `10 log10(1 / display_mse)` in dB, at most 200, the value for equal images.
     pub psnr: f64,
-    /// `255^2 display_mse`: MSE on the scale of 8-bit sRGB files, computed without rounding to 8 bits. Rounding would
-    /// add up to 1/6 and hide errors below half a step.
+    /// `255^2 display_mse`: MSE on the scale of 8-bit sRGB files, computed without rounding to 8 bits.
     pub srgb8_mse: f64,
     /// Mean of x divided by mean of r, for each channel; 1 if they are equal, even if both are 0. A mean of r closer to 0
     /// than 1e-20 counts as 1e-20, so that the ratio is finite.

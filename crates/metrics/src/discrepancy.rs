@@ -33,7 +33,7 @@ pub fn l2_star_discrepancy(points: &[[f64; 2]]) -> f64 {
 /// ```
 /// use dapple_metrics::star_discrepancy;
 ///
-/// // The box that just holds the point has too much, the square's lower half has too little.
+/// // The smallest box around the point: 1 - 0.25. The square without its right side: no point, area 1.
 /// assert_eq!(star_discrepancy(&[[0.5, 0.5]]), 0.75);
 /// assert_eq!(star_discrepancy(&[[1.0, 0.5]]), 1.0);
 /// ```

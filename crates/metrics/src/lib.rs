@@ -63,7 +63,7 @@ pub use statistics::{
     geometric_mean_interval, log_log_fit, mean_interval, ratio_interval, student_t_quantile, student_t_tail,
 };
 
-/// An error of an image metric. Each message names the remedy.
+/// The reason why an image metric cannot be computed. Each message names the remedy.
 #[non_exhaustive]
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum MetricsError {

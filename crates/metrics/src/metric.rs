@@ -35,7 +35,7 @@ pub enum Better {
     NearOne,
 }
 
-/// All metrics. Studies compare methods by `relmse`.
+/// All metrics.
 pub const METRICS: &[Metric] = &[
     metric(Better::Lower, ["mse", "MSE", "mean squared error"], |m| {
         Ok(m.noise.map_or(m.comparison.mse, |noise| noise.corrected.mse.error))
@@ -97,14 +97,14 @@ pub struct Measurement<'a> {
 pub struct ReferenceNoise {
     /// MSE and relMSE without the noise.
     pub corrected: Corrected,
-    /// The sRGB MSE (0 to 255) that the noise causes: a quarter of the squared difference of the reference's two halves. Mean
-    /// and variance give the values of both halves, but not which half has which value.
+    /// The sRGB MSE (0 to 255) that the noise causes: a quarter of the sRGB MSE between two halves of the reference. In each
+    /// pixel and channel, the halves have the values `mean + s` and `mean - s`, where `s^2` is the variance of the mean.
     pub srgb8_mse: f64,
 }
 
 impl<'a> Measurement<'a> {
     /// Compares an image with its reference. `variance` is the variance of the reference's pixel means, per pixel and
-    /// channel, in squared radiance. Metrics that can correct for this noise do so.
+    /// channel, in squared radiance. It determines [`noise`](Self::noise).
     ///
     /// # Errors
     /// The errors of [`compare`] and [`compare_corrected`].

@@ -4,8 +4,8 @@ use crate::compare::{RELATIVE_EPSILON, check};
 use crate::sum::Sum;
 use crate::{MetricsError, Pixels};
 
-/// The limit of [`CorrectedError::reference_limited`]: an error below this multiple of the reference's variance is limited by
-/// the reference.
+/// The multiple of the reference's variance below which an error is
+/// [limited by the reference](CorrectedError::reference_limited).
 pub const REFERENCE_LIMIT: f64 = 100.0;
 
 /// A reference image and its noise. The reference's samples must be independent of the compared image's: use another
@@ -31,11 +31,11 @@ pub enum NoisyReference<'a> {
 pub struct Corrected {
     /// The MSE, in squared radiance. Its correction is unbiased.
     pub mse: CorrectedError,
-    /// The relMSE. Its correction stays biased, because the denominator is noisy.
+    /// The relMSE. It is slightly too large, because its denominator is noisy.
     ///
-    /// For a relative variance v of the reference and a true relMSE e, the value is too large by a fraction of up to `3
-    /// v (1 + 2 v / e)`. This is 3 % for v = 0.005 and e = 0.01, and 0.0003 % for v = 1e-6 and the same e.
-    /// (Second-order expansion for normal noise and r^2 far above [`RELATIVE_EPSILON`].)
+    /// For a relative variance v of the reference and a true relMSE e, the bias is at most a fraction `3 v (1 + 2 v / e)` of
+    /// e. For e = 0.01, this is 3 % with v = 0.005, and 0.0003 % with v = 1e-6. (Second-order expansion for normal noise
+    /// and r^2 far above [`RELATIVE_EPSILON`].)
     pub rel_mse: CorrectedError,
 }
 
@@ -58,8 +58,8 @@ impl CorrectedError {
         Self { measured, reference, error: measured - reference }
     }
 
-    /// Returns `true` if [`error`](Self::error) is below 100 times ([`REFERENCE_LIMIT`]) the reference's variance. The
-    /// correction then matters; mark such points in tables and plots.
+    /// Returns `true` if `error < REFERENCE_LIMIT * reference`, with a [`REFERENCE_LIMIT`] of 100. Mark such errors in
+    /// tables and plots, because the noise of the reference limits their precision.
     pub fn reference_limited(&self) -> bool {
         self.error < REFERENCE_LIMIT * self.reference
     }
@@ -67,8 +67,8 @@ impl CorrectedError {
 
 /// Compares an image with a noisy reference, and subtracts the reference's variance from MSE and relMSE.
 ///
-/// For the noiseless image t and independent image x and reference r, `E(x - r)^2 = E(x - t)^2 + var r`. Two halves a
-/// and b of a reference give `var r = E(a - b)^2 / 4`. Non-finite channels of the image count as 0.
+/// For a noiseless image t, and an independent image x and reference r, `E[(x - r)^2] = E[(x - t)^2] + var r`. Two
+/// halves a and b of a reference give `var r = E[(a - b)^2] / 4`. Non-finite values of the image are replaced by 0.
 ///
 /// ```
 /// # use dapple_metrics::{NoisyReference, Pixels, compare_corrected};
@@ -125,7 +125,7 @@ fn channels(image: Pixels<'_>) -> impl Iterator<Item = f64> {
     image.values.as_flattened().iter().map(|&v| f64::from(v))
 }
 
-/// The fewest renders of each image that [`difference`] accepts: two for the numerator, two more for the denominator.
+/// The fewest renders of each image that [`difference`] accepts.
 pub const LEAST_RENDERS: usize = 4;
 
 /// An estimate from independent renders, with its standard error.
@@ -152,11 +152,10 @@ pub struct Difference {
 ///
 /// Renders `a[i]` and `b[i]` may share a seed, which reduces the noise of their difference. `a[i]` and `a[j]` must not.
 ///
-/// The square of `b - a` is estimated by `(b[s] - a[s]) (b[t] - a[t])`, averaged over all pairs of renders s and t.
-/// Independent noise then cancels. The `a` of the denominator is the mean of the remaining renders. (If it included all
-/// renders, numerator and denominator would share noise. At a difference of a tenth and noise of a quarter, the value
-/// would be a fifth too small.) The nonlinear denominator leaves a bias: with a relative noise `s` of its mean, the
-/// value is too large by about `3 s^2`. A non-finite channel counts as 0.
+/// [`Difference::rel_mse`] is the mean of `(b[s] - a[s]) (b[t] - a[t]) / (m^2 + 0.01)` over all pairs of different renders s
+/// and t, where `m` is the mean of all other `a[i]`. Independent noise of the two factors cancels. Numerator and
+/// denominator share no noise. The nonlinear denominator leaves a bias: if `m` has the relative standard deviation `d`,
+/// the value is too large by a fraction of about `3 d^2`. Non-finite values are replaced by 0.
 ///
 /// ```
 /// # use dapple_metrics::{Pixels, difference};

@@ -11,15 +11,15 @@ pub struct SpectrumRing {
     pub frequency: f64,
     /// The mean power; 1 for white noise and for independent points.
     pub power: f64,
-    /// The number of frequencies in the ring; a frequency and its mirror image count once.
+    /// The number of frequencies in the ring. Of each pair `f` and `-f`, only one is included.
     pub count: usize,
 }
 
-/// The radial power spectrum of one channel of an image, after subtraction of its mean.
+/// The radial power spectrum of one channel of an image. The mean of the channel is subtracted first.
 ///
 /// Rings are `1 / max(width, height)` cycles per pixel wide, and end at 1/2, the Nyquist frequency along an axis. The power
-/// is that of the discrete Fourier transform, divided by `pixels * variance`: 1 in each ring for white noise. A constant
-/// image has power 0.
+/// is `|F|^2 / (pixels * variance)`, where `F` is the discrete Fourier transform. It is 1 for white noise, and 0 for a
+/// constant image.
 ///
 /// Takes `O(pixels * (width + height))` steps.
 ///

@@ -8,7 +8,7 @@ use crate::blocks::percentile;
 use crate::sum::Sum;
 use student::{normal_cdf, normal_quantile};
 
-/// An error of a statistic. Each message names the remedy.
+/// The reason why a statistic cannot be computed. Each message names the remedy.
 #[non_exhaustive]
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum StatisticsError {
@@ -106,8 +106,7 @@ pub struct Interval {
 }
 
 impl Interval {
-    /// Returns `true` if x lies in the interval, ends included. If a ratio's interval contains 1, neither method is shown to
-    /// be better.
+    /// Returns `true` if x lies in the interval, ends included.
     pub fn contains(&self, x: f64) -> bool {
         (self.low..=self.high).contains(&x)
     }
@@ -139,8 +138,8 @@ pub fn efficiency(error: f64, seconds: f64) -> Result<f64, StatisticsError> {
 
 /// The mean of independent values, one per seed, with an interval of the confidence level `confidence`, such as 0.95.
 ///
-/// The interval is Student's t with n - 1 degrees of freedom; from 32 values ([`BOOTSTRAP_MIN_COUNT`]) on, it is the
-/// bootstrap's.
+/// The interval is computed by the bootstrap from 32 values ([`BOOTSTRAP_MIN_COUNT`]) on. For fewer values, it is the
+/// interval of Student's t with n - 1 degrees of freedom.
 ///
 /// ```
 /// # use dapple_metrics::mean_interval;
@@ -270,7 +269,6 @@ pub fn log_log_fit(x: &[f64], y: &[f64], confidence: f64) -> Result<LogLogFit, S
 }
 
 /// The number of bootstrap resamples. The ends of a 95 % interval then vary by less than 3 % of its half width.
-/// Derivation: sqrt(0.025 * 0.975 / 9999) over the normal density at 1.96 is 0.027 standard deviations.
 pub const BOOTSTRAP_RESAMPLES: usize = 9999;
 
 /// The confidence interval of the mean by the bias-corrected and accelerated bootstrap [after Efron 1987].

@@ -56,7 +56,7 @@ impl Extrema {
     ///
     /// # Errors
     ///
-    /// [`Error::NotRecorded`] if the film has no such recorder; `who` is the reader in the message.
+    /// [`Error::NotRecorded`] if the film has not recorded extremes. The message names `who` as the method that reads them.
     pub fn of<'f>(film: &'f Film, who: &str) -> Result<FilmExtrema<'f>, Error> {
         let missing = || Error::NotRecorded { who: who.to_owned(), what: "the extrema" };
         let recorded = film.recorded(Self.name()).ok_or_else(missing)?;
@@ -72,8 +72,8 @@ pub struct FilmExtrema<'f> {
 }
 
 impl FilmExtrema<'_> {
-    /// The extremes of pixel `i`'s kept or discarded samples, over both halves; `None` without such samples. Withdrawn samples
-    /// count as discarded.
+    /// The extremes of pixel `i`'s samples of both halves: of discarded samples for [`Retention::Discard`], else of kept
+    /// samples. `None` if the pixel has no samples of this kind.
     pub fn of_pixel(&self, retention: Retention, i: usize) -> Option<Extremes> {
         let words = |half: usize| match retention {
             Retention::Discard => self.recorded.discarded(half, i),
@@ -86,8 +86,8 @@ impl FilmExtrema<'_> {
 /// The contrast per channel of samples between `min` and `max`: `(max - min) / (max + min)`, in `[0, 1]` [after
 /// Mitchell 1987].
 ///
-/// Contrast does not change if all samples are multiplied by the same number. It is 0 (not 0/0) without any light. A bound that
-/// is negative or not finite counts as 0, like rejected samples in a film.
+/// Contrast does not change if all samples are multiplied by the same number. It is 0 if `min` and `max` are 0. Negative and
+/// non-finite values are replaced by 0, like rejected samples in a film.
 ///
 /// ```
 /// // {0.2, 0.2, 0.2, 0.8}, {0.5, 0.6} and nothing at all.
@@ -105,8 +105,7 @@ pub fn contrast([min, max]: [[f32; 3]; 2]) -> [f64; 3] {
 /// The largest deviation of a sample from the mean, relative to the mean: `max_i |Y_i - mean| / mean` [pbrt-v2,
 /// `src/samplers/adaptive.cpp`]. The smallest and the largest sample determine it.
 ///
-/// The result is 0 if all samples are equal, or if the mean is 0 or NaN. (pbrt-v2 divides by a mean of 0 and compares with NaN,
-/// and so does not refine either.)
+/// The result is 0 if all samples are equal, or if the mean is 0, negative, infinite or NaN.
 ///
 /// ```
 /// // {1, 1, 1, 1.9}

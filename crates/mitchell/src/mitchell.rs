@@ -11,7 +11,7 @@ dapple_core::options! {
     pub struct MitchellOptions {
         /// Samples per pixel before refinement; 0 for this and additional = automatic (rises with spp, after table 4-2 of Lan's thesis).
         ///
-        /// [`Rates::for_mean`] returns the values of this table. They are selected again when the mean budget has doubled.
+        /// [`Rates::for_mean`] returns the values of this table. When the mean budget has doubled, it is called again.
         pub initial: u32 = 0;
         /// Additional samples per refined pixel; see initial.
         pub additional: u32 = 0;
@@ -27,14 +27,14 @@ dapple_core::options! {
         ///
         /// 1 is Mitchell's neighbourhood of 3x3 pixels; 0 is the pixel alone.
         pub radius: u32 = 1, |radius| radius <= 64, "at most 64 pixels";
-        /// Stopping rule: budget (highest contrast first, until spent) or threshold (all pixels above it, within the budget).
+        /// Stopping rule: budget (highest contrast first, until spent) or threshold (pixels above threshold, within budget).
         ///
-        /// With [`Stopping::Budget`], pixels are refined in the order of their contrast, above the threshold or not. Once all
+        /// With [`Stopping::Budget`], pixels are refined in the order of their contrast, even below the threshold. Once all
         /// are refined, further passes add the same number of samples. If all pixels have the same contrast, counts differ by
         /// at most one. With [`Stopping::Threshold`], pixels above the threshold are refined once. With either rule, at most
         /// one pixel gets only part of the additional samples.
         pub mode: Stopping = Stopping::Budget => "budget";
-        /// Pilot samples: keep (biased), refined (refined pixels lose theirs; more biased) or discard (unbiased).
+        /// Pilot samples: keep (biased), refined (discarded in refined pixels; more biased) or discard (unbiased).
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
             |policy| !matches!(policy, PilotPolicy::Cross | PilotPolicy::Neighbours), "keep, refined or discard";
     }
@@ -110,10 +110,10 @@ impl Rule for MitchellOptions {
 ///
 /// *Bias*: see [`PilotPolicy`]. The default keeps the pilot and is biased.
 ///
-/// *Weaknesses*: dark noise has contrast 1, and contrast never falls as samples are added. Under Monte Carlo noise nearly every
-/// pixel is therefore refined, and the ranking has many ties. A light that the pilots of a whole neighbourhood miss has
-/// contrast 0 and is never found. There are only two rates.
+/// *Weaknesses*: black and lit samples together have contrast 1, and contrast never falls as samples are added. Under Monte
+/// Carlo noise nearly every pixel is therefore refined, and the ranking has many ties. A light that the pilots of a whole
+/// neighbourhood miss has contrast 0 and is never found. There are only two rates.
 ///
-/// Invalid options ([`Error::OutOfRange`]): only one of the rates is 0; a single sample would decide (`initial` 1 with `radius`
-/// 0); rates that add up to more than 2^32 - 1; a threshold outside (0, 1]; a radius above 64.
+/// Invalid options ([`Error::OutOfRange`]): `initial` or `additional` is 0 and the other is not; `initial` is 1 and `radius` is
+/// 0; `initial + additional` is above 2^32 - 1; a threshold is outside (0, 1]; `radius` is above 64.
 pub type Mitchell<P> = TwoRates<P, MitchellOptions>;

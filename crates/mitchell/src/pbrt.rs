@@ -31,27 +31,25 @@ dapple_core::options! {
         ///
         /// If rounding makes `min` and `max` equal, `max` is doubled.
         pub max: u32 = 32;
-        /// A pixel is refined if a pilot sample's luminance differs from the pilot's mean by more than this fraction of the mean.
-        ///
-        /// A sample's deviation is measured from the mean of its pixel's pilot samples.
+        /// Refinement threshold: the deviation of a pilot sample's luminance from the pilot's mean, as a fraction of the mean.
         pub threshold: f64 = 0.5, |t| t > 0.0 && t.is_finite(), "a relative deviation above 0";
-        /// Stopping rule: budget (largest deviation first, until spent) or threshold (all pixels above it, within the budget).
+        /// Stopping rule: budget (largest deviation first, until spent) or threshold (pixels above threshold, within budget).
         ///
         /// The rule works as in [`MitchellOptions::mode`](crate::MitchellOptions::mode), with deviation instead of contrast.
         pub mode: Stopping = Stopping::Budget => "budget";
-        /// Pilot samples: keep (biased), refined (refined pixels lose theirs; as published, more biased) or discard (unbiased).
+        /// Pilot samples: keep (biased), refined (as published: lost in refined pixels; more biased) or discard (unbiased).
         pub policy: PilotPolicy = PilotPolicy::Refined => "refined",
             |policy| !matches!(policy, PilotPolicy::Cross | PilotPolicy::Neighbours), "refined, keep or discard";
-        /// Refine pixels whose pilot samples differ in: contrast (luminance), shape (object hit) or shapeid (object or triangle hit).
+        /// Test for refinement: pilot samples differ in contrast (luminance), shape (object) or shapeid (object or triangle).
         ///
-        /// With shapeid and shape, the threshold has no effect, and pixels are ranked by their number of differing pairs.
+        /// With shape and shapeid, the threshold has no effect. Pixels are ranked by how often successive samples differ.
         pub test: PbrtTest = PbrtTest::Contrast => "contrast";
     }
 }
 
 /// The `adaptive` sampler of pbrt-v2 with its tests `contrast` and `shapeid` [pbrt-v2, `src/samplers/adaptive.cpp`].
 ///
-/// Each pixel gets `min` pilot samples. If the luminance `Y` of one deviates far from their mean, `|Y - mean| / mean > 0.5`,
+/// Each pixel gets `min` pilot samples. If the luminance `Y` of any pilot sample has `|Y - mean| / mean > threshold`,
 /// then `max` new samples replace the pilot samples. With [`Stopping::Threshold`] and [`PilotPolicy::Refined`] this is the
 /// published rule. [`Stopping::Budget`], the default, ranks pixels by the deviation until the budget is spent. With
 /// [`PilotPolicy::Keep`] the pilot samples stay in the image and count towards `max`.
@@ -62,13 +60,13 @@ dapple_core::options! {
 /// *Guarantees*: the budget is spent exactly, or is an upper bound. If the budget allows it, every pixel has at least `min`
 /// samples.
 ///
-/// *Weaknesses*: the published rule is biased. If samples are 1 with probability `p`, else 0, and the pilot has two, a pixel's
+/// *Weaknesses*: the published rule is biased. For a pilot of two samples that are 1 with probability `p`, else 0, a pixel's
 /// expected value is `3 p^2 - 2 p^3` (see [`PilotPolicy`]). A black pilot has no deviation, so its pixel is never refined. Each
 /// pixel is judged alone. The published form has no budget. `shapeid` refines every pixel of a mesh whose triangles are smaller
-/// than pixels, and no pixel for its shadows or reflections.
+/// than pixels, and ignores shadows and reflections.
 ///
-/// Invalid options ([`Error::OutOfRange`]): `min` below 2, `max` below `min` or above 2^31, and a threshold that is not a
-/// number above 0.
+/// Invalid options ([`Error::OutOfRange`]): `min` below 2 or above 2^30, or above 128 with `shape` or `shapeid`; `max` below
+/// `min` or above 2^31; a threshold that is not a finite number above 0.
 pub type MitchellPbrt<P> = TwoRates<P, MitchellPbrtOptions>;
 
 /// The largest pilot whose first hits a film keeps, a power of two.

@@ -24,10 +24,10 @@ pub struct Rates {
 const PRESETS: [[u64; 3]; 4] = [[8, 4, 6], [16, 4, 16], [32, 12, 24], [64, 16, 54]];
 
 impl Rates {
-    /// Returns the rates for a budget of `mean` samples per pixel [Lan 2016, table 4-2]: 4 + 6, 4 + 16, 12 + 24 and 16 + 54 at
-    /// 8, 16, 32 and 64. Between these, both rates are interpolated linearly; below 8 and above 64 they are proportional to
-    /// `mean`. The initial rate is rounded down, the additional rate up, and both are at least 1. Refining all pixels thus
-    /// costs at least `mean`.
+    /// Returns the rates for a budget of `mean` samples per pixel [Lan 2016, table 4-2]. The pair `(initial, additional)` is
+    /// (4, 6) for `mean` 8, (4, 16) for 16, (12, 24) for 32 and (16, 54) for 64. From 8 to 64, the table is interpolated
+    /// linearly; below 8 and above 64, the rates are proportional to `mean`. The initial rate is rounded down, the additional
+    /// rate up, and both are at least 1. Refining all pixels thus costs at least `mean`.
     pub fn for_mean(mean: u64) -> Self {
         // Larger numbers would all be clamped to u32 anyway.
         let mean = mean.min(1 << 32);

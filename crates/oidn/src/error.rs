@@ -8,7 +8,7 @@ const ADVICE: &str = "install Open Image Denoise 2 (`pip install pyoidn`, your s
                       https://www.openimagedenoise.org), and set DAPPLE_OIDN to the path of the library if Dapple \
                       still does not find it";
 
-/// The reason why the library cannot be used.
+/// The reason why Open Image Denoise cannot be loaded or used.
 #[non_exhaustive]
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum LoadError {
@@ -54,7 +54,7 @@ pub enum LoadError {
     },
 }
 
-/// The reason why a run of the library failed.
+/// The reason why Open Image Denoise has not denoised an image.
 #[non_exhaustive]
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RunError {

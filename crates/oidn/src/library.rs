@@ -95,9 +95,9 @@ pub struct Library {
 }
 
 impl Library {
-    /// Loads the library that [`VARIABLE`] names. Without the variable, loads the one on the system's search path, or else
-    /// the first that lies beside the programs of `PATH` or where pip installs it. The first call determines the result of
-    /// all later calls.
+    /// Loads the library that [`VARIABLE`] names. Without the variable, searches the system's library path. Then, for each
+    /// folder `DIR` of `PATH` and for `~/.local/bin`, searches `DIR/../lib` and the folders into which pip installs `pyoidn`.
+    /// The first call determines the result of all later calls.
     ///
     /// # Errors
     ///

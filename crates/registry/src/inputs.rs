@@ -141,9 +141,10 @@ impl ClusterFirstHits {
     }
 }
 
-/// A function that traces the ray through the centres of a pixel and of the lens. The pixel is given in the full image.
+/// A function that traces the ray through the centres of a pixel and of the lens. It takes the pixel's column and row in the
+/// full image, even if only a crop is rendered.
 ///
-/// It returns the first hit, and the radius in pixels of the circle of confusion there: negative in front of the plane in
+/// It returns the first hit, and the radius in pixels of the hit's circle of confusion: negative in front of the plane in
 /// focus, 0 without a lens. The function must be pure.
 pub type TraceLensHit = Arc<dyn Fn([u32; 2]) -> (Option<FirstHit>, f32) + Send + Sync>;
 
@@ -156,7 +157,7 @@ pub struct LensFirstHits {
     pub has_lens: bool,
 }
 
-/// The inputs from a renderer with clusters of its own, looked up by the shape and primitive of a first hit.
+/// The inputs from a renderer that makes its own clusters. A first hit's shape and primitive determine its cluster.
 ///
 /// The parameters of clustering (`k`, `clamp`, …) have no effect on these clusters.
 ///
@@ -181,16 +182,16 @@ pub struct HostClusters {
     pub visibility: Option<TraceVisibility>,
     /// The function that traces first hits through the centre of the lens, for `fourier-dof` and `splat`.
     pub lens_first_hits: Option<LensFirstHits>,
-    /// The meaning of the dimensions of samples, for samplers that place samples.
+    /// The meaning of each sample dimension, for samplers that choose sample coordinates.
     #[cfg(feature = "classics")]
     pub domain: Option<Domain>,
-    /// The coordinates of the film's samples, for filters that read them.
+    /// The coordinates of the film's samples (position, lens, time, light), for filters that read coordinates.
     #[cfg(feature = "classics")]
     pub film_points: Option<FilmPoints>,
 }
 
 impl HostClusters {
-    /// A renderer without clusters.
+    /// Returns inputs in which every field is `None`.
     pub fn none() -> Self {
         Self::default()
     }

@@ -26,7 +26,7 @@ use dapple_low_discrepancy::Sobol;
 
 /// An entry of the registry: the name, description, parameters and constructor of a sampler, point set or filter.
 pub struct Entry<Make> {
-    /// The entry's name on the command line and in descriptions.
+    /// The entry's name: `NAME` in `NAME:key=value,…`.
     pub name: &'static str,
     /// Other names of the entry, which are accepted as well.
     pub aliases: &'static [&'static str],
@@ -79,7 +79,7 @@ impl<Make> Entry<Make> {
     }
 }
 
-/// The seed and the budget of a point set, in addition to its parameters.
+/// The seed and the expected number of samples per pixel of a point set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PointSettings {
     /// The seed of all random numbers.
@@ -183,7 +183,7 @@ pub const DEFAULT_POINTS: &str = "sobol";
 /// The name of the default filter (denoiser).
 pub const DEFAULT_FILTER: &str = "cluster-regression";
 
-/// Creates the default sampler, with Sobol' points of this seed, and the default filter without clusters.
+/// Creates the default sampler and the default filter. The sampler uses Sobol' points of `seed`, the filter no clusters.
 ///
 /// ```
 /// use dapple_core::{Frame, Limits, Session};
@@ -198,7 +198,7 @@ pub fn default_pair(seed: u64) -> Methods<'static> {
     default_pair_with(Sobol::new(seed))
 }
 
-/// Creates the default sampler with these points, and the default filter without clusters.
+/// Creates the default sampler and the default filter. The sampler uses `points`, the filter no clusters.
 ///
 /// With [`HostNumbers`](dapple_core::HostNumbers), the pair suits renderers that draw their own random numbers.
 pub fn default_pair_with(points: impl PointSet + 'static) -> Methods<'static> {

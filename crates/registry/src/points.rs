@@ -129,7 +129,7 @@ dapple_core::choices!(Pixels { BlueNoise = "blue-noise", Independent = "independ
 dapple_core::options! {
     /// The parameters of `pmj02`.
     struct Pmj02Options {
-        /// Points of neighbouring pixels: blue-noise (shifted so that errors differ) or independent (own random sequences).
+        /// Errors of neighbouring pixels: blue-noise (points shifted per pixel) or independent (separate points per pixel).
         pub pixels: Pixels = Pixels::BlueNoise => "blue-noise";
     }
 }
@@ -146,7 +146,7 @@ dapple_core::choices!(Keys { Shifts = "shifts", Optimised = "optimised" });
 dapple_core::options! {
     /// The parameters of `blue-noise`.
     struct BlueNoiseOptions {
-        /// How pixels differ: shifts (added modulo 1), or optimised (XOR keys that keep sobol's stratification).
+        /// Keys per pixel: shifts (added to coordinates modulo 1), or optimised (XOR keys that keep sobol's stratification).
         pub keys: Keys = Keys::Shifts => "shifts";
     }
 }
@@ -157,7 +157,7 @@ const INNER: Parameter =
 dapple_core::options! {
     /// The parameters of `stratified`.
     struct StratifiedOptions {
-        /// Cells along each axis; 0 = automatic (the square root of the mean spp if known, otherwise 4).
+        /// Strata along each axis; 0 = automatic (the square root of the mean spp if known, otherwise 4).
         pub strata: u32 = 0;
     }
 }

@@ -29,7 +29,7 @@ pub struct MadeSampler {
     pub sampler: Box<dyn Sampler>,
     /// The first-hit rays that the sampler traces for its first plan; stays empty if it traces none.
     pub first_hits: FirstHitsHandle,
-    /// A handle to the samples that the sampler places itself; `None` if it places none.
+    /// A handle to the samples whose coordinates the sampler chooses; `None` if the point set provides all coordinates.
     #[cfg(feature = "classics")]
     pub placed: Option<PlacedHandle>,
 }

@@ -39,7 +39,7 @@ pub const fn choose(vertex: u32) -> Block {
 }
 
 /// Returns the block for a ray in a medium: the color channel (dimension 0), the distance (1) and the scattered direction (2
-/// and 3). `ray` is the number of the ray on the path from the camera, not counting shadow rays.
+/// and 3). `ray` is the ray's number on the path: 1 for the camera ray; shadow rays have no number.
 ///
 /// Requested only in media that scatter.
 #[inline]
@@ -47,8 +47,8 @@ pub const fn medium(ray: u32) -> Block {
     MEDIUM.at(ray, 1)
 }
 
-/// Returns the block for a hit at a surface that rays may pass: opacity (dimension 0) and the selection among mixed materials
-/// (1). `ray` is the number of the ray on the path from the camera, not counting shadow rays.
+/// Returns the block for a hit at a surface with alpha or mixed materials: the opacity test (dimension 0) and the selection of
+/// a material (1). `ray` is the ray's number, as in [`medium`].
 ///
 /// Requested only where alpha is between 0 and 1 or materials are mixed.
 #[inline]

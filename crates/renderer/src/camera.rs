@@ -30,7 +30,7 @@ pub struct CameraView {
     motion: Option<Box<(Motion, f64)>>,
 }
 
-/// A kind of camera. It is a type parameter, so that a pinhole camera runs no code for lenses or motion.
+/// A kind of camera, chosen at compile time. A pinhole camera then runs no code for lenses or motion.
 pub trait Lens: Sync {
     /// Returns the ray through the image position `place`, in pixels from the image's centre with y downwards. `on_lens` in
     /// `[0, 1)^2` selects the point on the lens.
@@ -169,8 +169,8 @@ impl CameraView {
         }
     }
 
-    /// Returns the position of a point of `pixel`, in pixels from the image's centre. `offset` is the point's distance from
-    /// the pixel's centre, in pixels with y downwards.
+    /// Returns the position of a point of `pixel`, in pixels from the image's centre. `offset` is the vector from the pixel's
+    /// centre to the point, in pixels with y downwards.
     ///
     /// The image's centre is subtracted from the integer pixel coordinate first, so that positions near pixel 65535
     /// keep their precision.
@@ -232,8 +232,8 @@ impl CameraView {
         self.orthographic || self.moves()
     }
 
-    /// Returns the camera ray through a pixel at time 0. `offset` is the distance from the pixel's centre in pixels;
-    /// `on_lens` in `[0, 1)^2` selects the point on the lens.
+    /// Returns the camera ray through a pixel at time 0. `offset` is the vector from the pixel's centre, in pixels with y
+    /// downwards. `on_lens` in `[0, 1)^2` selects the point on the lens.
     pub fn ray(&self, pixel: [u32; 2], offset: Vec2, on_lens: [f32; 2]) -> Ray {
         self.ray_at(self.place(pixel, offset), on_lens, 0.0)
     }
@@ -269,9 +269,9 @@ impl CameraView {
         [across, down, row(z), row(z)]
     }
 
-    /// Returns the constant and the slope of the lens blur's signed radius, which is linear in the inverse depth in camera
-    /// space. The constant is the radius at infinite depth. Both are in pixels along columns and rows. Returns `None` without
-    /// a lens, and for an orthographic camera, whose blur is not linear in the inverse depth.
+    /// Returns `[a, b]` for the signed radius `a + b / z` of the lens blur at depth `z` in camera space. `a` and `b` are each
+    /// `[horizontal, vertical]`, in pixels with y downwards. Returns `None` without a lens, and for an orthographic camera,
+    /// whose radius is linear in `z`.
     pub fn defocus(&self) -> Option<[[f32; 2]; 2]> {
         let usable = self.has_lens() && !self.orthographic;
         // A row further down has a smaller y in camera space.
@@ -361,12 +361,11 @@ pub struct CameraConnection {
 }
 
 impl CameraView {
-    /// Returns the density of camera rays in the unit `direction`, per unit of area perpendicular to the rays, at `distance`
-    /// from their origin.
+    /// Returns the density of camera rays in the unit `direction`, at `distance` from their origin and a time in `[0, 1]`.
     ///
-    /// The rays pass through positions that are uniform over the whole image, at a time in `[0, 1]`. For a perspective camera,
-    /// the result is the density per solid angle divided by the squared distance. With a lens, it holds for one point of the
-    /// lens. Returns 0 for directions that point backwards.
+    /// The density is per unit of area perpendicular to `direction`. The rays pass through a single point of the lens and
+    /// through positions that are uniform over the whole image. For a perspective camera, the density is `p / distance^2`,
+    /// where `p` is the density per solid angle. Returns 0 for directions that point backwards.
     #[inline]
     pub fn density(&self, direction: Vec3, distance: f32, time: f32) -> f32 {
         let (_, axes) = self.pose(time);

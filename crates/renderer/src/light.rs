@@ -238,8 +238,7 @@ impl Lights {
         self.lights.iter().map(LightSource::expectation).collect()
     }
 
-    /// Returns the number of lights to select from. With learned selection, each tile of an environment map is a
-    /// light.
+    /// Returns the number of lights to select from. With learned selection, an environment map is divided into several lights.
     pub fn len(&self) -> usize {
         self.lights.len()
     }
@@ -276,11 +275,10 @@ impl Lights {
         sum
     }
 
-    /// Returns the radiance of all environments from a direction that BSDF sampling chose with the solid-angle density
-    /// `bsdf_pdf`, including multiple-importance weights.
+    /// Returns the radiance of all environments from a `direction` sampled from a BSDF with the solid-angle density `bsdf_pdf`.
     ///
-    /// The weight of each environment is the power heuristic against light sampling. `pmf` returns the probability
-    /// with which light sampling selects a light: [`Lights::pmf`] if directions come from [`Lights::sample`].
+    /// Each environment's radiance is multiplied by the power heuristic against light sampling. `pmf` returns the probability
+    /// with which light sampling selects a light, which is [`Lights::pmf`] for [`Lights::sample`].
     #[inline(always)]
     pub fn environment_weighted(&self, direction: Vec3, bsdf_pdf: f32, pmf: impl Fn(u32) -> f32) -> Vec3 {
         let mut sum = Vec3::ZERO;
@@ -311,7 +309,7 @@ impl Lights {
     }
 
     /// Samples a direction from the point `from` to a selected light, by `u` in `[0, 1)^2`. The density includes the
-    /// probability of the selection. Returns `None` if no light arrives from there.
+    /// probability of selecting the light. Returns `None` if no light arrives from the sampled direction.
     #[inline(always)]
     pub fn sample_selected(&self, light: SelectedLight, from: Vec3, u: [f32; 2]) -> Option<LightSample> {
         let mut sample = self.lights[light.index as usize].sample(from, u)?;
@@ -358,8 +356,8 @@ impl Lights {
     /// `towards` in `[0, 1)^2` select the point on the light and the direction.
     ///
     /// Points are uniform on area lights. Light from infinity leaves a disk perpendicular to its direction, with the radius of
-    /// the scene's bounding sphere. Directions are sampled by the cosine at a surface, the texels of an environment, and the
-    /// cone of a spot. Returns `None` if the light emits nothing in the sampled direction.
+    /// the scene's bounding sphere. Directions are cosine-weighted for area lights, sampled by luminance for environment maps,
+    /// and uniform in the cone of a spot light. Returns `None` if the light emits nothing in the sampled direction.
     pub fn sample_emission(&self, choice: f32, place: [f32; 2], towards: [f32; 2]) -> Option<EmittedLight> {
         self.sample_emission_of(self.select(choice)?, place, towards)
     }
@@ -378,11 +376,11 @@ impl Lights {
         (flux != Vec3::ZERO && flux.is_finite()).then_some(emitted)
     }
 
-    /// Returns the densities with which [`Lights::sample_emission`] samples a ray in the unit `direction` from a point of the
-    /// light, once the light is selected.
+    /// Returns the densities of origin and direction with which [`Lights::sample_emission`] samples a ray in the unit
+    /// `direction`, without the probability of selecting the light.
     ///
-    /// For an area light, `point` is on the light, with its normal on the emitting side; other lights ignore it. A direction
-    /// into which nothing is emitted has density 0. A distant light has density 1 for every direction, since it has only one.
+    /// For an area light, `point` is the ray's origin, with its normal on the emitting side; other lights ignore `point`. The
+    /// density of a direction without emission is 0. For a distant light, the density of every direction is 1.
     pub fn emission_pdf(&self, light: u32, point: &SurfacePoint, direction: Vec3) -> EmissionPdf {
         self.lights[light as usize].emission_pdf(&self.scene, point, direction)
     }

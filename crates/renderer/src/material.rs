@@ -481,8 +481,8 @@ fn alpha(roughness: &Roughness) -> Result<[f32; 2], String> {
     }
 }
 
-/// Returns a copy of the scene without an effect, made by [`Scene::without`]. A diffuse material that replaces another material
-/// has the same approximate albedo.
+/// Returns a copy of the scene from which [`Scene::without`] has removed `effect`. Materials replaced by diffuse ones keep
+/// their approximate albedo.
 ///
 /// # Errors
 ///

@@ -144,11 +144,10 @@ impl Medium {
 
     /// Samples the distance that light travels in a scattering medium, up to `limit` (above 0, may be infinite).
     ///
-    /// `u_channel` selects a channel in proportion to the path's `throughput`, and `u_distance` samples a distance by
-    /// that channel's extinction. The weight of the sample uses the balance heuristic over the channels [Veach 1997,
-    /// sec. 9.2.2; after Wilkie et al. 2014], whose density is the channels' weighted mean. No channel of the product
-    /// of weight and throughput exceeds the sum of the throughput by more than 0.2 %. In a gray medium, the weight is
-    /// the albedo or 1.
+    /// `u_channel` selects a channel in proportion to the path's `throughput`, and `u_distance` samples a distance by this
+    /// channel's extinction. The event's weight uses the balance heuristic over the channels [Veach 1997, sec. 9.2.2; after
+    /// Wilkie et al. 2014]. In each channel, `weight * throughput` exceeds the sum of `throughput` by at most 0.2 %. In a gray
+    /// medium, the weight is the albedo for [`MediumEvent::Scatter`] and 1 for [`MediumEvent::Pass`].
     #[inline]
     pub fn sample(&self, limit: f32, u_channel: f32, u_distance: f32, throughput: Vec3) -> MediumEvent {
         let share = shares(throughput);
@@ -257,8 +256,8 @@ impl HenyeyGreenstein {
         below * (1.0 + g) / (4.0 * PI * squared * squared.sqrt())
     }
 
-    /// Samples the direction of travel after scattering by `u` in `[0, 1)^2`. `travel` is the unit direction of travel
-    /// before.
+    /// Samples the direction of travel after scattering. `travel` is the unit direction of travel before scattering, and `u`
+    /// are random numbers in `[0, 1)^2`.
     #[inline]
     pub fn sample(&self, travel: Vec3, u: [f32; 2]) -> PhaseSample {
         let g = self.g;

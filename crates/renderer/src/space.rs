@@ -53,7 +53,7 @@ impl Space {
         DAffine3 { matrix3, translation: self.centre }
     }
 
-    /// Returns a transform to the renderer's space, from a transform `to_world` to the scene file's world space.
+    /// Returns `to_world` followed by this map: a transform to the renderer's space.
     pub fn apply(&self, to_world: DAffine3) -> DAffine3 {
         DAffine3 {
             matrix3: DMat3::from_diagonal(DVec3::splat(self.scale)) * to_world.matrix3,

@@ -32,7 +32,7 @@ impl From<[f32; 2]> for TexturePoint {
 const DEEPEST: u32 = 8;
 
 impl Textures {
-    /// Prepares the textures of a scene and keeps their indices.
+    /// Prepares the textures of a scene, for look-ups by the scene's [`TextureId`]s.
     pub fn new(textures: &[Texture]) -> Self {
         let textures: Vec<_> = textures.iter().map(|t| t.kind.clone()).collect();
         let mut coded: Vec<Option<Arc<Coded>>> = Vec::with_capacity(textures.len());

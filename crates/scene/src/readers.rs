@@ -20,7 +20,7 @@ pub const READERS: &[SceneReader] = &[
 
 /// Reads a scene (pbrt, glTF) or a model (OBJ, PLY, STL) from disk.
 ///
-/// The content determines the format, whatever the file's name. If it doesn't, the extension does, in upper or lower case.
+/// The content determines the format. For unrecognized content, the extension does, in upper or lower case.
 ///
 /// # Errors
 /// Returns all problems of the file, each with file and line, or the problem of an unknown format.

@@ -37,8 +37,8 @@ pub struct ReadOptions {
     /// True to leave unsupported features out with a notice, false to report an error. An unknown material becomes
     /// diffuse, an unknown texture grey; other objects are dropped.
     pub allow_unsupported: bool,
-    /// The memory limit in bytes for subdivision surfaces; `None` means about 300 MB. A surface that needs more is an error,
-    /// before memory is allocated.
+    /// The memory limit in bytes for subdivision surfaces; `None` and larger limits mean about 300 MB. A surface beyond the
+    /// limit is refused before memory is allocated.
     pub memory: Option<u64>,
 }
 
@@ -106,8 +106,8 @@ pub enum ProblemKind {
 
 /// One problem of a scene file.
 ///
-/// Displayed as `FILE:LINE: message`; advice follows for an unsupported feature. A program that gives its own advice
-/// formats [`source`](Self::source) and [`message`](Self::message) by [`kind`](Self::kind).
+/// Displayed as `FILE:LINE: message`, followed by advice for an unsupported feature. To show other advice, display
+/// [`source`](Self::source) and [`message`](Self::message), and choose the advice by [`kind`](Self::kind).
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Problem {

@@ -10,7 +10,7 @@ const MARK: &[u8] = b"\xef\xbb\xbf";
 const HEAD: usize = 1 << 16;
 
 /// Returns the text of a file. A byte order mark is skipped, and so is a trailing NUL or Ctrl-Z with everything after it.
-/// Bytes that are not UTF-8 are read as Latin-1, and every line end (CRLF, CR) becomes LF.
+/// Each byte that is not valid UTF-8 is read as Latin-1, and every line end (CRLF, CR) becomes LF.
 ///
 /// # Errors
 /// Returns a message for a text in UTF-16 or UTF-32.
@@ -33,7 +33,7 @@ pub fn decode(bytes: &[u8]) -> Result<Cow<'_, str>, &'static str> {
     Ok(lines.into())
 }
 
-/// Decodes bytes, such as those of a path, as UTF-8. Bytes that are not UTF-8 are read as Latin-1.
+/// Decodes bytes, such as those of a path, as UTF-8. Each byte that is not valid UTF-8 is read as Latin-1.
 pub fn lossless(bytes: &[u8]) -> Cow<'_, str> {
     if let Ok(text) = std::str::from_utf8(bytes) {
         return text.into();

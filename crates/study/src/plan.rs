@@ -23,7 +23,7 @@ pub struct PlanError {
     pub place: Option<String>,
     /// The key of the wrong setting; empty if the message names it.
     pub key: String,
-    /// The wrong name or value; `None` if the error is not about a single one.
+    /// The wrong text, such as an unknown name; `None` for other errors.
     pub value: Option<String>,
     /// The message: the error and its remedy.
     pub message: String,
@@ -49,7 +49,7 @@ impl PlanError {
 
 /// A scene of a study, with its reference image and the settings that apply to this scene only.
 ///
-/// In a plan, it is a table of these keys, or the `source` alone.
+/// In a plan file, a scene is a table with these fields as keys, or the text of `source` alone.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ScenePlan {
@@ -89,13 +89,13 @@ pub struct PlanSettings {
     pub scenes: Vec<ScenePlan>,
     /// The names of the `scenes` to use; default all.
     pub only: Vec<String>,
-    /// The samplers (how many samples each pixel gets), each combined with every point set and filter. The default is the
-    /// sampler of `dapple render` and `uniform`, or none if `methods` is set.
+    /// The samplers (how many samples each pixel gets), each combined with every point set and filter. Default: if `methods` is
+    /// set, no samplers; otherwise first the sampler of `dapple render`, then `uniform`.
     pub samplers: Option<Vec<String>>,
     /// The point sets (where samples lie), each combined with every sampler and filter; default `sobol`.
     pub points: Vec<String>,
-    /// The filters (denoisers), each combined with every sampler and point set; default the filter of `dapple render`, and
-    /// `none`.
+    /// The filters (denoisers), each combined with every sampler and point set. Default: first the filter of `dapple render`,
+    /// then `none`.
     pub filters: Vec<String>,
     /// Methods in addition to samplers x points x filters, or the only methods if no samplers are set. In a plan, each is
     /// `SAMPLER/POINTS/FILTER` or a table.
@@ -132,8 +132,8 @@ pub struct PlanSettings {
     pub threads: usize,
     /// If true, each run is performed in a new process.
     pub fresh: bool,
-    /// If true, consecutive methods that differ only in their filter share samples, which are traced once. The first of these
-    /// methods determines the recorded statistics. The time of each includes the tracing.
+    /// If true, consecutive methods that differ only in their filter share samples, which are traced once. If a filter requires
+    /// statistics that were not recorded, its samples are traced again. The time of each method includes the tracing.
     pub share_samples: bool,
     /// If true, unsupported directives of scene files are warnings, not errors.
     pub allow_unsupported: bool,
@@ -168,7 +168,7 @@ impl Default for PlanSettings {
     }
 }
 
-/// A complete plan of a study. Every setting has a value; checks that need a scene come later.
+/// A complete plan of a study. Every setting has a value, not yet checked against the scene files.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Plan {
@@ -189,11 +189,11 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// Reads a plan from a TOML file, or uses the defaults if `file` is `None`. `sets` replace single settings, each as
-    /// `KEY=VALUE`. Paths in the file are relative to the file's folder.
+    /// Reads a plan from a TOML file, or uses the defaults if `file` is `None`. Each string `KEY=VALUE` in `sets` replaces a
+    /// setting. Paths in the file are relative to the file's folder.
     ///
     /// A value has TOML's syntax, or is text without quotes. A single value is accepted for a list. A dot selects a key within
-    /// a table, as in `baseline.filter=nlm`. A resolution and a light selection also replace the settings of single scenes.
+    /// a table, as in `baseline.filter=nlm`. `resolution` and `lights` in `sets` apply to every scene.
     ///
     /// ```
     /// # use dapple_study::Plan;
@@ -203,7 +203,7 @@ impl Plan {
     /// ```
     ///
     /// # Errors
-    /// [`StudyError`] for a file that cannot be read, and those of [`parse`](Self::parse).
+    /// [`StudyError`] for a file that cannot be read, and the errors of [`parse`](Self::parse).
     pub fn read(file: Option<&Path>, sets: &[String]) -> Result<Self, StudyError> {
         /// The largest size of a plan in bytes.
         const LONGEST: u64 = 16 << 20;

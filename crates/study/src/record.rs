@@ -215,8 +215,8 @@ pub struct Run {
     pub seconds: Phases,
     /// Wall-clock seconds spent on the image: the sum of all phases except scene reading and BVH building.
     pub render_s: f64,
-    /// User and system seconds of the phases in `render_s`; `None` if unknown. The time that an external filter reports is
-    /// added.
+    /// CPU seconds (user and system) of the phases in `render_s`; `None` if unknown. An external filter adds the seconds that
+    /// it reports, or else its wall-clock seconds.
     pub cpu_s: Option<f64>,
     /// The errors of the run's image against the reference.
     pub errors: ImageErrors,
@@ -266,7 +266,7 @@ pub struct ReferenceRecord {
     pub hash: String,
 }
 
-/// A scene of a study, as recorded in the manifest.
+/// A scene of a study, as recorded in the [`Manifest`].
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SceneRecord {
     /// The scene's name in the study.

@@ -147,8 +147,8 @@ pub struct RecordedStudy {
     pub folder: PathBuf,
     /// The contents of `study.json`.
     pub manifest: Manifest,
-    /// The finished runs, in the order of the lines of `runs.jsonl`. If several lines have the same scene, method,
-    /// budget and seed, only the last one counts.
+    /// The finished runs, in the order of the lines of `runs.jsonl`. Of several lines with the same scene, method, budget and
+    /// seed, only the last one is kept.
     pub runs: Vec<Run>,
     /// The number of lines of `runs.jsonl` that were skipped because their scene, method, budget or seed is not in the
     /// manifest.

@@ -49,7 +49,7 @@ pub trait Runner {
 
 /// The runner that performs runs in this process, on the current rayon thread pool.
 ///
-/// A scene is read once for all of its runs. Before the first run, one image is rendered as warm-up and not recorded.
+/// A scene is read once for all of its runs. Before a scene's first run, one image is rendered as warm-up and not recorded.
 pub struct InProcess {
     cpu: fn() -> Option<f64>,
     fresh: bool,
@@ -60,8 +60,7 @@ pub struct InProcess {
 }
 
 impl InProcess {
-    /// Creates a runner. `cpu` returns the user and system seconds of this process so far; `None` if the system does not report
-    /// them.
+    /// Creates a runner. `cpu` returns the CPU seconds (user and system) of this process so far; `None` if unknown.
     pub fn new(cpu: fn() -> Option<f64>) -> Self {
         Self { cpu, fresh: false, shared: None, subject: None, truth: None }
     }
@@ -192,7 +191,7 @@ fn attributes(request: &RunRequest) -> Vec<(String, String)> {
     list.into_iter().map(|(key, text)| (format!("dapple:{key}"), text)).collect()
 }
 
-/// The runner that starts a process for each run. The program reads a [`RunRequest`] as JSON from standard input, and
+/// The runner that starts a process for each run. The process reads a [`RunRequest`] as JSON from standard input, and
 /// writes the [`Run`] as JSON to standard output.
 pub struct Processes {
     program: PathBuf,

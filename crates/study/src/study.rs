@@ -33,7 +33,7 @@ pub struct StudyProgress<'a> {
     pub done: usize,
     /// The number of runs in the whole study, finished or not.
     pub runs: usize,
-    /// The fraction of this session's samples that are traced, 0 to 1.
+    /// The fraction of this session's samples that has been traced so far, 0 to 1.
     pub share: f64,
     /// The estimated seconds until the study ends; `None` before the first samples are traced.
     pub left: Option<f64>,
@@ -88,13 +88,13 @@ pub struct Study {
 }
 
 impl Study {
-    /// Begins a study in `folder`, or resumes the study there. Reads the scenes, compares the plan with the recorded one, and
-    /// renders missing references. Returns `None` if `monitor` stopped it.
+    /// Begins a study in `folder`, or resumes the study there. Reads the scenes, compares the plan with `study.json`, and
+    /// renders missing references. Returns `None` if `monitor` stopped the study.
     ///
     /// # Errors
     ///
-    /// [`StudyError::Refused`] if the settings differ from the recorded ones; other errors for an unusable scene or reference,
-    /// or an error of the disk.
+    /// [`StudyError::Refused`] if the settings differ from those in `study.json`. Other errors if a scene or reference is
+    /// unusable, or the disk fails.
     pub fn open(
         plan: Plan,
         folder: &Path,
@@ -158,8 +158,8 @@ impl Study {
 
     /// Performs all runs that are not finished yet.
     ///
-    /// Runs are ordered by scene, then seed, then budget, then method. Methods thus alternate, so that a slower machine
-    /// affects all of them. A scene's equal-time runs come last.
+    /// Runs are ordered by scene, then seed, then budget, then method. Methods thus alternate, so that a temporary slowdown of
+    /// the machine affects all methods. A scene's equal-time runs come last.
     ///
     /// # Errors
     ///

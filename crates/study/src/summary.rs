@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 /// The confidence level of all intervals.
 pub const CONFIDENCE: f64 = 0.95;
 
-/// The largest relative difference of two render times that count as equal in a comparison.
+/// The largest relative difference at which a comparison regards two render times as equal.
 pub const TIME_TOLERANCE: f64 = 0.1;
 
 /// The metrics by which methods are compared with the baseline: all metrics of error.

@@ -26,11 +26,11 @@ dapple_core::options! {
 /// An integrator that traces one path from the camera and one from a light per sample, and connects each vertex of one path
 /// with each vertex of the other.
 ///
-/// It is unbiased: it has the same expected value as the path tracer. A sample needs several times as many rays. This pays
-/// where camera paths rarely reach the light: for lights behind shades, and for caustics.
+/// It is unbiased: it has the same expected value as the path tracer. A sample takes several times as many rays. The extra
+/// rays are worthwhile if camera paths rarely reach the light: for lights behind shades, and for caustics.
 ///
-/// Connections of light paths with the camera are splats ([`Worker::splat`]). A pixel's variance does not include their
-/// noise, and an adaptive sampler cannot direct them.
+/// Connections of light paths with the camera are splats ([`Worker::splat`]). A pixel's variance does not include the noise
+/// of splats, and an adaptive sampler cannot direct splats to a pixel.
 ///
 /// Motion and lenses are supported. Worlds with media or transparency are rejected.
 #[derive(Debug)]

@@ -32,10 +32,10 @@ const TOGETHER: u64 = 256;
 /// An integrator that samples indirect lighting (two or more scattering events) by Markov chains, and traces direct lighting
 /// separately.
 ///
-/// Each pass renders two images with separate chains and seeds. Each image takes as many mutations as it has pixels. Passes are
-/// independent and unbiased: a chain starts at an independent sample, chosen in proportion to its brightness, and is weighted
-/// by the mean brightness of all candidates [after Veach 1997, ch. 11]. A pixel's samples in a pass use the pixel's value in
-/// these images. The noise is correlated between pixels; filters assume independent noise.
+/// Each pass renders an image for each half of the samples, with separate chains and bootstrap samples. An image takes as many
+/// mutations as it has pixels. Passes are independent and unbiased: a chain starts at a bootstrap sample, chosen in proportion
+/// to its brightness, and is weighted by the mean brightness of all bootstrap samples [after Veach 1997, ch. 11]. Every sample
+/// adds its pixel's value in the image of its half. The noise is correlated between pixels; filters assume independent noise.
 ///
 /// Adaptive sampling affects only direct lighting. Worlds with media or transparency are rejected.
 #[derive(Debug)]

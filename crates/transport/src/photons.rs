@@ -34,7 +34,7 @@ dapple_core::options! {
     pub struct PhotonOptions {
         /// Light that photons carry: caustics (of small lights), or all (all indirect lighting).
         pub what: PhotonScope = PhotonScope::Caustics => "caustics", |_what| true, "\"caustics\" or \"all\"";
-        /// Photons per pass for each half-buffer; 0 = automatic (one per pixel).
+        /// Photons per pass for each half of the samples; 0 = automatic (one per pixel).
         pub photons: u32 = 0, |photons| photons <= 1 << 24, "0 to 16777216";
         /// Lookup radius of the first pass, in units of the scene file; 0 = automatic (the size of a pixel at the median hit distance).
         pub radius: f64 = 0.0, |radius| radius >= 0.0 && radius.is_finite(), "0 or above";

@@ -19,7 +19,7 @@ dapple_core::options! {
     pub struct RadiosityOptions {
         /// Desired number of patches; more reduce bias, but need more particles.
         pub patches: u32 = 4096, |patches| (1..=1 << 20).contains(&patches), "1 to 1048576";
-        /// Particles per pass for each half-buffer; 0 = automatic (one per pixel).
+        /// Particles per pass for each half of the samples; 0 = automatic (one per pixel).
         pub particles: u32 = 0, |particles| particles <= 1 << 24, "0 to 16777216";
         /// Diffuse bounces traced before patches are read: 0 shows the patches, 1 is final gathering.
         pub gather: u32 = 1, |gather| gather <= 1, "0 or 1";

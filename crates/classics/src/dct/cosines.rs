@@ -25,7 +25,7 @@ dapple_core::options! {
     pub struct CosineOptions {
         /// Number of cosine terms as a fraction of the block's samples, at most one per pixel; 0.5 as published.
         pub share: f64 = 0.5, |share| share > 0.0 && share <= 1.0, "above 0 and at most 1";
-        /// Weight of the smoothness (frequency^2) regularisation of the fit.
+        /// Weight of the fit's penalty on high frequencies, the sum of (coefficient x frequency)^2.
         pub lambda: f64 = 1e-3 => "0.001", |l| (1e-6..=1e6).contains(&l), "1e-6 to 1e6";
         /// Scale on which radiance is fitted: linear, or log (ln(1 + x): less ringing, but darkens noisy areas).
         pub scale: CosineScale = CosineScale::Linear => "linear";

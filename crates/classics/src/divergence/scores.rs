@@ -7,8 +7,8 @@ use std::f64::consts::LN_2;
 /// The score by which [`Divergence`](super::Divergence) ranks pixels.
 ///
 /// `p_i = x_i / sum x` are the fractions of the `n` samples of one channel, and `mean` is the samples' mean. A divergence `D`
-/// gives the score `mean D / n` [after Rigau 2003; the factor is quoted from memory]. The contrast `C` of an entropy, in `[0,
-/// 1]`, gives the score `mean C`. Channels are weighted by 0.213, 0.715 and 0.072.
+/// gives the score `mean D / n` [after Rigau 2003; the factor is quoted from memory]. An entropy `H` has the contrast `C = 1 -
+/// H / H_max`, in `[0, 1]`, and gives the score `mean C`. Channels are weighted by 0.213, 0.715 and 0.072.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DivergenceScore {
     /// The Kullback-Leibler divergence `D = sum p ln(p n) = ln n - H(p)`.

@@ -9,12 +9,12 @@ dapple_core::options! {
     ///
     /// Discontinuities are borders between shapes, steps in depth, normal or albedo, and mirrors. A surface's own bandwidth is
     /// 1/2 cycle per pixel where its circle of confusion contains a discontinuity. Elsewhere it is the larger of two estimates:
-    /// the frequency of the albedo texture, and `sqrt(k max(g, k))` for curvature `k` in radians per pixel and gloss `g`. For a
-    /// circle of confusion of radius `r` pixels, the lens limits the bandwidth to `0.61 / r`, the first zero of the disk's
-    /// transfer function. A discontinuity in front of the focal plane determines the bandwidth of all pixels that its circle of
-    /// confusion covers.
+    /// the frequency of the albedo texture, and `sqrt(k max(g, k))` for curvature `k` in radians per pixel and gloss `g = 1 -
+    /// roughness`. For a circle of confusion of radius `r` pixels, the lens limits the bandwidth to `0.61 / r`, the first zero
+    /// of the disk's transfer function. A discontinuity in front of the focal plane determines the bandwidth of all pixels that
+    /// its circle of confusion covers.
     pub struct LensBandwidthOptions {
-        /// Discontinuity: angle between two pixels' normals, or from a tangent plane to the other hit, above this many degrees.
+        /// Discontinuity: more than this many degrees between two pixels' normals, or between a tangent plane and the line joining both hits.
         pub angle: f64 = 10.0 => "10", |angle| angle > 0.0 && angle < 90.0, "above 0 and below 90 degrees";
         /// Discontinuity: two pixels' albedos differ by more than this.
         pub contrast: f64 = 0.1, |contrast| contrast > 0.0 && contrast <= 1.0, "above 0 and at most 1";

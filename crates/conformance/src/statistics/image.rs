@@ -13,7 +13,7 @@ const OUTLYING: f64 = 1.96;
 /// squared z).
 const RESAMPLES: usize = 200;
 
-/// The p-values of an image test. `blocks` and `global` belong to the largest of several deviations, and are adjusted for the
+/// The p-values of an image test. `blocks` and `global` are p-values of the largest of several deviations, adjusted for the
 /// number of deviations.
 #[derive(Clone, Copy, Debug)]
 pub struct ImageTest {
@@ -290,8 +290,8 @@ impl Pixels {
 /// A test statistic for a trend of pixel values with sample counts: standard normal if values and counts are unrelated,
 /// negative if pixels with few samples are too bright.
 ///
-/// In each pixel, the value and the logarithm `ln(count)` are reduced by their means over the replicates. The statistic is the
-/// sum of the products of both, divided by its standard deviation. Variances may depend on the count [after White 1980].
+/// The statistic is the sum of `(ln(count) - c) * (value - v)` over pixels and replicates, divided by its standard deviation.
+/// `c` and `v` are the pixel's means over the replicates. Variances may depend on the count [after White 1980].
 pub fn count_trend(replicates: &[Pixels]) -> f64 {
     let pixels = replicates[0].counts.len();
     let n = replicates.len() as f64;
@@ -323,10 +323,10 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// Adds an estimate with its predicted variance `forecast`, and the true value `truth`, known up to the variance `noise`.
+    /// Adds an estimate of variance `forecast` (predicted), and the true value `truth`, itself measured with variance `noise`.
     ///
-    /// The confidence interval of the estimate is `quantile * sqrt(forecast)` to either side. For 95 %, `quantile` is 1.96, or
-    /// that of Student's t if the forecast has few degrees of freedom.
+    /// The confidence interval is `estimate ± sqrt(quantile^2 forecast + 1.96^2 noise)`. For 95 %, `quantile` is 1.96, or the
+    /// quantile of Student's t if the forecast has few degrees of freedom.
     pub fn add(&mut self, estimate: f64, forecast: f64, truth: f64, noise: f64, quantile: f64) {
         let off = estimate - truth;
         let reach = (quantile * forecast.sqrt()).hypot(1.96 * noise.sqrt());

@@ -56,8 +56,8 @@ impl Ladder {
     ///
     /// Counts may leave the ladder in four cases:
     /// * a pixel's floor is off the ladder;
-    /// * one pixel makes the sum exact;
-    /// * the budget is larger than the pixels can hold with counts on the ladder up to `ceiling`;
+    /// * one pixel takes the remainder, so that the counts sum to `total`;
+    /// * `total` is larger than the sum of the largest counts on the ladder up to `ceiling`;
     /// * all scores are equal: counts then differ by at most 1, unless the floors differ by more.
     ///
     /// # Errors

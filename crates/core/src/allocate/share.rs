@@ -13,7 +13,7 @@ const CHUNK: usize = 2048;
 /// The largest number of steps in [`find_factor`]'s search; about ten suffice if weights span a few decades.
 const MOST_ROUNDS: u32 = 64;
 
-/// Distributes exactly `total` samples in proportion to `weights`.
+/// Distributes `total` samples in proportion to `weights`: all of them, unless every pixel reaches the ceiling.
 ///
 /// Pixel `p` gets `base + factor * weights[p]`, clamped to `floors[p]` and `ceiling` (a floor above the ceiling takes
 /// precedence). The factor is the same for all pixels, and makes the counts sum to `total`. Fractions are rounded by the

@@ -70,7 +70,7 @@ impl Film {
     ///
     /// The halves are scrambled independently, so their means A and B satisfy `E (A - B)^2 = var A + var B`. The variances are
     /// taken as inversely proportional to sample counts. The pixel's mean `w A + (1 - w) B` has the squared error `w^2 var A +
-    /// (1 - w)^2 var B`. It has one degree of freedom, so average over pixels before use. The error of splats is not included.
+    /// (1 - w)^2 var B`. The estimate has one degree of freedom: average it over pixels. The error of splats is not included.
     pub fn squared_error(&self, i: usize) -> Option<[f64; 3]> {
         let [a, b] = &self.kept[..] else { return None };
         let (na, nb) = (f64::from(a.counts[i]), f64::from(b.counts[i]));

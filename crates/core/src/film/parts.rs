@@ -111,11 +111,11 @@ impl Film {
     /// The samples of half 0 or 1 as a film without halves, so that a filter can be applied to one half alone.
     ///
     /// * From one half: counts, means, emission (also of [feature-only samples](Film::emission_alone)), data of recorders,
-    ///   splats, discarded samples. Variances too, which are left out without [`Needs::half_variance`].
-    /// * From both halves: first hits and surfaces. Features too, unless the film records [`Needs::feature_halves`].
+    ///   splats, discarded and rejected samples; variances with [`Needs::half_variance`], else none.
+    /// * From both halves: first hits, surfaces, and features (from one half with [`Needs::feature_halves`]).
     /// * Left out: costs and the record of rounds.
     ///
-    /// A filter that needs halves refuses the new film, which takes [`Film::bytes_per_pixel`] of its own [`Needs`].
+    /// A filter that needs halves refuses the new film.
     ///
     /// ```
     /// use dapple_core::{Film, Frame, Needs};

@@ -55,7 +55,7 @@ impl Identity {
         self.pairs.iter().find(|(known, _)| known == name).map(|(_, value)| value.as_str())
     }
 
-    /// The settings in which `there` differs from `self`, one phrase each.
+    /// The settings that differ between `there` and `self`, each as `NAME: VALUE IN THERE, not VALUE IN SELF`.
     pub fn differences(&self, there: &Self) -> Vec<String> {
         let none = "none";
         let known = self.pairs.iter().map(|(name, here)| (name, there.value(name).unwrap_or(none), here.as_str()));
@@ -136,7 +136,7 @@ impl StateFile {
         self.bytes
     }
 
-    /// The runs of traced rows in the file.
+    /// The encoded traced rows in the file, in tracing order. Each item holds consecutive rows.
     pub fn rows(&self) -> impl Iterator<Item = &[u8]> {
         let found = sections(&self.bytes).unwrap_or_default();
         found.into_iter().filter(|(name, _)| *name == ROWS).map(|(_, section)| section)
@@ -159,7 +159,7 @@ impl StateFile {
     ///
     /// # Errors
     ///
-    /// [`Error::Missing`], [`Error::Read`], and [`Error::Damaged`] for another kind or a damaged file.
+    /// [`Error::Missing`] without a file, [`Error::Damaged`] for another kind or a damaged file, otherwise [`Error::Read`].
     pub fn read(path: &Path, kind: StateKind) -> Result<Self, Error> {
         let read = || match std::fs::metadata(path)?.is_file() {
             true => std::fs::read(path),

@@ -37,7 +37,7 @@ impl Store {
     /// # Errors
     ///
     /// [`Error::InUse`] while another process holds the lock; [`Error::Write`] if no file can be created there. On disks
-    /// without locks, only one process may write.
+    /// without locks, the call succeeds; the caller must keep other processes from writing the file.
     pub fn lock(path: &Path) -> Result<Self, Error> {
         Self::lock_on(path, Box::new(Disk))
     }
@@ -67,12 +67,12 @@ impl Store {
 
     /// Writes `contents` as the newest version; the replaced version becomes the previous one.
     ///
-    /// The file is written under another name, flushed and renamed. A crash or an error at any moment leaves a complete newest
-    /// file. On disks without hard links, only the previous version exists for a moment; [`Store::read`] finds it as well.
+    /// The file is written under another name, flushed and renamed. After a crash or an error at any moment, [`Store::read`]
+    /// finds the old or the new version complete.
     ///
     /// # Errors
     ///
-    /// [`Error::Write`] with the step that failed. An existing file is unchanged, and the call may be repeated.
+    /// [`Error::Write`] with the step that failed. The call may be repeated.
     pub fn save(&self, contents: &StateFile) -> Result<(), Error> {
         let part = beside(&self.path, "part");
         let saved = self.put(&part, contents.bytes()).and_then(|()| self.put_in_place(&part));

@@ -26,10 +26,10 @@ const GUESS: f64 = 0.5e9;
 /// The checkpoint file to write and the one to resume from.
 #[derive(Clone, Debug, Default)]
 pub struct CheckpointOptions {
-    /// The file to write checkpoints to; `None` writes to `resume`, if that is set.
+    /// The file to write checkpoints to; `None` means the file `resume`. If both are `None`, no checkpoints are written.
     pub keep: Option<PathBuf>,
-    /// The checkpoint file to resume from; `None` starts afresh. Checkpoints are written to this file too, unless
-    /// `keep` names another one. If both name the same missing file, the render starts afresh.
+    /// The checkpoint file to resume from; `None` starts a new render. If the file does not exist, a new render starts only if
+    /// `keep` names the same file.
     pub resume: Option<PathBuf>,
     /// Seconds between checkpoints. `None` means 60, or more if checkpoints would use over 1 % of the render time.
     pub every: Option<f64>,

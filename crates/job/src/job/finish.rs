@@ -25,21 +25,21 @@ pub struct RenderedImage {
 /// Wall-clock seconds spent on each phase; 0 for phases that a render does not have.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct PhaseSeconds {
-    /// Reading the scene.
+    /// Seconds of reading the scene.
     pub load: f64,
-    /// Building the world.
+    /// Seconds of building the world.
     pub bvh: f64,
-    /// Clustering.
+    /// Seconds of clustering.
     pub cluster: f64,
-    /// Tracing first-hit rays.
+    /// Seconds of tracing first-hit rays.
     pub first_hits: f64,
-    /// Planning, excluding first-hit rays.
+    /// Seconds of planning, excluding first-hit rays.
     pub plan: f64,
-    /// Tracing.
+    /// Seconds of tracing.
     pub trace: f64,
-    /// Filtering.
+    /// Seconds of filtering.
     pub filter: f64,
-    /// Writing files.
+    /// Seconds of writing files.
     pub write: f64,
 }
 

@@ -21,7 +21,7 @@ pub struct PlanFile {
     file: StateFile,
 }
 
-/// Files of traced rows: the parts of a plan's stage, or those of an image without a plan.
+/// Files of traced rows: the parts of a plan's stage or, without a plan, the parts of an image.
 pub struct RowsFiles {
     /// The description of the render.
     pub spec: RenderSpec,
@@ -110,13 +110,13 @@ impl Job {
         Ok(StateFile::new(StateKind::Plan, identity, session.snapshot()).into_bytes())
     }
 
-    /// Traces part of the rows of a plan's stage or, without a plan, of the only stage of a render. Returns the bytes
-    /// of a file of rows; `None` if the monitor stopped the tracing.
+    /// Traces part `shard` of a plan's stage or, without a plan, of the only stage of the render. Returns the bytes of a file
+    /// of rows; `None` if the monitor stopped the tracing.
     ///
     /// # Errors
     ///
-    /// As [`Job::run`]; [`JobError::OtherRender`] for a plan of another render, [`JobError::NoParts`] without a plan, for a render
-    /// with more than one stage.
+    /// As [`Job::run`]; [`JobError::OtherRender`] if the plan belongs to another render; [`JobError::NoParts`] if `plan` is
+    /// `None` but the render has more than one stage.
     pub fn trace_part(
         &mut self,
         plan: Option<&PlanFile>,

@@ -85,7 +85,7 @@ impl OutputFiles {
         Self { files, ..Self::default() }
     }
 
-    /// Lists image files at these paths, in the formats of their extensions.
+    /// Returns a list of image files with these paths. Extensions determine the formats.
     ///
     /// # Errors
     ///

@@ -145,25 +145,26 @@ pub(super) fn bytes_per_pixel(needs: &Needs, filtered: bool) -> usize {
     4 * (3 + besides + if needs.features { OF_IMAGE.len() } else { 0 })
 }
 
-/// Returns every EXR layer for which the film has statistics, the image first:
+/// Returns every EXR layer for which the film has statistics, the image first. Only files have the channels A and Z:
 ///
 /// | layer | channels | contents |
 /// |---|---|---|
 /// | (main) | R G B | the image, linear radiance |
-/// | (main, in files) | A | coverage as below, for compositing; R G B include the background |
-/// | (main, in files) | Z | distance along the camera's axis, as Blender writes it; 1e10 without a hit |
+/// | (main) | A | the value of `coverage`, for compositing; R G B include the background |
+/// | (main) | Z | distance along the camera's axis, as Blender writes it; 1e10 without a hit |
 /// | `unfiltered` | R G B | the mean of each pixel's own samples; only if a filter changed the image |
 /// | `variance` | R G B | sample variance (of one sample, not of the mean); NaN below two samples |
 /// | `count` | Y, integers | samples per pixel |
 /// | `error` | Y | predicted squared error of the image, mean over the channels; only if the filter estimates it |
 /// | `cluster` | Y, integers | the cluster that each pixel's first sample hit; 4294967295 without a hit |
 /// | `albedo` | R G B | mean albedo of the first non-specular surfaces; black without a hit |
-/// | `normal` | X Y Z | mean shading normal of these surfaces in the file's world space; 0 without a hit |
-/// | `depth` | Y | mean length of the paths to these surfaces in the file's units; infinite without a hit |
-/// | `coverage` | Y | fraction of samples that hit a surface; the three layers above are means over these samples |
+/// | `normal` | X Y Z | mean shading normal of the same surfaces in the file's world space; 0 without a hit |
+/// | `depth` | Y | mean length of the paths to the same surfaces in the file's units; infinite without a hit |
+/// | `coverage` | Y | fraction of samples that hit a surface |
 ///
-/// The first non-specular surface may lie behind mirrors, glass and smooth coats, as denoisers expect
-/// ([`SurfaceFeatures`](dapple_core::SurfaceFeatures)). The sky in a mirror has the normal 0 and the mirror's depth.
+/// Albedo, normal and depth are means over the samples that hit a surface. The first non-specular surface may lie behind
+/// mirrors, glass and smooth coats, as denoisers expect ([`SurfaceFeatures`](dapple_core::SurfaceFeatures)). The sky in a
+/// mirror has the normal 0 and the mirror's depth.
 ///
 /// `unit` is the integrator's unit of length in the file's units: `1 / world.space().scale()`. `clusters` come from
 /// [`cluster_ids`](super::cluster_ids).

@@ -28,7 +28,7 @@ impl GrayMap {
 }
 
 /// Returns, per pixel, the index of the cluster that the first sample hit, or `u32::MAX` if it hit nothing. `None` if
-/// the film has no surfaces.
+/// the film lacks [`Needs::surfaces`](dapple_core::Needs::surfaces).
 pub fn cluster_ids(film: &Film, clusters: &WorldClusters) -> Option<Vec<u32>> {
     let of =
         |i: usize| film.surface(i).and_then(|[shape, primitive]| clusters.label(shape, primitive)).unwrap_or(u32::MAX);
@@ -65,9 +65,9 @@ pub fn sample_map(film: &Film) -> GrayMap {
 /// estimate of one pixel has only one degree of freedom.
 const POOLED: usize = 2;
 
-/// A map of the predicted relative error: the square root of the predicted squared error over (squared value + 0.01),
-/// both averaged over 5x5 pixels. White is the 99th percentile, black is 0, shades are proportional. `None` if the
-/// filter makes no error estimates.
+/// A map of the predicted relative error `sqrt(E / (V + 0.01))`. `E` is the predicted squared error and `V` the squared
+/// pixel value, each a mean over 5x5 pixels. White is the 99th percentile, black is 0, shades are proportional. `None`
+/// if the filter makes no error estimates.
 pub fn error_map(filtered: &Filtered) -> Option<GrayMap> {
     let error = filtered.error.as_ref()?;
     let [w, h] = filtered.size.map(|n| n as usize);
@@ -90,9 +90,9 @@ pub fn error_map(filtered: &Filtered) -> Option<GrayMap> {
     Some(GrayMap { size: filtered.size, values: shades(&relative, white), white })
 }
 
-/// A map of first-hit distances, from black (0) to white (the largest distance, in the file's units; pixels without a
-/// hit are white, too). `unit` is the integrator's unit of length, in the file's units. `None` if the film has no
-/// features.
+/// A map of the mean length of each pixel's paths to the first non-specular surfaces, in the file's units. Black is 0.
+/// White is the largest length, or a pixel without a hit. `unit` is the integrator's unit of length, in the file's units.
+/// `None` if the film has no features.
 pub fn depth_map(film: &Film, unit: f64) -> Option<GrayMap> {
     let depths = of_features(film, |f| f64::from(depth(f, unit)))?;
     let white = depths.iter().copied().filter(|d| d.is_finite()).fold(0.0, f64::max);
@@ -110,8 +110,8 @@ pub fn albedo_map(film: &Film) -> Option<Result<Vec<u8>, ImageError>> {
     Some(encode_png_rgb(film.frame().size(), &values))
 }
 
-/// Encodes the mean shading normal of each pixel's first non-specular surfaces as a PNG file: -1 is stored as 0 and 1 as 255,
-/// so pixels without a hit are mid-gray. `None` if the film has no features.
+/// Encodes the mean shading normal of each pixel's first non-specular surfaces as a PNG file. Red, green and blue map x, y
+/// and z from -1..=1 to 0..=255. Pixels without a hit are mid-gray. `None` if the film has no features.
 ///
 /// # Errors
 ///

@@ -5,7 +5,7 @@ use std::f64::consts::{FRAC_1_SQRT_2, LN_2, PI};
 /// The number of degrees of freedom from which on an expansion around the normal quantile has full f64 accuracy.
 const MANY_DEGREES: f64 = 1e5;
 
-/// The quantile of Student's t: the value below which t lies with `probability`; -inf at 0, inf at 1.
+/// The quantile of Student's t: the value below which t lies with `probability`. It is -inf for `probability` 0, inf for 1.
 ///
 /// `degrees_of_freedom` is any number above 0, infinity included. The relative error is below 1e-12, also near the median.
 /// NaN for a probability outside 0..=1 or degrees of freedom not above 0. Infinite if the value exceeds the range of an f64,
@@ -15,8 +15,8 @@ const MANY_DEGREES: f64 = 1e5;
 /// assert!((dapple_metrics::student_t_quantile(0.975, 7.0) - 2.364_624_251_592_785).abs() < 1e-11);
 /// ```
 ///
-/// The incomplete beta function [after AbramowitzStegun 1964, 26.5.8] is inverted by Newton's iteration in
-/// logarithms; from 1e5 degrees on the normal quantile is expanded [after AbramowitzStegun 1964, 26.7.5].
+/// Below 1e5 degrees of freedom, Newton's iteration in logarithms inverts the incomplete beta function [after
+/// AbramowitzStegun 1964, 26.5.8]. From 1e5 on, a series extends the normal quantile [after AbramowitzStegun 1964, 26.7.5].
 pub fn student_t_quantile(probability: f64, degrees_of_freedom: f64) -> f64 {
     let [p, v] = [probability, degrees_of_freedom];
     if !(0.0..=1.0).contains(&p) || v.is_nan() || v <= 0.0 {

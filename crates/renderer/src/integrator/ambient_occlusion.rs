@@ -20,8 +20,8 @@ dapple_core::options! {
 /// An integrator for ambient occlusion. Its value is the cosine-weighted fraction of directions from the camera ray's
 /// first hit in which nothing lies within a given distance.
 ///
-/// It is 1 for an open surface, and 0 for an enclosed one or where the camera ray hits nothing. Lights and materials
-/// are ignored; holes cut by alpha count as solid. The code calls public functions of [`World`] only.
+/// The value is 1 for an open surface, and 0 for an enclosed one or where the camera ray hits nothing. Lights and materials
+/// are ignored; holes cut by alpha count as solid.
 #[derive(Clone, Copy, Debug)]
 pub struct AmbientOcclusion<'w> {
     world: &'w World,

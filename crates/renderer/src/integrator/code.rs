@@ -18,7 +18,7 @@ pub const ROULETTE: u32 = 4;
 /// The bit for surfaces that transmit light.
 pub const TRANSMISSION: u32 = 8;
 /// The bit for effects that few scenes have: media, alpha, interfaces between media, mixed materials and motion. At run time,
-/// one predictable branch per effect checks if the scene has it.
+/// one predictable branch per effect skips the effects that the scene lacks.
 pub const RARE: u32 = 16;
 /// The bit for vertex normals, instances and all surfaces other than diffuse ones of constant color.
 pub const VARIED: u32 = 32;
@@ -26,7 +26,7 @@ pub const VARIED: u32 = 32;
 /// tracer's const parameter.
 pub const LEARNED_SELECTION: u32 = 64;
 
-/// The bits for all effects.
+/// All bits except [`LEARNED_SELECTION`].
 pub const ALL: u32 = SEVERAL_LIGHTS | ENVIRONMENT | ROULETTE | TRANSMISSION | RARE | VARIED;
 
 /// Returns the bits that a world needs, from the [effects](World::effects) of its scene and from its surfaces.

@@ -31,8 +31,8 @@ use transmission::MediumEnd;
 /// closed rooms of albedo 0.98.
 const SURVIVAL: f32 = 0.99;
 
-/// A path tracer for a camera of kind `L` and light selection `S`. `E` is a combination of bits of
-/// [`code`](super::code): the effects it has code for.
+/// A path tracer with camera kind `L`, light selector `S` and additional light source `G`. It has code for the effects in `E`,
+/// a combination of the bits of [`code`](super::code).
 #[derive(Debug)]
 pub struct PathTracer<'w, L, S, const E: u32, G = NoVertexLight> {
     world: &'w World,

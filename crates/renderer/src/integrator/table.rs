@@ -23,7 +23,7 @@ const INTEGRATORS: &[IntegratorEntry] = &[
     },
 ];
 
-/// A function that makes an integrator for a world from the text of its parameters, `key=value,…`.
+/// A function that makes an integrator from the text of the integrator's parameters, `key=value,…`, and a world.
 pub type MakeIntegrator = for<'w> fn(&str, &'w World) -> Result<Box<dyn Integrator + 'w>, MakeError>;
 
 /// The reason why an integrator could not be made from the text of its parameters.

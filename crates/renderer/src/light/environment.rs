@@ -32,8 +32,8 @@ impl Environment {
     ///
     /// # Errors
     ///
-    /// [`SceneError`] if a radiance or the scale is negative or not finite, if an equal-area image is not square, or if an
-    /// image is too large. The same error if the transform flattens space, or stretches an environment map.
+    /// [`SceneError`] if a radiance or the scale is negative or not finite, if an equal-area image is not square, if an image
+    /// is too large, or if the transform is not finite, is not invertible or stretches an environment map.
     pub fn new(radiance: &EnvironmentRadiance, to_world: DMat3, at: &Source) -> Result<Option<Self>, SceneError> {
         // Only directions matter, so a uniform scale has no effect.
         let inverse = to_world.inverse();

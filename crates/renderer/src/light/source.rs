@@ -219,7 +219,7 @@ pub struct EmissionPdf {
     pub direction: f32,
 }
 
-/// A ray that leaves a light, with the light that it carries.
+/// A ray that leaves a light, with its radiance and sampling densities.
 #[derive(Clone, Copy, Debug)]
 pub struct EmittedLight {
     /// The index of the light in [`Lights`](crate::light::Lights).
@@ -243,8 +243,8 @@ pub struct EmittedLight {
 }
 
 impl EmittedLight {
-    /// Returns the flux of the ray: radiance times cosine over all densities. Its expectation is the total power of all
-    /// lights.
+    /// Returns the flux of the ray, `radiance * cosine / (pmf * pdf.position * pdf.direction)`. The expected flux is the total
+    /// power of all lights.
     pub fn flux(&self) -> Vec3 {
         self.radiance * (self.cosine / (self.pmf * self.pdf.position * self.pdf.direction))
     }

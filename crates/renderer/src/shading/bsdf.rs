@@ -19,11 +19,11 @@ const NARROW: f32 = 0.02;
 
 /// The BSDF at a surface point, with its textures already evaluated.
 ///
-/// It is a small `Copy` value made at each hit; data that depends only on the material is precomputed. Opaque surfaces scatter
-/// on both sides: as in pbrt-v4, a `wo` below the surface is mirrored through the point. No light passes an opaque surface.
+/// A small `Copy` value made at each hit. Opaque surfaces transmit nothing and scatter on both sides: directions below the
+/// surface are mirrored through the point, as in pbrt-v4.
 ///
-/// All directions are unit vectors in the shading frame and point away from the surface. The caller must reject
-/// directions that would leak through the *geometric* surface where the shading normal differs from its normal.
+/// All directions are unit vectors in the shading frame and point away from the surface. Shading and geometric normals may
+/// differ, so the caller must reject directions that would leak through the geometric surface.
 #[derive(Clone, Copy, Debug)]
 pub enum Bsdf<'m> {
     /// Lambertian reflection.
@@ -86,7 +86,7 @@ pub enum Bsdf<'m> {
 }
 
 impl<'m> Bsdf<'m> {
-    /// Makes a metal with microfacet widths `alpha`. It is smooth if [`effectively_smooth`] returns true for them,
+    /// Makes a metal with microfacet widths `alpha`. The metal is smooth if [`effectively_smooth`] returns true for `alpha`,
     /// else rough.
     ///
     /// # Errors
@@ -97,7 +97,7 @@ impl<'m> Bsdf<'m> {
         Ok(if effectively_smooth(alpha) { Self::SmoothConductor { ior } } else { Self::Conductor { ior, microfacets } })
     }
 
-    /// Makes the BSDF of a coat over a diffuse base. `reflectance` is that of the base, clamped to `[0, 1]`.
+    /// Makes the BSDF of a coat over a diffuse base with this `reflectance`, clamped to `[0, 1]`.
     #[inline]
     pub fn coated_diffuse(coat: &'m Coat, reflectance: Vec3) -> Self {
         Self::CoatedDiffuse { coat, base: coat.base(reflectance.clamp(Vec3::ZERO, Vec3::ONE)) }
@@ -329,7 +329,7 @@ impl<'m> Bsdf<'m> {
     }
 
     /// Returns true if [`sample`](Self::sample) with this `lobe` samples a non-specular lobe so narrow that its reflections and
-    /// refractions show detail. It determines features for denoisers and does not affect light transport.
+    /// refractions show detail. The result affects features for denoisers, but not light transport.
     #[inline(never)]
     pub fn samples_narrow_lobe(&self, wo: Vec3, lobe: f32) -> bool {
         let narrow = |m: &TrowbridgeReitz| m.alpha()[0].max(m.alpha()[1]) <= NARROW;

@@ -37,9 +37,8 @@ pub struct CoatOptions {
     /// The microfacet widths along the two tangents. The coat is smooth if [`effectively_smooth`] returns true for
     /// them or `eta` is 1.
     pub alpha: [f32; 2],
-    /// The optical thickness along the normal, at least 0. Light that crosses the coat at an angle with cosine `c` inside
-    /// keeps the fraction `exp(-thickness / c)`. For a scattering coat, which transmits most of the scattered light, use `1 -
-    /// albedo` times its thickness.
+    /// The optical thickness along the normal, at least 0. A crossing of the coat transmits the fraction `exp(-thickness / c)`
+    /// of light, where `c` is the cosine to the normal inside the coat.
     pub thickness: f32,
     /// The largest number of events in pbrt-v4's random walk between the layers; `u32::MAX` for no limit.
     pub max_depth: u32,
@@ -52,8 +51,8 @@ impl Default for CoatOptions {
     }
 }
 
-/// A dielectric coat over a diffuse base, tabulated once per material. The tables take about 10 ms (0.3 ms for a
-/// smooth coat) and 2 KiB. The reflectance of the base may vary from hit to hit.
+/// A dielectric coat over a diffuse base, tabulated once per material. The tables take 2 KiB, and about 10 ms to compute
+/// (0.3 ms for a smooth coat). The reflectance of the base may vary from hit to hit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Coat {
     eta: f32,

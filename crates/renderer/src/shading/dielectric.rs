@@ -77,7 +77,7 @@ impl SmoothDielectric {
 /// A rough interface of glass [Walter et al. 2007].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RoughDielectric {
-    /// The index of refraction inside relative to the one outside. It must not be 1, at which there is no interface.
+    /// The index of refraction inside relative to the one outside. A value of 1 is invalid; see [`SmoothDielectric`].
     pub eta: f32,
     /// The microfacet distribution of the interface.
     pub microfacets: TrowbridgeReitz,

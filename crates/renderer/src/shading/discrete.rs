@@ -9,13 +9,13 @@ const MAX_SIDE: usize = 1 << 20;
 
 /// A discrete distribution over items, with probabilities proportional to their weights.
 ///
-/// Sampling inverts the cumulative distribution, so that well-distributed random numbers select well-distributed items, unlike
-/// with an alias table. A guide table [Chen and Asau 1974] finds the item in constant expected time. Sums are computed in f64.
+/// Sampling inverts the cumulative distribution. Unlike with an alias table, well-distributed random numbers select
+/// well-distributed items. A guide table [Chen and Asau 1974] finds the item in constant expected time. Sums are in f64.
 ///
 /// A distribution without a positive weight is *empty*: no item can be sampled.
 ///
-/// A random number of 24 bits selects an item with a probability that is a multiple of 2^-24. With 10^6 items, the frequencies
-/// of single items can be off by some percent, but the frequencies of ranges of items are not.
+/// A random number of 24 bits selects an item, or a range of items, with a probability that is a multiple of 2^-24. With 10^6
+/// items, this rounding changes the frequency of a single item by some percent, and of a long range by much less.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Discrete {
     /// `ends[i]` is the cumulative probability of items `0..=i`. It is 1 at and after the last item with a positive weight.
@@ -37,11 +37,11 @@ pub struct Choice {
 }
 
 impl Discrete {
-    /// Makes the distribution with at most 2^32 - 1 weights.
+    /// Makes the distribution with one item per weight.
     ///
     /// # Errors
     ///
-    /// [`Error::Weight`] if a weight is negative, infinite or NaN. [`Error::TooMany`] if there are too many weights.
+    /// [`Error::Weight`] if a weight is negative, infinite or NaN. [`Error::TooMany`] for more than 2^32 - 1 weights.
     pub fn new(weights: &[f32]) -> Result<Self, Error> {
         if u32::try_from(weights.len()).is_err() {
             return Err(Error::TooMany { count: weights.len(), most: u32::MAX as usize });
@@ -97,10 +97,10 @@ impl Discrete {
     }
 }
 
-/// A distribution over the cells of a grid, with probabilities proportional to their weights.
+/// A distribution over the cells of a grid, with probabilities proportional to the cells' weights.
 ///
-/// Sampling inverts the cumulative distribution of the rows, then the one of the cells in the selected row. A cell of weight 0
-/// is never sampled. The distribution takes about 5 bytes per cell.
+/// Sampling inverts the cumulative distribution of the rows, then that of the selected row's cells. A cell of weight 0 is never
+/// sampled. The distribution takes about 5 bytes of memory per cell.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PiecewiseConstant2d {
     rows: Discrete,

@@ -4,9 +4,8 @@ use glam::Vec3;
 
 /// Returns the Fresnel reflectance of a dielectric interface.
 ///
-/// `cos` is the cosine on the side of the incident light, clamped to `[0, 1]`. `eta` is the index of refraction beyond
-/// the interface relative to the one before it. The result is 1 on total internal reflection [Pharr et al. 2023, eq.
-/// 9.6].
+/// `cos` is the cosine of the angle of incidence, clamped to `[0, 1]`. `eta` is the index of refraction on the transmitted side
+/// relative to the incident side. The result is 1 on total internal reflection [Pharr et al. 2023, eq. 9.6].
 #[inline]
 pub fn dielectric(cos: f32, eta: f32) -> f32 {
     match transmitted_cosine(cos, eta) {
@@ -23,8 +22,8 @@ pub(crate) fn dielectric_between(cos: f32, cos_t: f32, eta: f32) -> f32 {
     0.5 * (parallel * parallel + perpendicular * perpendicular)
 }
 
-/// Returns the reflectance of a thin pane, with all reflections between its two faces: `R + T^2 R / (1 - R^2)` for a
-/// face's reflectance `R = 1 - T` [Pharr et al. 2023, sec. 9.5.2]. The rest of the light passes in the same direction.
+/// Returns the reflectance of a thin pane, with all reflections between its two faces: `R + T^2 R / (1 - R^2)`, where `R` is
+/// the reflectance [`dielectric`]`(cos, eta)` of one face and `T = 1 - R` [Pharr et al. 2023, sec. 9.5.2].
 #[inline]
 pub fn pane(cos: f32, eta: f32) -> f32 {
     let face = dielectric(cos, eta);

@@ -46,8 +46,8 @@ const WALKS: u64 = 1024;
 /// The smallest cosine from which walks start, used instead of 0.
 const GRAZING: f32 = 1e-3;
 
-/// A coat over a metal. Its tables take about 0.2 s per material; two smooth layers need none. The metal's reflectance may
-/// vary from hit to hit.
+/// A coat over a metal. Computing the tables takes about 0.2 s per material, unless both layers are smooth. The metal's
+/// reflectance may vary from hit to hit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MetalCoat {
     coat: Coat,
@@ -63,7 +63,7 @@ impl MetalCoat {
     ///
     /// # Errors
     ///
-    /// The errors of [`Coat::new`]. [`Error::Roughness`] also if a width of the metal is out of range.
+    /// The errors of [`Coat::new`] for `options`, and of [`TrowbridgeReitz::new`] for `alpha`.
     pub fn new(options: CoatOptions, alpha: [f32; 2]) -> Result<Self, Error> {
         let coat = Coat::new(options)?;
         let metal = TrowbridgeReitz::new(alpha)?;

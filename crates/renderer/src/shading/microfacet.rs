@@ -7,7 +7,7 @@ use std::f32::consts::PI;
 
 /// The Trowbridge-Reitz (GGX) distribution of microfacet normals, with widths `alpha` along the x and y axes.
 ///
-/// Directions are unit vectors in the shading frame. `w` is on the side `z >= 0`.
+/// All directions are in the shading frame. All but half vectors `h` are unit vectors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrowbridgeReitz {
     alpha: [f32; 2],
@@ -49,8 +49,8 @@ impl TrowbridgeReitz {
         ratio * ratio / (PI * ax * ay)
     }
 
-    /// Returns the length of `w` after stretching the surface to width 1: `|(ax x, ay y, z)|`. Smith's `Lambda(w)` is
-    /// `(stretched(w) / w.z - 1) / 2`; the length itself needs no division.
+    /// Returns the length `|(ax x, ay y, z)|` for `w = (x, y, z)` and the widths `[ax, ay]`. Smith's `Lambda(w)` is
+    /// `(stretched(w) / |w.z| - 1) / 2`.
     #[inline]
     pub fn stretched(&self, w: Vec3) -> f32 {
         let (x, y) = (self.alpha[0] * w.x, self.alpha[1] * w.y);

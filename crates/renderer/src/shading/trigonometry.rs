@@ -33,7 +33,7 @@ pub(super) fn sin_cos_within_an_eighth(x: f32) -> (f32, f32) {
 
 /// Returns the angle of the point `(x, y)` in turns, in `[0, 1)`, with an error below 1e-7; 0 at the origin.
 ///
-/// The polynomial is that of atanf in Cephes [Moshier 1992].
+/// Uses the polynomial of Cephes' `atanf` [Moshier 1992].
 #[inline]
 pub fn turn_of(y: f32, x: f32) -> f32 {
     let (near, far) = (x.abs().min(y.abs()), x.abs().max(y.abs()));

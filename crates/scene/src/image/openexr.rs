@@ -30,7 +30,7 @@ pub enum Plane<'a> {
     Each(ComputedFloats<'a>),
 }
 
-/// The floats of a channel, computed one by one.
+/// The floats of a channel, each computed on demand from its index.
 #[derive(Clone)]
 pub struct ComputedFloats<'a> {
     len: usize,
@@ -79,12 +79,12 @@ planes! {
 }
 
 impl<'a> Plane<'a> {
-    /// Makes a plane of `len` 32-bit floats that are computed as they are written.
+    /// Makes a plane of `len` 32-bit floats; `of(i)` computes the float at index `i` whenever it is needed.
     pub fn each(len: usize, of: impl Fn(usize) -> f32 + Send + Sync + 'a) -> Self {
         Self::Each(ComputedFloats { len, is_half: false, of: Arc::new(of) })
     }
 
-    /// Marks the floats to be stored as 16-bit floats.
+    /// Selects 16-bit storage for floats; integers keep 32 bits.
     pub fn halve(&mut self) {
         match self {
             Self::F32(values) => *self = Self::F16(std::mem::take(values)),

@@ -6,15 +6,15 @@ use ::image::codecs::{jpeg::JpegDecoder, png::PngDecoder, tga::TgaDecoder};
 use ::image::{ImageDecoder, ImageError as Decoder, Limits};
 use std::io::{Cursor, ErrorKind};
 
-/// The meaning of the samples in an image file. Floating-point samples are always linear.
+/// The meaning of the values in an image file. Floating-point values are always linear.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Encoding {
     /// The default: integers are sRGB, as with [`Encoding::Srgb`].
     #[default]
     Auto,
-    /// Samples are data, as in bump maps, roughness maps and masks: integers are linear, and there is no colour space.
+    /// Values are data, as in bump maps, roughness maps and masks: integers are linear, and there is no colour space.
     Linear,
-    /// Samples are colours; integers are sRGB.
+    /// Values are colours; integers are sRGB.
     Srgb,
 }
 
@@ -36,9 +36,9 @@ pub struct ImageFile {
 /// The layer and the view to read from an OpenEXR file.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LayerQuery<'a> {
-    /// The name of the layer; `None` for the main one.
+    /// The name of the layer; `None` chooses the image as [`read_image`] does.
     pub layer: Option<&'a str>,
-    /// The view to read if it has the layer; `None` for the first view.
+    /// The view to read. `None`, or a view without the layer, selects the first view with the layer.
     pub view: Option<&'a str>,
 }
 
@@ -73,8 +73,7 @@ pub fn read_image(bytes: &[u8], file_name: &str, encoding: Encoding) -> Result<I
     read_image_file(bytes, file_name, encoding, LayerQuery::default()).map(|file| file.image)
 }
 
-/// Reads a texture or an environment map, with notices. Channels that are negative after the conversion of colours outside of
-/// Rec. 709 become 0.
+/// Reads a texture or an environment map, with notices. After a conversion of colours to Rec. 709, negative channels become 0.
 ///
 /// # Errors
 /// Those of [`read_image`], and [`ImageError::NotFinite`].

@@ -57,9 +57,9 @@ fn add_model(scene: &mut Scene, model: ObjModel, files: &dyn Files, source: &Sou
 pub struct ObjModel {
     /// The meshes, one for each combination of material and vertex attributes (normals, texture coordinates).
     pub meshes: Vec<ObjMesh>,
-    /// Arguments of `mtllib`, which name one or several material files (MTL), each with its line.
+    /// The argument and the line of each `mtllib` statement. An argument names one or several material files (MTL).
     pub libraries: Vec<(String, u32)>,
-    /// Notices of statements that are left out or corrected, each with the line of its first use; line 0 is the whole file.
+    /// Notices of left out or corrected statements, each with the line of the first one; line 0 stands for the whole file.
     pub notices: Vec<(String, u32)>,
 }
 
@@ -75,8 +75,7 @@ pub struct ObjMesh {
 /// Reads the meshes of an OBJ file.
 ///
 /// Negative indices count back from the last vertex read so far. Polygons become triangles. Colours of vertices (`v x y z r g
-/// b`) are in sRGB. If any vertex of a mesh has a colour, its vertices without one are white. Names may be in UTF-8 or
-/// Latin-1.
+/// b`) are in sRGB. In a mesh with colours, a vertex without a colour is white. Names may be in UTF-8 or Latin-1.
 ///
 /// # Errors
 /// Returns the first fault in the file.

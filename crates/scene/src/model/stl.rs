@@ -28,8 +28,8 @@ const FACET_LENGTH: usize = 50;
 /// one vertex, unless their facets have different colours. Colours of binary files are those of VisCAM and SolidView, or of
 /// Materialise Magics.
 ///
-/// A file that begins with `solid` is text, with two exceptions: a NUL among its first 512 bytes, or the exact length of
-/// a binary file with its number of facets.
+/// A file that begins with `solid` is text, unless its first 512 bytes contain a NUL, or its length is exactly that of a
+/// binary file with as many facets as bytes 80 to 83 declare.
 ///
 /// # Errors
 /// Returns the first fault in the file.

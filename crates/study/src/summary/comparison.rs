@@ -5,7 +5,7 @@ use crate::record::{Run, RunBudget};
 use dapple_core::options::OptionValue;
 use dapple_metrics::{Interval, StatisticsError, geometric_mean_interval, mean_interval, ratio_interval};
 
-/// The verdict on a method, from the confidence interval of the ratio of its error to the baseline's.
+/// The verdict on a method, from the confidence interval of the ratio `error of the method / error of the baseline`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[non_exhaustive]
 pub enum RatioVerdict {

@@ -22,9 +22,9 @@ use glam::Vec3;
 type AnyPath<'w> = PathTracer<'w, General, FixedSelector, { code::ALL }>;
 
 impl World {
-    /// Returns the first hit and the features of a sample without its radiance, and their cost in rays. Adds the emission of
-    /// directly visible lights if `draws` requests it. The result has the same distribution as for a path tracer with at most
-    /// `depth` scattering events.
+    /// Returns the first hit, the features and the cost in rays of a sample, but no radiance. If `draws` requests the emission
+    /// of directly visible lights, it is included. First hits and features have the same distribution as in a path tracer with
+    /// at most `depth` scattering events.
     #[inline(never)]
     pub fn features_alone(&self, draws: &Draws<'_>, depth: u32) -> Estimate {
         AnyPath::new(self, NoVertexLight).follow(draws, depth)

@@ -87,7 +87,7 @@ pub struct GatherPoint<'a> {
     pub wo: Vec3,
     /// The unit direction towards the previous vertex, in the renderer's space.
     pub back: Vec3,
-    /// The number of scattering events before this one.
+    /// The number of scattering events before this vertex.
     pub depth: u32,
 }
 

@@ -33,13 +33,12 @@ pub enum NoImage {
 }
 
 impl Layers {
-    /// Chooses an image in the first view that has one. Channels without a layer come first, then the layers of each view
-    /// layer that are named as images. An image for which `is_zero` returns true (0 everywhere) is skipped in favour of
-    /// others, first of its own view layer. For [`Purpose::Showing`], the only layer with the channels of an image is chosen
-    /// whatever its name.
+    /// Chooses an image in the first view with a layer named as an image: the channels without a layer, or else a named layer.
+    /// Images for which `is_zero` returns true (0 everywhere) are skipped, unless all are. If no layer is named as an image,
+    /// [`Purpose::Showing`] accepts the only layer with the channels of an image.
     ///
     /// # Errors
-    /// Those of `is_zero`. The inner error is the reason why no image was chosen.
+    /// An error of `is_zero` is the outer error. The inner error is the reason why no image was chosen.
     pub fn image<E>(
         &self,
         purpose: Purpose,
@@ -139,8 +138,8 @@ impl Layers {
         group.view == view && group.image().is_some() && first_moment_of(&group.name).is_none()
     }
 
-    /// Finds the layer of a kind that belongs to an image by its known names: in the same view layer, else in an enclosing or
-    /// nested view layer that has no image of its own.
+    /// Finds the layer of `kind` that belongs to `image`, by the names known for `kind`: in the same view layer, else in an
+    /// enclosing or nested view layer without an image. `None` if several of these view layers match.
     pub fn guide(&self, kind: LayerKind, image: &FoundLayer) -> Option<FoundLayer> {
         let images = self.images(Purpose::Denoising, &image.view);
         let place = &self.groups[image.group];
@@ -184,7 +183,7 @@ impl Layers {
         first.is_some_and(|first| self.named(&first).is_some() && !is_feature(&first))
     }
 
-    /// The layer that shows the denoised image: the finished image beside a noisy one, else the layer itself.
+    /// The finished image in the view layer of a noisy `image`, or else `image` itself.
     pub fn shown_beside(&self, image: &FoundLayer) -> FoundLayer {
         let place = &self.groups[image.group];
         let finished = self.images(Purpose::Showing, &image.view);
@@ -219,8 +218,8 @@ impl Layers {
         self.found(self.groups.iter().position(is)?, layer.kind)
     }
 
-    /// Finds the layer that corresponds to `image`, a layer of the file `of`: same view, and same name or same pass and view
-    /// layer. If only one of the files names its views, the default views correspond. `None` if there is no such layer.
+    /// Finds the layer of this file that corresponds to `image`, a layer of the file `of`: in the same view, the layer of the
+    /// same name, else of the same pass and view layer. If only one file names its views, the default views correspond.
     pub fn same(&self, image: &FoundLayer, of: &Self) -> Option<FoundLayer> {
         let is_default = image.view == of.views[0] && (image.view.is_empty() || self.views[0].is_empty());
         let view = if is_default { &self.views[0] } else { &image.view };
@@ -233,8 +232,8 @@ impl Layers {
         named.or_else(|| self.found(self.groups.iter().position(is)?, Color))
     }
 
-    /// The full name of channel `letter` of `layer` beside `image`, in the same `part`: `Front.error.Y` beside
-    /// `Front.Combined.R`.
+    /// The full name for a new channel beside `image` in `part`: the name of a channel of `image`, with the layer and letter
+    /// replaced. `Front.Combined.R` becomes `Front.error.Y` for layer `error` and letter `Y`.
     pub fn channel_beside(&self, image: &FoundLayer, part: &ExrPart, layer: &str, letter: &str) -> String {
         let Group { pass, view, .. } = &self.groups[image.group];
         let mut path: Vec<&str> = part.channels[image.channels[0]].name.split('.').collect();
