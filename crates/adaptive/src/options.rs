@@ -125,7 +125,7 @@ dapple_core::options! {
         pub radius: u32 = 2;
         /// Squared error is assumed to fall as n^-exponent with n samples; for independent points, values above 1 count as 1.
         ///
-        /// With Owen-scrambled points, the default 1.3 gives the least error of rendered images.
+        /// The default suits Owen-scrambled points.
         pub exponent: f64 = 1.3;
         /// Added to the denominator (mean^2) of relative squared errors.
         pub epsilon: f64 = 0.01;

@@ -163,7 +163,7 @@ fn describe(option: &str, method: &Described) -> Result<()> {
         }
     }
     for (description, result) in registry::verdicts(option, method.name) {
-        tell(format!("result of {}: {result}", description.replace(" on ", " with --points ")))?;
+        tell(format!("result of {description}: {result}"))?;
     }
     let usage = format!("use: dapple render scene.pbrt --{option} {}", method.name);
     if method.parameters.is_empty() {

@@ -11,20 +11,20 @@ pub struct Parameter {
     pub default: &'static str,
     /// A one-line description of the parameter.
     pub help: &'static str,
-    /// A former name, which is still accepted; empty for a parameter without one.
-    pub alias: &'static str,
+    /// A former name, which is still accepted.
+    pub alias: Option<&'static str>,
 }
 
 impl Parameter {
     /// A parameter declared by hand, without [`options!`](crate::options!).
     pub const fn new(name: &'static str, default: &'static str, help: &'static str) -> Self {
-        Self { name, default, help, alias: "" }
+        Self { name, default, help, alias: None }
     }
 
     /// Sets the former name.
     #[must_use]
     pub const fn alias(mut self, alias: &'static str) -> Self {
-        self.alias = alias;
+        self.alias = Some(alias);
         self
     }
 }
@@ -168,7 +168,7 @@ pub fn parse_pairs<'t, 'p>(
     for item in text.split(',').map(str::trim).filter(|item| !item.is_empty()) {
         let (name, value) = item.split_once('=').ok_or_else(|| OptionError::NotAPair { item: item.to_owned() })?;
         let (name, value) = (name.trim(), value.trim());
-        let known_as = |k: &&&Parameter| k.name == name || (k.alias == name && !name.is_empty());
+        let known_as = |k: &&&Parameter| k.name == name || k.alias == Some(name);
         let Some(&&Parameter { name, .. }) = known.iter().find(known_as) else {
             let known: Vec<&str> = known.iter().map(|parameter| parameter.name).collect();
             let nearest = nearest_name(name, known.iter().copied());

@@ -250,8 +250,9 @@ fn shards_make_the_image_of_one_machine_x07() {
 fn a_merge_that_does_not_fit_is_refused() {
     let folder = Folder::new();
     let words = "render tiny.pbrt --resolution 256x256 --sampler uniform --spp 1 -q";
-    for shard in ["1/2", "2/2"] {
-        folder.done(&format!("{words} --part {shard}"));
+    // The former name of --part is still accepted.
+    for part in ["--part 1/2", "--shard 2/2"] {
+        folder.done(&format!("{words} {part}"));
     }
     let merge = "merge tiny-1-of-2.part tiny-2-of-2.part -o a.pfm";
     for (limit, what) in [("16", "merging these parts takes "), ("60", "creating the image takes ")] {

@@ -348,9 +348,11 @@ fn join(session: &mut Session<'_>, integrator: &mut dyn Integrator, rows: &RowsF
     troubles.dedup();
     let mut next = stage.rows().start;
     for (start, end) in runs.into_iter().chain([(stage.rows().end, stage.rows().end)]) {
-        if start > next {
-            let last = start - 1;
-            troubles.push(format!("rows {next} to {last} of the stage are missing; pass every part exactly once"));
+        if start != next {
+            let (first, end, wrong) =
+                if start > next { (next, start, "are missing") } else { (start, next, "occur twice") };
+            let last = end - 1;
+            troubles.push(format!("rows {first} to {last} of the stage {wrong}; pass every part exactly once"));
         }
         next = end;
     }
