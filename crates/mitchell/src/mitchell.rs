@@ -30,9 +30,9 @@ dapple_core::options! {
         /// Stopping rule: budget (highest contrast first, until spent) or threshold (pixels above threshold, within budget).
         ///
         /// With [`Stopping::Budget`], pixels are refined in the order of their contrast, even below the threshold. Once all
-        /// are refined, further passes add the same number of samples. If all pixels have the same contrast, counts differ by
-        /// at most one. With [`Stopping::Threshold`], pixels above the threshold are refined once. With either rule, at most
-        /// one pixel gets only part of the additional samples.
+        /// are refined, each further pass adds `additional` samples per pixel in the same order. If all pixels have equal
+        /// contrast, the budget is spread evenly instead. With [`Stopping::Threshold`], each pixel above the threshold is
+        /// refined once. Where the budget runs out, one pixel gets only part of its samples.
         pub mode: Stopping = Stopping::Budget => "budget";
         /// Pilot samples: keep (biased), refined (discarded in refined pixels; more biased) or discard (unbiased).
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",

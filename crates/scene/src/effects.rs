@@ -127,7 +127,7 @@ impl FromStr for Effect {
     }
 }
 
-/// An effect that a scene uses, and the reason.
+/// An effect that a scene uses, and the object that requires it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct CalledEffect {

@@ -18,7 +18,7 @@ dapple_core::options! {
         pub angle: f64 = 10.0 => "10", |angle| angle > 0.0 && angle < 90.0, "above 0 and below 90 degrees";
         /// Discontinuity: two pixels' albedos differ by more than this.
         pub contrast: f64 = 0.1, |contrast| contrast > 0.0 && contrast <= 1.0, "above 0 and at most 1";
-        /// Discontinuity: the surface is smoother than this roughness, so that it has sharp reflections.
+        /// Discontinuity: roughness below this value (a surface with sharp reflections).
         pub mirror: f64 = 0.1, |mirror| (0.0..=1.0).contains(&mirror), "0 to 1";
         /// Radius in pixels of the window over which albedo and normal differences are averaged.
         pub window: u32 = 8, |window| (1..=64).contains(&window), "1 to 64 pixels";

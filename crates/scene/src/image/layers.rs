@@ -131,7 +131,7 @@ pub struct FoundLayer {
     pub kind: LayerKind,
     /// The name in the file; empty for `R`, `G`, `B` without a layer.
     pub name: String,
-    /// The part of the file, from 0.
+    /// The index, from 0, of the part of the OpenEXR file that holds the layer.
     pub part: usize,
     /// The view; empty in files without views.
     pub view: String,
