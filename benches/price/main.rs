@@ -216,7 +216,7 @@ impl Image {
 
     /// Limits with two slices, so that a render can be stopped halfway.
     fn limits(&self) -> Limits {
-        Limits::samples(self.samples()).with_schedule(Schedule::default().with_slice_spp((self.spp / 2) as u32))
+        Limits::samples(self.samples()).with_schedule(Schedule::default().with_progress_spp((self.spp / 2) as u32))
     }
 
     fn render(&self, needs: Needs, monitor: &mut dyn Monitor) -> Result<Film> {

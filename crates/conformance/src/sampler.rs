@@ -285,11 +285,11 @@ fn same_bits(make: Make<'_>, frame: Frame, scene: Scene) {
     for &threads in threads {
         assert!(film(threads, &limits) == reference, "{scene:?}: {threads} threads give a different result than one");
     }
-    for &(tile_rows, slice_spp, shuffle) in schedules {
+    for &(tile_rows, progress_spp, shuffle) in schedules {
         let mut cut = limits.clone();
         cut.schedule = dapple_core::limits::Schedule::default()
             .with_tile_rows(tile_rows)
-            .with_slice_spp(slice_spp)
+            .with_progress_spp(progress_spp)
             .with_shuffle(shuffle);
         assert!(film(3, &cut) == reference, "{scene:?}: {:?} gives a different result", cut.schedule);
     }
@@ -318,7 +318,7 @@ impl Monitor for Keeper {
 fn resumes(make: Make<'_>, frame: Frame, scene: Scene) {
     let pixels = frame.pixels() as u64;
     let mut limits = Limits::samples(21 * pixels + 5);
-    limits.schedule.slice_spp = 3;
+    limits.schedule.progress_spp = 3;
     let (mut keeper, mut sampler) = (Keeper::default(), make(&frame));
     let case = format!("{}, {scene:?}", sampler.describe());
     let whole = Render::new(frame, &limits).monitor(&mut keeper).run(&mut { scene }, &mut *sampler);

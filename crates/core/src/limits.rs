@@ -43,14 +43,14 @@ pub struct Schedule {
     /// Rows of pixels per task, at least 1; 1 by default. Rounded up to a multiple of 16 in training passes.
     pub tile_rows: u32,
     /// Samples per pixel between two calls of the monitor. 0, the default, selects as many as take about 0.2 seconds.
-    pub slice_spp: u32,
+    pub progress_spp: u32,
     /// The seed of a random permutation of tasks, for tests. 0, the default, keeps tasks in order.
     pub shuffle: u64,
 }
 
 impl Default for Schedule {
     fn default() -> Self {
-        Self { tile_rows: 1, slice_spp: 0, shuffle: 0 }
+        Self { tile_rows: 1, progress_spp: 0, shuffle: 0 }
     }
 }
 
@@ -59,7 +59,7 @@ impl Schedule {
         /// Sets the rows of pixels per task.
         with_tile_rows(tile_rows: u32);
         /// Sets the samples per pixel between two calls of the monitor; 0 selects as many as take about 0.2 seconds.
-        with_slice_spp(slice_spp: u32);
+        with_progress_spp(progress_spp: u32);
         /// Sets the seed of a random permutation of tasks; 0 keeps tasks in order.
         with_shuffle(shuffle: u64);
     }

@@ -109,7 +109,7 @@ impl View<'_> {
 /// use dapple_core::limits::Schedule;
 ///
 /// let frame = Frame::new(8, 6)?;
-/// let limits = Limits::samples(4 * 8 * 6).with_schedule(Schedule::default().with_slice_spp(1));
+/// let limits = Limits::samples(4 * 8 * 6).with_schedule(Schedule::default().with_progress_spp(1));
 ///
 /// // Stop after the first sample of each pixel.
 /// let mut saved = Vec::new();

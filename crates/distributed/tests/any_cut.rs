@@ -522,7 +522,7 @@ fn a_stop_anywhere_interrupts_the_render() {
     });
     assert!(film.record().interrupted && film.record().samples == 0);
     // A stop within the first process's own rows, and one after a stage.
-    let schedule = Schedule::default().with_slice_spp(1);
+    let schedule = Schedule::default().with_progress_spp(1);
     let project = Project::new(Toy::default(), ADAPTIVE, Limits::spp(9.0).with_schedule(schedule));
     let (mut first, mut keeper) = (local(1).remove(0), Keeper::default());
     let film = film_of(project.session(None), &mut Toy::default(), &mut first, &mut keeper, &mut || true).unwrap();

@@ -163,7 +163,7 @@ fn states_of_other_samplers_are_refused() {
 /// Each stage has points of its own, also after it is resumed.
 #[test]
 fn stages_with_different_points_are_resumed() {
-    let (frame, limits) = (frame(5, 4), Limits::spp(9.0).with_schedule(Schedule::default().with_slice_spp(2)));
+    let (frame, limits) = (frame(5, 4), Limits::spp(9.0).with_schedule(Schedule::default().with_progress_spp(2)));
     let make = || Sequence::new(Uniform::new(POINTS()), 4, Uniform::new(Independent::new(77))).unwrap();
     let mut slices = Vec::new();
     let mut keep = |status: &Status<'_>| {

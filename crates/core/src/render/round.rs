@@ -211,7 +211,7 @@ fn next_slice(
     limits: &Limits,
 ) -> (u32, u32) {
     let height = film.frame.size()[1];
-    let fixed = limits.schedule.slice_spp;
+    let fixed = limits.schedule.progress_spp;
     if fixed > 0 {
         return (pass.unwrap_or(fixed), height);
     }

@@ -248,7 +248,7 @@ fn a_snapshot_continues_with_a_larger_budget_x06() {
         let (first, mut all) = (Limits::samples(first), Limits::samples(all));
         let (at_once, _) = draw(&all);
         let (_, keeper) = draw(&first);
-        all.schedule.slice_spp = 5;
+        all.schedule.progress_spp = 5;
         for bytes in keeper.slices.iter().chain([&keeper.end]) {
             let later = go_on(bytes, &mut Field(noise), &mut uniform(5), needs, frame, &all).unwrap();
             assert!(pixels(&later) == pixels(&at_once));

@@ -59,9 +59,9 @@ fn check_tiles(rows: &[u32], orders: &[(u32, u64)]) {
     let mut limits = Limits::samples(12 * 23 * 37 + 11);
     let one = image(&limits);
     for &tile_rows in rows {
-        for &(slice_spp, shuffle) in orders {
+        for &(progress_spp, shuffle) in orders {
             limits.schedule =
-                Schedule::default().with_tile_rows(tile_rows).with_slice_spp(slice_spp).with_shuffle(shuffle);
+                Schedule::default().with_tile_rows(tile_rows).with_progress_spp(progress_spp).with_shuffle(shuffle);
             assert!(image(&limits) == one, "{:?}", limits.schedule);
         }
     }
@@ -75,7 +75,7 @@ fn a_panic_in_a_worker_names_its_sample_d06() {
             noise(pixel, u)
         });
         let mut limits = Limits::samples(300 * 64);
-        limits.schedule.slice_spp = 100;
+        limits.schedule.progress_spp = 100;
         let start = Instant::now();
         let mut sampler = uniform(3);
         let answer = on_threads(threads, || run(&mut bomb, &mut sampler, Needs::none(), frame(8, 8), &limits));
@@ -226,7 +226,7 @@ fn tiny_budgets_are_spent_or_refused_a06() {
 #[test]
 fn a_monitor_stops_between_slices_and_leaves_whole_pixels() {
     let mut limits = Limits::samples(64 * 100);
-    limits.schedule.slice_spp = 13;
+    limits.schedule.progress_spp = 13;
     let stop_after = |calls: u32, limits: &Limits, sampler: &mut dyn Sampler| -> Film {
         let mut called = 0;
         let mut monitor = |status: &Status<'_>| {
@@ -310,11 +310,11 @@ fn learning_does_not_depend_on_threads_or_tiles() {
     assert!((5..8).contains(&noted.len()), "{noted:?}");
     assert!(one.0[0].entries().windows(2).all(|w| w[0].key < w[1].key));
     for threads in [2, 3, 7] {
-        for (tile_rows, slice_spp, shuffle) in [(1, 0, 0), (16, 1, 5), (33, 7, 0), (64, 0, 9)] {
+        for (tile_rows, progress_spp, shuffle) in [(1, 0, 0), (16, 1, 5), (33, 7, 0), (64, 0, 9)] {
             assert!(
                 draw(
                     threads,
-                    Schedule::default().with_tile_rows(tile_rows).with_slice_spp(slice_spp).with_shuffle(shuffle)
+                    Schedule::default().with_tile_rows(tile_rows).with_progress_spp(progress_spp).with_shuffle(shuffle)
                 ) == one
             );
         }
@@ -443,7 +443,7 @@ fn scratch_memory_outlives_bands_and_changes_no_bits() {
         Estimate::new([stack.0.len() as f32, numbers(draws)[0], 0.0])
     };
     let film = |threads| {
-        let limits = Limits::spp(4.0).with_schedule(Schedule::default().with_slice_spp(4));
+        let limits = Limits::spp(4.0).with_schedule(Schedule::default().with_progress_spp(4));
         on_threads(threads, || Render::new(frame(64, 64), &limits).run(&mut Traced(scratched), &mut uniform(2)))
     };
     let one = film(1).unwrap();

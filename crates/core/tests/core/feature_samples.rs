@@ -208,7 +208,7 @@ fn rows_and_snapshots_keep_the_emission_alone() {
     let rows = whole.of_rows(5..9).unwrap();
     assert!((0..64).any(|i| rows.emission_alone(1, i).is_some()));
     assert!((0..64).all(|i| rows.emission_alone(1, i) == whole.emission_alone(1, i + 80)));
-    let (mut saved, limits) = (Vec::new(), Limits::spp(4.0).with_schedule(Schedule::default().with_slice_spp(1)));
+    let (mut saved, limits) = (Vec::new(), Limits::spp(4.0).with_schedule(Schedule::default().with_progress_spp(1)));
     let render = Render::new(frame(16, 16), &limits).needs(edges());
     let mut stop = |status: &Status<'_>| {
         saved = status.snapshot();

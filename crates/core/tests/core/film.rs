@@ -227,9 +227,9 @@ fn one_bad_sample_is_rejected_and_replayed_f05() {
 
 #[test]
 fn a_million_bad_samples_list_the_first_in_order_f05() {
-    let limits = |slice_spp, tile_rows| {
+    let limits = |progress_spp, tile_rows| {
         let mut limits = Limits::samples(1_000_000);
-        (limits.schedule.slice_spp, limits.schedule.tile_rows) = (slice_spp, tile_rows);
+        (limits.schedule.progress_spp, limits.schedule.tile_rows) = (progress_spp, tile_rows);
         limits
     };
     for needs in [Needs::none(), Needs::none().with_halves()] {

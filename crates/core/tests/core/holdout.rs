@@ -35,7 +35,7 @@ fn field(_: [u32; 2], u: [f32; 4]) -> [f32; 3] {
 }
 
 fn limits() -> Limits {
-    Limits::error(GOAL, 1 << 22).with_schedule(Schedule::default().with_slice_spp(1))
+    Limits::error(GOAL, 1 << 22).with_schedule(Schedule::default().with_progress_spp(1))
 }
 
 fn render(seed: u64, filter: &dyn Filter, monitor: &mut dyn Monitor) -> Film {
@@ -108,55 +108,6 @@ fn a_resumed_error_limit_ends_with_the_same_bits() {
         assert!(bits(&resumed) == bits(&film));
         assert_eq!(resumed.record().filtered_relmse, film.record().filtered_relmse);
     }
-}
-
-/// A filter that sleeps for four microseconds per pixel, and would so many times from 4 samples per pixel on.
-struct Sleeper(u32);
-
-impl Filter for Sleeper {
-    fn name(&self) -> &str {
-        "sleeper"
-    }
-
-    fn runs(&self, _: &Needs, spp: f64) -> u32 {
-        if spp < 4.0 { 1 } else { self.0 }
-    }
-
-    fn apply(&self, film: &Film) -> Result<Filtered, Error> {
-        std::thread::sleep(std::time::Duration::from_micros(4 * film.frame().pixels() as u64));
-        Ok(Filtered::new(film.frame().size(), film.image()))
-    }
-}
-
-#[test]
-fn a_time_limit_leaves_room_for_the_filter() {
-    // The filter is timed after the first pass, which must end in time on a busy machine too.
-    let (frame, limits) = (frame(256, 256), Limits::seconds(1.2));
-    let reserved = std::cell::Cell::new(None);
-    let traced = |filter: Option<&Sleeper>| {
-        let mut sampler = uniform(5);
-        let mut monitor = |status: &Status<'_>| {
-            reserved.set(status.filter_seconds);
-            Control::Continue
-        };
-        let render = Render::new(frame, &limits).monitor(&mut monitor);
-        let render = match filter {
-            Some(filter) => render.error_of(filter),
-            None => render,
-        };
-        let film = render.run(&mut Field(noise), &mut sampler).unwrap();
-        film.record().trace_seconds()
-    };
-    let with = traced(Some(&Sleeper(1)));
-    let seconds = reserved.get().expect("the filter was timed");
-    // It sleeps for 0.262 s at least; a busy machine wakes it late.
-    assert!((0.262..5.0).contains(&seconds), "{seconds}");
-    traced(Some(&Sleeper(3)));
-    let seconds = reserved.get().expect("the filter was timed");
-    assert!((0.786..15.0).contains(&seconds), "{seconds} for three runs");
-    let without = traced(None);
-    assert_eq!(reserved.get(), Some(0.0));
-    assert!(with < without, "{with} {without}");
 }
 
 /// A filter that refuses every film takes no time. A limit beyond any number of samples ends at the largest count, here 3.

@@ -80,7 +80,7 @@ fn cases() -> impl Iterator<Item = (Needs, bool)> {
 const SIZE: [u32; 2] = [13, 21];
 
 fn limits() -> Limits {
-    Limits::samples(9999).with_schedule(Schedule::default().with_slice_spp(2))
+    Limits::samples(9999).with_schedule(Schedule::default().with_progress_spp(2))
 }
 
 fn rendered((needs, withdraws): (Needs, bool), limits: &Limits) -> Film {

@@ -188,7 +188,7 @@ fn sessions_and_renders_continue_each_other() {
             saved = status.snapshot();
             if status.round == 3 { Control::Stop } else { Control::Continue }
         };
-        let limits = Limits::samples(LIMIT).with_schedule(Schedule::default().with_slice_spp(1));
+        let limits = Limits::samples(LIMIT).with_schedule(Schedule::default().with_progress_spp(1));
         Render::new(frame(45, 38), &limits).monitor(&mut stop).run(&mut traced(), &mut make()).unwrap();
         let mut session = Session::resume(frame(45, 38), limits.clone(), make(), snapshot(&saved)).unwrap();
         let round = session.next_round().unwrap().unwrap();

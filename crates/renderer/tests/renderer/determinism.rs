@@ -34,8 +34,9 @@ fn rendered(world: &World, sampler: &str, name: &str, schedule: Schedule, thread
 #[test]
 fn threads_and_tiles_change_no_bit_d01() {
     let worlds = [world(&room(SIZE)), small(&bundle("plates"), SIZE)];
-    let schedule =
-        |(rows, slice, shuffle)| Schedule::default().with_tile_rows(rows).with_slice_spp(slice).with_shuffle(shuffle);
+    let schedule = |(rows, slice, shuffle)| {
+        Schedule::default().with_tile_rows(rows).with_progress_spp(slice).with_shuffle(shuffle)
+    };
     let schedules = [((1, 0, 0), 7), ((64, 5, 9), 2), ((7, 0, 5), 2), ((16, 1, 0), 3), ((1, 3, 77), 3)];
     let samplers = SAMPLERS.iter().map(|sampler| (sampler.name, "sobol"));
     let points = POINTS.iter().flat_map(|points| [("uniform", points.name), ("variance", points.name)]);

@@ -150,7 +150,7 @@ fn learned_choices_do_not_depend_on_threads_or_tiles() {
         let made = registry::sampler(words, points, &MethodInputs::default());
         let mut sampler = made.unwrap_or_else(|e| panic!("{e}")).sampler;
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
-        let schedule = Schedule::default().with_tile_rows(rows).with_slice_spp(slice).with_shuffle(shuffle);
+        let schedule = Schedule::default().with_tile_rows(rows).with_progress_spp(slice).with_shuffle(shuffle);
         let limits = Limits::samples(8 * frame.pixels() as u64).with_schedule(schedule);
         hash(&pool.install(|| film_in(&world, frame, Needs::none(), &mut *sampler, &limits)))
     };

@@ -87,8 +87,8 @@ pub fn everything() -> Needs {
 
 /// One of four ways to cut a round into tiles and slices.
 pub fn cut(i: usize) -> Schedule {
-    let (tile_rows, slice_spp, shuffle) = [(1, 0, 0), (16, 1, 5), (33, 7, 0), (7, 0, 9)][i % 4];
-    Schedule::default().with_tile_rows(tile_rows).with_slice_spp(slice_spp).with_shuffle(shuffle)
+    let (tile_rows, progress_spp, shuffle) = [(1, 0, 0), (16, 1, 5), (33, 7, 0), (7, 0, 9)][i % 4];
+    Schedule::default().with_tile_rows(tile_rows).with_progress_spp(progress_spp).with_shuffle(shuffle)
 }
 
 /// Keeps a snapshot of every slice, and of the end.
