@@ -209,19 +209,24 @@ pub(super) fn timed_rows(frame: &Frame) -> Range<u32> {
     top..top + rows
 }
 
-/// Estimates the wall-clock seconds that a filter takes on an image of `height` rows, in proportion to its time on the
-/// rows in `part`. Returns 0 if the filter fails.
+/// Estimates the wall-clock seconds that a filter takes on an image of `height` rows: the line through its times on the
+/// rows in `part` and on a quarter of them. Returns 0 if the filter fails.
 ///
-/// A quarter of the rows is filtered first, untimed, since the first run may start threads or load a library.
+/// The quarter is filtered twice, and the shorter time counts, since the first run may start threads or load a library.
 pub(super) fn time_of(filter: &dyn Filter, part: &Film, height: u32, clock: &Clock) -> f64 {
+    let time = |part: &Film| {
+        let began = clock.seconds();
+        filter.apply(part).ok().map(|_| clock.seconds() - began)
+    };
     let rows = part.frame.size()[1];
-    if part.of_rows(0..rows.div_ceil(4)).and_then(|quarter| filter.apply(&quarter)).is_err() {
-        return 0.0;
-    }
-    let began = clock.seconds();
-    let is_done = filter.apply(part).is_ok();
-    let seconds = if is_done { clock.seconds() - began } else { 0.0 };
-    seconds * f64::from(height) / f64::from(rows)
+    let least = rows.div_ceil(4);
+    let times = || {
+        let quarter = part.of_rows(0..least).ok()?;
+        Some((time(&quarter)?.min(time(&quarter)?), time(part)?))
+    };
+    let Some((few, all)) = times() else { return 0.0 };
+    let each = ((all - few) / f64::from((rows - least).max(1))).clamp(0.0, all / f64::from(rows));
+    all + each * f64::from(height - rows)
 }
 
 /// The filter's time for a film with `more` times as many samples, relative to its time for `spp` samples per pixel.

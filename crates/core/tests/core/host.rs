@@ -29,12 +29,16 @@ fn trace(mut session: Session<'_>, time: &AtomicU64, mut see: impl FnMut(u64, u6
     session.into_film()
 }
 
+/// A clock that shows so many milliseconds.
+fn clock(time: &Arc<AtomicU64>) -> Clock {
+    let time = time.clone();
+    Clock::new(move || time.load(Ordering::Relaxed) as f64 * 1e-3)
+}
+
 /// A session, and the time that its clock shows.
 fn session(limits: Limits) -> (Session<'static>, Arc<AtomicU64>) {
-    let time = Arc::new(AtomicU64::new(0));
-    let read = time.clone();
-    let clock = Clock::new(move || read.load(Ordering::Relaxed) as f64 * 1e-3);
-    (Session::new(frame(8, 4), limits, uniform(1)).unwrap().with_clock(clock), time)
+    let time = Arc::default();
+    (Session::new(frame(8, 4), limits, uniform(1)).unwrap().with_clock(clock(&time)), time)
 }
 
 #[test]
@@ -54,6 +58,42 @@ fn rounds_double_whatever_the_limits() {
         let (samples, seconds) = (film.record().samples, film.record().trace_seconds());
         assert!(samples > 1500 && rounds >= 7, "{limits:?}: {samples} in {rounds}");
         assert!((seconds - 1e-3 * samples as f64).abs() < 1e-6, "{seconds}");
+    }
+}
+
+/// A filter that takes 10 seconds and 40 ms for each row of pixels, and so many times as long from 4 samples per pixel on.
+struct Slow(Arc<AtomicU64>, u32);
+
+impl Filter for Slow {
+    fn name(&self) -> &str {
+        "slow"
+    }
+
+    fn runs(&self, _: &Needs, spp: f64) -> u32 {
+        if spp < 4.0 { 1 } else { self.1 }
+    }
+
+    fn apply(&self, film: &Film) -> Result<Filtered, Error> {
+        self.0.fetch_add(10_000 + 40 * u64::from(film.frame().size()[1]), Ordering::Relaxed);
+        Ok(Filtered::new(film.frame().size(), film.image()))
+    }
+}
+
+/// The filter is timed on few rows, whose share of its ten seconds is no larger.
+#[test]
+fn a_time_limit_leaves_room_for_the_filter() {
+    let limits = Limits::seconds(200.0);
+    let traced = |runs: u32| {
+        let time = Arc::default();
+        let methods = Methods::from((uniform(1), Slow(Arc::clone(&time), runs)));
+        let session = Session::new(frame(64, 256), limits.clone(), methods).unwrap().with_clock(clock(&time));
+        trace(session, &time, |_, _| ControlFlow::Continue(()));
+        time.load(Ordering::Relaxed) as f64 * 1e-3
+    };
+    let filter = 10.0 + 0.04 * 256.0;
+    for runs in [1, 3] {
+        let left = 200.0 - traced(runs) - f64::from(runs) * filter;
+        assert!((0.0..10.0).contains(&left), "{left} s are left after {runs} runs of the filter");
     }
 }
 
