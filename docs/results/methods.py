@@ -115,7 +115,7 @@ def kind_of(method):
     """The part of a method that is not uniform sampling's, and the other two parts: (kind, description, rest)."""
     sampler, points, filter = method.split("/")
     if sampler != "uniform":
-        return "sampler", sampler if points == "sobol" else f"{sampler} on {points}", filter
+        return "sampler", sampler if points == "sobol" else f"{sampler} with points {points}", filter
     if points != "sobol":
         return "points", points, filter
     return "filter", filter, "none"

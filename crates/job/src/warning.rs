@@ -62,7 +62,9 @@ pub enum Warning {
         triangles: u32,
     },
     /// The number of first-hit rays whose hit position was NaN or infinite; they count as background.
-    #[error("NaN or infinite hits of first-hit rays: {0}; these rays count as background")]
+    #[error(
+        "NaN or infinite hits of first-hit rays: {0}; these rays count as background; move or scale the scene towards coordinates of about 1"
+    )]
     RejectedFirstHits(u64),
     /// A render that ended before its predicted error fell to the goal.
     #[error("the predicted relMSE is {}, but the goal is {goal}: the render ended at the sampler's threshold or at the maximum number of samples", predicted.map_or_else(|| "unknown".to_owned(), |predicted| format!("{predicted:.2e}")))]

@@ -179,8 +179,8 @@ impl StateFile {
 #[non_exhaustive]
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// A failed step of writing a file. An existing file of that name is unchanged.
-    #[error("{}: cannot {step}: {source} (an existing file is unchanged); free disk space, or choose another folder", path.display())]
+    /// A failed step of writing a file. A file of that name then has all of its old or all of its new contents.
+    #[error("{}: cannot {step}: {source} (a file of that name stays whole); free disk space, or choose another folder", path.display())]
     Write {
         /// The path of the file that was to be written.
         path: PathBuf,

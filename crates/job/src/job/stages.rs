@@ -110,7 +110,7 @@ impl Job {
         Ok(StateFile::new(StateKind::Plan, identity, session.snapshot()).into_bytes())
     }
 
-    /// Traces part `shard` of a plan's stage or, without a plan, of the only stage of the render. Returns the bytes of a file
+    /// Traces `part` of a plan's stage or, without a plan, of the only stage of the render. Returns the bytes of a file
     /// of rows; `None` if the monitor stopped the tracing.
     ///
     /// # Errors
