@@ -13,18 +13,18 @@ use dapple_core::{Error, Frame, Limits, Needs, PointSet, Sampler, film::RgbMomen
 /// ([`relative_variance`](crate::relative_variance)). By default, neighbours with similar surfaces weigh more, and pixels with
 /// few similar neighbours get higher scores, since a filter averages over fewer pixels there
 /// ([`PoolShape::Similar`](crate::PoolShape::Similar)). If an [`ErrorMap`] is given, it is combined with the scores by a
-/// geometric mean ([`AdaptiveOptions::mix`]). A pixel's error is assumed to fall as `n^-exponent` with its count `n`. Counts
-/// minimise the sum of errors and are restricted to the ladder of well-stratified counts
+/// geometric mean ([`AdaptiveOptions::mix`]). The squared error of a pixel with `n` samples is assumed to be `score *
+/// n^-exponent`. Counts minimise the sum of squared errors, and are well stratified where possible
 /// ([`Ladder`](dapple_core::plan::Ladder)).
 ///
-/// With [`AdaptiveOptions::cost`], scores are divided by the rays per sample. Counts are then proportional to the deviation
-/// divided by the square root of the cost, as in efficiency-aware splitting at the camera [after Rath 2022].
+/// With [`AdaptiveOptions::cost`], scores are divided by the rays per sample. If `exponent` is 1, counts are then proportional
+/// to `sqrt(score / rays)`, as in efficiency-aware splitting [after Rath 2022].
 ///
 /// # Guarantees
 ///
 /// * The budget is spent exactly.
-/// * No pixel gets fewer samples than a kept pilot. See [`AdaptiveOptions::pilot`].
-/// * Every pixel's score is at least 1 % of the mean.
+/// * If the pilot is kept, no pixel gets fewer samples than the pilot has per pixel ([`AdaptiveOptions::pilot`]).
+/// * Every pixel's score is at least 1 % of the mean score.
 /// * Counts are uniform if adaptive counts are predicted to gain too little ([`AdaptiveOptions::gain`]).
 ///
 /// # Bias

@@ -56,10 +56,10 @@ const BLACK: f64 = 1e-4;
 /// Pixels whose error exceeds five times the threshold, and their eight neighbours, get another `step` samples. The halves here
 /// are independent; those of Cycles are not, since it splits one sequence.
 ///
-/// *Guarantees*: spends the budget exactly, or treats it as an upper bound; no pixel gets fewer than `min` samples if the
-/// budget allows it. *Bias*: sample counts depend on the samples, and all samples are kept [Kirk and Arvo 1991]. A pixel may
-/// stop because its halves agree by chance. *Weaknesses*: the two halves of one pixel are a poor error estimate, one threshold
-/// applies to all brightnesses, and fireflies keep a pixel from stopping.
+/// *Guarantees*: spends the budget exactly, or at most the budget with [`Stopping::Threshold`]. No pixel gets fewer than `min`
+/// samples if the budget allows it. *Bias*: sample counts depend on the samples, and all samples are kept [Kirk and Arvo 1991].
+/// A pixel may stop because its halves agree by chance. *Weaknesses*: the two halves of one pixel are a poor error estimate,
+/// one threshold applies to all brightnesses, and fireflies keep a pixel from stopping.
 pub struct Cycles<P> {
     points: P,
     options: CyclesOptions,

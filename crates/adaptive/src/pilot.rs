@@ -25,7 +25,7 @@ impl Pilot {
         if self.samples > 0 { self.samples } else { least.max(ladder.floor((mean / 4).max((mean / 2).min(ENOUGH)))) }
     }
 
-    /// Returns `true` if the pilot spends the whole budget of these limits, so that no adaptive counts are planned.
+    /// Returns `true` if the pilot spends the whole budget of these limits, and `false` if the budget is not given in samples.
     pub fn is_all(self, frame: &Frame, limits: &Limits) -> bool {
         let Some(total) = limits.budget.samples(frame) else { return false };
         let pixels = frame.pixels() as u64;
@@ -38,8 +38,8 @@ impl Pilot {
         self.wanted(saturating_u32(limits.expected_samples(frame) / frame.pixels() as u64), Ladder::Whole) == 1
     }
 
-    /// Requests the pilot samples that pixels still lack, if the budget suffices for all of them. Otherwise the counts of
-    /// `plan` become 0. Also sets [`Plan::combine`] according to the policy.
+    /// Plans the pilot samples that pixels still lack. All counts of `plan` become 0 if the budget does not suffice for these
+    /// samples, or if none are lacking. Also sets [`Plan::combine`] according to the policy.
     pub fn begin(self, seen: &Feedback<'_>, plan: &mut Plan) -> PilotRound {
         let budget = seen.budget;
         let (crosses, discards) = (self.policy == PilotPolicy::Cross, self.policy == PilotPolicy::Discard);

@@ -44,8 +44,8 @@ pub struct Pooling {
     pub pool: PoolShape,
     /// The radius of the window, which is `2 radius + 1` pixels wide and high.
     pub radius: u32,
-    /// The weight of the pooled variance, in degrees of freedom; a pixel's own variance has `n - 1`. With infinity, only the
-    /// pooled variance counts.
+    /// The weight of the pooled variance, 0 or above. The variance of the pixel's own `n` samples has the weight `n - 1`. If
+    /// `prior` is infinite, only the pooled variance is used.
     pub prior: f64,
     /// The exponent, above 0, to which variances are raised before averaging. With 1, variances are averaged. With 2, the
     /// noisiest pixels weigh more, which helps if a few of many samples carry most of the error.

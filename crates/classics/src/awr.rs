@@ -30,14 +30,13 @@ dapple_core::options! {
 ///
 /// Blocks of 1, 2x2, 4x4 and more pixels compete for samples. The priority of a block of `n` pixels is `n (V - D) / (s^2 +
 /// 0.01)`. `V` is the variance of the block's mean, and `s` its scaling coefficient. `D` is the mean square of its three
-/// wavelet coefficients, minus the noise expected in them. `D` is large across an edge; there, a block ranks below its smaller
-/// parts. The block with the highest priority gets four samples per pixel, at most 64 in all. Its variance is lowered
-/// accordingly, and the next block is picked. [`Wavelet`](crate::Wavelet) is the matching filter.
+/// wavelet coefficients, minus the noise expected in them. Where a block crosses an edge, `D` is large, and the block ranks
+/// below its parts. The block with the highest priority gets four samples per pixel, at most 64 in all. The `V` of all blocks
+/// that contain these pixels is lowered, and the next block is picked. [`Wavelet`](crate::Wavelet) is the matching filter.
 ///
-/// The authors' priority was not available. A re-implementation uses `V - w^2` with coefficients `w`; on noise, the mean of
-/// `w^2` equals `V`, so noisy blocks would get no priority. Not in the paper either: sample variances averaged over 3x3 pixels
-/// and divided by the squared brightness; `V` in place of the scaling coefficient's variance (equal for Haar wavelets); levels,
-/// batches, rounds and pilot.
+/// The authors' formula for the priority was not available. The following are not from the paper either: averaging sample
+/// variances over 3x3 pixels, dividing them by the squared brightness, the values of levels, batches, rounds and pilot, and the
+/// use of `V` in place of the scaling coefficient's variance (equal for Haar wavelets).
 ///
 /// *Guarantees*: spends the budget exactly, and takes the pilot in every pixel if the budget allows. *Bias*: sample counts
 /// depend on the samples, and all samples are kept [Kirk and Arvo 1991]. *Weaknesses*: counts suit wavelet shrinkage; the

@@ -51,18 +51,18 @@ const ROUNDING: f64 = 1e-12;
 /// the block has samples, and each colour difference a quarter. A cell's error is the mean squared deviation of its samples
 /// from the fit, plus the energy expected in the first frequencies that the fit leaves out. This energy is extrapolated from
 /// lower frequencies by `1 / frequency^2`. Errors are weighted by the eye's sensitivity to these frequencies, and masked by the
-/// block's luminance. The next sample goes to the cell whose error it reduces most. A block whose sample count has grown by
-/// half gets no more until it is fitted again.
+/// block's luminance. The next sample goes to the cell whose error it reduces most. Between two fits, the sample count of a
+/// block grows at most by [`DctOptions::growth`].
 ///
 /// The number of cosines and the refinement by frequency are from the paper. Dapple adds the opponent colour space, the penalty
-/// `lambda`, JPEG's tables as sensitivity, and masking. It also counts the block's mean deviation as one more sample of each
-/// cell, and limits a round to half of the samples that blocks may get.
+/// `lambda`, JPEG's tables as sensitivity, and masking. It also counts the block's mean squared deviation as one more sample of
+/// each cell. For `n` samples so far, a round adds at most `max(growth n / 2, blocks)` samples.
 ///
 /// The image is made by [`DctFilter`].
 ///
-/// *Guarantees*: spends the budget exactly. A cell's error is at least 1 % of the mean. *Bias*: the values of samples determine
-/// where later ones lie, and all samples are kept [Kirk and Arvo 1991]. *Weaknesses*: the fit mistakes noise for detail.
-/// Sensitivity and masking leave busy and bright regions coarse, which raises the squared error.
+/// *Guarantees*: spends the budget exactly. A cell's error is at least 1 % of the mean error. *Bias*: the values of samples
+/// determine where later ones lie, and all samples are kept [Kirk and Arvo 1991]. *Weaknesses*: the fit mistakes noise for
+/// detail. Sensitivity and masking leave busy and bright regions coarse, which raises the squared error.
 pub struct Dct<P> {
     points: P,
     domain: Domain,

@@ -38,11 +38,11 @@ dapple_core::options! {
 /// luminances. The deviation `s` is the luminance-weighted sum of the channels' deviations, an upper bound of the luminance's
 /// deviation.
 ///
-/// With [`Stopping::Threshold`], intervals are checked every `step` samples. [`Stopping::Budget`], the default, ranks
-/// pixels by the width of their intervals: each round adds samples to the widest quarter.
+/// With [`Stopping::Threshold`], intervals are checked every `step` samples. [`Stopping::Budget`], the default, ranks pixels by
+/// the width of their intervals. Each round adds samples to the quarter of the pixels with the widest intervals.
 ///
-/// *Guarantees*: spends the budget exactly, or treats it as an upper bound. No pixel stops below `min` samples if the budget
-/// allows it. With [`Stopping::Budget`], `min` is lowered to a quarter of the budget's mean samples per pixel.
+/// *Guarantees*: spends the budget exactly, or at most the budget with [`Stopping::Threshold`]. No pixel stops below `min`
+/// samples if the budget allows it. With [`Stopping::Budget`], `min` is at most a quarter of the mean samples per pixel.
 ///
 /// *Bias*: sample counts depend on the samples, and all samples are kept [Kirk and Arvo 1991]. A pixel stops when its samples
 /// happen to agree, so its interval misses the true mean more often than `alpha`.
@@ -115,17 +115,17 @@ dapple_core::options! {
 ///
 /// The bound is `w (s + bonus S sqrt(confidence ln(N) / n))` for a pixel of `n` samples with standard deviation `s`. The weight
 /// `w` is `1 / sqrt(mean^2 + epsilon)`. `S` is the pooled deviation of the image, and `N` the budget in samples. The published
-/// method gives the next sample to the pixel with the largest bound divided by `n`. Here, each round spends a fraction of the
-/// budget so that counts become proportional to the bounds. The constants of the second term are not in the paper.
+/// method gives the next sample to the pixel with the largest `bound / n`. Here, a round spends the fraction `step` of the
+/// budget, and makes counts proportional to the bounds. The constants of the bound's second term are not in the paper.
 ///
 /// The second term is large for small `n`, so a pixel whose pilot samples were all 0 is sampled again.
 ///
 /// Means and deviations are averages over the three channels.
 ///
-/// *Guarantees*: spends the budget exactly. No pixel gets fewer samples than the pilot. The regret over Neyman's counts falls
-/// as `N^(-3/2)` up to logarithms [Carpentier and Munos 2011, abstract]. *Bias*: sample counts depend on the samples, and all
-/// samples are kept [Kirk and Arvo 1991]. *Weaknesses*: the second term makes counts more uniform, and each pixel is judged by
-/// its own samples alone. Counts differ from those at which the point set is well stratified.
+/// *Guarantees*: spends the budget exactly. No pixel gets fewer samples than the pilot. The excess error over optimal counts
+/// falls as `N^(-3/2)` up to logarithms [Carpentier and Munos 2011, abstract]. *Bias*: sample counts depend on the samples, and
+/// all samples are kept [Kirk and Arvo 1991]. *Weaknesses*: the second term makes counts more uniform, and each pixel is judged
+/// by its own samples alone. Counts differ from those at which the point set is well stratified.
 pub type UpperConfidence<P> = MethodSampler<P, UpperConfidenceOptions>;
 
 impl UpperConfidenceOptions {
@@ -180,8 +180,8 @@ impl SamplingMethod for UpperConfidenceOptions {
 }
 
 dapple_core::options! {
-    /// The parameters of [`Ears`]. Clamps, outliers and epsilon are as published; pilot, rounds and radius are not in the
-    /// paper.
+    /// The parameters of [`Ears`]. The defaults of `least`, `most`, `outliers` and `epsilon` are as published. The other
+    /// parameters are not in the paper.
     pub struct EarsOptions {
         /// Samples per pixel before counts adapt; 0 = automatic, max(4, spp/4).
         pub pilot: u32 = 0, |pilot| pilot != 1, "at least 2; 0 chooses";
@@ -208,16 +208,16 @@ dapple_core::options! {
 /// Counts in proportion to the splitting factor of efficiency-aware Russian roulette and splitting, at depth 0 [after
 /// Rath 2022].
 ///
-/// A pixel's factor is `sqrt(V / C) sqrt(C_image / V_image)`, clamped to `[0.05, 20]`. `V` is the variance of its samples
+/// A pixel's factor is `sqrt(V / C) sqrt(C_image / V_image)`, clamped to `[least, most]`. `V` is the variance of its samples
 /// relative to the squared denoised pixel, and `C` the number of rays per sample. `V_image` and `C_image` are the means of `V`
-/// and `C` over the image; `V_image` leaves out the 10 pixels of largest `V`. The denoiser is [`Gaussian`]. The published
-/// method also splits at later vertices of a path; this sampler splits only at the camera, where the factor is a sample count.
+/// and `C` over the image; `V_image` leaves out the `outliers` pixels of largest `V`. The denoiser is [`Gaussian`]. The
+/// published method also splits at later vertices; this sampler splits only at the camera, where the factor is a sample count.
 ///
 /// The budget is a number of samples, but counts minimise the error for a given number of rays. This helps under a time limit.
 ///
 /// *Guarantees*: spends the budget exactly. No pixel gets fewer samples than the pilot. *Bias*: sample counts depend on the
 /// samples, and all samples are kept [Kirk and Arvo 1991]. *Weaknesses*: the number of rays is not the time. If all samples
-/// cost about the same, the result is Neyman's counts, with clamps. The published gains come from later vertices.
+/// cost the same, counts follow the clamped relative deviation. The published gains come from later vertices.
 pub type Ears<P> = MethodSampler<P, EarsOptions>;
 
 impl EarsOptions {

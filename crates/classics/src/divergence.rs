@@ -18,7 +18,7 @@ dapple_core::options! {
         pub by: DivergenceScore = DivergenceScore::Hellinger => "hellinger";
         /// With by=tsallis: index of the entropy, 0.5, 1 or 2.
         pub q: f64 = 2.0 => "2", |q| [0.5, 1.0, 2.0].contains(&q), "0.5, 1 or 2, whose sums a film records";
-        /// With by=fuzzy: deviation, as a multiple of the mean, at which membership is 0.5.
+        /// With by=fuzzy: deviation of a sample, as a multiple of the mean, at which its membership in the mean is 0.5.
         pub k: f64 = 1.0 => "1", |k| (0.001..=1000.0).contains(&k), "0.001 to 1000";
         /// With by=gh: exponent of the divergence; 0.5 is Hellinger's, 1 the total variation.
         pub a: f64 = 1.0 => "1", |a| a > 0.0 && a <= 1.0, "above 0 and at most 1";
@@ -48,10 +48,10 @@ dapple_core::options! {
 ///
 /// With [`Stopping::Threshold`], each pixel gets `step` more samples while its score exceeds the threshold, as published.
 /// [`Stopping::Budget`], the default, plans all counts at once from the pilot's scores `s` and counts `n`. It minimises the sum
-/// over pixels of `s^2 n` divided by the final count. Every pixel's `s^2 n` is raised to at least 1 % of the mean.
+/// over pixels of `s^2 n` divided by the final count. Every pixel's `s^2 n` is raised to at least 1 % of the mean `s^2 n`.
 ///
-/// *Guarantees*: spends the budget exactly, or treats it as an upper bound. No pixel gets fewer samples than the pilot. *Bias*:
-/// sample counts depend on the samples, and all samples are kept [Kirk and Arvo 1991].
+/// *Guarantees*: spends the budget exactly, or at most the budget with [`Stopping::Threshold`]. No pixel gets fewer samples
+/// than the pilot. *Bias*: sample counts depend on the samples, and all samples are kept [Kirk and Arvo 1991].
 ///
 /// *Weaknesses*: a score from few samples is as noisy as a variance from few samples, and is not pooled over neighbours. For a
 /// small coefficient of variation `c`, all divergences depend on `c` alone: `kl` is about `c^2 / 2` and `hellinger` about `c /

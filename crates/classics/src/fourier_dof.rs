@@ -16,10 +16,10 @@ use dapple_core::{
 use dapple_low_discrepancy::BlueNoise;
 use std::sync::Arc;
 
-/// A function that traces the ray through the centres of a pixel and of the lens. Its argument is a pixel of the full image.
+/// A pure function that traces the ray through the centres of the lens and of the given pixel of the full image.
 ///
-/// It returns the first hit, and the radius in pixels of the circle of confusion there, negative in front of the focal plane.
-/// The function must be pure.
+/// The result is the first hit, and the radius in pixels of its circle of confusion, negative in front of the focal plane. If
+/// the ray hits nothing, the radius is that of an infinitely distant point.
 pub type TraceLensHit = Arc<dyn Fn([u32; 2]) -> (Option<FirstHit>, f32) + Send + Sync>;
 
 dapple_core::options! {
@@ -29,7 +29,7 @@ dapple_core::options! {
         pub density: f64 = 0.015625, |density| density > 0.0 && density <= 1.0, "above 0 and at most 1";
         /// Samples follow the deviation of albedo and normals over the lens; this is the weight of normals relative to albedo.
         pub normals: f64 = 0.25, |weight| weight >= 0.0 && weight.is_finite(), "a weight of 0 or more";
-        /// Lower bound on that deviation (in units of albedo), so that pixels with other noise get samples too.
+        /// Lower bound on the deviation over the lens (in units of albedo), so that pixels with other noise get samples too.
         pub floor: f64 = 0.3, |floor| floor > 0.0 && floor <= 1.0, "above 0 and at most 1";
         /// 1: accept scenes without a lens, with bandwidths from surfaces alone; 0: refuse them.
         pub force: u8 = 0, |force| force <= 1, "0 or 1";
@@ -41,9 +41,9 @@ dapple_core::options! {
 ///
 /// One ray per pixel, through the centres of pixel and lens, finds the surface and its circle of confusion. These determine the
 /// image's bandwidth `W` in cycles per pixel ([`LensBandwidthOptions`]). A pixel is sampled with probability `(2 W)^2`; a
-/// blue-noise tile selects the pixels. Counts are proportional to the standard deviation over the lens, computed for a
-/// sinusoidal texture. The sinusoid has the frequency of the surface's own bandwidth, and the variance of albedo, normals and
-/// coverage within the radius of the circle of confusion.
+/// blue-noise tile selects the pixels. Counts are proportional to the standard deviation of a sinusoidal texture over the lens.
+/// The sinusoid's frequency is the bandwidth that the image would have without the lens. Its variance is the sum of the
+/// variances of albedo, normals and coverage within the radius of the circle of confusion.
 ///
 /// Use `--min-spp 0`: with a larger minimum, every pixel gets samples. The filter [`Splat`] fills pixels without samples.
 ///

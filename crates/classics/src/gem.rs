@@ -33,22 +33,22 @@ dapple_core::options! {
 /// The filter of greedy error minimisation [Rousselle, Knaus and Zwicker 2011]: each pixel is blurred by a Gaussian of its own
 /// scale.
 ///
-/// A pixel steps through seven Gaussians of 1 to 8 pixels, from fine to coarse, as long as the estimated squared error falls.
-/// The step from a scale `f` to the next coarser scale `c` stops if `z loss - gain >= 0`. The gain is the decrease of the
-/// variance. The loss is `beta (mu_f - mu_c)^2`, with `beta = (r_c^2 + r_f^2) / (r_c^2 - r_f^2)` for standard deviations `r`.
-/// If the image is quadratic in the position, the loss is the increase of the squared bias. The factor `z = -ln(1 - (1.9
-/// gamma)^(1 / sqrt 2)) (1 - 1 / N)` depends on the mean number of samples `N` under the kernel. On white noise, `gamma` is the
-/// fraction of false stops. Smoothing the stop flags of each step by a Gaussian removes most false stops.
+/// A pixel steps through seven Gaussians of 1 to 8 pixels, from fine to coarse. It stops before the step from a scale `f` to
+/// the next coarser scale `c` if `z loss - gain >= 0`. The gain is the decrease of the variance. The loss is `beta (mu_f -
+/// mu_c)^2`, with `beta = (r_c^2 + r_f^2) / (r_c^2 - r_f^2)` for the means `mu` and standard deviations `r` of the Gaussians.
+/// For an image quadratic in x and y, the loss is the increase of the squared bias. The factor `z = -ln(1 - (1.9 gamma)^(1 /
+/// sqrt 2)) (1 - 1 / N)` depends on the mean number of samples `N` under the kernel. On white noise, `gamma` is the fraction of
+/// false stops. Smoothing the stop flags of each step by a Gaussian removes most false stops.
 ///
-/// *Differences from the authors' program*: the finest grid has one cell per pixel instead of 4x4, and therefore no Gaussian of
-/// 0.71 pixels. Variances are exact at the image's border, and pixels without samples have no weight.
+/// *Differences from the authors' program*: the program averages samples per cell of a finer grid, 4x4 per pixel, and has an
+/// eighth Gaussian of 0.71 pixels. Variances are exact at the image's border, and pixels without samples have no weight.
 ///
-/// *Error*: the variance plus the squared bias. The squared bias is the sum of the losses, minus their expectation on noise,
-/// averaged by a Gaussian of 8 pixels. Negative averages count as 0. On white noise the error is overestimated. On six bundled
-/// scenes at 16 independent samples per pixel it is underestimated: its sum is 0.54 to 0.84 of the true sum. The scene `lens`,
-/// where most pixels' samples miss the light, has 0.18. *Bias*: scales depend on the samples that are blurred. *Weaknesses*:
-/// kernels are round and use no features. Textures and edges of shadows blur at few samples, and blotches appear where flags
-/// change.
+/// *Error*: the variance plus the squared bias. For the squared bias, each pixel's losses are summed, their expectation on
+/// noise is subtracted, and the result is averaged by a Gaussian of 8 pixels. Negative averages count as 0. On white noise the
+/// error is overestimated. On six bundled scenes at 16 independent samples per pixel, its sum is only 0.54 to 0.84 of the true
+/// sum, and 0.18 on the scene `lens`, where most samples miss the light. *Bias*: scales depend on the samples that are blurred.
+/// *Weaknesses*: kernels are round and use no features. Textures and edges of shadows blur at few samples, and blotches appear
+/// where flags change.
 pub type GemFilter = MethodFilter<GemFilterOptions>;
 
 impl GemFilterOptions {
@@ -88,17 +88,17 @@ impl FilterMethod for GemFilterOptions {
 
 /// The sampler of greedy error minimisation [Rousselle, Knaus and Zwicker 2011].
 ///
-/// After a pilot, each round selects one of four Gaussians for every pixel (see [`GemFilter`]). The pixels with the largest
-/// estimated error `e / (0.001 + mu^2) b / (b + N)` are picked. Here `e` is the squared error, `mu` the mean, `N` the number of
-/// samples under the kernel, and `b` the budget's mean samples per pixel. Each pick adds `b` samples, to pixels drawn at random
-/// from the picked pixel's kernel.
+/// After a pilot, each round selects one of four Gaussians for every pixel (see [`GemFilter`]), and picks the pixels with the
+/// largest `b e / ((0.001 + mu^2) (b + N))`. Here `e` is the estimated squared error, `mu` the mean, `N` the number of samples
+/// under the kernel, and `b` the budget's mean samples per pixel. For each picked pixel, `b` samples are added to pixels drawn
+/// with probabilities proportional to its kernel.
 ///
 /// *Guarantees*: spends the budget exactly, and takes the pilot in every pixel if the budget allows. *Bias*: sample counts
 /// depend on the samples, and all samples are kept [Kirk and Arvo 1991]. *Weaknesses*: counts suit the Gaussians of
 /// [`GemFilter`]; the errors of a filter that uses features lie elsewhere.
 ///
-/// *Differences from the authors' program*: hashes replace random numbers, so that the same samples give the same counts.
-/// Pixels without error are picked in hash order.
+/// *Differences from the authors' program*: the draws use hashes instead of random numbers, so that the same samples give the
+/// same counts. Pixels of equal error are picked in the order of a hash.
 pub type Gem<P> = MethodSampler<P, GemOptions>;
 
 impl SamplingMethod for GemOptions {

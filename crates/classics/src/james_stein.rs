@@ -35,13 +35,13 @@ dapple_core::options! {
 ///
 /// `rho = max(0, 1 - (K^2 - 2) s^2 / max(sum (y - z)^2, 1e-5))`
 ///
-/// is the positive-part factor of [James and Stein 1961]. It is averaged over the same window, and the half's result is `z +
-/// rho (y - z)`. The image is the mean of both results, weighted by the sample counts of their halves.
+/// is the positive-part factor of [James and Stein 1961]. Each pixel averages `rho` over the same window, and the half's result
+/// is `z + rho (y - z)`. The image is the mean of both results, weighted by the sample counts of their halves.
 ///
-/// *Guarantee*: before factors are averaged, the squared error of a window is below the error of `y`, for any filter. This
-/// requires that `z` is independent of `y`, and that `s^2` is known and the same over the window. With many samples, `rho`
-/// approaches 1 where the filter is biased, so the bias vanishes. The guarantee holds for each half. If a poor filter is
-/// applied to few samples, the mean of both halves can have a few percent more error than the unfiltered image.
+/// *Guarantee*: let `z` be independent of `y`, and `s^2` known and equal over the window. Without the averaging of `rho`, each
+/// half's squared error over the window is then below the error of `y`, for any filter. With many samples, `rho` approaches 1
+/// where the filter is biased, so the bias vanishes. If a poor filter is applied to few samples, the mean of both halves can
+/// have a few percent more error than the unfiltered image.
 ///
 /// # Differences from the paper
 ///
@@ -56,8 +56,8 @@ dapple_core::options! {
 ///
 /// # Result
 ///
-/// Pixels without samples in one half use the mean of the other half. Without samples in either, they are the mean of both
-/// filtered images. The error is not estimated.
+/// Pixels without samples in one half use the mean of the other half. Pixels without any samples are the mean of both filtered
+/// images. The error is not estimated.
 pub struct JamesStein<F> {
     of: F,
     options: JamesSteinOptions,

@@ -9,7 +9,7 @@ use dapple_core::{Error, Film, Filtered, plan::PilotPolicy, point_set::mix};
 dapple_core::options! {
     /// The parameters of [`Mdas`].
     pub struct MdasOptions {
-        /// Each round refines all cells whose error exceeds this fraction of the largest.
+        /// Each round refines all boxes whose error exceeds this fraction of the largest error.
         ///
         /// 0.025 is the default in a program by one of the authors [Meister and Hachisuka 2022].
         pub alpha: f64 = 0.025, |alpha| alpha > 0.0 && alpha <= 1.0, "above 0 and at most 1";
@@ -174,11 +174,11 @@ impl Refinement for MdasOptions {
 /// samples each. The box with the largest error gets the next sample: the one of four candidates that is farthest from the
 /// box's samples. A box's error is its volume times the mean relative deviation of its samples.
 ///
-/// The pilot samples come from the point set; the published grid has four samples in each cell. Boxes never exceed 2x2 pixels.
-/// The published program cuts a full box when a sample arrives. Here, all boxes are rebuilt from all samples before each round,
-/// by the same rule: the longest side is cut, in the gap at the median. A round has half a sample per pixel or a quarter of the
-/// samples so far, whichever is more. It adds samples to many boxes at once, as if each sample removed a proportional part of a
-/// box's error.
+/// The pilot samples come from the point set; the published pilot is a grid with four samples in each cell. Boxes never exceed
+/// 2x2 pixels. A box is cut across its longest side, in the gap at the median. The published program cuts a full box when a
+/// sample arrives; here, all boxes are rebuilt from all samples before each round. A round has half a sample per pixel or a
+/// quarter of the samples so far, whichever is more. It adds samples to many boxes at once, as if the error of a box were
+/// inversely proportional to its sample count.
 ///
 /// The matching filter is [`MdasBoxes`]. Pixel means give refined regions too much weight, and so does every filter that reads
 /// only these means.

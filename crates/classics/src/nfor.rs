@@ -23,11 +23,11 @@ dapple_core::options! {
 ///
 /// Normal, albedo and depth of each half are first filtered by non-local means, with weights from the other half. In the window
 /// of each pixel, the colours of one half are then fitted by an affine function of the other half's features. Weights come from
-/// the other half's colours. All fitted values of a pixel are averaged with the weights of their windows. The fit is repeated
-/// with bandwidths 0.5 and 1. Let `A` and `B` be the means of the halves, `v_A` and `v_B` the variances of the means, and `F_A`
-/// and `F_B` the fitted images. The squared error of a bandwidth is estimated as the mean of `(B - F_A)^2 - v_B` and `(A -
-/// F_B)^2 - v_A`, minus `(F_A - F_B)^2 / 4`. Errors are smoothed by non-local means; so is the map that selects each pixel's
-/// bandwidth. A second regression removes the remaining noise, with variances from the difference of the halves.
+/// the other half's colours. All fitted values of a pixel are averaged with the weights of their windows. There is one fit with
+/// bandwidth 0.5 and one with bandwidth 1. Let `A` and `B` be the means of the halves, `v_A` and `v_B` the variances of the
+/// means, and `F_A` and `F_B` the fitted images. The squared error of a bandwidth is estimated as the mean of `(B - F_A)^2 -
+/// v_B` and `(A - F_B)^2 - v_A`, minus `(F_A - F_B)^2 / 4`. Errors are smoothed by non-local means; so is the map that selects
+/// each pixel's bandwidth. A second regression removes the remaining noise, with variances from the difference of the halves.
 ///
 /// # Differences from the authors' pseudo-code
 ///
@@ -42,8 +42,8 @@ dapple_core::options! {
 ///
 /// # Result
 ///
-/// Pixels without samples are filled from the fits around them; they are black if there are none. [`Filtered::error`] is the
-/// smoothed error of the first pass, at least 0.
+/// Pixels without samples are filled from the fits around them, or black without such fits. [`Filtered::error`] is the smoothed
+/// error of the first pass, at least 0.
 pub type Nfor = MethodFilter<NforOptions>;
 
 /// The bandwidths of the first pass.

@@ -67,13 +67,13 @@ dapple_core::options! {
 /// * If the mean of two opposite pixels of a window is more similar to the central pixel than either, both get the mean's
 ///   weight.
 /// * Weights are averaged over patches; weights below 0.05 are removed.
-/// * The variance of a half's mean is `(A - B)^2 / 2` for the means `A` and `B` of the halves. It is smoothed over 3x3 pixels
-///   by the same method with the sample variance as guide. It is at most the larger of the halves' sample variances divided by
-///   their counts.
+/// * The variance of a half's mean is `(A - B)^2 / 2` for the means `A` and `B` of the halves, smoothed over 3x3 pixels by
+///   non-local means with the sample variance as guide. Its maximum is `max(v_A / n_A, v_B / n_B)` for the sample variances `v`
+///   and counts `n` of the halves.
 ///
-/// *Differences from the authors' program*: the finest grid has one cell per pixel, and sample variances are averaged over 3x3
-/// pixels instead of by the program's pixel filter. Averages are exact at the image's border, and pixels without samples have
-/// no weight.
+/// *Differences from the authors' program*: the program divides pixels into smaller cells. Here, sample variances are averaged
+/// over 3x3 pixels instead of by the program's pixel filter. Averages are exact at the image's border, and pixels without
+/// samples have no weight.
 ///
 /// *Error*: a quarter of the squared difference of the filtered halves, smoothed over 5x5 pixels. This is only the variance;
 /// bias is not included. *Weaknesses*: without features, textures and edges of shadows need many samples. Filtering takes as

@@ -31,23 +31,24 @@ dapple_core::options! {
 
 /// Sample counts by how visible the noise is [after Bolin and Meyer 1998].
 ///
-/// The luminance of each pixel has bounds: the mean plus and minus two standard errors. The eye's response to these is `ln(1 +
-/// x / adapt)`. The response is split into six octaves by means over blocks of 1, 2x2, 4x4 and more pixels. The noise contrast
-/// of a band is four standard errors, divided by the mean response two levels coarser. It is weighted by the sensitivity `s (f
-/// / 4) exp(1 - f / 4)` to the band's frequency `f` in cycles per degree. The image's contrast `c` in the same band, reduced by
-/// its noise, masks the noise by the factor `1 / (1 + (c / 0.1)^0.7)`. The fourth root of the sum of fourth powers over all
-/// bands is the difference `D` in just noticeable differences.
+/// The eye's response to luminance `x` is `ln(1 + x / adapt)`. The standard error of a pixel's response is a quarter of the
+/// difference between the responses to `mean + 2 SE` and `mean - 2 SE`. The response is split into six octaves by means over
+/// blocks of 1, 2x2, 4x4 and more pixels. The noise contrast of a band is four of the band's standard errors, divided by the
+/// mean response two levels coarser. It is weighted by the sensitivity `s (f / 4) exp(1 - f / 4)` to the band's frequency `f`
+/// in cycles per degree. To model masking, it is divided by `1 + (c / 0.1)^0.7` for the image's contrast `c` in the same band,
+/// reduced by the noise. The fourth root of the sum of fourth powers over all bands is the difference `D` in just noticeable
+/// differences.
 ///
 /// With [`Stopping::Budget`], counts minimise the sum of `D^2`. With [`Stopping::Threshold`], pixels whose `D` is above the
-/// threshold get the samples expected to bring it below, which at most doubles their count.
+/// threshold get the samples expected to bring `D` below it, but a round at most doubles a pixel's count.
 ///
 /// The method is implemented from memory: bounds, octaves, contrast, sensitivity and masking are the authors' steps, but no
 /// formula or constant is from the paper. The authors compute bounds of the details of a Haar pyramid.
 ///
-/// *Guarantees*: spends the budget exactly, or treats it as an upper bound. Takes the pilot in every pixel if the budget
-/// allows. *Bias*: sample counts depend on the samples, and all samples are kept [Kirk and Arvo 1991]. *Weaknesses*: stops
-/// early in busy textures, as intended, and in the dark. The displayed image is assumed to show the adapted luminance as grey.
-/// The method does well by FLIP and poorly by relative squared error.
+/// *Guarantees*: spends the budget exactly, or at most the budget with [`Stopping::Threshold`]. Takes the pilot in every pixel
+/// if the budget allows. *Bias*: sample counts depend on the samples, and all samples are kept [Kirk and Arvo 1991].
+/// *Weaknesses*: stops early in busy textures, as intended, and in the dark. The displayed image is assumed to show the adapted
+/// luminance as grey. The method does well by FLIP and poorly by relative squared error.
 pub type Perceptual<P> = MethodSampler<P, PerceptualOptions>;
 
 impl PerceptualOptions {

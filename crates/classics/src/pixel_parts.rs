@@ -232,16 +232,16 @@ impl Refinement for SubdivisionOptions {
 
 /// Adaptive subdivision of pixels [after Whitted 1980].
 ///
-/// A pixel starts with four samples, one in each quadrant. A part whose samples have high contrast is split into quadrants, and
-/// each quadrant gets three more samples. The part with the largest product of area and contrast is split first. Whitted's
-/// samples lie at corners and are shared between pixels; a sample here belongs to one pixel. Whitted's threshold was not
-/// available.
+/// A pixel starts with four samples, one in each quadrant. A part whose samples have high contrast is split into quadrants.
+/// Each of these quadrants then holds one sample and gets three more. The part with the largest product of area and contrast is
+/// split first. Whitted's samples lie at corners and are shared between pixels; a sample here belongs to one pixel. Whitted's
+/// threshold was not available.
 ///
 /// The filter [`TreeMean`] weights parts by their area. Plain pixel means give split parts too much weight.
 ///
-/// *Guarantees*: spends the budget exactly, or treats it as an upper bound. *Bias*: the values of samples determine where later
-/// ones lie, and all samples are kept [Kirk and Arvo 1991]. *Weaknesses*: misses whatever the first four samples miss. The
-/// method assumes functions without noise: with noise, contrast never falls, and all parts are split.
+/// *Guarantees*: spends the budget exactly, or at most the budget with [`Stopping::Threshold`]. *Bias*: the values of samples
+/// determine where later ones lie, and all samples are kept [Kirk and Arvo 1991]. *Weaknesses*: misses whatever the first four
+/// samples miss. The method assumes functions without noise: with noise, contrast never falls, and all parts are split.
 pub type Subdivision<P> = TreeSampler<P, SubdivisionOptions>;
 
 dapple_core::options! {
@@ -266,12 +266,12 @@ pub enum PartRule {
 
 dapple_core::choices!(PartRule { Quadrants = "quadrants", Contrast = "contrast" });
 
-/// The sum of `volume * mean` over the parts of a pixel: the estimate of hierarchical integration [after Kajiya 1986; after
-/// Whitted 1980].
+/// The mean over a pixel's parts, weighted by volume: `sum(volume * mean) / sum(volume)`, the estimate of hierarchical
+/// integration [after Kajiya 1986; after Whitted 1980].
 ///
-/// The filter is made for samplers that refine parts of a pixel, where plain means are biased towards these parts. It works
-/// with any sampler; [`FilmPoints`] provides the coordinates. Parts without samples are left out. Pixels without samples are
-/// black. There is no error estimate.
+/// The filter is made for samplers that refine parts of a pixel; the plain mean would give refined parts too much weight. It
+/// works with any sampler; [`FilmPoints`] provides the coordinates. Parts without samples are left out of both sums. Pixels
+/// without samples are black. There is no error estimate.
 ///
 /// *Bias*: with `tree=contrast` the parts depend on the samples' values. *Weaknesses*: for well-distributed points with equal
 /// counts, the plain mean is better.

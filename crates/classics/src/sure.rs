@@ -147,13 +147,13 @@ dapple_core::options! {
 
 /// A sampler for the filter [`SureFilter`]: samples go where the selected filter of the bank still has errors [Li 2012].
 ///
-/// Every pixel gets `pilot` samples. A pixel then has the score `max(0, E + v) / (F^2 + 0.01) / (1 + n)`. `E` is the smoothed
-/// error estimate of the pixel's selected filter, and `v` the variance of its mean. `F` is the luminance of the filtered pixel,
-/// and `n` its sample count. Additional samples are proportional to scores, at least one per pixel where the budget allows.
+/// Every pixel gets `pilot` samples. A pixel with `n` samples and a mean of variance `v` then has the score `max(0, E + v) /
+/// ((F^2 + 0.01) (1 + n))`. `E` is the smoothed error estimate of the pixel's selected filter, and `F` the filtered luminance.
+/// Additional samples are proportional to scores, at least one per pixel where the budget allows.
 ///
 /// *Guarantees*: spends the budget exactly; the published counts, rounded up, exceed it. No pixel gets fewer samples than the
-/// pilot. *Bias*: sample counts depend on the samples, and all samples are kept [Kirk and Arvo 1991]. *Weaknesses*: those of
-/// the filter. Planning costs as much as filtering.
+/// pilot. *Bias*: sample counts depend on the samples, and all samples are kept [Kirk and Arvo 1991]. *Weaknesses*: as for
+/// [`SureFilter`]. Planning costs as much as filtering.
 pub type Sure<P> = MethodSampler<P, SureOptions>;
 
 impl SamplingMethod for SureOptions {

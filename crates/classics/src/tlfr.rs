@@ -31,14 +31,14 @@ const ASSUMED_SPP: usize = 64;
 /// point, all samples are moved to its lens position and time, using their depth and motion. The samples near the point are
 /// sorted by depth and divided into surfaces. Samples belong to one surface if they do not pass each other for nearby lens
 /// points and times. The first surface that covers the point determines its colour: the mean of the surface's samples, weighted
-/// by a tent. The tent's radius is that of the largest circle without samples, tabulated by the mean number of samples per
-/// pixel.
+/// by a tent. The tent's radius equals the radius of the largest empty circle between samples, from a table by the mean number
+/// of samples per pixel.
 ///
 /// Here, two samples pass each other if their offset in the image reverses. The published test uses bounds of tree leaves. The
 /// published option of Gaussians over lens and time is left out.
 ///
-/// *Without lens and motion*, there is one surface everywhere, and the image is the input filtered by the tent. Samples without
-/// a trajectory count as a background at rest.
+/// *Without lens and motion*, there is one surface everywhere, and the image is the input filtered by the tent. Samples whose
+/// depth and motion are unknown count as a background at rest.
 ///
 /// *Bias*: the tent blurs, and moved samples keep their radiance. *Weaknesses*: highlights and reflections do not move with
 /// their surface, and objects behind glass move with the glass. Noise that does not come from lens or time is averaged only

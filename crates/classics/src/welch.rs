@@ -43,10 +43,10 @@ dapple_core::options! {
 
 /// The mean of the pixels in a circle, except those that differ significantly from the central pixel [after Sakai 2024].
 ///
-/// Samples are transformed to `y = 2 (sqrt x - 1)`, which makes their distribution more normal [Box and Cox 1964]. Their mean
-/// is corrected for skewness, `m = mean + M3 / (6 s^2 n^2)` [Johnson 1978], and its variance is `v = s^2 / n`. Two pixels are
-/// joined unless `(m_i - m_j)^2 > t^2 (v_i + v_j)` in some channel. Here `t` is the two-sided critical value of Student's
-/// distribution [Welch 1947].
+/// Samples `x` are transformed to `y = 2 (sqrt x - 1)`, which makes their distribution more normal [Box and Cox 1964]. The mean
+/// of `n` values `y` with sample variance `s^2` is corrected for skewness: `m = mean + sum (y - mean)^3 / (6 s^2 n^2)` [Johnson
+/// 1978]. Its variance is `v = s^2 / n`. Two pixels are joined unless `(m_i - m_j)^2 > t^2 (v_i + v_j)` in some channel. Here
+/// `t` is the two-sided critical value of Student's distribution [Welch 1947].
 ///
 /// The weight of a joined pixel is its sample count times Gaussian weights of distance, albedo and normal. The mean is taken
 /// over `x`, not `y`. No halves are needed, so each pixel can use a single low-discrepancy net.
@@ -66,7 +66,7 @@ dapple_core::options! {
 /// # Result
 ///
 /// Pixels without samples become the weighted mean of the circle, or black if it has no samples. [`Filtered::error`] is the
-/// variance of the weighted mean, without the bias. It is infinite for pixels with fewer than two samples.
+/// variance of the weighted mean, without the bias. The error of pixels with fewer than two samples is infinite.
 pub type Welch = MethodFilter<WelchOptions>;
 
 impl WelchOptions {

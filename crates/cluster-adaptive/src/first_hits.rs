@@ -53,7 +53,7 @@ pub struct FirstHitRay {
 /// The first surface on a first-hit ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FirstHitSurface {
-    /// The index of the primitive, and of its label.
+    /// The index of the primitive, which is also the index of its label (its cluster number).
     pub primitive: u32,
     /// The ray's direction, from the eye to the hit; its length may be any number above 0.
     pub direction: [f32; 3],
@@ -105,7 +105,7 @@ pub(crate) fn dot(a: [f32; 3], b: [f32; 3]) -> f64 {
     f64::from(a[0]) * f64::from(b[0]) + f64::from(a[1]) * f64::from(b[1]) + f64::from(a[2]) * f64::from(b[2])
 }
 
-/// The cost of tracing first-hit rays, which is part of the cost of every image planned from them.
+/// The cost of first-hit rays, and of shadow rays from their hits. It is part of the cost of every image planned from them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FirstHitsCost {
     /// The number of rays traced.
@@ -126,16 +126,16 @@ pub struct FirstHits {
 
 /// Traces the first-hit rays of `frame`, in parallel by rows. `labels` holds the cluster number of each primitive.
 ///
-/// With [`Placement::Jittered`], positions on pixel and lens come from `points`, in the stream [`streams::FIRST_HITS`]. The
-/// result does not depend on threads or their order, as long as `shoot` is a pure function.
+/// `shoot` traces one ray and must be a pure function; the result is then the same for any number of threads. With
+/// [`Placement::Jittered`], positions on pixel and lens come from `points`, in the stream [`streams::FIRST_HITS`].
 ///
-/// Each first-hit ray ends in exactly one class: a cluster, or the background. A hit is rejected, and counts as a miss, if a
-/// value is NaN or infinite, the distance or footprint is negative, or the direction is zero.
+/// Each first-hit ray ends in exactly one class: a cluster, or the background. A hit is rejected, and counts as a miss, if it
+/// contains NaN or infinity, if the distance or footprint is negative, or if the direction is zero.
 ///
 /// # Errors
 ///
 /// [`Error::NoLabel`] for a hit whose primitive has no label; [`Error::NoCluster`] if a label is [`BACKGROUND`];
-/// [`Error::OutOfRange`] for 0 or more than 256 first-hit rays per pixel, or more than the point set's capacity.
+/// [`Error::OutOfRange`] if `placement` has 0 or more than 256 rays per pixel, or more than `points` has samples.
 pub fn first_hits(
     frame: &Frame,
     placement: Placement,
@@ -212,7 +212,7 @@ impl FirstHits {
         &self.first_hits
     }
 
-    /// The first-hit rays of the `i`-th pixel of the window.
+    /// The first-hit rays of pixel `i` of the frame's window, counted from 0 in row-major order.
     ///
     /// # Panics
     ///
@@ -227,7 +227,7 @@ impl FirstHits {
         self.rejected
     }
 
-    /// The number of rays and the seconds that tracing first-hit rays used.
+    /// The number of rays traced and the wall-clock seconds of tracing, shadow rays of the sampler included.
     pub fn cost(&self) -> FirstHitsCost {
         self.cost
     }

@@ -41,8 +41,8 @@ impl RateMap {
 /// The sampling importance of all pixels: weights to which sample counts are proportional.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Importance {
-    /// The importance of each pixel of the window, row by row: finite, not negative, without unit. The mean over the image is
-    /// `1 + angle + distance` for these two weights in [`ClusterThesisOptions`]. A term that is zero in every pixel lowers it.
+    /// The importance of each pixel, row by row: finite, not negative, without unit. The mean over the image is
+    /// `1 + angle + distance`, with the weights of [`ClusterThesisOptions`]; less if a term is zero in every pixel.
     pub per_pixel: Vec<f32>,
     /// The number of first-hit rays whose cluster's size is zero or not finite ([`Rates::replaced`](crate::Rates::replaced)).
     pub replaced: usize,

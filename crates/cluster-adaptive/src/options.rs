@@ -9,7 +9,7 @@ dapple_core::options! {
     /// The defaults are the thesis' values where it states them. It states no formula for `map`, and no values for the weights
     /// `angle` and `distance`: 0.25 is a guess.
     pub struct ClusterThesisOptions {
-        /// With size=box or triangles, area over cluster size sets the rate: one (area 1, as published) or footprint (surface seen by the pixel).
+        /// Area of a pixel, for size=box or triangles: one (area 1, as published) or footprint (surface seen by the pixel).
         pub pixel: PixelArea = PixelArea::One => "one";
         /// Function that turns pixel area / cluster size into a sampling rate: identity, root (square root) or log.
         pub map: RateMap = RateMap::Root => "root";
@@ -23,8 +23,8 @@ dapple_core::options! {
         pub distance: f64 = 0.25, |weight| weight >= 0.0 && weight.is_finite(), "a weight of 0 or more";
         /// Minimum samples per pixel (with --time or --error use --min-spp); 0 = automatic (rises with spp, after table 4-3 of Lan's thesis).
         ///
-        /// [`published_bounds`] returns the values of this table. With a time or error limit, the first budget is small,
-        /// and planning fails if this minimum exceeds it. `--min-spp` raises the first budget, too.
+        /// [`published_bounds`] returns the values of this table. A render with a time or error limit starts with a small
+        /// budget. It fails if that budget cannot give every pixel `min` samples; `--min-spp` raises the budget instead.
         pub min: u32 = 0;
         /// Maximum samples per pixel; 0 = automatic (rises with spp, after table 4-3 of Lan's thesis).
         pub max: u32 = 0;

@@ -58,7 +58,7 @@ impl FirstHitsHandle {
         self.each().map(|first_hits| first_hits.cost()).reduce(add)
     }
 
-    /// The number of rejected first-hit rays, summed over joined samplers ([`FirstHits::rejected`]).
+    /// The number of rejected hits ([`FirstHits::rejected`]), summed over joined samplers; 0 before the first plan.
     pub fn rejected(&self) -> u64 {
         self.each().map(|first_hits| first_hits.rejected()).sum()
     }
@@ -167,7 +167,7 @@ impl<P: PointSet> ClusterThesis<P> {
         Ok(Self { points, size, options, placement, source: Some(source), visible: None, handle, prior: None })
     }
 
-    /// Sets the function that traces shadow rays, for [`ClusterThesisOptions::lights`].
+    /// Sets the function that traces shadow rays. Without it, the first plan fails if [`ClusterThesisOptions::lights`] > 0.
     #[must_use]
     pub fn with_visibility(self, visible: TraceVisibility) -> Self {
         Self { visible: Some(visible), ..self }

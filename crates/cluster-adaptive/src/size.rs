@@ -57,12 +57,12 @@ const EDGE_ON: f64 = 1e-3;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rates {
     /// The ratio `SP / SC` of pixel area to cluster size, for each first-hit ray in the order of [`FirstHits::all`]. Finite and
-    /// not negative; 0 for a first-hit ray without a hit, except with [`ClusterSize::Hits`]. The ratio is `1 / n` for a cluster
-    /// of `n` pixels with [`PixelArea::Footprint`], [`ClusterSize::ScreenBox`] or [`ClusterSize::Hits`]. Otherwise only
-    /// proportions matter.
+    /// not negative; 0 for a first-hit ray without a hit, except with [`ClusterSize::Hits`]. With [`PixelArea::Footprint`],
+    /// [`ClusterSize::ScreenBox`] or [`ClusterSize::Hits`], the ratio of a cluster that covers `n` pixels is `1 / n`. With
+    /// [`PixelArea::One`], ratios are only proportional to rates.
     pub values: Vec<f64>,
     /// The number of first-hit rays whose cluster has no size (a point, a line, or corners that are not finite). Their rate is
-    /// the largest rate of the other first-hit rays.
+    /// the largest rate of the other first-hit rays, or 1 if that rate is 0.
     pub replaced: usize,
 }
 
@@ -346,8 +346,8 @@ impl AreaVectors {
         self.clusters.push(Bundle { range: start..self.vectors.len(), sum: total, axis, sine, area });
     }
 
-    /// The sum of the projected areas of a cluster's triangles along the unit direction `d`, in world units, hidden triangles
-    /// included. 0 for an unknown cluster.
+    /// The sum of the areas of a cluster's triangles, projected along the unit direction `d`, in squared world units. Hidden
+    /// triangles are included. 0 for a cluster number without triangles.
     pub fn projected(&self, cluster: u32, d: [f32; 3]) -> f64 {
         let Some(bundle) = self.clusters.get(cluster as usize) else { return 0.0 };
         let d = d.map(f64::from);
@@ -357,7 +357,7 @@ impl AreaVectors {
         self.vectors[bundle.range.clone()].iter().map(|&v| dot(v, d).abs()).sum()
     }
 
-    /// The sum of the areas of a cluster's triangles, in world units; 0 for an unknown cluster.
+    /// The sum of the areas of a cluster's triangles, in squared world units; 0 for a cluster number without triangles.
     pub fn area(&self, cluster: u32) -> f64 {
         self.clusters.get(cluster as usize).map_or(0.0, |b| b.area)
     }

@@ -7,7 +7,7 @@ pub struct Cluster {
     pub triangles: u32,
     /// The smallest and largest corner of the cluster's axis-aligned bounding box.
     pub bounds: [[f32; 3]; 2],
-    /// The sum of the areas of the cluster's triangles. Triangles without a normal have no area.
+    /// The sum of the areas of the cluster's triangles, in squared units of the positions.
     pub area: f64,
     /// The area-weighted mean normal, of unit length. It is zero if the normals cancel or no triangle has one.
     ///
@@ -52,19 +52,19 @@ pub struct ClusterReport {
     pub fullest: u32,
     /// The number of triangles in the whole mesh.
     pub triangles: u32,
-    /// The number of triangle-voxel pairs: equal to `triangles` for insertion by centroid, and equal or more for insertion by
-    /// bounding box.
+    /// The number of pairs of a triangle and a voxel into which it is put. Equal to `triangles` with
+    /// [`Insertion::Centroid`](crate::Insertion::Centroid).
     pub insertions: u64,
-    /// The number of clusters dropped because they kept no triangle: a triangle in several voxels stays only in its cluster
-    /// of the last voxel. 0 for insertion by centroid.
+    /// The number of clusters dropped because they kept no triangle: a triangle put into several voxels stays only in the
+    /// cluster of the last voxel. 0 with [`Insertion::Centroid`](crate::Insertion::Centroid).
     pub phantoms: u64,
 }
 
 impl Cluster {
     /// Creates a cluster without triangles and without a normal, for a shape such as a sphere.
     ///
-    /// `bounds` are the smallest and largest corner of the shape's bounding box. `group` continues the numbering of the groups
-    /// of triangles.
+    /// `bounds` are the smallest and largest corner of the shape's bounding box, and `area` is its surface area. `group` is a
+    /// number that no group of triangles has.
     pub const fn without_triangles(bounds: [[f32; 3]; 2], area: f64, material: u32, group: u32) -> Self {
         Self { triangles: 0, bounds, area, normal: [0.0; 3], cone: -1.0, material, group }
     }

@@ -92,11 +92,11 @@ pub struct ClusterParams {
     /// The largest number of voxels along an axis, 1 to 2^20: 32 in the thesis, 64 in pbrt-v2 and by default.
     ///
     /// In pbrt-v2 and the thesis, the clamp limits the memory of an array of voxels. Here only occupied voxels are stored, so
-    /// any clamp is affordable. With 64, a voxel is 16 pixels wide in an image of the whole scene with 1024 columns. Smaller
-    /// clusters give a sampler little more information than single pixels.
+    /// any clamp is affordable. At 64, if an image shows the whole scene in 1024 columns, a voxel is 16 pixels wide.
+    /// Smaller clusters give a sampler little more information than single pixels.
     pub clamp: u32,
-    /// The angle A in degrees within which normals are similar, 0 to 90; 10 by default, as in the thesis. The cosine has a
-    /// tolerance of `2^-21`, which is 0.0002 degrees at 10 and 0.06 degrees at 0.
+    /// The angle within which normals are similar, 0 to 90 degrees; 10 by default, as in the thesis. Its cosine has a tolerance
+    /// of `2^-21`: an angle of 10 degrees accepts up to 10.0002 degrees, and an angle of 0 accepts up to 0.06 degrees.
     pub angle: f64,
     /// The voxels into which a triangle is put.
     pub insertion: Insertion,
@@ -130,9 +130,8 @@ impl Default for ClusterParams {
 }
 
 impl ClusterParams {
-    /// The method of the thesis, as in its code: K = 9, at most 32 voxels per axis, triangles in all voxels that their
-    /// boxes overlap, signed normals within 10 degrees of the first triangle's, input order \[Lan 2016, fig. 3-11,
-    /// 3-15\].
+    /// The parameters of the thesis and its code \[Lan 2016, fig. 3-11, 3-15\]: `k` 9, `clamp` 32, `angle` 10,
+    /// [`Insertion::BoundingBox`], [`Grouping::Greedy`], [`Order::Input`] and [`Sides::Signed`].
     pub fn published() -> Self {
         Self {
             k: 9.0,

@@ -39,9 +39,9 @@ const WIDE: u64 = 1 << 32;
 /// The result is bit-identical for any number of threads. With [`crate::Order::Canonical`], triangles that are shuffled
 /// together with their vertices and materials keep their labels; only sums may differ in their last digits.
 ///
-/// A flat triangle, without a normal (zero area, or three corners on a line), is similar to every triangle. It joins the first
-/// cluster of its voxel and material; with [`crate::Grouping::Connected`], the first that it touches, directly or through other
-/// flat triangles. Without a cluster to join, flat triangles form their own.
+/// A flat triangle (three corners on a line) has no normal and is similar to every triangle. It joins the first cluster of its
+/// voxel and material. With [`crate::Grouping::Connected`], it joins the first cluster that it touches, directly or through
+/// other flat triangles. Flat triangles that can join no cluster form clusters of flat triangles.
 ///
 /// # Errors
 ///

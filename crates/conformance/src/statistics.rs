@@ -79,7 +79,7 @@ impl Mean {
         self.m2 += d * (x - self.mean);
     }
 
-    /// The standard error of the mean.
+    /// The standard error of the mean, from at least 2 values.
     pub fn standard_error(&self) -> f64 {
         (self.m2 / (self.n - 1) as f64 / self.n as f64).sqrt()
     }
@@ -103,7 +103,7 @@ impl Mean {
         MeanTest::new(self.mean - reference.mean, variance.sqrt(), degrees)
     }
 
-    /// Tests that the expectation is below `bound`: the mean must be below `bound` by `z` standard errors.
+    /// Tests that the expectation is below `bound`; undecided if the mean is within `z` standard errors of `bound`.
     pub fn below(&self, bound: f64, z: f64) -> Verdict {
         let slack = z * self.standard_error();
         if self.mean + slack < bound {
@@ -115,7 +115,7 @@ impl Mean {
         }
     }
 
-    /// Tests that the expectation lies within `delta` of `reference`, by two one-sided tests at `z` standard errors.
+    /// Tests that the expectation is in `reference ± delta`; undecided if the mean is within `z` standard errors of an end.
     pub fn equals(&self, reference: f64, delta: f64, z: f64) -> Verdict {
         let slack = z * self.standard_error();
         let distance = (self.mean - reference).abs();
@@ -145,7 +145,7 @@ impl MeanTest {
         Self { difference, standard_error, degrees_of_freedom }
     }
 
-    /// The statistic `t = difference / standard_error`; 0 for a difference of 0. Infinite if only the standard error is 0.
+    /// The statistic `t = difference / standard_error`; 0 for a difference of 0, even with a standard error of 0.
     pub fn t(&self) -> f64 {
         if self.difference == 0.0 { 0.0 } else { self.difference / self.standard_error }
     }

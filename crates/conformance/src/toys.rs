@@ -145,7 +145,7 @@ impl<F: FnMut(&Feedback<'_>, &mut Plan) -> Progress + Send> Sampler for ToySampl
     }
 }
 
-/// A sampler of one round with these sample counts.
+/// A sampler of one round that traces `counts[i]` samples in pixel `i`, all kept or all discarded as `retention` says.
 pub fn one_round(
     points: Independent,
     retention: Retention,

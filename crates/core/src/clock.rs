@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-/// A function that reads wall-clock time. [`Clock::none`] always reads 0.
+/// A function that returns wall-clock time in seconds since a fixed moment, or always 0 ([`Clock::none`]).
 ///
 /// ```
 /// use dapple_core::Clock;
@@ -35,7 +35,7 @@ impl Clock {
         Self::new(move || start.elapsed().as_secs_f64())
     }
 
-    /// Returns `false` for [`Clock::none`].
+    /// Returns `true` if the clock tells time, that is, unless it is [`Clock::none`].
     pub fn runs(&self) -> bool {
         self.0.is_some()
     }

@@ -36,7 +36,7 @@ impl Fault {
     }
 }
 
-/// Creates a container without sections, and reserves memory for `capacity` bytes of sections.
+/// Creates a container without sections. Memory is reserved for sections of `capacity` bytes in total.
 pub fn begin(capacity: usize) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(capacity + 64);
     bytes.extend(MAGIC);

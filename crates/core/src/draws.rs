@@ -93,8 +93,8 @@ impl Points<'_> {
 }
 
 impl Draws<'static> {
-    /// The random numbers of sample `id`, from a point set that is shared with a sampler. No lifetime limits them:
-    /// a thread-local variable can hold the generator that [`Draws::into_rng`] returns.
+    /// The random numbers of sample `id`, from a point set that is shared with a sampler. The result borrows nothing, so
+    /// [`Draws::into_rng`] turns it into a generator that a thread-local variable can hold.
     ///
     /// ```
     /// # use dapple_core::{Draws, PointSet, SampleId};
@@ -165,17 +165,17 @@ impl<'a> Draws<'a> {
         SampleId::new([column, row], stream, index)
     }
 
-    /// A cursor that hands out the sample's numbers one after the other, from the first block on. A second cursor continues
-    /// after the blocks that the first has taken.
+    /// A cursor that returns the sample's random numbers one after the other, from block 0 on. A second call returns a cursor
+    /// that continues after the blocks taken so far.
     ///
-    /// A renderer that also calls [`Draws::block`] moves the cursor past those blocks with [`Rng::skip_to`].
+    /// If a renderer also calls [`Draws::block`], it moves the cursor past the requested blocks with [`Rng::skip_to`].
     #[inline]
     pub fn rng(&self) -> Rng<'_> {
         Rng::new(self)
     }
 
-    /// A cursor that owns the random numbers, for renderers whose generator outlives the scope of the sample. If
-    /// [`Tile::add`](crate::Tile::add) needs the `Draws` later, clone them first.
+    /// Turns `self` into a cursor, for renderers whose generator outlives the scope of the sample. If a later call of
+    /// [`Tile::add`](crate::Tile::add) needs the [`Draws`], clone it first.
     #[inline]
     pub fn into_rng(self) -> OwnedRng<'a> {
         Cursor::new(self)

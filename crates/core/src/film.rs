@@ -127,7 +127,7 @@ impl Film {
         Self::halves_bytes_per_pixel(needs) + Beside::bytes_per_pixel(&Layout { needs: *needs, recorders: 0 }) + splats
     }
 
-    /// The bytes per pixel for the statistics of all kept samples. Discarded samples, if any, take as many again.
+    /// The bytes per pixel for radiance, emission and indirect lighting of the kept samples. Discarded ones need as many again.
     pub fn halves_bytes_per_pixel(needs: &Needs) -> usize {
         let halves = if needs.halves { 2 } else { 1 };
         halves * Self::half_bytes_per_pixel(needs) + Spread::bytes_per_pixel(&Layout { needs: *needs, recorders: 0 })
@@ -184,8 +184,8 @@ impl Film {
         self.count(i) > 0 && self.kept.iter().all(|half| half.counts[i] == 0 || planes::is_none_valid(half.means[i]))
     }
 
-    /// The mean radiance of pixel `i`'s kept samples, linear RGB. Halves are combined by [`Film::combine`]. The mean of a
-    /// pixel without samples is black.
+    /// The mean radiance of pixel `i`'s kept samples plus splats, linear RGB. Halves are combined by [`Film::combine`]. A
+    /// pixel without samples and splats is black.
     pub fn mean(&self, i: usize) -> [f64; 3] {
         let [a, b] = match &self.kept[..] {
             [a, b] => [a, b],
@@ -269,7 +269,7 @@ impl Film {
     }
 
     /// The mean emission of light sources that pixel `i`'s kept samples saw directly: of half 0 or 1, or of all samples in a
-    /// film without halves. `None` if the film lacks [`Needs::emission`].
+    /// film without halves. 0 for a pixel without samples; `None` if the film lacks [`Needs::emission`].
     pub fn emission(&self, half: usize, i: usize) -> Option<[f32; 3]> {
         self.kept[half % self.kept.len()].emission.get(i).copied()
     }
@@ -302,7 +302,7 @@ impl Film {
         self.beside.surfaces.get(i).copied().filter(|surface| *surface != planes::NO_SURFACE)
     }
 
-    /// The number of rays traced for pixel `i`; `None` if the film lacks [`Needs::cost`].
+    /// The number of rays traced for pixel `i`'s kept and discarded samples; `None` if the film lacks [`Needs::cost`].
     pub fn cost(&self, i: usize) -> Option<u64> {
         self.beside.costs.get(i).copied()
     }

@@ -31,7 +31,7 @@ pub struct Fireflies {
     pub pixels: u64,
     /// The luminance by which fireflies exceed their surroundings, summed over all fireflies.
     pub light: f64,
-    /// `true` if the excess light is left out of the image.
+    /// `true` if this excess light is left out of the image; `false` if it stays in the pixels that are fireflies.
     pub dropped: bool,
 }
 

@@ -11,11 +11,11 @@ use serde::{Deserialize, Serialize};
 /// The cluster label of a camera ray that hits no surface; other rays have the label of the cluster they hit.
 pub const BACKGROUND: u32 = u32::MAX;
 
-/// The first surface that a sample hits, as the integrator reports it. Clusters and samplers read it. Filters read it if the
-/// sample has no [`SurfaceFeatures`].
+/// The first surface that a sample hits, as the integrator reports it. Samplers read it. Filters read it if the sample has
+/// no [`SurfaceFeatures`].
 ///
-/// Every filter works with only position, normal and depth, the arguments of [`FirstHit::new`]. Albedo improves images most.
-/// The other fields serve clusters and some samplers (`docs/book/src/your-renderer.md` has a table).
+/// Position, normal and depth, the arguments of [`FirstHit::new`], are enough for every filter. Albedo improves images most.
+/// The other fields are for clusters and some samplers (`docs/book/src/your-renderer.md` has a table).
 ///
 /// ```
 /// use dapple_core::FirstHit;
@@ -166,8 +166,8 @@ impl From<&FirstHit> for SurfaceFeatures {
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Trajectory {
-    /// The inverse of the depth along the view direction at the sample's time, in the unit of the camera's focal distance. 0 for
-    /// the background.
+    /// The inverse of the depth along the view direction at the sample's time, in the unit of the camera's focal distance. 0
+    /// for the background.
     pub inverse_depth: f32,
     /// The change of `(x w, y w, w)` (see [`Trajectory`]) while the shutter is open, divided by `w` at the sample's time.
     pub motion: [f32; 3],
@@ -388,7 +388,7 @@ forward!(Integrator for &mut T, Box<T>; {
     mut prepare(pass: &Pass<'_>) -> PreparationCost;
 });
 
-/// The sums of all values noted under one key in one training pass.
+/// The sums of all values that an integrator [noted](Worker::note) under one key in one training pass.
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrainingSum {
@@ -412,8 +412,8 @@ impl TrainingSum {
 
 /// The sums of all values that integrators noted in a training pass, sorted by key.
 ///
-/// Blocks of 16x16 pixels are summed first, then rows of blocks, then all rows in order. The sums are bit-identical for any
-/// number of threads.
+/// Values are summed in squares of 16x16 pixels first, then in rows of squares, then over all rows of squares in order. The
+/// sums are bit-identical for any number of threads.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TrainingData {
     pub(crate) entries: Vec<TrainingSum>,

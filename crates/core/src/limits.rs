@@ -42,7 +42,8 @@ pub enum InvalidSample {
 pub struct Schedule {
     /// Rows of pixels per task, at least 1; 1 by default. Rounded up to a multiple of 16 in training passes.
     pub tile_rows: u32,
-    /// Samples per pixel between two calls of the monitor. 0, the default, selects as many as take about 0.2 seconds.
+    /// Samples per pixel between two calls of [`Monitor::progress`](crate::render::Monitor::progress); 0, the default, for about
+    /// 0.2 seconds.
     pub progress_spp: u32,
     /// The seed of a random permutation of tasks, for tests. 0, the default, keeps tasks in order.
     pub shuffle: u64,
@@ -99,7 +100,7 @@ impl Budget {
         matches!(self, Self::Samples(_) | Self::PerPixel(_))
     }
 
-    /// The number of samples in an image of this frame, if it is known before the render.
+    /// The number of samples in an image of this frame, for a budget in samples or samples per pixel; `None` for others.
     pub fn samples(&self, frame: &Frame) -> Option<u64> {
         match self {
             Self::Samples(total) => Some(*total),
@@ -143,8 +144,8 @@ impl Limits {
         Self { budget, min_spp: 1, max_spp: u32::MAX, invalid: InvalidSample::Reject, schedule: Schedule::default() }
     }
 
-    /// The number of samples to expect for an image of this frame: `at_most` for an error limit, and `min(64, max_spp)`
-    /// samples per pixel for time limits and open budgets.
+    /// The number of samples to expect for an image of this frame: exact for a budget in samples, `at_most` for an error
+    /// limit, and `min(64, max_spp)` samples per pixel for time limits and open budgets.
     pub fn expected_samples(&self, frame: &Frame) -> u64 {
         match &self.budget {
             Budget::Error { at_most, .. } => *at_most,

@@ -2,11 +2,11 @@
 
 use crate::{Film, Frame, Limits, Needs};
 
-/// The sampler's memory in bytes, without the film; 0 by default. Includes only memory that grows with the number of pixels.
+/// The bytes that a sampler adds to a film of kept samples; 0 by default. Includes only what grows with the number of pixels.
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SamplerMemory {
-    /// The film's additional planes for discarded and withdrawn samples, in bytes.
+    /// The film's additional planes for discarded samples, in bytes.
     pub discarded: u64,
     /// The bytes of state that the sampler keeps from one round to the next.
     pub state: u64,
@@ -40,7 +40,7 @@ impl SamplerMemory {
     /// Adds the memory of discarded samples: a film with both kept and discarded samples holds its statistics twice.
     ///
     /// With a budget given in samples, the sampler plans before the film has any kept samples. The operating system has not
-    /// yet allocated their planes, so the peak of planning is lower by this amount.
+    /// yet allocated the planes of kept samples, so the peak of planning is lower by the same amount.
     #[must_use]
     pub fn with_discarded(self, frame: &Frame, needs: &Needs, limits: &Limits) -> Self {
         let discarded = frame.bytes(Film::halves_bytes_per_pixel(needs));

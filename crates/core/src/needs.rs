@@ -9,7 +9,7 @@ macro_rules! needs {
         /// The per-pixel statistics that the film must record besides sample counts and means.
         ///
         /// A film stores only what a sampler, filter or limit requests. A [`Recorder`](crate::film::Recorder) stores
-        /// statistics that a single method reads.
+        /// statistics that only one sampler or filter reads.
         ///
         /// ```
         /// use dapple_core::{Film, Needs};

@@ -153,8 +153,8 @@ pub trait Options: Default {
     }
 }
 
-/// Splits `name=value,name=value`, and looks up each name among `known`. Returns the pairs of known name and value
-/// text.
+/// Splits `name=value,name=value` into pairs of name and value. Each name must be in `known`; a former name becomes the
+/// present one.
 ///
 /// # Errors
 ///
@@ -401,7 +401,7 @@ crate::choices!(Stopping { Budget = "budget", Threshold = "threshold" });
 /// Converts `NAME:key=value,key=value` to `NAME/key=value/key=value`, a form that can be the value of another parameter.
 /// [`unnested`] is the inverse.
 ///
-/// Converted separators get one more `/`: two slashes separate the parameters of a value nested twice.
+/// Separators that are slashes already get one more `/`: two slashes separate the parameters of a value nested twice.
 ///
 /// ```
 /// use dapple_core::options::{nested, unnested};

@@ -63,7 +63,7 @@ pub fn threads() -> usize {
     1
 }
 
-/// Calls `f` with the number and the values of each chunk of `length` values; the last chunk may be shorter.
+/// Calls `f`, in parallel, with the number and the values of each chunk of `length` values; the last may be shorter.
 ///
 /// # Panics
 ///
@@ -72,18 +72,18 @@ pub fn chunks<T: Send>(values: &mut [T], length: usize, f: impl Fn(usize, &mut [
     parts(values.chunks_mut(length), |number, part| f(number, part));
 }
 
-/// Sets each value to `f` of its index.
+/// Sets each value to `f` of its index, in parallel.
 pub fn fill<T: Send>(values: &mut [T], f: impl Fn(usize) -> T + Sync) {
     let each = |number, values: &mut [T]| (number * CHUNK..).zip(values).for_each(|(number, value)| *value = f(number));
     chunks(values, CHUNK, each);
 }
 
-/// Computes `f` of all numbers below `n`. Takes twice the memory of the result while it runs.
+/// Computes `f` of each number below `n`, in parallel, and returns the results in order. Takes twice their memory.
 pub fn map<T: Send>(n: usize, f: impl Fn(usize) -> T + Sync) -> Vec<T> {
     map_with(n, || (), |(), number| f(number))
 }
 
-/// Computes `f` of all numbers below `n`, with working memory that `init` makes for each task.
+/// Computes the same as [`map`], with working memory for `f` that `init` makes for each range of consecutive numbers.
 pub fn map_with<M, T: Send>(n: usize, init: impl Fn() -> M + Sync, f: impl Fn(&mut M, usize) -> T + Sync) -> Vec<T> {
     let length = (n / 256).clamp(1, CHUNK);
     let mut all: Vec<Vec<T>> = (0..n.div_ceil(length)).map(|_| Vec::new()).collect();

@@ -65,10 +65,9 @@ pub struct Plan {
     pub retention: Retention,
     /// The rule that combines the means of a pixel's two halves from this round on.
     pub combine: Combine,
-    /// Marks the pixels whose kept samples become discarded samples before the round is traced. The budget does not get
-    /// them back; the indices of new samples continue after them. A marked pixel must have no discarded samples yet, and
-    /// must get new, kept samples in this round. Marks that depend on the samples' own values still bias the image
-    /// [Kirk and Arvo 1991].
+    /// Marks the pixels whose kept samples become discarded samples before the round is traced. These samples stay spent, and
+    /// new samples continue their indices. A marked pixel must have no discarded samples yet, and must get new, kept samples
+    /// in this round. Marks that depend on the samples' own values still bias the image [Kirk and Arvo 1991].
     #[serde(skip)]
     pub withdraw: Option<Vec<bool>>,
 }

@@ -33,7 +33,7 @@ impl SampleId {
 
 /// Numbers of the point sequences ("streams") that the render loop uses.
 ///
-/// Two streams of one pixel are scrambled independently, so that their difference is a valid error estimate.
+/// Two streams of one pixel are scrambled independently, so the difference between their means estimates the error.
 pub mod streams {
     /// The stream of the image's samples in a render without halves.
     pub const WHOLE: u32 = 0;
@@ -57,7 +57,7 @@ pub mod streams {
     pub const EMISSION: [u32; 2] = [9, 10];
 }
 
-/// A pure function from (seed, pixel, stream, index, block) to four coordinates.
+/// A pure function from (seed, pixel, stream, index, block) to four coordinates in `[0, 1)`.
 ///
 /// pbrt and Mitsuba call this role the sampler. Implementations have a seed and no mutable state. They must pass
 /// `dapple_conformance::point_set`.

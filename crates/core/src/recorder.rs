@@ -56,7 +56,7 @@ pub trait Recorder: Send + Sync {
 /// A sample that is passed to a [`Recorder`].
 #[non_exhaustive]
 pub struct RecordedSample<'a> {
-    /// The number of samples in the pixel's half, including this one.
+    /// The number of samples in the pixel, or in its half in a film with halves. Includes this one.
     pub count: u64,
     /// The radiance that enters the film: black for a rejected sample.
     pub radiance: [f32; 3],

@@ -101,7 +101,7 @@ impl<'a> Render<'a> {
         self
     }
 
-    /// Applies an error limit to the image of `filter`, and includes the filter's time in a time limit, estimated after the
+    /// Applies an error limit to the image of `filter`. A time limit includes an estimate of the filter's time, made after the
     /// first round.
     ///
     /// Under an error limit, the film records the statistics that the filter reads, and each prediction filters the film.

@@ -106,13 +106,13 @@ impl<D: CursorDraws> Cursor<D> {
         [self.next_f32(), self.next_f32()]
     }
 
-    /// The next number as 32 bits. Takes one dimension.
+    /// The next 32 random bits, from one dimension. The upper 24 come from the point set.
     #[inline]
     pub fn next_u32(&mut self) -> u32 {
         (self.next_u64() >> 32) as u32
     }
 
-    /// The next number as 64 bits. Takes one dimension.
+    /// The next 64 random bits, from one dimension. The upper 24 come from the point set.
     #[inline]
     pub fn next_u64(&mut self) -> u64 {
         let high = (self.next_f32() * (1 << 24) as f32) as u64;

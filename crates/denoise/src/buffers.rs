@@ -288,7 +288,7 @@ impl<'a> Denoise<'a> {
         Self { fireflies: light, ..self }
     }
 
-    /// Returns the filter that is used if none is set: [`ClusterRegression`] with the ids as clusters.
+    /// Returns the filter that is used if none is set: [`ClusterRegression`], with [`ids`](Self::ids), if set, as clusters.
     ///
     /// # Errors
     ///
@@ -349,7 +349,7 @@ impl<'a> Denoise<'a> {
         filled(&self.default_filter()?, &film)
     }
 
-    /// Denoises the image into the caller's slice, such as a frame of a video, row by row from the top.
+    /// Denoises the image and writes its pixels to `out`, in row-major order from the top.
     ///
     /// One [filter](Self::filter) serves any number of frames. Each call allocates and frees the film and the filter's memory.
     /// After an error, `out` is unchanged.

@@ -61,13 +61,14 @@ dapple_core::options! {
 /// 1. Features are averaged over 9x9 pixels where they are equal up to their noise [after Rousselle 2013]. Noise from the lens,
 ///    the shutter and subpixel geometry is also in the radiance, so regression on noisy features would keep it.
 /// 2. A [`Bilateral`] filter over 9x9 pixels without the corners computes a first image.
-/// 3. The first pass runs only for direct lighting (see step 7). A linear function of normal, albedo and position is fitted to
-///    the radiance in a disc 13 pixels wide around every second pixel of every second row [after Bitterli 2016; Moon 2014].
-///    * The weight of a pixel is `exp(-max(0, d_colour)) exp(-max(0, d_features))`, with `d` as in [`Bilateral`]. It grows with
-///      the sample count. For pixels in another cluster it is multiplied by `outside`.
+/// 3. The first pass runs only for direct lighting (step 7). A linear function of normal, albedo and position is fitted to the
+///    radiance in a window, a disc 13 pixels wide, around every second pixel along x and y [after Bitterli 2016; Moon 2014].
+///    * The weight of a pixel is `exp(-max(0, d_colour)) exp(-max(0, d_features))`, with `d` as in [`Bilateral`]. It is
+///      multiplied by `m / (n + m)`, where `m` and `n` are the sample counts of the pixel and of the window's centre, and by
+///      `outside` if the two lie in different clusters.
 ///    * Colours are compared over 3x3 pixels, in the half that is not being filtered [after Rousselle 2012].
-///    * All windows predict a pixel's colour; their predictions are averaged with the same weights. The first image is added
-///      with a small weight, and fills pixels that no window fits.
+///    * A pixel's colour is the mean of the predictions of all windows that contain it, with the same weights. The first image
+///      is added with a small weight, and fills pixels that no window fits.
 /// 4. In each pixel, the estimated errors of the unfiltered image and of the images of steps 2 and 3 are compared over 5x5
 ///    pixels. The best images, blended and divided by albedo, guide the second pass: step 3 with colours compared in this
 ///    guide. The noise of the guide is estimated from the halves. Both halves share the guide, the weights and the normal

@@ -18,9 +18,9 @@ dapple_core::options! {
         pub window: usize = REACH => "7", |window| window <= REACH, "0 to 7 pixels to each side";
         /// Patch radius in pixels, 0 to 3.
         pub patch: usize = 3, |patch| patch <= 3, "0 to 3 pixels to each side";
-        /// Damping of colour differences. Larger values smooth more.
+        /// Tolerance of colour differences in standard deviations. Larger values smooth more.
         pub k: f64 = 0.45, |k| (1e-3..=1e3).contains(&k), "0.001 to 1000 standard deviations";
-        /// Like k, for normal, albedo and depth differences; none: compare colour only (as published).
+        /// Tolerance of normal, albedo and depth differences in standard deviations; none: compare colour only (as published).
         ///
         /// With features, colours are divided by albedo before they are compared.
         pub features: Option<f64> = None => "none",
@@ -137,7 +137,7 @@ dapple_core::options! {
             |falloff| (0.0..=100.0).contains(&falloff), "0 (a flat window) to 100, per square pixel";
         /// Tolerance of colour differences in standard deviations. Larger values smooth more.
         pub colour: f64 = 0.8, |k| (1e-3..=1e3).contains(&k), "0.001 to 1000 standard deviations";
-        /// Like colour, for normal, albedo and depth differences.
+        /// Tolerance of normal, albedo and depth differences in standard deviations. Larger values smooth more.
         pub features: f64 = 1.0 => "1", |k| (1e-3..=1e3).contains(&k), "0.001 to 1000 standard deviations";
         /// Weight of a pixel of another cluster, relative to a pixel of the same cluster; 1 ignores clusters.
         pub outside: f64 = 1.0 => "1",

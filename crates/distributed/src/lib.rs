@@ -58,7 +58,7 @@ fn rows_message<'a>(runs: impl IntoIterator<Item = &'a Vec<u8>>) -> Vec<u8> {
 /// about the same time even if some rows cost more than others.
 const RUNS: u32 = 8;
 
-/// The row ranges of part `index` of `parts` of a stage, from top to bottom; the same on all machines with the same plan.
+/// The row ranges of a stage's part `index`, from 0 to `parts - 1`, top to bottom. They depend only on the plan.
 pub fn rows_of_part(session: &Session<'_>, stage: &Stage, index: u32, parts: u32) -> Vec<Range<u32>> {
     // An integrator that prepares for each of several passes would do so again for each range.
     let runs = if stage.passes() > 1 { 1 } else { RUNS };
@@ -70,7 +70,8 @@ pub fn rows_of_part(session: &Session<'_>, stage: &Stage, index: u32, parts: u32
 /// was stopped; the session is then at the end of the last complete stage.
 ///
 /// The session may be new, or resumed from a snapshot of a render with the same settings and any number of processes. `monitor`
-/// is called after each stage and at the end. `stop` is called between slices of this process's own rows.
+/// is called after each stage and at the end. `stop` is called about every 0.2 seconds of this process's tracing; `true` stops
+/// the render.
 ///
 /// # Errors
 ///

@@ -11,7 +11,7 @@ pub struct LocalProcess {
     from: Receiver<(u32, Vec<u8>)>,
 }
 
-/// Creates connections between `size` threads of one program, by rank. For tests, and for hosts with many devices.
+/// Connects `size` threads of one program; the thread of rank `i` takes item `i`. For tests, and for hosts with many devices.
 pub fn local(size: u32) -> Vec<LocalProcess> {
     let (to, from): (Vec<_>, Vec<_>) = (0..size).map(|_| channel()).unzip();
     from.into_iter().zip(0..).map(|(from, rank)| LocalProcess { rank, to: to.clone(), from }).collect()

@@ -154,11 +154,11 @@ impl Geometry {
         }
     }
 
-    /// Returns the surface parameters of a point that was hit at a time in `[0, 1]`: a triangle's [`Hit::barycentrics`], or
-    /// pbrt-v4's `(u, v)` in `[0, 1]` of a sphere or disk.
+    /// Returns the surface parameters of `hit`, whose point in world space is `position`, at a time in `[0, 1]`. They are
+    /// [`Hit::barycentrics`] on triangles, and pbrt-v4's `(u, v)`, each in `[0, 1]`, on spheres and disks.
     ///
-    /// For spheres and disks, `u` is the angle around the z axis divided by 2 pi. `v` increases from a sphere's lower pole to
-    /// its upper pole, or from a disk's rim inwards.
+    /// `u` is the angle around the z axis divided by 2 pi. `v` increases from a sphere's lower pole to its upper pole, or from
+    /// a disk's rim inwards.
     pub fn parametric_at(&self, hit: &Hit, position: Vec3, time: f32) -> [f32; 2] {
         match self.shapes.get(hit.shape as usize) {
             Some(Shape::Mesh(_) | Shape::Moving(_)) => hit.barycentrics,
@@ -168,8 +168,8 @@ impl Geometry {
         }
     }
 
-    /// Returns the instance, object and shape that a shape number refers to; `None` for base shapes and unused
-    /// numbers.
+    /// Returns the instance, object and shape that a shape number refers to; `None` for base shapes and for
+    /// numbers without a shape.
     #[inline]
     pub fn placed(&self, shape: u32) -> Option<PlacedShape> {
         self.instances()?.placed(shape)

@@ -47,8 +47,8 @@ impl Mesh {
     /// # Errors
     /// * [`Error::IndexOutOfRange`] if a triangle refers to a missing vertex.
     /// * [`Error::NonFinite`] if a triangle's vertex has a NaN or infinite coordinate.
-    /// * [`Error::ScaleOutOfRange`] if a used coordinate exceeds 2^59 (5.8e17), or if all are below 2^-60 (8.7e-19)
-    ///   but not all are 0.
+    /// * [`Error::ScaleOutOfRange`] if the largest magnitude of a used coordinate is above 2^59 (5.8e17), or below 2^-60
+    ///   (8.7e-19) but not 0.
     /// * [`Error::TooMany`] if there are 2^32 - 1 triangles or more.
     pub fn new(positions: Vec<[f32; 3]>, triangles: Vec<[u32; 3]>) -> Result<Self, Error> {
         Error::too_many("triangles of a mesh", triangles.len(), u32::MAX as usize)?;

@@ -10,7 +10,7 @@ use glam::{Vec3, Vec4};
 ///
 /// * its direction is zero,
 /// * one of its numbers is NaN, or its origin or direction is infinite,
-/// * a coordinate of the origin exceeds 2^60, or
+/// * a coordinate of the origin exceeds 2^60 in magnitude, or
 /// * `tmin >= tmax` or `tmax <= 0`.
 ///
 /// ```
@@ -31,8 +31,7 @@ pub struct Ray {
     pub tmin: f32,
     /// The upper limit of hits: only hits with `t < tmax` count. It may be infinite.
     pub tmax: f32,
-    /// The triangles on which the ray starts and ends, or [`PrimitiveId::NONE`]. The ray never hits these triangles. Without
-    /// this field, a test in f64 against `tmin` and `tmax` would reject the hits.
+    /// The triangles on which the ray starts and ends, or [`PrimitiveId::NONE`]. The ray never hits these triangles.
     pub ends: [PrimitiveId; 2],
 }
 

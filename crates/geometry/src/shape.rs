@@ -90,8 +90,7 @@ impl Sphere {
     ///
     /// # Errors
     /// * [`Error::BadParameter`] unless the radius is positive and finite, and the map is finite and invertible.
-    /// * [`Error::ScaleOutOfRange`] if the largest coordinate of the bounding box is below 2^-60 or above 2^59, as for
-    ///   [`Mesh::new`].
+    /// * [`Error::ScaleOutOfRange`] if the largest magnitude of a coordinate of the bounding box is below 2^-60 or above 2^59.
     pub fn transformed(to_world: DAffine3, radius: f64) -> Result<Self, Error> {
         positive("a sphere's radius", radius)?;
         let sphere = Self { space: Space::checked(to_world, "a transform's determinant")?, radius };
@@ -185,14 +184,13 @@ impl Disk {
         Self::transformed(to_world, 0.0, radius.into(), inner_radius.into())
     }
 
-    /// Makes a disk around the z axis at `z = height` in object space, facing +z. `to_world` is an invertible affine map to world
-    /// space.
+    /// Makes a disk around the z axis at `z = height` in object space, facing +z. `to_world` is an invertible affine map to
+    /// world space.
     ///
     /// # Errors
     /// * [`Error::BadParameter`] unless `0 <= inner_radius < radius`, the radius and height are finite, and the map is
     ///   finite and invertible.
-    /// * [`Error::ScaleOutOfRange`] if the largest coordinate of the bounding box is below 2^-60 or above 2^59, as for
-    ///   [`Mesh::new`].
+    /// * [`Error::ScaleOutOfRange`] if the largest magnitude of a coordinate of the bounding box is below 2^-60 or above 2^59.
     pub fn transformed(to_world: DAffine3, height: f64, radius: f64, inner_radius: f64) -> Result<Self, Error> {
         positive("a disk's radius", radius)?;
         let (within, expected) =

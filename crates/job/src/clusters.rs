@@ -8,7 +8,7 @@ use glam::{Vec2, Vec3};
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Copies of all triangles of a world, mesh by mesh, in the space in which the world reports hits.
+/// Copies of all triangles of a world, mesh by mesh, in the renderer's space (world space, translated and scaled).
 #[derive(Clone, Debug, Default)]
 pub struct WorldTriangles {
     /// The positions of the vertices.

@@ -32,7 +32,7 @@ pub struct DenoiseSpec {
     pub spp: Option<u32>,
     /// `true` if the files hold the variance of each pixel's mean, `false` for the variance of one sample.
     pub variance_of_mean: bool,
-    /// The filter; `None` for the default.
+    /// The filter, `NAME` or `NAME:key=value,…`; `None` for the default.
     pub filter: Option<String>,
     /// The default filter's treatment of the energy of fireflies.
     pub fireflies: FireflyLight,
@@ -41,7 +41,7 @@ pub struct DenoiseSpec {
 /// A denoised image in all its views, with notices and timings.
 #[derive(Clone, Debug)]
 pub struct DenoisedImage {
-    /// The views, the default view first. Files without views have a single one.
+    /// The views, the default view first; a single nameless view if the files have none.
     pub views: Vec<DenoisedView>,
     /// The filter with all its parameters.
     pub filter: String,

@@ -5,7 +5,7 @@ use std::fs;
 use std::io::{Error, ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
-/// Reads a text file of at most `longest` bytes. Also rejects endless devices such as `/dev/zero`.
+/// Reads a text file of at most `longest` bytes. Bytes that are not UTF-8 are read as Latin-1.
 ///
 /// # Errors
 ///

@@ -251,9 +251,9 @@ impl Job {
         Ok(Traced { film, failure, checkpoint, checkpoints_written })
     }
 
-    /// Returns `true` if [`finish`](Self::finish) accepts `film`, the film of a render with another filter and otherwise the
-    /// same settings: it holds every statistic that this render needs, this filter has no recorders, and both renders agree on
-    /// independent halves, which change the samples.
+    /// Returns `true` if [`finish`](Self::finish) accepts `film`, which comes from a render that differs only in its filter.
+    /// The film must have every statistic that this render needs, and independent halves only if this render has them. This
+    /// render's filter must have no recorders.
     pub fn is_recorded_by(&self, film: &Film) -> bool {
         let (needs, there) = (self.needs.and(self.sampler.needs()), film.needs());
         there.and(needs) == *there && there.halves == needs.halves && self.filter.recorders().is_empty()
@@ -268,7 +268,7 @@ impl Job {
     ///
     /// # Errors
     ///
-    /// As [`Job::run`] and [`Job::finish`]; [`JobError::Panicked`] if the integrator panicked.
+    /// The errors of [`Job::run`] and [`Job::finish`]; [`JobError::Panicked`] if the integrator panicked.
     pub fn render(&mut self) -> Result<RenderedImage, JobError> {
         let traced = self.run(None, &mut NoMonitor)?;
         match traced.failure {

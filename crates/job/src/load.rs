@@ -24,7 +24,7 @@ use std::time::Instant;
 pub struct LoadOptions {
     /// The memory limit of the render; scene files larger than this are not read.
     pub limit: MemoryLimit,
-    /// If `true`, hashes every byte read. Checkpoints and parts need this digest.
+    /// If `true`, hashes every byte read. Checkpoints and parts need the hash.
     pub digest: bool,
 }
 
@@ -49,10 +49,10 @@ pub struct LoadedScene {
     pub frame: Frame,
     /// The effects (kinds of light transport) that are left out of the image.
     pub without: Vec<Effect>,
-    /// Warnings about directives of the scene file, area lights without area, left-out effects, and lights that paths hit only
-    /// by chance. [`build`](Self::build) adds a warning about triangles without area.
+    /// Warnings about adjusted or ignored directives of the scene file, area lights without area, left-out effects, and lights
+    /// that a path tracer finds only by chance. [`build`](Self::build) adds a warning about triangles without area.
     pub warnings: Vec<Warning>,
-    /// An estimate of the minimum memory of the render.
+    /// An estimated lower bound on the peak memory of the render.
     pub memory: MemoryEstimate,
     /// Wall-clock seconds spent on reading the scene.
     pub seconds: f64,

@@ -165,7 +165,7 @@ impl MemoryLimit {
         Self { bytes, given: true }
     }
 
-    /// The memory of this machine as the limit; no limit if the system does not report it.
+    /// The memory that this process may use ([`available`]) as the limit; no limit if the system does not report it.
     pub fn of_machine() -> Self {
         Self { bytes: available().unwrap_or(u64::MAX), given: false }
     }
@@ -197,7 +197,7 @@ pub struct MemoryEstimate {
 }
 
 impl MemoryEstimate {
-    /// The minimum memory of a render of `scene`, estimated before the [`World`](dapple_renderer::World) is built.
+    /// A lower bound on the peak memory of rendering `scene`, estimated before the [`World`](dapple_renderer::World) is built.
     pub fn of_scene(scene: &Scene, frame: &Frame) -> Self {
         let [built, building] = of_world(scene);
         let now = resident().map_or_else(|| PROGRAM + of_scene(scene), |[now, _]| now);
@@ -222,7 +222,7 @@ impl MemoryEstimate {
         Self { scene, film: memory.film, others, stages, before: self.before.max(most) }
     }
 
-    /// Adds the live view of `frame`: a copy of the radiance, sample counts and errors, and its encoding.
+    /// Adds the live view of `frame`: a copy of radiance, sample counts and errors, and the packet or PNG file made from it.
     #[must_use]
     pub fn with_live_image(mut self, frame: &Frame) -> Self {
         /// Bytes per pixel: 20 for the planes, 8 for copying sample counts, 12 for a network packet or a PNG file.

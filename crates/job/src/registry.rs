@@ -26,7 +26,7 @@ pub struct MadeSampler {
     pub clusters: Option<Arc<WorldClusters>>,
     /// The first-hit rays that the sampler traces for its first plan; stays empty if it traces none.
     pub first_hits: FirstHitsHandle,
-    /// A filter's view of samples whose coordinates the sampler chooses; `None` if the point set chooses all of them.
+    /// Gives filters the coordinates that the sampler has chosen; `None` if the point set chooses all coordinates.
     pub placed: Option<PlacedHandle>,
 }
 
@@ -71,7 +71,7 @@ pub struct MethodInputs {
     pub world: Option<Arc<World>>,
     /// Existing clusters of the world. Only samplers and filters with the same clustering parameters reuse them.
     pub clusters: Option<Arc<WorldClusters>>,
-    /// The points of the samples, for a filter that reads their coordinates.
+    /// The points of the film's samples, for filters that read coordinates; `None` if they are unknown.
     pub points: Option<FilmPoints>,
 }
 
@@ -168,7 +168,7 @@ fn domain(world: &World) -> Option<Domain> {
     Some(found.outside.into_iter().fold(domain, Domain::with_outside))
 }
 
-/// The sample points of a film of `world` rendered with `points`; `None` unless the pixel filter is a box one pixel wide.
+/// The sample points of a render of `world` with the set `points`; `None` unless the pixel filter is a box one pixel wide.
 pub fn film_points(world: &World, points: Arc<dyn PointSet>) -> Option<FilmPoints> {
     let defocus = world.camera().defocus().map(|[far, by_inverse_depth]| Defocus::new(far, by_inverse_depth));
     Some(FilmPoints::new(points, domain(world)?).with_defocus(defocus))

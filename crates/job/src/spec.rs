@@ -11,11 +11,12 @@ use std::path::PathBuf;
 pub const SPEC_VERSION: u32 = 1;
 /// The default budget of a render, in mean samples per pixel.
 pub const DEFAULT_SPP: f64 = 16.0;
-/// The largest number of samples per pixel if the budget is [`BudgetSpec::Error`] and `max_spp` is not set.
+/// The limit on the samples of every pixel if the budget is [`BudgetSpec::Error`] and `max_spp` is not set.
 pub const ERROR_SPP: u32 = 16384;
 /// The longest time limit of a render in seconds: a year.
 pub const MOST_SECONDS: f64 = 31_557_600.0;
-/// The name of the default integrator: `photons` for scenes whose caustics a path tracer finds by chance only, else `path`.
+/// The name of the default integrator, which selects `photons` or `path`. It selects `photons` if a path tracer finds the
+/// scene's caustics by chance only, except for parts and motion blur.
 pub const DEFAULT_INTEGRATOR: &str = "auto";
 
 /// A description of a render: all settings that decide the pixels of an image.
@@ -45,7 +46,7 @@ pub struct RenderSpec {
     pub points: String,
     /// The filter (denoiser), `NAME` or `NAME:key=value,…`; with `none`, each pixel is the mean of its own samples.
     pub filter: String,
-    /// The integrator, `NAME` or `NAME:key=value,…`. `auto` selects `photons` or `path` by the scene's caustics.
+    /// The integrator, `NAME` or `NAME:key=value,…`. The default is [`DEFAULT_INTEGRATOR`].
     pub integrator: String,
     /// The rule by which light sampling selects one of several lights. With `None`, [`RenderSpec::selection`] returns the
     /// default.
@@ -64,8 +65,7 @@ pub struct RenderSpec {
     /// Width and height of the full image in pixels; `None` uses the scene's resolution.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub resolution: Option<[u32; 2]>,
-    /// A factor on the scene's width and height, not to be combined with `resolution`. At 0.5, a quarter of the pixels are
-    /// rendered.
+    /// A factor above 0 on the scene's width and height; `None` means 1. Setting `resolution` as well is an error.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub scale: Option<f64>,
     /// The part of the image to render.

@@ -9,10 +9,10 @@ use rayon::prelude::*;
 /// The parameters of [`LightCells`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LightCellOptions {
-    /// The number of voxels along the longest side of the box, from 1 to 1024. With many lights, fewer voxels are used,
-    /// which limits the size of the table.
+    /// The number of voxels along the longest side of the bounding box, from 1 to 1024. With many lights, fewer voxels are
+    /// used, which limits the size of the table.
     pub resolution: u32,
-    /// The weight of the expected contribution in a mean with measured ones, as a number of samples above 0.
+    /// The weight of a light's expected squared contribution in a cell's mean, above 0. Each measured sample has weight 1.
     pub prior: f32,
     /// The fraction of samples for which a light is selected uniformly, above 0 and at most 1. Each light's probability is
     /// at least `defensive / lights`, up to rounding.
@@ -247,7 +247,7 @@ impl LightCells {
         self.update_distributions();
     }
 
-    /// The distributions in use. Each call of [`LightCells::learn`] selects [`Guidance::Cells`] or [`Guidance::Global`].
+    /// The distributions in use, initially [`Guidance::Cells`]. Each call of [`LightCells::learn`] may change them.
     pub fn guidance(&self) -> Guidance {
         self.guidance
     }

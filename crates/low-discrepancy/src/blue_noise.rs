@@ -7,11 +7,11 @@ use std::sync::LazyLock;
 /// A decorator of another point set that distributes errors over the image as blue noise [after Georgiev 2016].
 ///
 /// All pixels of a tile of 128 x 128 pixels share one sequence of the inner point set. Each pixel adds its own shift to each
-/// coordinate, modulo 1 [Cranley 1976]. The shifts form a blue-noise tile, computed by the void-and-cluster method [Ulichney
+/// coordinate, modulo 1 [Cranley 1976]. The shifts form a blue-noise mask, computed by the void-and-cluster method [Ulichney
 /// 1993]. Neighbouring pixels with similar integrands therefore have different errors, and the error has little energy at low
 /// frequencies.
 ///
-/// Each coordinate, stream and tile uses the blue-noise tile at a different offset.
+/// Each coordinate, stream and tile uses the mask at a different offset.
 ///
 /// ```
 /// use dapple_core::{PointSet, SampleId};

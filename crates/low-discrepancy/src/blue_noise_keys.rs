@@ -10,10 +10,10 @@ use std::sync::LazyLock;
 /// All pixels of a tile of 64 x 64 pixels share one Owen-scrambled Sobol' sequence of pairs. Each pixel has its own key for
 /// each coordinate, and applies it to the coordinate by exclusive or. This keeps every net intact.
 ///
-/// The upper 6 bits of the two keys come from a tile in which each of the 4096 combinations occurs once. Keys are swapped
-/// between pixels so that the integration errors of neighbours differ as much as possible, at 1, 2, 4, 8 and 16 samples
-/// jointly. The lower bits are random. Each pair, block, stream and tile uses the tile of keys at a different offset, so each
-/// pixel's samples are uniform.
+/// The upper 6 bits of the two keys come from a mask of 64 x 64 entries, in which each of the 4096 combinations occurs once.
+/// Keys are swapped between pixels so that the integration errors of neighbours differ as much as possible, at 1, 2, 4, 8 and
+/// 16 samples jointly. The lower bits are random. Each pair, block, stream and tile uses the mask at a different offset, so
+/// each pixel's samples are uniform.
 ///
 /// ```
 /// use dapple_core::{PointSet, SampleId};
@@ -47,7 +47,7 @@ use std::sync::LazyLock;
 ///   as test integrands, the errors of other half-planes have more energy at low frequencies.
 /// * There are no ranking keys (exclusive ors of the sample index). They would make a pixel's first samples less uniform.
 ///   Instead, the scrambling keys are optimised for all sample counts jointly.
-/// * Two coordinates are optimised, and all pairs use the same tile.
+/// * Two coordinates are optimised, and all pairs use the same mask.
 ///
 /// A second paper of the same year permutes the pixels' seeds between frames [Heitz and Belcour 2019]. It is not implemented,
 /// since it needs a previous frame rendered with the same seeds, and a still image has none.

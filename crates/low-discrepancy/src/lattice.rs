@@ -36,7 +36,7 @@ const MULTIPLIER: u32 = 1_063_578_985;
 /// # Limits
 ///
 /// * Lattices are best for periodic functions. They alias on edges along a lattice's directions.
-/// * For functions that are not periodic, such as `x y`, the error of `2^k` samples falls as `1/n`, not faster.
+/// * For functions that are not periodic, such as `x y`, the error of `n = 2^k` samples falls as `1/n`, not faster.
 /// * The relation between two pairs is random, as in [`Sobol`](crate::Sobol).
 ///
 /// Name: `lattice`. Parameters: `seed`.

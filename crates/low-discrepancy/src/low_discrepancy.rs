@@ -11,9 +11,8 @@ use dapple_core::{PointSet, SampleId};
 /// The coordinates of a pair are van der Corput's sequence and the second dimension of Sobol's. Each coordinate is
 /// XOR-scrambled by a random number per pixel and pair, and each pair is shuffled independently.
 ///
-/// The first `count` samples of a pair are a (0,k,2)-net, and so are the next `count`. The sample count must be known in
-/// advance and is rounded up to a power of two, as in pbrt ([`LowDiscrepancy::count`]). Further samples start another net with
-/// new scrambles.
+/// The first `count = 2^k` samples of a pair are a (0,k,2)-net. The sample count must be known in advance and is rounded up
+/// to a power of two, as in pbrt ([`LowDiscrepancy::count`]). Further samples start another net with new scrambles.
 ///
 /// ```
 /// use dapple_core::{PointSet, SampleId};
@@ -96,7 +95,7 @@ impl PointSet for LowDiscrepancy {
 /// base-4 digit of the pixel's number is mapped by one of 24 permutations, selected at random depending on the higher digits.
 /// pbrt-v4's `ZSobolSampler` does the same.
 ///
-/// * The `count` samples of a pixel are a (0,k,2)-net in each pair.
+/// * The `count = 2^k` samples of a pixel are a (0,k,2)-net in each pair.
 /// * The samples of each aligned block of 2x2, 4x4, … pixels together are a net, too. Errors of neighbours therefore partly
 ///   cancel, and noise has less energy at low frequencies.
 ///

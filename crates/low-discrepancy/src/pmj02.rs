@@ -9,9 +9,9 @@ use std::sync::LazyLock;
 
 /// Progressive multi-jittered (0,2) sequences, with blue noise across pixels [after Christensen 2018].
 ///
-/// Any `2^k` points of a sequence whose first index is a multiple of `2^k` form a (0,k,2)-net. Sixteen sequences of 1024
-/// points are computed once per process. Each new point is in a free stratum of every shape of elementary interval; of ten
-/// such candidates, the one farthest from all earlier points is chosen.
+/// In each sequence, `2^k` consecutive points form a (0,k,2)-net if their first index is a multiple of `2^k`. Sixteen
+/// sequences of 1024 points are computed once per process. Each new point is in a free stratum of every shape of elementary
+/// interval; of ten such candidates, the one farthest from all earlier points is chosen.
 ///
 /// The pairs of eight consecutive blocks use different sequences. Each pair has a nested shuffle of its indices and a random
 /// shift modulo 1 [Cranley 1976]. By default, all pixels of a tile share sequences, shuffles and shifts, and [`BlueNoise`] adds
@@ -32,8 +32,8 @@ use std::sync::LazyLock;
 /// * A net shifted modulo 1 is no longer a net. [`Sobol`](crate::Sobol) preserves nets, and has a smaller error.
 /// * After 1024 samples, a pair starts another sequence with its own shift.
 /// * The sequences take 128 KiB of memory.
-/// * From `n` to `2n` points, the free strata restrict all candidates for a new point to one cell of `1/(2n)` by `1/(2n)`. They
-///   differ little. The published variant without elementary intervals (`pmjbn`) has a clearer blue-noise spectrum.
+/// * From `n` to `2n` points, the free strata restrict all candidates for a new point to one cell of `1/(2n)` by `1/(2n)`. The
+///   candidates differ little. The published variant without elementary intervals (`pmjbn`) has a clearer blue-noise spectrum.
 ///
 /// Name: `pmj02`. Parameters: `seed`, `pixels` (blue-noise or independent).
 #[derive(Clone, Copy, Debug)]
@@ -49,7 +49,7 @@ impl Pmj02 {
         Self { sequences, coupled: Some(BlueNoise::new(seed, sequences)) }
     }
 
-    /// Returns the point set with separate sequences and shifts for each pixel.
+    /// Returns the point set with a separate choice of sequences, shuffles and shifts for each pixel.
     #[must_use]
     pub fn with_independent_pixels(self) -> Self {
         Self { coupled: None, ..self }

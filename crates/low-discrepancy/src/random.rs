@@ -73,8 +73,8 @@ impl PointSet for Random {
 ///
 /// # Limits
 ///
-/// * The count must be known in advance. A partly used grid is a random subset of its cells, hardly better than [`Random`] if
-///   the subset is small.
+/// * The sample count must be known in advance. A partly used grid is a random subset of its cells, hardly better than
+///   [`Random`] if the subset is small.
 /// * Projections on one axis have only `strata` strata.
 /// * Samples beyond `strata²` start another grid with its own order and jitter. Multiples of `strata²` samples are stratified,
 ///   but no more finely.

@@ -38,8 +38,8 @@ impl BlockRatios {
         &self.sorted[channel]
     }
 
-    /// The percentile `percent` (0..=100) of each channel's ratios, linear between neighbours as in `numpy.percentile`.
-    /// NaN if no block is bright enough.
+    /// The percentile `percent` of each channel's ratios, linear between neighbours as in `numpy.percentile`. `percent` is
+    /// clamped to `0..=100`. NaN if no block is bright enough.
     pub fn percentile(&self, percent: f64) -> [f64; 3] {
         self.sorted.each_ref().map(|sorted| percentile(sorted, percent))
     }

@@ -97,7 +97,7 @@ pub struct Measurement<'a> {
 pub struct ReferenceNoise {
     /// MSE and relMSE without the noise.
     pub corrected: Corrected,
-    /// The sRGB MSE (0 to 255) that the noise causes: a quarter of the sRGB MSE between two halves of the reference. In each
+    /// The sRGB MSE that the noise causes: a quarter of the sRGB MSE between two halves of the reference. In each
     /// pixel and channel, the halves have the values `mean + s` and `mean - s`, where `s^2` is the variance of the mean.
     pub srgb8_mse: f64,
 }
@@ -119,7 +119,7 @@ impl<'a> Measurement<'a> {
         Ok(Self { image, reference, comparison, variance, noise: noise.transpose()? })
     }
 
-    /// Returns `true` if the reference's noise limits the precision of MSE or relMSE.
+    /// Returns `true` if the reference's noise is known and limits the precision of MSE or relMSE.
     pub fn reference_limited(&self) -> bool {
         self.noise.is_some_and(|ReferenceNoise { corrected, .. }| {
             corrected.mse.reference_limited() || corrected.rel_mse.reference_limited()

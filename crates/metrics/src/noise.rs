@@ -67,8 +67,9 @@ impl CorrectedError {
 
 /// Compares an image with a noisy reference, and subtracts the reference's variance from MSE and relMSE.
 ///
-/// For a noiseless image t, and an independent image x and reference r, `E[(x - r)^2] = E[(x - t)^2] + var r`. Two
-/// halves a and b of a reference give `var r = E[(a - b)^2] / 4`. Non-finite values of the image are replaced by 0.
+/// Let t be the noiseless reference, r the noisy one, and x an image independent of r. Then
+/// `E[(x - r)^2] = E[(x - t)^2] + var r`. Two halves a and b of r give `var r = E[(a - b)^2] / 4`.
+/// Non-finite values of the image are replaced by 0.
 ///
 /// ```
 /// # use dapple_metrics::{NoisyReference, Pixels, compare_corrected};

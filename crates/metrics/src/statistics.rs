@@ -218,7 +218,7 @@ pub struct LogLogFit {
     pub slope: Interval,
     /// The value of y at x = 1.
     pub scale: f64,
-    /// The standard deviation of ln y about the line.
+    /// The standard deviation of ln y about the line, with n - 2 degrees of freedom for n points.
     pub deviation: f64,
 }
 
@@ -228,8 +228,8 @@ impl LogLogFit {
         self.scale * libm::pow(x, self.slope.value)
     }
 
-    /// Returns the x at which the line reaches `y`, such as the time to reach an error. `y` must be above 0. The result is
-    /// infinite or 0 if the line is horizontal at another y.
+    /// Returns the x at which the line reaches `y`, such as the time to reach an error. `y` must be above 0. For
+    /// a horizontal line, the result is NaN if `y` lies on the line, else infinite or 0.
     pub fn solve(&self, y: f64) -> f64 {
         libm::exp(libm::log(y / self.scale) / self.slope.value)
     }

@@ -72,8 +72,8 @@ pub struct FilmExtrema<'f> {
 }
 
 impl FilmExtrema<'_> {
-    /// The extremes of pixel `i`'s samples of both halves: of discarded samples for [`Retention::Discard`], else of kept
-    /// samples. `None` if the pixel has no samples of this kind.
+    /// The extremes of pixel `i` over both halves. [`Retention::Discard`] selects discarded samples, other values kept samples.
+    /// `None` if the pixel has no selected samples.
     pub fn of_pixel(&self, retention: Retention, i: usize) -> Option<Extremes> {
         let words = |half: usize| match retention {
             Retention::Discard => self.recorded.discarded(half, i),

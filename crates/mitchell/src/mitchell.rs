@@ -11,7 +11,7 @@ dapple_core::options! {
     pub struct MitchellOptions {
         /// Samples per pixel before refinement; 0 for this and additional = automatic (rises with spp, after table 4-2 of Lan's thesis).
         ///
-        /// [`Rates::for_mean`] returns the values of this table. When the mean budget has doubled, it is called again.
+        /// [`Rates::for_mean`] returns the values of this table. The rates change when the budget per pixel has doubled.
         pub initial: u32 = 0;
         /// Additional samples per refined pixel; see initial.
         pub additional: u32 = 0;

@@ -51,7 +51,7 @@ dapple_core::options! {
 ///
 /// Each pixel gets `min` pilot samples. If the luminance `Y` of any pilot sample has `|Y - mean| / mean > threshold`,
 /// then `max` new samples replace the pilot samples. With [`Stopping::Threshold`] and [`PilotPolicy::Refined`] this is the
-/// published rule. [`Stopping::Budget`], the default, ranks pixels by the deviation until the budget is spent. With
+/// published rule. [`Stopping::Budget`], the default, refines the largest deviation first until the budget is spent. With
 /// [`PilotPolicy::Keep`] the pilot samples stay in the image and count towards `max`.
 ///
 /// [`PbrtTest::ShapeId`] refines a pixel if two consecutive pilot samples hit different shapes or primitives. If two shapes

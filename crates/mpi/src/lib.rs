@@ -52,7 +52,7 @@ impl MpiProcesses {
         Ok(Self { world: universe.world(), at_once: AT_ONCE, _universe: universe })
     }
 
-    /// Sets the maximum number of bytes in an MPI message, for tests.
+    /// Sets the maximum number of bytes in an MPI message, clamped to `1..=2^30`, for tests.
     #[must_use]
     pub fn with_bytes_at_once(self, bytes: usize) -> Self {
         Self { at_once: bytes.clamp(1, AT_ONCE), ..self }

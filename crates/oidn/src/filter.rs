@@ -16,7 +16,7 @@ dapple_core::options! {
     }
 }
 
-/// Intel Open Image Denoise on the mean of each pixel's samples, guided by albedo and normals of first hits.
+/// Intel Open Image Denoise on the mean of each pixel's samples, guided by albedo and normals of first non-specular surfaces.
 ///
 /// The crate's page describes inputs, guarantees and limits.
 #[derive(Clone, Copy, Debug)]
@@ -95,9 +95,9 @@ fn memory(frame: &Frame) -> u64 {
 
 /// The plain mean of the images of [`Oidn`] and of another filter.
 ///
-/// Filters of different kinds have different errors. With `cluster-regression` on adaptive sample counts, the mean has
-/// less error than either image at 1 to 8 samples per pixel on nine scenes (docs/results/oidn.md). Above about 64 samples
-/// per pixel, the other filter alone may be better in fine detail.
+/// Filters of different kinds have different errors. On nine scenes with adaptive sampling at 1 to 8 samples per pixel,
+/// the mean of OIDN and `cluster-regression` has less error than either of the two (docs/results/oidn.md). Above about 64
+/// samples per pixel, the other filter alone may be better in fine detail.
 ///
 /// There is no error estimate, since the error of OIDN's image is unknown.
 pub struct OidnBlend<F> {

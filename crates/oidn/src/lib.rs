@@ -1,6 +1,6 @@
 //! Intel Open Image Denoise (OIDN), a neural denoiser, as a filter of Dapple.
 //!
-//! * [`Oidn`]: OIDN on the film's means, guided by the albedo and normals of first hits.
+//! * [`Oidn`]: OIDN on the film's means, guided by albedo and normals of first non-specular surfaces.
 //! * [`OidnBlend`]: the plain mean of the images of OIDN and another filter.
 //! * [`Library`]: the shared library, loaded at run time. The crate builds without it.
 //!
@@ -33,8 +33,8 @@
 //!
 //! * Colour: the mean of all samples of a pixel, as high dynamic range, scaled by a power of two to a mean level of
 //!   about 1.
-//! * Albedo and normal: means over first hits, multiplied by the fraction of samples that hit. With `prefilter`, the
-//!   default, OIDN first denoises each of them in a separate run.
+//! * Albedo and normal: means over first non-specular surfaces, multiplied by the fraction of samples that hit. With
+//!   `prefilter`, the default, OIDN first denoises each of them in a separate run.
 //! * Pixels without samples: the mean of the nearest samples in a window of up to 9x9 pixels, else black.
 //! * Images with a side below 32 pixels are mirrored up to that side.
 //!

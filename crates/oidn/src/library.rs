@@ -101,7 +101,7 @@ impl Library {
     ///
     /// # Errors
     ///
-    /// [`LoadError`], with the ways to install it and the variable to set.
+    /// [`LoadError`], with the ways to install the library and the variable to set.
     pub fn load() -> Result<&'static Self, LoadError> {
         static LOADED: OnceLock<Result<Library, LoadError>> = OnceLock::new();
         let loaded = LOADED.get_or_init(|| {

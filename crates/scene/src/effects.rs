@@ -133,9 +133,9 @@ impl FromStr for Effect {
 pub struct CalledEffect {
     /// The effect that the scene uses.
     pub effect: Effect,
-    /// The reason, as a short phrase about the first object that uses the effect.
+    /// The reason, as a short phrase about the object at `source`.
     pub because: String,
-    /// File and line of the first object that uses the effect.
+    /// File and line of the first object that uses the effect; of the second light for [`Effect::SeveralLights`].
     pub source: Source,
     /// Number of lights, materials, shapes, media or moving objects that use the effect; at least 1.
     pub objects: usize,
@@ -154,8 +154,8 @@ fn found<T>(objects: impl IntoIterator<Item = T>, describe: impl FnOnce(T) -> (S
 /// The effects that a scene uses, each once, with the first object that uses it.
 ///
 /// Objects that cannot affect the image are ignored: unused materials, objects without instances, black lights, media whose
-/// coefficients are 0, opacities of 1 and shutters without duration. An object counts if a number out of range or a texture
-/// leaves its effect uncertain. Diffuse transmission
+/// coefficients are 0, opacities of 1 and shutters without duration. An object with a texture or an invalid number is
+/// assumed to use each effect that depends on it. Diffuse transmission
 /// ([`DiffuseTransmission`](crate::MaterialKind::DiffuseTransmission)) and interfaces between media are not effects.
 ///
 /// ```
@@ -202,16 +202,16 @@ impl Effects {
     /// scene without them.
     ///
     /// Light sampling cannot connect a point to a light through a refracting surface. Only scattered rays that hit the light
-    /// by chance carry its light. After a diffuse event, their probability is at most `solid angle / pi`.
+    /// by chance carry its light. A diffusely scattered ray hits it with a probability of at most `solid angle / pi`.
     ///
     /// A light counts if paths may scatter twice and all of these conditions hold:
     /// * The scene has a refracting shape that is smooth (see [`effectively_smooth`](crate::effectively_smooth)) or has a
     ///   textured roughness.
     /// * The light covers less than 1e-3 sr, seen from the centre of the shape. Point, spot and distant lights cover 0 sr.
-    /// * It has at least 0.01 of the power of all lights, and is not an environment.
+    /// * The light has at least 0.01 of the power of all lights, and is not an environment.
     ///
-    /// The solid angle is taken to be `area / distance^2`, an upper bound, or a quarter of this for a sphere. In the result,
-    /// `source` is the first light that counts, and `objects` the number of these lights.
+    /// The solid angle of a light is taken to be `area / distance^2`, an upper bound, or a quarter of this if the light is a
+    /// sphere. In the result, `source` is the first light that counts, and `objects` the number of these lights.
     pub fn found_by_chance(scene: &Scene) -> Option<CalledEffect> {
         lights::found_by_chance(&Visible::of(scene))
     }
@@ -238,9 +238,9 @@ impl Scene {
     ///
     /// * [`SoftShadows`](Effect::SoftShadows): each area light is replaced by a point or spot light of the same power, at the
     ///   area light's centroid in the pose `to_world`. The shape is removed, since it would enclose the new light.
-    ///   A flat one-sided light of area `A` and radiance `L` becomes a 90 degree spot along its normal with smooth-step
-    ///   falloff. This spot has the same axial intensity `A L` and power `pi A L`. A flat two-sided light becomes two such
-    ///   spots, back to back. Any other area light (a sphere, a curved mesh) becomes a point of intensity `power / 4 pi`.
+    ///   A flat one-sided light of area `A` and radiance `L` becomes a spot along its normal, 90 degrees from axis to edge,
+    ///   with smooth-step falloff. This spot has the same axial intensity `A L` and power `pi A L`. A flat two-sided light
+    ///   becomes two such spots, back to back. Any other area light becomes a point of intensity `power / (4 pi)`.
     /// * [`SeveralLights`](Effect::SeveralLights): only the light of the highest power emits. Other area lights remain as
     ///   shapes without emission.
     /// * [`Glossy`](Effect::Glossy): materials with a rough lobe become diffuse. The reflectance is the albedo of all lobes at

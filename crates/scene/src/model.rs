@@ -40,7 +40,7 @@ use std::sync::Arc;
 pub struct ModelMesh {
     /// The mesh, with polygons cut into triangles.
     pub data: MeshData,
-    /// A reason to suspect that the file is damaged or incomplete; `None` if there is none.
+    /// A reason to suspect that the file is damaged or incomplete; `None` if it seems intact.
     pub doubt: Option<String>,
     /// Parts of the file that are not read, such as `property confidence of vertex`.
     pub left_out: Vec<String>,
@@ -51,7 +51,7 @@ pub struct ModelMesh {
 #[error("{}{what}", line.map_or(String::new(), |line| format!("line {line}: ")))]
 #[non_exhaustive]
 pub struct ModelError {
-    /// The number of the line, from 1; `None` for an error of the whole file or of a binary one.
+    /// The number of the line, from 1; `None` for errors that have no line, such as those in binary data.
     pub line: Option<u32>,
     /// A description of the error, with its remedy.
     pub what: String,

@@ -34,11 +34,11 @@ pub struct AnyOptions {
 /// Options of the pbrt reader.
 #[derive(Clone, Debug, Default)]
 pub struct ReadOptions {
-    /// True to leave unsupported features out with a notice, false to report an error. An unknown material becomes
-    /// diffuse, an unknown texture grey; other objects are dropped.
+    /// If true, unsupported features are left out with a notice: an unknown material becomes diffuse, an unknown texture grey;
+    /// other unsupported objects are dropped. If false, unsupported features are errors.
     pub allow_unsupported: bool,
-    /// The memory limit in bytes for subdivision surfaces; `None` and larger limits mean about 300 MB. A surface beyond the
-    /// limit is refused before memory is allocated.
+    /// The memory limit in bytes for all subdivision surfaces together: at most about 300 MB, which is also the limit for
+    /// `None`. A surface beyond the limit is refused before memory is allocated.
     pub memory: Option<u64>,
 }
 

@@ -9,8 +9,8 @@ const MARK: &[u8] = b"\xef\xbb\xbf";
 /// The number of bytes at the start of a file in which its first word is searched for.
 const HEAD: usize = 1 << 16;
 
-/// Returns the text of a file. A byte order mark is skipped, and so is a trailing NUL or Ctrl-Z with everything after it.
-/// Each byte that is not valid UTF-8 is read as Latin-1, and every line end (CRLF, CR) becomes LF.
+/// Returns the text of a file, without its byte order mark and without padding at the end (NUL, Ctrl-Z, and white space after
+/// them). Each byte that is not valid UTF-8 is read as Latin-1, and every line end (CRLF, CR) becomes LF.
 ///
 /// # Errors
 /// Returns a message for a text in UTF-16 or UTF-32.

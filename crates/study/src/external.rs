@@ -16,10 +16,10 @@ use std::time::Instant;
 ///
 /// * Input: OpenEXR. The main layer has `R G B`, linear radiance, each pixel the mean of its own samples. Further layers:
 ///   `count`, `albedo` (`R G B`), `normal` (`X Y Z`, in scene space), `depth` and `coverage`. Features are means over the
-///   samples that hit a surface; `coverage.Y` is the fraction of a pixel's samples that did.
-/// * Output: OpenEXR or PFM, linear, of the same size, without NaN.
-/// * Time: the wall-clock seconds of the process, unless its last line of output is JSON such as `{"seconds": 0.25}`. The
-///   program can thus exclude start-up and file reading.
+///   samples that hit a surface; `coverage.Y` is the fraction of a pixel's samples that hit one.
+/// * Output: OpenEXR or PFM, linear, of the same size, with finite values.
+/// * Filtering time: the wall-clock seconds of the process. If the last line that the program prints is JSON such as
+///   `{"seconds": 0.25}`, this number is used instead, and can exclude start-up and file reading.
 ///
 /// ```
 /// # use dapple_study::External;

@@ -55,7 +55,7 @@ impl PlanError {
 pub struct ScenePlan {
     /// The name of a bundled scene, or the path of a scene file.
     pub source: String,
-    /// The scene's name in the study; `None` derives it from `source`.
+    /// The scene's name in the study; `None` uses the file stem of `source`, or the folder's name for `scene*` files.
     pub name: Option<String>,
     /// The file of the reference image; `None` renders a reference.
     pub reference: Option<PathBuf>,
@@ -90,12 +90,12 @@ pub struct PlanSettings {
     /// The names of the `scenes` to use; default all.
     pub only: Vec<String>,
     /// The samplers (how many samples each pixel gets), each combined with every point set and filter. Default: if `methods` is
-    /// set, no samplers; otherwise first the sampler of `dapple render`, then `uniform`.
+    /// set, no samplers; otherwise two, the default sampler of `dapple render` and `uniform`.
     pub samplers: Option<Vec<String>>,
     /// The point sets (where samples lie), each combined with every sampler and filter; default `sobol`.
     pub points: Vec<String>,
-    /// The filters (denoisers), each combined with every sampler and point set. Default: first the filter of `dapple render`,
-    /// then `none`.
+    /// The filters (denoisers), each combined with every sampler and point set. Default: both the default filter of
+    /// `dapple render` and `none`.
     pub filters: Vec<String>,
     /// Methods in addition to samplers x points x filters, or the only methods if no samplers are set. In a plan, each is
     /// `SAMPLER/POINTS/FILTER` or a table.
@@ -114,7 +114,7 @@ pub struct PlanSettings {
     #[serde(deserialize_with = "values::seeds")]
     pub seeds: Option<Vec<u64>>,
     /// The budget, one of `spp`, that sets the time of equal-time runs: every method gets the time that the baseline takes at
-    /// this budget. 0 means no equal-time runs; the default is the second largest budget.
+    /// this budget. 0 means no equal-time runs; the default is the second largest budget, or the only one.
     pub time_of: Option<u64>,
     /// If true, the default budgets, seeds and resolution are smaller, so that the study takes less than a minute.
     pub quick: bool,
@@ -133,7 +133,7 @@ pub struct PlanSettings {
     /// If true, each run is performed in a new process.
     pub fresh: bool,
     /// If true, consecutive methods that differ only in their filter share samples, which are traced once. If a filter requires
-    /// statistics that were not recorded, its samples are traced again. The time of each method includes the tracing.
+    /// statistics that were not recorded, the samples are traced again. The time of each method includes the tracing.
     pub share_samples: bool,
     /// If true, unsupported directives of scene files are warnings, not errors.
     pub allow_unsupported: bool,
@@ -168,7 +168,7 @@ impl Default for PlanSettings {
     }
 }
 
-/// A complete plan of a study. Every setting has a value, not yet checked against the scene files.
+/// A complete plan of a study: every setting has a value. Values are not checked against the scene files yet.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Plan {
@@ -182,7 +182,7 @@ pub struct Plan {
     pub seeds: Vec<u64>,
     /// The budget, one of `spp`, that sets the time of equal-time runs; `None` means no equal-time runs.
     pub time_of: Option<u64>,
-    /// The default width and height in pixels of a scene's images, used if neither a resolution nor a reference file is given.
+    /// The side in pixels of square images, used for scenes with neither a resolution nor a reference file.
     pub side: u32,
     /// The settings from which the plan was made.
     pub settings: PlanSettings,
@@ -215,7 +215,7 @@ impl Plan {
     /// Parses a plan from TOML text and the replacements `sets`, as [`read`](Self::read) does. Errors contain the path `file`.
     ///
     /// # Errors
-    /// [`PlanError`] with file and line for text that is not TOML, an unknown key, a value of another type, or a value
+    /// [`PlanError`] with file and line for text that is not TOML, an unknown key, a value of the wrong type, or a value
     /// that [`PlanSettings::resolve`] refuses.
     pub fn parse(text: &str, file: &Path, sets: &[String]) -> Result<Self, PlanError> {
         let place = |line: usize| format!("{}:{line}", file.display());

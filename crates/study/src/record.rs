@@ -52,7 +52,7 @@ impl fmt::Display for RunBudget {
 }
 
 impl RunBudget {
-    /// True for equal time.
+    /// Returns true for [`TimeOf`](Self::TimeOf), an equal-time budget.
     pub fn is_timed(self) -> bool {
         matches!(self, Self::TimeOf(_))
     }
@@ -131,7 +131,7 @@ impl Phases {
         [load, bvh, cluster, first_hits, plan, trace, filter]
     }
 
-    /// The wall-clock seconds of all phases that do not grow with the number of samples: clustering, first-hit rays and filter.
+    /// The wall-clock seconds of clustering, first-hit rays and filter, which do not grow with the number of samples.
     pub fn fixed(&self) -> f64 {
         self.cluster + self.first_hits + self.filter
     }
@@ -238,7 +238,7 @@ pub struct Run {
     /// The path of the sample map (PNG of sample counts per pixel; white is the largest count), relative to the study's folder;
     /// `None` if it was not written.
     pub sample_map: Option<String>,
-    /// The samples per pixel that white represents in the sample map.
+    /// The samples per pixel that white represents in the sample map; `None` without a map.
     #[serde(default)]
     pub white: Option<f64>,
 }

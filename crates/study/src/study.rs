@@ -29,7 +29,7 @@ pub enum StudyStatus {
 pub struct StudyProgress<'a> {
     /// A description of the run or reference in progress.
     pub doing: &'a str,
-    /// The number of finished runs, including earlier sessions.
+    /// The number of finished runs, including those of earlier sessions.
     pub done: usize,
     /// The number of runs in the whole study, finished or not.
     pub runs: usize,

@@ -17,7 +17,7 @@ pub const CONFIDENCE: f64 = 0.95;
 /// The largest relative difference at which a comparison regards two render times as equal.
 pub const TIME_TOLERANCE: f64 = 0.1;
 
-/// The metrics by which methods are compared with the baseline: all metrics of error.
+/// Iterates over the metrics by which methods are compared with the baseline: those of [`METRICS`] where lower is better.
 pub fn compared() -> impl Iterator<Item = &'static Metric> {
     METRICS.iter().filter(|metric| metric.better == Better::Lower)
 }
@@ -84,7 +84,7 @@ impl Summary {
         &self.rows
     }
 
-    /// Finds the row of a scene, method, budget and metric; `None` if there is no such row.
+    /// Finds the row of a scene, method, budget and metric; `None` if the study lacks it.
     pub fn find(&self, scene: &str, method: &Method, budget: &str, metric: &str) -> Option<&Row> {
         self.places.get(&key(scene, method, budget, metric)).map(|&i| &self.rows[i])
     }
@@ -112,10 +112,10 @@ impl Summary {
     /// decimals that parse to the same f64.
     ///
     /// Metrics at one budget:
-    /// * geometric means: the errors among [`METRICS`], and `predicted over true relmse`;
+    /// * geometric means: the [`METRICS`] where lower is better, and `predicted over true relmse`;
     /// * means: the other [`METRICS`], `spp`, and `seconds PHASE` for `load`, `bvh`, `cluster`, `first_hits`, `plan`, `trace`,
     ///   `filter`;
-    /// * medians: `seconds`, of [`Run::render_s`];
+    /// * medians: `seconds`, which is [`Run::render_s`];
     /// * against the baseline, paired by seed: `METRIC ratio`, `seconds ratio`, `relmse x seconds ratio`.
     ///
     /// # Errors

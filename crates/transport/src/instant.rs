@@ -23,7 +23,7 @@ dapple_core::options! {
     pub struct InstantOptions {
         /// Light paths per pass for each half of the samples.
         pub paths: u32 = 64, |paths| (1..=1 << 20).contains(&paths), "1 to 1048576";
-        /// Maximum geometry term (cosines / distance^2, in scene radii); path tracing adds the light that clamping removes. inf: no clamping.
+        /// Maximum geometry term (cosines / distance^2, distance in scene radii); path tracing adds the light that clamping removes. inf: no clamping.
         pub clamp: f64 = 10.0, |clamp| clamp > 0.0, "above 0";
     }
 }

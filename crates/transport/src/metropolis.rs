@@ -34,8 +34,8 @@ const TOGETHER: u64 = 256;
 ///
 /// Each pass renders an image for each half of the samples, with separate chains and bootstrap samples. An image takes as many
 /// mutations as it has pixels. Passes are independent and unbiased: a chain starts at a bootstrap sample, chosen in proportion
-/// to its brightness, and is weighted by the mean brightness of all bootstrap samples [after Veach 1997, ch. 11]. Every sample
-/// adds its pixel's value in the image of its half. The noise is correlated between pixels; filters assume independent noise.
+/// to its brightness, and is weighted by the mean brightness of all bootstrap samples [after Veach 1997, ch. 11]. A sample is
+/// direct lighting plus the pixel's value in its half's image. Noise is correlated between pixels; filters assume it is not.
 ///
 /// Adaptive sampling affects only direct lighting. Worlds with media or transparency are rejected.
 #[derive(Debug)]

@@ -38,7 +38,7 @@ dapple_core::options! {
         pub photons: u32 = 0, |photons| photons <= 1 << 24, "0 to 16777216";
         /// Lookup radius of the first pass, in units of the scene file; 0 = automatic (the size of a pixel at the median hit distance).
         pub radius: f64 = 0.0, |radius| radius >= 0.0 && radius.is_finite(), "0 or above";
-        /// Radius reduction per pass: 0 shrinks fastest (noisy), 1 never shrinks (biased).
+        /// Shrinking of the radius from pass to pass: 0 fastest (noisy), 1 none (biased).
         pub alpha: f64 = 0.667, |alpha| (0.0..=1.0).contains(&alpha), "0 to 1";
         /// With what=caustics: maximum solid angle in sr of a small light, seen from one scene radius away.
         pub small: f64 = 0.05, |small| small >= 0.0, "0 or above";

@@ -274,7 +274,7 @@ pub fn image_mean(film: &Film) -> f64 {
 pub struct Pixels {
     /// The number of kept samples of each pixel.
     pub counts: Vec<f64>,
-    /// The mean radiance of each pixel, of one channel or over channels.
+    /// The radiance of each pixel: one channel, or the mean of all channels.
     pub values: Vec<f64>,
 }
 
@@ -287,8 +287,8 @@ impl Pixels {
     }
 }
 
-/// A test statistic for a trend of pixel values with sample counts: standard normal if values and counts are unrelated,
-/// negative if pixels with few samples are too bright.
+/// A test statistic for a trend of pixel values with sample counts. It is standard normal if values and counts are unrelated,
+/// negative if pixels with few samples are too bright, and 0 if no pixel's count varies. Needs at least 2 replicates.
 ///
 /// The statistic is the sum of `(ln(count) - c) * (value - v)` over pixels and replicates, divided by its standard deviation.
 /// `c` and `v` are the pixel's means over the replicates. Variances may depend on the count [after White 1980].
@@ -323,7 +323,7 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// Adds an estimate of variance `forecast` (predicted), and the true value `truth`, itself measured with variance `noise`.
+    /// Adds `estimate`, whose predicted variance is `forecast`. The true value was measured as `truth`, with variance `noise`.
     ///
     /// The confidence interval is `estimate ± sqrt(quantile^2 forecast + 1.96^2 noise)`. For 95 %, `quantile` is 1.96, or the
     /// quantile of Student's t if the forecast has few degrees of freedom.

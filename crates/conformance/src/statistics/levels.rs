@@ -4,7 +4,7 @@
 use dapple_metrics::student_t_quantile;
 pub use dapple_metrics::student_t_tail as student_tail;
 
-/// The false-alarm probability of a whole family of tests.
+/// The probability that any of a group of related tests gives a false alarm.
 pub const FAMILY: f64 = 1e-6;
 
 /// The significance level at which to run each of `tests` tests, so that the probability of any false alarm is `alpha` (Sidak).
@@ -76,8 +76,8 @@ pub fn power(shift: f64, alpha: f64, degrees_of_freedom: f64) -> f64 {
     if z >= 0.0 { 1.0 - normal_tail(z) } else { normal_tail(-z) }
 }
 
-/// The p-value of the chi-square test of observed counts per cell against expected counts. For independent samples only, since
-/// low-discrepancy points are too even.
+/// The p-value of the chi-square test of `observed[i]` samples in cell `i` against `expected[i]`, for slices of equal length.
+/// Use it for independent samples only: low-discrepancy points are too even.
 ///
 /// Cells with fewer than 5 expected samples are pooled, in ascending order. A sample in a cell with less than 1e-9 expected
 /// samples counts as impossible: the p-value is then 0.

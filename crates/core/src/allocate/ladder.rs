@@ -40,7 +40,7 @@ impl Ladder {
         self.rung_after(n).unwrap_or(u32::MAX)
     }
 
-    /// The largest count on the ladder that is at most `n`; `n` itself if it is below the first count.
+    /// The largest count on the ladder that is at most `n`; `n` if all counts on the ladder are larger.
     pub fn floor(self, n: u32) -> u32 {
         let mut rung = n.min(1);
         let mut next = self.next(0);
@@ -58,7 +58,7 @@ impl Ladder {
     /// * a pixel's floor is off the ladder;
     /// * one pixel takes the remainder, so that the counts sum to `total`;
     /// * `total` is larger than the sum of the largest counts on the ladder up to `ceiling`;
-    /// * all scores are equal: counts then differ by at most 1, unless the floors differ by more.
+    /// * all scores are equal: counts then differ by at most 1, or by as much as the floors require.
     ///
     /// # Errors
     ///

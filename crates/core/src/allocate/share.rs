@@ -19,8 +19,8 @@ const MOST_ROUNDS: u32 = 64;
 /// precedence). The factor is the same for all pixels, and makes the counts sum to `total`. Fractions are rounded by the
 /// largest-remainder method. Ties go to the larger weight, then by a hash of the pixel's index.
 ///
-/// [`allocate`](crate::plan::allocate()) takes squared errors and returns counts proportional to their square root. This
-/// function takes the proportions of the counts themselves, for samplers that compute priorities rather than variances.
+/// Counts are thus proportional to the input, for samplers that compute priorities. With
+/// [`allocate`](crate::plan::allocate()), counts are proportional to the square roots of the input, the pixels' squared errors.
 ///
 /// NaN and negative weights are replaced by 0, infinite ones by the largest finite weight ([`Allocation::replaced`]). A weight
 /// below 1e-60 of the largest is treated as 0: the pixel gets more than `base` samples only if all pixels of larger weight are

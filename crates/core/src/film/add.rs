@@ -279,12 +279,11 @@ pub(crate) fn record_first_hit(
 }
 
 impl Film {
-    /// Adds a kept sample to pixel `pixel` with all that its estimate reports, as a render does: radiance, emission,
-    /// features or first hit, and cost. The film ignores what it does not record.
+    /// Adds a kept sample to pixel `pixel` of `half` 0 or 1 (ignored by a film without halves). From `estimate`, the film
+    /// takes the statistics that it records: radiance, emission, indirect lighting, features, first hit and cost.
     ///
-    /// An estimate without a first hit and without features is a miss: the sample reached the background. The sample's
-    /// index in the stream is the pixel's count so far. NaN, infinite and negative radiances are rejected. `half` is 0 or
-    /// 1; a film without halves ignores it.
+    /// An estimate without a first hit and without features is a miss: the sample reached the background. NaN, infinite and
+    /// negative radiances are rejected. The index of a listed sample is the number of samples in its pixel and half before it.
     ///
     /// ```
     /// use dapple_core::{Estimate, Film, FirstHit, Frame, Needs};

@@ -7,8 +7,8 @@ use crate::{Error, Frame, Needs, SurfaceFeatures, macros::setters, point_set::st
 use std::ops::Range;
 
 impl Film {
-    /// A film of some rows of this film's window, with this film's record and the rejected samples of the rows. Discarded
-    /// samples are left out.
+    /// A film of the given rows, counted from the top of this film's window. It has a copy of this film's record and the
+    /// rejected samples of the rows. Discarded samples are left out.
     ///
     /// ```
     /// use dapple_core::{Film, Frame, Needs};
@@ -29,8 +29,9 @@ impl Film {
         Ok(Film { record: self.record.clone(), unreported: self.unreported, rejected, ..part })
     }
 
-    /// A copy of the film that lacks the samples of half 0 or 1 of pixel `i` if `is_marked(half, i)` is true. `None` if nothing
-    /// is marked. A pixel with one marked half has a variance of NaN, unless the film records [`Needs::half_variance`].
+    /// A copy of the film without the kept samples for which `is_marked(half, pixel)` is `true`; `None` if nothing is marked.
+    /// `half` is 0 or 1; 0 in a film without halves. A pixel with one marked half of two has a variance of NaN, unless the film
+    /// records [`Needs::half_variance`].
     pub fn without_samples(&self, is_marked: impl Fn(usize, usize) -> bool) -> Option<Film> {
         let pixels = self.frame.pixels();
         let marked = |half: usize| (0..pixels).map(|i| is_marked(half, i)).collect::<Vec<_>>();
@@ -190,13 +191,13 @@ pub struct PixelStatistics {
     pub halves: [RgbMoments; 2],
     /// The mean emission of light sources seen directly.
     pub emission: [f32; 3],
-    /// The mean features over the samples that hit a surface; `None` for a miss.
+    /// The mean features over the samples that hit a surface; `None` if all samples missed.
     pub features: Option<SurfaceFeatures>,
     /// Sample variances of normal, albedo and position, each summed over its channels, and of depth.
     pub feature_variance: [f32; 4],
     /// The fraction of the samples that hit a surface, 0 to 1.
     pub coverage: f32,
-    /// Shape and primitive of the first hit of the pixel's first sample, for filters that read clusters.
+    /// Shape and primitive of the first hit of the pixel's first sample; `None` if unknown. Filters that read clusters use it.
     pub surface: Option<[u32; 2]>,
 }
 
@@ -246,7 +247,7 @@ impl PixelStatistics {
 }
 
 impl Film {
-    /// A film made from the per-pixel statistics of another program, row by row from the top.
+    /// A film made from statistics of another program. `of(i)` returns those of pixel `i`, counted row by row from the top.
     ///
     /// The film records variance, halves, features and emission. It records surfaces only if a pixel has one. Filters treat
     /// it like the film of a render. `dapple_denoise::denoise` makes such films from image buffers.

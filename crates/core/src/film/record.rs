@@ -58,25 +58,25 @@ pub struct RoundRecord {
 #[non_exhaustive]
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Record {
-    /// The total sample budget in force at each plan.
+    /// The total sample budget at each call of [`Sampler::next_round`](crate::Sampler::next_round), in order.
     pub budgets: Vec<u64>,
     /// The sample counts and timings of the rounds, in order.
     pub rounds: Vec<RoundRecord>,
     /// The number of samples traced, discarded ones included.
     pub samples: u64,
-    /// The number of rays traced: the sum of [`Estimate::cost`](crate::Estimate::cost).
+    /// The number of rays traced: the sum of [`Estimate::cost`](crate::Estimate::cost), plus `prepare_rays`.
     pub rays: u64,
     /// The number of blocks of four random numbers that the integrator requested.
     pub blocks: u64,
     /// The number of times that the integrator was prepared ([`Integrator::prepare`](crate::Integrator::prepare)).
     pub passes: u32,
-    /// The number of rays traced to prepare the integrator, included in `rays`.
+    /// The number of rays traced to prepare the integrator.
     pub prepare_rays: u64,
-    /// Wall-clock seconds spent on preparing the integrator, included in the seconds of the rounds.
+    /// Wall-clock seconds spent on preparing the integrator; part of the rounds' `trace_seconds`.
     pub prepare_seconds: f64,
     /// The number of samples rejected as NaN, infinite or negative.
     pub rejected: u64,
-    /// The last predicted relMSE of the filtered image, for the error limit of [`Render::error_of`](crate::Render::error_of).
+    /// The last prediction of the filtered image's relMSE ([`Render::error_of`](crate::Render::error_of)), if any.
     #[serde(skip)]
     pub filtered_relmse: Option<f64>,
     /// `true` if a monitor stopped the render before its limits.

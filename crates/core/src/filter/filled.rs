@@ -4,7 +4,7 @@ use crate::{Error, Film, Filter, Filtered};
 use std::collections::VecDeque;
 
 /// Applies `filter` to `film`, and fills each pixel without valid samples from the nearest pixel that has some. Distance
-/// is the number of steps along rows and columns.
+/// is the number of steps along rows and columns. If no pixel has any, the image stays as the filter made it.
 ///
 /// # Errors
 ///

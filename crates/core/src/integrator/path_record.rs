@@ -87,7 +87,7 @@ impl PathRecord {
         self.rough = [self.rough[1], self.rough[1] + u32::from(is_rough)];
     }
 
-    /// Adds the radiance `light` that the last surface emits, times the path's throughput before this surface.
+    /// Adds `weight * light`: the radiance that the last surface emits. `weight` is the path's throughput before that surface.
     #[inline]
     pub fn emits(&mut self, weight: [f32; 3], light: [f32; 3]) {
         self.add(weight, light, self.rough[0]);
@@ -100,7 +100,7 @@ impl PathRecord {
         self.add(weight, light, self.rough[1].max(1));
     }
 
-    /// Adds the radiance of the background that the path's last ray reaches, times the path's throughput.
+    /// Adds `weight * light`: the background's radiance at the end of the path. `weight` is the path's throughput.
     #[inline]
     pub fn background(&mut self, weight: [f32; 3], light: [f32; 3]) {
         self.add(weight, light, self.rough[1]);

@@ -62,7 +62,7 @@ impl<'s> Round<'s> {
 
     /// The next tile with samples to trace; `None` if all were handed out.
     ///
-    /// Tiles are squares of [`Session::with_tile_side`](crate::Session::with_tile_side) pixels, row by row. A tile that was
+    /// Tiles are squares with the side [`Session::with_tile_side`](crate::Session::with_tile_side), row by row. A tile that was
     /// handed out but not submitted is part of the round that [`Session::next_round`](crate::Session::next_round) returns next.
     pub fn next_tile(&self) -> Option<Tile<'s>> {
         let mut shared = self.lock();

@@ -287,8 +287,8 @@ impl<'a> Session<'a> {
         self.state.film
     }
 
-    /// The state of the session as bytes for [`Snapshot::from_bytes`]. At the end of the render, the snapshot lacks the last of
-    /// [`Record::budgets`](crate::film::Record::budgets), which a resumed session adds again.
+    /// The state of the session as bytes for [`Snapshot::from_bytes`]. At the end of the render, the snapshot lacks the last
+    /// element of [`Record::budgets`](crate::film::Record::budgets), which a resumed session adds again.
     pub fn snapshot(&mut self) -> Vec<u8> {
         let shown = if self.over { self.state.film.record.budgets.pop() } else { None };
         let bytes = self.view(self.clock.seconds()).write();
@@ -303,7 +303,7 @@ impl<'a> Session<'a> {
         View { state, sampler, bounds, total, seconds }
     }
 
-    /// Replays the training passes so far to an integrator.
+    /// Calls [`Integrator::learn`] with each training pass so far, in order.
     pub fn teach(&self, integrator: &mut dyn Integrator) {
         self.state.passes.iter().for_each(|pass| integrator.learn(pass));
     }
@@ -360,12 +360,12 @@ impl<'a> Session<'a> {
         answer
     }
 
-    /// Passes the state of the session to [`Monitor::progress`], as a render does after a slice.
+    /// Passes the state of the session to [`Monitor::progress`], and returns the monitor's decision.
     pub fn show_to(&mut self, monitor: &mut dyn Monitor) -> Control {
         self.show(monitor, |monitor, status| monitor.progress(status))
     }
 
-    /// Passes the final state of the render to [`Monitor::end`], without the last of
+    /// Passes the final state of the render to [`Monitor::end`], without the last element of
     /// [`Record::budgets`](crate::film::Record::budgets), which a resumed render adds again.
     pub fn show_end_to(&mut self, monitor: &mut dyn Monitor) {
         let shown = self.state.film.record.budgets.pop();

@@ -65,7 +65,7 @@ impl Session<'_> {
         Ok(Some(Stage { frame: film.frame, rows: [row, height], ends }))
     }
 
-    /// Divides the rows of a stage into at most `parts` ranges with about equal numbers of samples, from top to bottom.
+    /// Divides the rows of a stage, from the top, into at most `parts` ranges of similar sample counts, cut only every 16 rows.
     pub fn deal(&self, stage: &Stage, parts: u32) -> Vec<Range<u32>> {
         let Some(open) = &self.state.open else { return Vec::new() };
         let samples = |band: &Range<u32>| planned(open, stage, band);
@@ -124,7 +124,8 @@ impl Session<'_> {
         Ok(View { state: &self.part(stage, rows)?, ..self.view(0.0) }.write())
     }
 
-    /// Traces some rows of a stage in this process; `None` if the monitor stopped it. The monitor gets the film of these rows.
+    /// Traces some rows of a stage in this process, for [`Session::join`]; `None` if the monitor stopped the render. The
+    /// monitor gets the film of these rows.
     ///
     /// # Errors
     ///
@@ -219,7 +220,7 @@ impl Session<'_> {
         Ok(())
     }
 
-    /// The number of samples of the budget that are not traced yet.
+    /// The number of samples that are left to trace, as far as known; a time or error limit may change it.
     pub fn samples_left(&self) -> u64 {
         self.meter.left(&self.state.film).left()
     }

@@ -186,9 +186,9 @@ impl<'r> Tile<'r> {
         (film, books)
     }
 
-    /// Takes feature-only samples, as [`Render`](crate::Render) does with
-    /// [`Integrator::features_alone`](crate::Integrator::features_alone), to reduce noise at edges. `sample` returns a first
-    /// hit, features and the emission seen directly. If `sample` returns `None`, the pixel gets no more feature-only samples.
+    /// Takes feature-only samples ([`Integrator::features_alone`](crate::Integrator::features_alone)), which reduce noise at
+    /// edges. `sample` returns an estimate with first hit, features and emission; its radiance is not used. If `sample`
+    /// returns `None`, the pixel gets no more feature-only samples.
     ///
     /// Without a time limit, only pixels without kept samples get feature-only samples. With a time limit, all pixels get
     /// them in the second round, and only if the limit allows at least 4 samples per pixel.

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// The name of the sections with traced rows: each section holds consecutive rows, in tracing order.
+/// The name of each section of traced rows. A section holds consecutive rows; sections follow in the order of tracing.
 pub const ROWS: &str = "rows";
 /// The name of the section that holds the header. It follows the sections of the state.
 const HEADER: &str = "header";
@@ -55,7 +55,7 @@ impl Identity {
         self.pairs.iter().find(|(known, _)| known == name).map(|(_, value)| value.as_str())
     }
 
-    /// The settings that differ between `there` and `self`, each as `NAME: VALUE IN THERE, not VALUE IN SELF`.
+    /// The differing settings, each as `NAME: VALUE IN THERE, not VALUE IN SELF`, with `none` for a missing value.
     pub fn differences(&self, there: &Self) -> Vec<String> {
         let none = "none";
         let known = self.pairs.iter().map(|(name, here)| (name, there.value(name).unwrap_or(none), here.as_str()));

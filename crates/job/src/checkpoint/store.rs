@@ -36,8 +36,8 @@ impl Store {
     ///
     /// # Errors
     ///
-    /// [`Error::InUse`] while another process holds the lock; [`Error::Write`] if no file can be created there. On disks
-    /// without locks, the call succeeds; the caller must keep other processes from writing the file.
+    /// [`Error::InUse`] while another process holds the lock; [`Error::Write`] if no file can be created in the folder.
+    /// On a file system without locks, the call succeeds, and the caller must keep other processes from writing the file.
     pub fn lock(path: &Path) -> Result<Self, Error> {
         Self::lock_on(path, Box::new(Disk))
     }

@@ -51,8 +51,8 @@ impl RowsFiles {
     ///
     /// # Errors
     ///
-    /// [`JobError::Parts`] with a line for each file that cannot be read, is damaged, or belongs to another render than the
-    /// first file.
+    /// [`JobError::Parts`] if `paths` is empty, and with a line for each file that cannot be read, is damaged, or belongs to
+    /// another render than the first file.
     pub fn read(paths: &[PathBuf]) -> Result<Self, JobError> {
         let (mut files, mut troubles): (Vec<(PathBuf, StateFile)>, Vec<String>) = (Vec::new(), Vec::new());
         for path in paths {
@@ -85,7 +85,7 @@ impl RowsFiles {
 }
 
 impl Job {
-    /// The estimated memory of a render in stages, which holds the render's state as a film and as encoded bytes.
+    /// The estimated memory of a render in stages, including encoded copies of the render's state (plans and parts).
     pub fn memory_in_stages(&mut self) -> MemoryEstimate {
         self.need_any_image();
         let (estimate, bytes) = self.forecast(false);
@@ -102,7 +102,7 @@ impl Job {
     ///
     /// # Errors
     ///
-    /// As [`Job::run`].
+    /// The errors of [`Job::run`].
     pub fn first_plan(&mut self) -> Result<Vec<u8>, JobError> {
         let identity = self.identity()?;
         let (mut session, integrator) = self.open(None)?;
@@ -115,8 +115,8 @@ impl Job {
     ///
     /// # Errors
     ///
-    /// As [`Job::run`]; [`JobError::OtherRender`] if the plan belongs to another render; [`JobError::NoParts`] if `plan` is
-    /// `None` but the render has more than one stage.
+    /// The errors of [`Job::run`]; [`JobError::OtherRender`] if the plan belongs to another render; [`JobError::NoParts`] if
+    /// `plan` is `None` but the render has more than one stage.
     pub fn trace_part(
         &mut self,
         plan: Option<&PlanFile>,
@@ -207,11 +207,11 @@ impl Job {
     }
 
     /// Coordinates a render on several processes; called on process 0. Starts from the beginning or from the checkpoint file in
-    /// `checkpoints`. Ends the other processes, even after an error.
+    /// `checkpoints`. Ends the other processes, even after an error. A stopped render keeps only its complete stages.
     ///
     /// # Errors
     ///
-    /// As [`Job::run`].
+    /// The errors of [`Job::run`].
     pub fn coordinate(
         &mut self,
         checkpoints: Option<Checkpoints>,
@@ -250,7 +250,7 @@ impl Job {
         Ok((identity, snapshot))
     }
 
-    /// Traces the rows that process 0 sends, until the render ends.
+    /// Traces the rows that process 0 sends, until the render ends. A process whose `stop` returns `true` stops the render.
     ///
     /// # Errors
     ///

@@ -54,13 +54,13 @@ pub struct OutputFiles {
     maps: Option<PathBuf>,
     /// Exposure of PNG images in stops; one stop doubles the brightness.
     pub exposure: f32,
-    /// If `true`, EXR files always have albedo, normal, depth and coverage layers. If `false`, they have these layers only if
-    /// the sampler, the filter or another file needs features.
+    /// If `true`, the film records features (albedo, normal, depth, coverage) for EXR files. If `false`, it records them only
+    /// if the sampler, the filter, another file or [`layers`](Self::layers) needs them.
     pub features: bool,
     /// If `true`, image, unfiltered image, albedo, normal and coverage are 16-bit floats in EXR files.
     pub half: bool,
-    /// The layers of EXR files besides the image, by their [names](super::layer_names); `None` for all. The film records the
-    /// statistics that these layers need.
+    /// The layers of EXR files besides the image, by their [names](super::layer_names); `None` for all that the film can fill.
+    /// [`needs`](Self::needs) returns the statistics that the film must record for them.
     pub layers: Option<Vec<String>>,
     /// The command line that makes the image, for the headers of EXR files.
     pub command: Option<String>,
@@ -165,7 +165,7 @@ impl OutputFiles {
 
     /// Writes every file, even if others cannot be written. Returns one line per written file, and the warnings.
     ///
-    /// `cpu` is the processor time in seconds, for the header; `None` if unknown.
+    /// `cpu` is the processor time in seconds, for the headers of EXR files; `None` if unknown.
     ///
     /// # Errors
     ///

@@ -121,7 +121,7 @@ const NOTHING: fn(Needs) -> Needs = |needs| needs;
 /// The image's own channels that are made from features. Lists of layers may contain their names.
 pub(super) const OF_IMAGE: [&str; 2] = ["A", "Z"];
 
-/// All names that a list of layers may contain.
+/// All names that [`OutputFiles::layers`](super::OutputFiles::layers) may contain.
 pub fn layer_names() -> impl Iterator<Item = &'static str> {
     OF_IMAGE.into_iter().chain(LAYERS.iter().map(|layer| layer.name))
 }
@@ -145,7 +145,7 @@ pub(super) fn bytes_per_pixel(needs: &Needs, filtered: bool) -> usize {
     4 * (3 + besides + if needs.features { OF_IMAGE.len() } else { 0 })
 }
 
-/// Returns every EXR layer for which the film has statistics, the image first. Only files have the channels A and Z:
+/// Returns every EXR layer for which the film has statistics, the image first. Writing a file adds the channels A and Z:
 ///
 /// | layer | channels | contents |
 /// |---|---|---|

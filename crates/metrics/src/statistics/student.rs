@@ -42,8 +42,8 @@ pub fn student_t_quantile(probability: f64, degrees_of_freedom: f64) -> f64 {
 
 /// The probability that Student's t exceeds `t`. A negative `t` counts as 0, with probability 1/2.
 ///
-/// `degrees_of_freedom` is any number above 0 up to 1e8, or infinite for the normal distribution. The relative error is
-/// below 1e-11, in far tails too.
+/// Infinite `degrees_of_freedom` give the normal distribution. NaN if `t` is NaN or `degrees_of_freedom` is not above 0. The
+/// relative error is below 1e-11 up to 1e8 degrees of freedom and at infinity, in far tails too.
 ///
 /// ```
 /// assert!((dapple_metrics::student_t_tail(2.364_624_251_592_785, 7.0) - 0.025).abs() < 1e-12);

@@ -13,9 +13,9 @@ pub struct Camera {
     pub moves_to: Option<DAffine3>,
     /// The projection: perspective or orthographic.
     pub projection: Projection,
-    /// Aspect ratio (width / height) of the default screen window; `None` takes it from the resolution.
+    /// Aspect ratio (width / height) of the view, unless `screen_window` is given; `None` takes it from the resolution.
     pub aspect: Option<f64>,
-    /// The part of the screen plane that the image shows: x0, x1, y0, y1. `None` derives it from the aspect ratio.
+    /// The part of the screen plane in the image: x0, x1, y0, y1; -1 to 1 spans a perspective's `fov`. `None` uses `aspect`.
     pub screen_window: Option<[f64; 4]>,
     /// Radius of the lens in units of camera space, as in pbrt-v4; 0 is a pinhole.
     pub lens_radius: f64,

@@ -313,9 +313,9 @@ pub struct Coating {
     pub albedo: Color,
     /// Henyey-Greenstein asymmetry of the medium inside the coat, -1 to 1.
     pub g: f32,
-    /// The largest number of scattering events in pbrt-v4's random walk between the layers.
+    /// The largest number of scattering events on a path between the coat and the material under it.
     pub max_depth: u32,
-    /// The number of random walks that pbrt-v4 averages per evaluation.
+    /// The number of random walks that pbrt-v4 averages per evaluation; Dapple's renderer ignores it.
     pub samples: u32,
 }
 
@@ -342,13 +342,13 @@ pub struct Roughness {
 /// smooth.
 pub const SMOOTH_ALPHA: f32 = 1e-3;
 
-/// Returns the microfacet width (alpha) of a roughness: `sqrt(roughness)`, as in pbrt-v4.
+/// Returns the microfacet width (alpha) of a roughness: `sqrt(max(roughness, 0))`, as in pbrt-v4.
 #[inline]
 pub fn roughness_to_alpha(roughness: f32) -> f32 {
     roughness.max(0.0).sqrt()
 }
 
-/// Returns true if a surface with these two microfacet widths (alpha) is treated as smooth.
+/// Returns true if both microfacet widths (alpha) are below [`SMOOTH_ALPHA`], so that the surface is treated as smooth.
 #[inline]
 pub fn effectively_smooth(alpha: [f32; 2]) -> bool {
     alpha[0].max(alpha[1]) < SMOOTH_ALPHA

@@ -54,8 +54,8 @@ impl Chromaticities {
         format!("its chromaticities ({self}) do not form a colour space; Rec. 709 is assumed")
     }
 
-    /// Converts colours of this space to linear Rec.709 in place, white to white. Colours outside Rec.709 get a negative
-    /// channel. Returns false, and changes nothing, if the chromaticities do not form a colour space.
+    /// Converts colours of this space to linear Rec. 709 in place. Equal R, G and B stay unchanged. Colours outside Rec. 709
+    /// get a negative channel. Returns false, and changes nothing, if the chromaticities do not form a colour space.
     pub fn convert_to_rec709(self, pixels: &mut [[f32; 3]]) -> bool {
         let Some(matrix) = self.to_rec709() else { return false };
         for pixel in pixels.iter_mut().filter(|p| p[0] != p[1] || p[1] != p[2]) {

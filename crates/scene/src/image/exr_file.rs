@@ -109,8 +109,8 @@ impl<'a> ExrFile<'a> {
     /// Reads the headers of a file. `name` appears in messages.
     ///
     /// # Errors
-    /// Those of [`read_image`](super::read_image) for a faulty header; deep data and channels of lower resolution are
-    /// not supported.
+    /// The errors of [`read_image`](super::read_image) for a faulty header. [`ImageError::Unsupported`] for deep data or a
+    /// channel of lower resolution.
     pub fn open(bytes: impl Into<Cow<'a, [u8]>>, name: &str) -> Result<Self, ImageError> {
         let bytes = bytes.into();
         let file = File { bytes: &bytes, name, format: OPENEXR };
@@ -127,7 +127,7 @@ impl<'a> ExrFile<'a> {
     /// Returns the values of all channels of a part, in full precision and in the order of [`ExrPart::channels`].
     ///
     /// # Errors
-    /// The errors of [`read_image`](super::read_image), whose memory limit holds here for the channels of all parts together.
+    /// The errors of [`read_image`](super::read_image). Its memory limit applies to the channels of all parts together.
     ///
     /// # Panics
     /// If the file has no part of this index.
@@ -149,7 +149,7 @@ impl<'a> ExrFile<'a> {
         self.planes.iter_mut().for_each(|planes| drop(planes.take()));
     }
 
-    /// Returns true if an image is 0 in every channel of every pixel.
+    /// Returns true if the channels of the layer `image` are 0 in every pixel.
     ///
     /// # Errors
     /// Those of [`read_image`](super::read_image).
@@ -220,8 +220,8 @@ impl Channels {
     }
 }
 
-/// Reads all channels of an OpenEXR file in full precision. In a file of several parts, a channel's full name begins
-/// with its part's name.
+/// Reads all channels of an OpenEXR file in full precision. In a file of several parts, the full name of a channel is
+/// `PART.CHANNEL`.
 ///
 /// # Errors
 /// Those of [`read_image`](super::read_image), and [`ImageError::Unsupported`] if the parts differ in size.

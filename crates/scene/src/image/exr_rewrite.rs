@@ -16,9 +16,9 @@ use std::collections::BTreeMap;
 pub struct ExrEdit<'a> {
     /// The part, from 0.
     pub part: usize,
-    /// The window that the values cover, inside the part's data window. The part is cropped to it.
+    /// The window that the values cover. The part is cropped to the pixels that lie in the windows of all its edits.
     pub window: Window,
-    /// Full name and values of each channel. An existing channel keeps its float type; a new channel is added to the part.
+    /// Full name and values of each channel. A new name adds a channel. For an existing `half` channel, floats become `half`.
     pub channels: Vec<(String, Plane<'a>)>,
 }
 

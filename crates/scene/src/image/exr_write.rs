@@ -52,8 +52,8 @@ pub struct ExrHeader<'a> {
 pub struct EncodedExr {
     /// The bytes of the file, for [`write_file`](super::write_file).
     pub bytes: Vec<u8>,
-    /// Number of finite values beyond 65504, the limit of 16-bit floats, that were clamped; above 0 only with
-    /// [`Plane::F16`]. Callers should warn if it is above 0.
+    /// Number of finite values that were clamped to the range of 16-bit floats, -65504 to 65504. Callers should warn if it
+    /// is above 0. It is 0 without 16-bit channels.
     pub clamped: u64,
 }
 
@@ -69,8 +69,8 @@ const F16_MAX: f32 = 65504.0;
 ///
 /// # Errors
 /// [`ImageError::Empty`] if a side is 0. [`ImageError::PixelCount`] for a plane whose length disagrees with `size`.
-/// [`ImageError::Encode`] if there are no channels, for a name that is empty, longer than 255 bytes, given twice or contains
-/// NUL, and for an attribute name that OpenEXR reserves.
+/// [`ImageError::Encode`] without channels, for a name that is empty, is longer than 255 bytes, is given twice or contains NUL,
+/// and for an attribute name that OpenEXR reserves.
 pub fn encode_exr(
     size: [u32; 2],
     layers: &[Layer<'_>],
@@ -223,7 +223,7 @@ fn header(size: [u32; 2], channels: &[(String, &Plane<'_>)], given: &ExrHeader<'
 /// Number of image rows per ZIP-compressed block, fixed by the OpenEXR format.
 const BLOCK_ROWS: usize = 16;
 
-/// Returns the number of rows that [`write_exr`] compresses at a time. It holds these rows in memory.
+/// Returns the number of rows that [`write_exr`] holds in memory and compresses at a time.
 pub fn rows_at_a_time() -> usize {
     4 * BLOCK_ROWS * rayon::current_num_threads()
 }

@@ -252,7 +252,7 @@ impl Layers {
         Some(FoundLayer { kind, name: shown, part: *part, view: view.clone(), channels, group })
     }
 
-    /// The names of all layers, for messages. Channels without a layer are listed by themselves.
+    /// The names of all layers, and of each channel without a layer, for messages.
     pub fn names(&self) -> Vec<String> {
         let name = |group: &Group| match group.name.as_str() {
             "" => group.channels.iter().map(|(letter, _)| shown_letter(letter)).collect(),
@@ -270,7 +270,7 @@ impl Layers {
         }
     }
 
-    /// Finds a layer with a known name of this kind, but without the channels that the kind needs. Returns the name.
+    /// Returns the name of the first layer, if any, that is named like this kind but lacks the channels that the kind needs.
     pub fn unusable(&self, kind: LayerKind) -> Option<&str> {
         let known = |group: &&Group| kind.names().contains(&group.pass.to_lowercase().as_str());
         let group = self.groups.iter().filter(known).find(|group| group.channels_of(kind).is_none())?;
@@ -306,12 +306,12 @@ impl Layers {
         Some(FoundLayer { kind, name: name.to_owned(), part, view, channels, group })
     }
 
-    /// The layer of means for a layer of second moments: `path.X` for `m2_path.X`.
+    /// Returns the layer of means `path.X` for the layer of second moments `m2_path.X`; `None` if the file lacks it.
     pub fn first_moment(&self, second: &FoundLayer) -> Option<FoundLayer> {
         self.found(self.named(&first_moment_of(&second.name)?)?, SecondMoment)
     }
 
-    /// The layer of second moments for a layer of means.
+    /// Returns the layer of second moments `m2_path.X` for the layer of means `path.X`; `None` if the file lacks it.
     pub fn second_moment(&self, first: &FoundLayer) -> Option<FoundLayer> {
         let is = |group: &Group| first_moment_of(&group.name).is_some_and(|mean| mean == first.name);
         let second = self.found(self.groups.iter().position(is)?, first.kind)?;

@@ -47,15 +47,15 @@ pub struct LayerQuery<'a> {
 /// The content determines the format; only TGA, which has no signature, needs its extension. Integers of 8 or 16 bits are
 /// scaled to 0..=1, then decoded by the sRGB curve unless `encoding` is linear; alpha is never decoded. Gray becomes RGB.
 /// Color profiles and EXIF orientation are ignored. A PNG's gAMA, cHRM and cICP are ignored with a notice; an animated PNG
-/// gives its first frame. HDR values are used as stored (EXPOSURE and COLORCORR are ignored, with a notice), in any of the
-/// eight orders of pixels. PFM values are multiplied by the magnitude of the header's scale. NaN and infinities are kept: see
-/// [`Image::non_finite`].
+/// gives its first frame. HDR files may have any of the eight orders of pixels; their values are used as stored (EXPOSURE and
+/// COLORCORR are ignored, with a notice). PFM values are multiplied by the magnitude of the header's scale. NaN and infinities
+/// are kept: see [`Image::non_finite`].
 ///
 /// Colours of an OpenEXR or HDR file of other chromaticities are converted to Rec. 709, unless `encoding` is linear;
 /// channels may become negative.
 ///
-/// Pixels of an OpenEXR file are those of its data window. The image is the first of the following that the file has, with
-/// its alpha channel ([`Layers::image`](super::Layers::image)):
+/// Of an OpenEXR file, the pixels of the data window are read. The image is the first of the following that the file has
+/// ([`Layers::image`](super::Layers::image)), and includes the alpha channel of the same layer:
 /// * channels `R`, `G`, `B` (or `Y`) without a layer name,
 /// * the layer that is named as an image, such as `Combined`, `rgba` or `beauty`, unless it is 0 everywhere,
 /// * the only layer with the channels of an image,

@@ -30,7 +30,7 @@ impl Window {
     /// Returns the values of the pixels inside `inner`. `values` has one per pixel of this window, row by row from the top.
     ///
     /// # Panics
-    /// If `inner` reaches beyond this window, or `values` has too few values.
+    /// If this window has no columns, or `inner` reaches beyond them. Missing rows only shorten the result.
     pub fn cut<T: Copy>(self, values: &[T], inner: Self) -> Vec<T> {
         let offset = |axis: usize| (i64::from(inner.origin[axis]) - i64::from(self.origin[axis])) as usize;
         let rows = values.chunks_exact(self.size[0] as usize).skip(offset(1)).take(inner.size[1] as usize);

@@ -59,7 +59,7 @@ pub struct ObjModel {
     pub meshes: Vec<ObjMesh>,
     /// The argument and the line of each `mtllib` statement. An argument names one or several material files (MTL).
     pub libraries: Vec<(String, u32)>,
-    /// Notices of left out or corrected statements, each with the line of the first one; line 0 stands for the whole file.
+    /// Notices of left out or corrected statements, with the line of the first statement concerned; 0 means the whole file.
     pub notices: Vec<(String, u32)>,
 }
 

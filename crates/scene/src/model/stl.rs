@@ -25,8 +25,8 @@ const HEADER: usize = 84;
 const FACET_LENGTH: usize = 50;
 
 /// Reads a mesh from the bytes of an STL file, without normals, since facets are flat. Bitwise equal corners are merged into
-/// one vertex, unless their facets have different colours. Colours of binary files are those of VisCAM and SolidView, or of
-/// Materialise Magics.
+/// one vertex, unless their facets have different colours. Colours of binary files are read in the format of VisCAM and
+/// SolidView, or of Materialise Magics.
 ///
 /// A file that begins with `solid` is text, unless its first 512 bytes contain a NUL, or its length is exactly that of a
 /// binary file with as many facets as bytes 80 to 83 declare.

@@ -12,7 +12,7 @@ pub enum Purpose {
     Showing,
 }
 
-/// The image of a file that [`Layers::image`] chose.
+/// An image chosen by [`Layers::image`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct ChosenImage {
     /// The layer.
@@ -33,12 +33,12 @@ pub enum NoImage {
 }
 
 impl Layers {
-    /// Chooses an image in the first view with a layer named as an image: the channels without a layer, or else a named layer.
-    /// Images for which `is_zero` returns true (0 everywhere) are skipped, unless all are. If no layer is named as an image,
-    /// [`Purpose::Showing`] accepts the only layer with the channels of an image.
+    /// Chooses an image in the first view with a layer named as an image, or with `R`, `G`, `B` (or `Y`) outside of layers.
+    /// Images without a view layer come first. Images for which `is_zero` returns true (0 everywhere) are skipped, unless all
+    /// are. If no layer is named as an image, [`Purpose::Showing`] accepts the only layer with the channels of an image.
     ///
     /// # Errors
-    /// An error of `is_zero` is the outer error. The inner error is the reason why no image was chosen.
+    /// Returns `Err` if `is_zero` fails, and `Ok(Err(reason))` if no image was chosen.
     pub fn image<E>(
         &self,
         purpose: Purpose,
@@ -138,8 +138,8 @@ impl Layers {
         group.view == view && group.image().is_some() && first_moment_of(&group.name).is_none()
     }
 
-    /// Finds the layer of `kind` that belongs to `image`, by the names known for `kind`: in the same view layer, else in an
-    /// enclosing or nested view layer without an image. `None` if several of these view layers match.
+    /// Finds the layer of `kind` that belongs to `image`, by the names known for `kind`: in the view layer of `image`, else in
+    /// view layers around or inside it that have no image. `None` if nothing is found, or layers of several view layers are.
     pub fn guide(&self, kind: LayerKind, image: &FoundLayer) -> Option<FoundLayer> {
         let images = self.images(Purpose::Denoising, &image.view);
         let place = &self.groups[image.group];
@@ -183,7 +183,7 @@ impl Layers {
         first.is_some_and(|first| self.named(&first).is_some() && !is_feature(&first))
     }
 
-    /// The finished image in the view layer of a noisy `image`, or else `image` itself.
+    /// The denoised image in the view layer of a noisy `image`. `image` itself if it is not noisy or was not denoised.
     pub fn shown_beside(&self, image: &FoundLayer) -> FoundLayer {
         let place = &self.groups[image.group];
         let finished = self.images(Purpose::Showing, &image.view);
@@ -192,7 +192,7 @@ impl Layers {
         beside.next().filter(|_| self.is_noisy(image)).unwrap_or_else(|| image.clone())
     }
 
-    /// The layers that correspond to `image` in every view, `image` first, and the views that lack one.
+    /// `image` with its counterparts (same pass and view layer) in the other views; and the views without a counterpart.
     pub fn in_all_views(&self, image: &FoundLayer) -> (Vec<FoundLayer>, Vec<String>) {
         let place = &self.groups[image.group];
         let is = |group: &Group| group.pass.eq_ignore_ascii_case(&place.pass) && group.view_layer == place.view_layer;
@@ -208,7 +208,7 @@ impl Layers {
         (found, missing)
     }
 
-    /// The corresponding layer in another view; `None` if that view lacks it.
+    /// The layer in `view` that has the pass and view layer of `layer`; `None` if the view lacks it.
     pub fn in_view(&self, layer: &FoundLayer, view: &str) -> Option<FoundLayer> {
         if layer.view == view {
             return Some(layer.clone());
@@ -218,8 +218,8 @@ impl Layers {
         self.found(self.groups.iter().position(is)?, layer.kind)
     }
 
-    /// Finds the layer of this file that corresponds to `image`, a layer of the file `of`: in the same view, the layer of the
-    /// same name, else of the same pass and view layer. If only one file names its views, the default views correspond.
+    /// Finds the counterpart in this file of `image`, a layer of the file `of`: the layer of the same view and name, else of
+    /// the same view, pass and view layer. Default views count as the same view unless both have names.
     pub fn same(&self, image: &FoundLayer, of: &Self) -> Option<FoundLayer> {
         let is_default = image.view == of.views[0] && (image.view.is_empty() || self.views[0].is_empty());
         let view = if is_default { &self.views[0] } else { &image.view };
