@@ -167,7 +167,7 @@ class Row:
         value, low, high, _ = self.figures["time"]
         if value is None:
             return f"cannot finish 1 spp in that time on {self.too_slow} of {self.scenes} scenes"
-        slow = f" over {self.scenes - self.too_slow} of {self.scenes} scenes (on the others, 1 spp takes longer)" if self.too_slow > 0 else ""
+        slow = f" over {self.scenes - self.too_slow} of {self.scenes} scenes (the others exceed that time with 1 spp)" if self.too_slow > 0 else ""
         return f"{value:.3g} [{low:.3g}, {high:.3g}]{slow}"
 
     def text(self, what):

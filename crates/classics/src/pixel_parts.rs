@@ -11,7 +11,7 @@ use dapple_core::{Error, Film, Filtered, film::luminance, point_set::mix};
 dapple_core::options! {
     /// The parameters of [`Hierarchical`].
     pub struct HierarchicalOptions {
-        /// Split a part once it has this many samples.
+        /// Split a cell once it has this many samples.
         pub split: u32 = 4, |n| (2..=64).contains(&n), "2 to 64 samples";
         /// Pilot samples per pixel.
         pub pilot: u32 = 4, |n| n >= 1, "at least one sample";
@@ -249,7 +249,7 @@ dapple_core::options! {
     pub struct TreeMeanOptions {
         /// Must match the sampler: quadrants for subdivision, contrast (split along any dimension) for hierarchical.
         pub tree: PartRule = PartRule::Quadrants => "quadrants";
-        /// With tree=contrast: split a part once it has this many samples.
+        /// With tree=contrast: split a cell once it has this many samples.
         pub split: u32 = 4, |n| (2..=64).contains(&n), "2 to 64 samples";
     }
 }

@@ -54,7 +54,7 @@ pub(crate) struct DenoiseArgs {
     /// Treatment of fireflies by the default filter: keep, drop, or spread (over neighbouring pixels)
     ///
     /// A firefly is a pixel at least 880 times as bright as its surroundings, in only one of the two halves of the samples.
-    /// With one input file, its variance makes the halves.
+    /// For one input file, two halves are simulated from its variance.
     #[arg(long, value_name = "PLACE", value_parser = fireflies, default_value = FireflyLight::default().name(), conflicts_with = "filter")]
     fireflies: FireflyLight,
 

@@ -56,7 +56,7 @@ pub(crate) struct FarmOptions {
     #[arg(long, value_name = "NAME", default_value = "dapple", help_heading = "Job")]
     claim: String,
 
-    /// Show of the job (opencue)
+    /// OpenCue's show of the job (opencue)
     #[arg(long, value_name = "NAME", default_value = "testing", value_parser = word, help_heading = "Job")]
     show: String,
 }

@@ -30,7 +30,7 @@ use std::time::Duration;
 #[derive(clap::Args)]
 #[command(after_help = include_str!("help/study.txt").trim_end())]
 pub(crate) struct StudyArgs {
-    /// Plan as a TOML file; without one, the defaults below
+    /// Plan of the study, in TOML; without one, the defaults below
     #[arg(value_name = "FILE.toml")]
     plan: Option<PathBuf>,
 

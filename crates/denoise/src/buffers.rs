@@ -164,7 +164,7 @@ pub fn denoise<'a>(size: [u32; 2], half_a: &SampleBuffers<'a>, half_b: &SampleBu
 /// Denoises an image given as the mean of all samples and its variance, for renderers that keep no halves.
 ///
 /// The image `x` is split into two halves `x + s` and `x - s`, where `s` is the pixel's standard error with a random sign
-/// [after Rasines and Young 2022; Leiner et al. 2023]. Their mean is `x`, so no light is lost. True halves leave less error;
+/// [after Rasines and Young 2022; Leiner et al. 2023]. Their mean is `x`, so no light is lost. True halves have less error;
 /// `docs/book/src/denoise-buffers.md` shows how much.
 ///
 /// ```

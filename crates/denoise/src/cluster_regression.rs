@@ -28,7 +28,7 @@ dapple_core::options! {
             |w| (0.0..=1.0).contains(&w), "0 (nothing crosses a border) to 1 (clusters do not matter)";
         /// Number of light layers denoised separately: 2 (direct, indirect), 1 (all light), auto (2 if spp >= 2, otherwise 1).
         pub layers: Layers = Layers::Auto => "auto";
-        /// true: the trained network improves the result of the regressions; false: regressions only.
+        /// true: cluster-regression ends with its trained network; false: it ends with the regressions.
         pub network: bool = true => "true";
         /// Fireflies (pixels at least 880 times as bright as their surroundings): keep, drop, or spread (over neighbours).
         pub fireflies: FireflyLight = FireflyLight::Keep => "keep";

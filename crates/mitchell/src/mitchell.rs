@@ -9,7 +9,7 @@ use dapple_core::{Error, Film};
 dapple_core::options! {
     /// The parameters of [`Mitchell`], the contrast-adaptive sampler.
     pub struct MitchellOptions {
-        /// Samples per pixel before refinement; 0 for this and additional = automatic (rises with spp, after table 4-2 of Lan's thesis).
+        /// Samples per pixel before refinement; if this and `additional` are 0, both are automatic: they rise with spp (after Lan's table 4-2).
         ///
         /// [`Rates::for_mean`] returns the values of this table. The rates change when the budget per pixel has doubled.
         pub initial: u32 = 0;

@@ -83,7 +83,7 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
     #[cfg(feature = "classics")]
     Entry::classic(
         "mdas-boxes",
-        "reconstruction for sampler mdas: cells weighted by volume",
+        "reconstruction for sampler mdas: boxes weighted by volume",
         "Meister and Hachisuka, multidimensional adaptive sampling on GPUs, JCGT 11(2), 2022",
         "blurs by up to a pixel at few samples; noise from other dimensions stays",
         &[MdasBoxesOptions::PARAMETERS],
@@ -139,7 +139,7 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
         "tree-mean",
         "mean of a pixel's cells, weighted by area or volume; for samplers subdivision and hierarchical",
         "Kajiya, The Rendering Equation, 1986; Whitted, An Improved Illumination Model for Shaded Display, 1980",
-        "the plain mean is better for well-distributed points of equal counts",
+        "the plain mean is better where points are spread evenly and counts are equal",
         &[TreeMeanOptions::PARAMETERS],
         crate::classics::of_samples::<TreeMeanOptions>,
     ),
@@ -147,7 +147,7 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
     Entry::classic(
         "dct",
         "cosines fitted to blocks of 8x8 pixels, one term per two samples (after Bolin and Meyer 1995)",
-        "after Bolin and Meyer, A Frequency Based Ray Tracer, SIGGRAPH 1995; defaults except share: Dapple",
+        "after Bolin and Meyer, A Frequency Based Ray Tracer, SIGGRAPH 1995; defaults but that of `share`: Dapple",
         "visible blocks; ringing at edges and around lights",
         &[CosineOptions::PARAMETERS],
         crate::classics::of_samples::<CosineOptions>,
@@ -157,7 +157,7 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
         "staged",
         "means of means over cells of 1/8, 1/4 and 1/2 pixel, so that clumps of samples count less (after Mitchell 1987)",
         "after Mitchell, Generating Antialiased Images at Low Sampling Densities, 1987",
-        "the plain mean is better for well-distributed points of equal counts; wider boxes blur",
+        "the plain mean is better where points are spread evenly and counts are equal; wider boxes blur",
         &[StagedOptions::PARAMETERS],
         crate::classics::of_samples::<StagedOptions>,
     ),

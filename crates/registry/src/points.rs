@@ -20,7 +20,7 @@ pub const POINTS: &[Entry<MakePoints>] = &[
         "sobol",
         "Owen-scrambled Sobol' points, well distributed for any count (the default)",
         "Sobol' 1967; directions: Joe and Kuo 2008; scrambling: Owen 1997, by hashing: Burley 2020",
-        "white noise: neighbouring pixels have independent errors; counts between powers of two are less even",
+        "white noise: neighbouring pixels have independent errors; less evenly spread if the count is no power of two",
         &[],
         |_, s| Ok(Box::new(Sobol::new(s.seed))),
     ),

@@ -184,7 +184,7 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
     Entry::classic(
         "dct",
         "more samples where cosines fitted to 8x8 pixels leave visible errors (after Bolin and Meyer 1995); filter with dct",
-        "after Bolin and Meyer, A Frequency Based Ray Tracer, SIGGRAPH 1995; defaults except share: Dapple",
+        "after Bolin and Meyer, A Frequency Based Ray Tracer, SIGGRAPH 1995; defaults but that of `share`: Dapple",
         "mistakes noise for detail; counts do not suit feature-guided filters",
         &[DctOptions::PARAMETERS, CosineOptions::PARAMETERS],
         crate::classics::dct,
@@ -274,7 +274,7 @@ const PROBES: &[Parameter] = &[
     Parameter::new(
         "size",
         "box",
-        "Cluster size: projected area of its bounding box (box, as published) or triangles, its box in pixels (screen), or pixels seen (hits).",
+        "Size of a cluster: box (projected area of its bounding box, as published), triangles (that of its triangles), screen (its box in pixels) or hits (pixels that see it).",
     ),
 ];
 const A_PRIORI: &[Parameter] =
