@@ -115,8 +115,7 @@ pub struct ClusterFirstHits {
     pub labels: Arc<[u32]>,
     /// The clusters.
     pub clusters: Arc<[Cluster]>,
-    /// The function that traces a first-hit ray and returns its first hit, and the index in `labels` of the primitive that was
-    /// hit.
+    /// Traces a first-hit ray. Returns the first hit with the index of its primitive in `labels`; `None` without a hit.
     pub shoot: TraceFirstHit,
 }
 
@@ -157,7 +156,7 @@ pub struct LensFirstHits {
     pub has_lens: bool,
 }
 
-/// The inputs from a renderer that makes its own clusters. A first hit's shape and primitive determine its cluster.
+/// The [`ClusterInputs`] of a renderer that makes its own clusters. Clusters are found by a first hit's shape and primitive.
 ///
 /// The parameters of clustering (`k`, `clamp`, …) have no effect on these clusters.
 ///
@@ -176,9 +175,9 @@ pub struct HostClusters {
     pub labels: Option<ClusterLookup>,
     /// The clusters and the function that traces first-hit rays, for the sampler `cluster-thesis`.
     pub first_hits: Option<ClusterFirstHits>,
-    /// The camera's matrix from the world to clip space, for `cluster-thesis:size=screen`.
+    /// The rows of the camera's matrix from the world to clip space, for `cluster-thesis:size=screen`.
     pub world_to_clip: Option<[[f32; 4]; 4]>,
-    /// The function that traces shadow rays from first hits, for `cluster-thesis:lights=16`.
+    /// The function that traces shadow rays from first hits, for `cluster-thesis` with `lights` above 0.
     pub visibility: Option<TraceVisibility>,
     /// The function that traces first hits through the centre of the lens, for `fourier-dof` and `splat`.
     pub lens_first_hits: Option<LensFirstHits>,

@@ -183,7 +183,7 @@ pub const DEFAULT_POINTS: &str = "sobol";
 /// The name of the default filter (denoiser).
 pub const DEFAULT_FILTER: &str = "cluster-regression";
 
-/// Creates the default sampler and the default filter. The sampler uses Sobol' points of `seed`, the filter no clusters.
+/// Creates the default sampler, with Sobol' points of `seed`, and the default filter, which uses features but no clusters.
 ///
 /// ```
 /// use dapple_core::{Frame, Limits, Session};
@@ -198,7 +198,7 @@ pub fn default_pair(seed: u64) -> Methods<'static> {
     default_pair_with(Sobol::new(seed))
 }
 
-/// Creates the default sampler and the default filter. The sampler uses `points`, the filter no clusters.
+/// Creates the default sampler, with `points`, and the default filter, which uses features but no clusters.
 ///
 /// With [`HostNumbers`](dapple_core::HostNumbers), the pair suits renderers that draw their own random numbers.
 pub fn default_pair_with(points: impl PointSet + 'static) -> Methods<'static> {

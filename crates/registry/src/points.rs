@@ -146,7 +146,7 @@ dapple_core::choices!(Keys { Shifts = "shifts", Optimised = "optimised" });
 dapple_core::options! {
     /// The parameters of `blue-noise`.
     struct BlueNoiseOptions {
-        /// Keys per pixel: shifts (added to coordinates modulo 1), or optimised (XOR keys that keep sobol's stratification).
+        /// Difference between pixels: shifts (added to points modulo 1), or optimised (XOR keys that keep sobol's strata).
         pub keys: Keys = Keys::Shifts => "shifts";
     }
 }

@@ -194,8 +194,8 @@ impl CameraView {
     /// Returns the radius in pixels of the circle of confusion of a point in the renderer's space, at a time in `[0, 1]`.
     /// `None` is a point at infinity.
     ///
-    /// The radius is negative in front of the focal plane, and 0 without a lens. At infinity, it is infinite for an
-    /// orthographic camera.
+    /// The radius is negative between the camera and the focal plane, and 0 without a lens. For an orthographic camera, the
+    /// radius of a point at infinity is infinite.
     pub fn circle_of_confusion(&self, point: Option<Vec3>, time: f32) -> f32 {
         if !self.has_lens() {
             return 0.0;
@@ -250,9 +250,9 @@ impl CameraView {
 
     /// Returns the rows of the matrix that transforms points `[x, y, z, 1]` of the renderer's space to the image's clip space.
     ///
-    /// Points in front of the eye have `w > 0`. Points inside the image have `x / w` and `y / w` in `[-1, 1]`. The lens is
-    /// treated as a pinhole, and a moving camera is in its resting pose. For an orthographic camera, `w` is 1, and points in
-    /// front of the camera have a positive `z`.
+    /// Points inside the image have `x / w` and `y / w` in `[-1, 1]`, with y downwards. `z` is the depth, positive in front of
+    /// the camera. `w` equals `z` for a perspective camera, and is 1 for an orthographic one. The lens is treated as a pinhole,
+    /// and a moving camera is in its pose at shutter opening (time 0 for a view made by [`new`](Self::new)).
     pub fn world_to_clip(&self) -> [[f32; 4]; 4] {
         let to_camera = self.axes.inverse();
         let [x, y, z] = [to_camera.row(0), to_camera.row(1), to_camera.row(2)];
@@ -269,9 +269,9 @@ impl CameraView {
         [across, down, row(z), row(z)]
     }
 
-    /// Returns `[a, b]` for the signed radius `a + b / z` of the lens blur at depth `z` in camera space. `a` and `b` are each
-    /// `[horizontal, vertical]`, in pixels with y downwards. Returns `None` without a lens, and for an orthographic camera,
-    /// whose radius is linear in `z`.
+    /// Returns the lens blur as `[a, b]`: seen through the lens point `l` of the unit disk (y upwards), a point at depth `z` in
+    /// camera space is shifted by `l (a + b / z)` in the image. `a` and `b` are each `[horizontal, vertical]`, in pixels with
+    /// y downwards. Returns `None` without a lens, and for an orthographic camera.
     pub fn defocus(&self) -> Option<[[f32; 2]; 2]> {
         let usable = self.has_lens() && !self.orthographic;
         // A row further down has a smaller y in camera space.
@@ -365,7 +365,7 @@ impl CameraView {
     ///
     /// The density is per unit of area perpendicular to `direction`. The rays pass through a single point of the lens and
     /// through positions that are uniform over the whole image. For a perspective camera, the density is `p / distance^2`,
-    /// where `p` is the density per solid angle. Returns 0 for directions that point backwards.
+    /// where `p` is the density per solid angle. Directions that point backwards give 0, directions outside the image do not.
     #[inline]
     pub fn density(&self, direction: Vec3, distance: f32, time: f32) -> f32 {
         let (_, axes) = self.pose(time);

@@ -72,7 +72,7 @@ pub fn integrator_with(world: &World, idle: u32) -> Box<dyn Integrator + '_> {
     }
 }
 
-/// Returns the path tracer with `light` as an additional source of light at path vertices. It has code for all effects.
+/// Returns the path tracer with code for all effects, and with `light` as an additional source of light at path vertices.
 pub fn path_tracer_with<'w, G: VertexLight + 'w>(world: &'w World, light: G) -> Box<dyn Integrator + 'w> {
     use code::ALL;
     if world.lights().is_selection_learned() {

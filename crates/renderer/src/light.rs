@@ -259,7 +259,7 @@ impl Lights {
         !self.environments.is_empty()
     }
 
-    /// Returns true if a light is a delta light: a point, a spot or a distant light.
+    /// Returns true if at least one light is a delta light: a point, a spot or a distant light.
     #[inline]
     pub fn has_delta(&self) -> bool {
         self.has_delta
@@ -278,7 +278,7 @@ impl Lights {
     /// Returns the radiance of all environments from a `direction` sampled from a BSDF with the solid-angle density `bsdf_pdf`.
     ///
     /// Each environment's radiance is multiplied by the power heuristic against light sampling. `pmf` returns the probability
-    /// with which light sampling selects a light, which is [`Lights::pmf`] for [`Lights::sample`].
+    /// with which light sampling selects a light. If lights are sampled by [`Lights::sample`], pass [`Lights::pmf`].
     #[inline(always)]
     pub fn environment_weighted(&self, direction: Vec3, bsdf_pdf: f32, pmf: impl Fn(u32) -> f32) -> Vec3 {
         let mut sum = Vec3::ZERO;
@@ -292,8 +292,8 @@ impl Lights {
     /// Samples light that arrives at the point `from`. `choice` in `[0, 1)` selects a light, and `u` in `[0, 1)^2` a direction
     /// to it.
     ///
-    /// The density includes the probability of selecting the light. Returns `None` if no light arrives from the
-    /// sampled direction.
+    /// The density includes the probability of selecting the light. Returns `None` if the scene has no light, or if no light
+    /// arrives from the sampled direction.
     #[inline(always)]
     pub fn sample(&self, from: Vec3, choice: f32, u: [f32; 2]) -> Option<LightSample> {
         self.sample_selected(self.select(choice)?, from, u)
@@ -319,9 +319,7 @@ impl Lights {
     }
 
     /// Returns the solid-angle density with which [`Lights::sample`] samples the direction from `from` to `point` on
-    /// the shape of an area light.
-    ///
-    /// The density includes the probability of selecting the light.
+    /// the shape of an area light, including the probability of selecting the light. Returns 0 for other lights.
     #[inline]
     pub fn pdf(&self, light: u32, from: Vec3, point: &SurfacePoint) -> f32 {
         self.direction_pdf(light, from, point) * self.pmf(light)
@@ -333,8 +331,8 @@ impl Lights {
         self.lights[light as usize].pdf(from, point)
     }
 
-    /// Returns the radiance that a point of an area light emits in a direction. `cosine` is the cosine between that direction
-    /// and the normal of the emitting side. Returns black for other lights and unused indices.
+    /// Returns the radiance that a point of an area light emits at this `cosine` to the emitting side's normal.
+    /// Returns black for other lights, for unused indices, and for a negative `cosine` unless both sides emit.
     #[inline(always)]
     pub fn emitted(&self, light: u32, point: &SurfacePoint, cosine: f32) -> Vec3 {
         let Some(light) = self.lights.get(light as usize) else { return Vec3::ZERO };
@@ -355,9 +353,10 @@ impl Lights {
     /// Samples a ray that leaves a light. `choice` in `[0, 1)` selects the light as [`Lights::select`] does. `place` and
     /// `towards` in `[0, 1)^2` select the point on the light and the direction.
     ///
-    /// Points are uniform on area lights. Light from infinity leaves a disk perpendicular to its direction, with the radius of
-    /// the scene's bounding sphere. Directions are cosine-weighted for area lights, sampled by luminance for environment maps,
-    /// and uniform in the cone of a spot light. Returns `None` if the light emits nothing in the sampled direction.
+    /// Points are uniform on area lights; on textured ones, triangles are selected by mean emission. Light from infinity
+    /// leaves a disk perpendicular to its direction, with the radius of the scene's bounding sphere. Directions are
+    /// cosine-weighted for area lights, sampled by luminance for environment maps, and uniform for a point light and in a
+    /// spot light's cone. Returns `None` without lights, and if the light emits nothing in the sampled direction.
     pub fn sample_emission(&self, choice: f32, place: [f32; 2], towards: [f32; 2]) -> Option<EmittedLight> {
         self.sample_emission_of(self.select(choice)?, place, towards)
     }
@@ -386,7 +385,7 @@ impl Lights {
     }
 
     /// Returns the solid-angle density with which [`Lights::sample_emission`] samples environment light that arrives from the
-    /// unit direction `w`. It includes the probability of selecting the light. Returns 0 without an environment.
+    /// unit direction `w`, including the probability of selecting the light. Returns 0 without an environment.
     pub fn environment_emission_pdf(&self, w: Vec3) -> f32 {
         let density = |(_, pdf, light): (Vec3, f32, u32)| pdf * self.pmf(light);
         self.environments.iter().map(|environment| density(environment.find(w))).sum()

@@ -18,7 +18,7 @@ use dapple_scene::{
 };
 use glam::Vec3;
 
-/// A material prepared for shading: its scattering model, its parameters and its flags.
+/// A material prepared for shading.
 #[derive(Clone, Debug, Default)]
 pub struct Surface {
     kind: Kind,
@@ -261,7 +261,7 @@ impl Surface {
         Bsdf::Diffuse { reflectance }
     }
 
-    /// Returns the BSDF at a point. Interfaces, and mixes that are not resolved to one of their materials, scatter nothing.
+    /// Returns the BSDF at a point. It is black for a boundary between media, and for a mix from which no material is selected.
     #[inline(always)]
     pub fn bsdf(&self, textures: &Textures, point: impl Into<TexturePoint>) -> Bsdf<'_> {
         // A constant color was clamped when the material was prepared.

@@ -146,8 +146,8 @@ impl Medium {
     ///
     /// `u_channel` selects a channel in proportion to the path's `throughput`, and `u_distance` samples a distance by this
     /// channel's extinction. The event's weight uses the balance heuristic over the channels [Veach 1997, sec. 9.2.2; after
-    /// Wilkie et al. 2014]. In each channel, `weight * throughput` exceeds the sum of `throughput` by at most 0.2 %. In a gray
-    /// medium, the weight is the albedo for [`MediumEvent::Scatter`] and 1 for [`MediumEvent::Pass`].
+    /// Wilkie et al. 2014]. In each channel, `weight * throughput` is at most 1.002 times the sum of `throughput` over all
+    /// channels. In a gray medium, the weight is the albedo for [`MediumEvent::Scatter`] and 1 for [`MediumEvent::Pass`].
     #[inline]
     pub fn sample(&self, limit: f32, u_channel: f32, u_distance: f32, throughput: Vec3) -> MediumEvent {
         let share = shares(throughput);

@@ -123,9 +123,9 @@ impl ShadingFrame {
         Self { tangent, bitangent: unit(normal.cross(tangent)), normal }
     }
 
-    /// Makes the shading frame of a hit around the interpolated normal `shading` (of any length). `shading` is negated if it
-    /// points away from the unit normal `geometric`. If it is zero or not finite, for example because vertex normals cancel,
-    /// `geometric` is used. `tangent` is passed as `direction` to [`ShadingFrame::from_normal_and_tangent`].
+    /// Makes a hit's frame around the interpolated normal `shading` (of any length), negated if it points away from the
+    /// unit normal `geometric`. If `shading` is zero or not finite, as where vertex normals cancel, `geometric` is used. The x
+    /// axis is along `tangent`, as in [`Self::from_normal_and_tangent`]; with `None`, as in [`Self::from_normal`].
     #[inline]
     pub fn from_shading_normal(shading: Vec3, geometric: Vec3, tangent: Option<Vec3>) -> Self {
         let longest = shading.abs().max_element();

@@ -240,7 +240,7 @@ impl World {
         self.max_depth
     }
 
-    /// Returns the geometry, in the renderer's space.
+    /// Returns the geometry, in the renderer's space (see [`space`](Self::space)).
     pub fn geometry(&self) -> &Geometry {
         &self.geometry
     }
@@ -287,8 +287,8 @@ impl World {
     /// Calls `add` with the column, row and weight of each pixel to which light at a position of the image contributes. The
     /// position is in pixels from the top left corner.
     ///
-    /// The weight is the pixel filter's density per square pixel. Splats at one uniform position per pixel have the same mean
-    /// as one sample of [`camera_ray`](Self::camera_ray) per pixel.
+    /// The weight is the pixel filter's density per square pixel. Splats with a density of one position per square pixel give
+    /// the same expected image as one [`camera_ray`](Self::camera_ray) per pixel.
     pub fn splat_at(&self, place: Vec2, mut add: impl FnMut([u32; 2], f32)) {
         let (radius, size) = (self.filter.radius(), self.camera.resolution());
         let first = (place - radius - 0.5).ceil().max(Vec2::ZERO);

@@ -249,7 +249,7 @@ impl EmittedLight {
         self.radiance * (self.cosine / (self.pmf * self.pdf.position * self.pdf.direction))
     }
 
-    /// Returns the ray. It starts above the surface of an area light.
+    /// Returns the ray. On an area light, it starts slightly above the surface, so that it does not hit the light again.
     pub fn ray(&self) -> Ray {
         match &self.source {
             Target::Surface(point) => spawn_ray(point, self.direction),

@@ -19,8 +19,8 @@ const NARROW: f32 = 0.02;
 
 /// The BSDF at a surface point, with its textures already evaluated.
 ///
-/// A small `Copy` value made at each hit. Opaque surfaces transmit nothing and scatter on both sides: directions below the
-/// surface are mirrored through the point, as in pbrt-v4.
+/// A small `Copy` value made at each hit. Opaque surfaces transmit nothing and scatter alike on both sides: if `wo` is below
+/// the surface, `wo` and `wi` are negated.
 ///
 /// All directions are unit vectors in the shading frame and point away from the surface. Shading and geometric normals may
 /// differ, so the caller must reject directions that would leak through the geometric surface.

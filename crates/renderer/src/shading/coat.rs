@@ -72,7 +72,7 @@ impl Coat {
     ///
     /// # Errors
     ///
-    /// [`Error::Eta`], [`Error::Thickness`] or [`Error::Roughness`] if the parameter is out of its range.
+    /// [`Error::Eta`], [`Error::Thickness`] or [`Error::Roughness`] if `eta`, `thickness` or a width is out of range.
     pub fn new(options: CoatOptions) -> Result<Self, Error> {
         let CoatOptions { eta, alpha, thickness, max_depth } = options;
         if !(0.1..=10.0).contains(&eta) {

@@ -70,8 +70,8 @@ impl Discrete {
         Some(invert(&self.ends, first, last, u))
     }
 
-    /// Returns the probability of item `index`. It is 0 if the weight is so small, relative to the others, that the item is
-    /// never selected.
+    /// Returns the probability of item `index`. It is 0 if the distribution is empty, or if the item's weight is so small
+    /// relative to the others that the item is never selected.
     ///
     /// # Panics
     ///
@@ -99,8 +99,8 @@ impl Discrete {
 
 /// A distribution over the cells of a grid, with probabilities proportional to the cells' weights.
 ///
-/// Sampling inverts the cumulative distribution of the rows, then that of the selected row's cells. A cell of weight 0 is never
-/// sampled. The distribution takes about 5 bytes of memory per cell.
+/// Sampling inverts the cumulative distribution of the rows, then the one of the cells in the selected row. A cell of weight 0
+/// is never sampled. The distribution takes about 5 bytes of memory per cell.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PiecewiseConstant2d {
     rows: Discrete,

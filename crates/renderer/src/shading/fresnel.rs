@@ -31,8 +31,8 @@ pub fn pane(cos: f32, eta: f32) -> f32 {
     2.0 * face / (1.0 + face)
 }
 
-/// Returns the cosine beyond a dielectric interface by Snell's law, or `None` on total internal reflection. `cos` and `eta` are
-/// as in [`dielectric`].
+/// Returns the cosine of the angle of refraction by Snell's law, or `None` on total internal reflection. `cos` and `eta` are as
+/// in [`dielectric`].
 #[inline]
 pub fn transmitted_cosine(cos: f32, eta: f32) -> Option<f32> {
     let cos = cos.clamp(0.0, 1.0);
@@ -50,8 +50,8 @@ pub struct ComplexIor {
 }
 
 impl ComplexIor {
-    /// Returns an index with real part 1 whose reflectance at normal incidence is `reflectance`. As in pbrt-v4, `k = 2
-    /// sqrt(r / (1 - r))`, with `r` clamped to `[0, 0.9999]`.
+    /// Returns the index with `eta = 1` and this reflectance at normal incidence, as in pbrt-v4: `k = 2 sqrt(r / (1 - r))`,
+    /// where `r` is `reflectance` clamped to `[0, 0.9999]`.
     pub fn from_reflectance(reflectance: Vec3) -> Self {
         let k = reflectance.to_array().map(|r| {
             let r = if r > 0.0 { r.min(0.9999) } else { 0.0 };

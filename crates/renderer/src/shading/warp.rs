@@ -7,7 +7,7 @@ use super::trigonometry::{sin_cos_turn, sin_cos_within_an_eighth};
 use glam::{Vec2, Vec3, Vec4};
 use std::f32::consts::{FRAC_PI_4, PI};
 
-/// Samples a unit direction uniformly on the sphere.
+/// Samples a unit direction uniformly on the sphere, by `u` in `[0, 1)^2`.
 #[inline]
 pub fn uniform_sphere(u: [f32; 2]) -> Vec3 {
     // sqrt(1 - z^2) = 2 sqrt(u (1 - u)), without cancellation at the poles.
@@ -20,13 +20,13 @@ pub fn uniform_sphere_pdf() -> f32 {
     0.25 / PI
 }
 
-/// Samples a point uniformly on the unit disk by the concentric map [Shirley and Chiu 1997].
+/// Samples a point uniformly on the unit disk, by `u` in `[0, 1)^2` and the concentric map [Shirley and Chiu 1997].
 #[inline]
 pub fn concentric_disk(u: [f32; 2]) -> Vec2 {
     concentric(u).1
 }
 
-/// Samples a unit direction on the hemisphere `z > 0` with density proportional to its cosine.
+/// Samples a unit direction on the hemisphere `z > 0` with the solid-angle density `z / pi`, by `u` in `[0, 1)^2`.
 #[inline]
 pub fn cosine_hemisphere(u: [f32; 2]) -> Vec3 {
     let (radius, p) = concentric(u);

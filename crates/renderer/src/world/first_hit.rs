@@ -11,10 +11,10 @@ use dapple_scene::Effect;
 use glam::{DVec3, Vec3};
 use std::ops::Range;
 
-/// A group of random numbers, and the range of its dimensions that have a geometric meaning.
+/// A [`Block`] of random numbers, and a range of its dimensions; the range may be empty.
 pub type BlockDimensions = (Block, Range<u8>);
 
-/// The sample dimensions of the path tracer with a geometric meaning: pixel position, lens, time and light.
+/// The random numbers that give a path-traced sample its position in the pixel, lens point, time and light point.
 #[non_exhaustive]
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SampleDimensions {
@@ -32,8 +32,7 @@ pub struct SampleDimensions {
 }
 
 impl World {
-    /// Returns the sample dimensions of the path tracer with a geometric meaning. Requires a pixel filter that is a box of one
-    /// pixel, so that two random numbers are the position in the pixel. Returns `None` for all other filters.
+    /// Returns the path tracer's [`SampleDimensions`]; `None` unless the pixel filter is a box of one pixel.
     pub fn sample_dimensions(&self) -> Option<SampleDimensions> {
         let is_light_a_coordinate = self.lights.len() == 1 && !self.lights.has_delta();
         self.filter.is_one_pixel().then(|| SampleDimensions {
@@ -61,7 +60,7 @@ impl World {
         uses.into_iter().find_map(|(is_used, what)| is_used.then_some(what))
     }
 
-    /// Returns the features of a camera ray's first hit that samplers and denoisers use.
+    /// Returns the features of a camera ray's first hit (position, normals, albedo, ...), for samplers and denoisers.
     ///
     /// `u` in `[0, 1)` selects one material if the surface is a mix.
     pub fn first_hit(&self, ray: &Ray, at: &Interaction<'_>, u: f32) -> FirstHit {

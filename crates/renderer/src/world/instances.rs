@@ -168,8 +168,8 @@ impl World {
         Interaction { part, hit, point, shading_normal, time }
     }
 
-    /// Returns the lower and upper corner of a shape's bounding box at the time when the shutter opens, up to
-    /// rounding.
+    /// Returns the lower and upper corner of a shape's bounding box at the time when the shutter opens, up to rounding and in
+    /// the renderer's space ([`World::space`]). The box of an empty mesh is a point.
     pub fn shape_bounds(&self, shape: u32) -> [Vec3; 2] {
         let [low, high] = self.geometry.shape(shape).bounds().unwrap_or_default();
         let Some(to_world) = self.geometry.to_world(shape, self.time(0.0)) else { return [low, high] };
@@ -242,8 +242,8 @@ impl Shutter {
 }
 
 impl World {
-    /// Samples a time uniformly while the shutter is open, from a random number `u` in `[0, 1)`. Time 0 is the start of the
-    /// scene's motion, and 1 its end.
+    /// Maps a random number `u` in `[0, 1)` linearly to the interval in which the shutter is open. Time 0 is the start of the
+    /// scene's motion, and 1 its end. Without motion, returns 0.
     #[inline]
     pub fn time(&self, u: f32) -> f32 {
         let [opens, closes] = self.open;

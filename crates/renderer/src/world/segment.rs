@@ -54,13 +54,13 @@ impl World {
         }
     }
 
-    /// Returns the index of the medium around the camera.
+    /// Returns the index of the medium around the camera; `u32::MAX` for vacuum.
     pub fn camera_medium(&self) -> u32 {
         self.camera_medium
     }
 
-    /// Returns the index of the medium that a ray enters if it leaves a hit along `direction`. `medium` is the medium through
-    /// which it arrived.
+    /// Returns the index of the medium that a ray enters when it leaves a hit along `direction`; `u32::MAX` for vacuum. At
+    /// a surface that does not separate media, returns `medium`, through which the ray arrived.
     pub fn medium_beyond(&self, at: &Interaction<'_>, direction: Vec3, medium: u32) -> u32 {
         at.medium_beyond(direction, medium)
     }
@@ -70,8 +70,8 @@ impl World {
         if medium == NO_MEDIUM { Vec3::ONE } else { self.media.medium(medium).transmittance(distance) }
     }
 
-    /// Returns the transmittance per channel along a shadow ray to `target`, and the number of rays traced. The ray starts in
-    /// `medium`.
+    /// Returns the transmittance per channel along a shadow ray to `target` (0 if the ray is blocked), and the number of rays
+    /// traced. The ray starts in `medium`.
     #[inline(always)]
     pub fn transmittance(&self, ray: Ray, target: &Target, time: f32, medium: u32) -> (Vec3, u32) {
         if self.has_passable_surfaces {

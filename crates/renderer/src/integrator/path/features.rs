@@ -22,9 +22,9 @@ use glam::Vec3;
 type AnyPath<'w> = PathTracer<'w, General, FixedSelector, { code::ALL }>;
 
 impl World {
-    /// Returns the first hit, the features and the cost in rays of a sample, but no radiance. If `draws` requests the emission
-    /// of directly visible lights, it is included. First hits and features have the same distribution as in a path tracer with
-    /// at most `depth` scattering events.
+    /// Returns a sample's first hit, features and cost in rays, with radiance 0. [`Estimate::emission`] holds the emission of
+    /// directly visible lights if [`Draws::wants_emission`] is true. First hits and features have the same distribution as in a
+    /// path tracer with at most `depth` scattering events.
     #[inline(never)]
     pub fn features_alone(&self, draws: &Draws<'_>, depth: u32) -> Estimate {
         AnyPath::new(self, NoVertexLight).follow(draws, depth)

@@ -6,8 +6,8 @@ use dapple_core::integrator::{Pass, PreparationCost, Prepares};
 use dapple_core::{Draws, Frame, Worker};
 use glam::Vec3;
 
-/// A source of light at the vertices of a path tracer's paths, such as a photon map. It replaces a part of the light that
-/// paths find themselves.
+/// A source of light at the vertices of a path tracer's paths, such as a photon map. Paths leave out the light that this
+/// source adds in their place; see [`share`](Self::share) and [`replaces`](Self::replaces).
 ///
 /// It is a type parameter of [`PathTracer`](super::PathTracer), so that path tracers without such a source have no code for
 /// it. The default methods add no light.
