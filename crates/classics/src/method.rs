@@ -172,7 +172,7 @@ pub trait FilterMethod<I = ()>: Options + Copy + Send + Sync {
     fn image(&self, film: &Film, inputs: &I) -> Result<Filtered, Error>;
 }
 
-/// A filter that combines a rule, its options, and the inputs that the rule reads besides a film.
+/// The [`Filter`] of a method `M`: its options, which define how a film is filtered, and the inputs `I` read besides a film.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MethodFilter<M, I = ()> {
     inputs: I,

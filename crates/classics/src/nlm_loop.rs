@@ -231,12 +231,13 @@ impl FilterMethod for NlmLoopFilterOptions {
 ///
 /// After a pilot, each round filters both halves of the samples by [`NlmLoopFilter`], by default with `window` 7 and `alpha`
 /// 0.5. For the filtered halves `A` and `B`, a pixel's error is `2 (A - B)^2 (1 / (0.001 + A^2) / n_A + 1 / (0.001 + B^2) /
-/// n_B)`, averaged over the channels. `n_A` and `n_B` are the mean sample counts under the weights. Counts are proportional to
-/// this error, blurred by a Gaussian of 0.8 pixels. A pixel gets at most twice the budget's mean samples per pixel in a round.
+/// n_B)`, averaged over the channels. `n_A` and `n_B` are the halves' sample counts, averaged with the weights of the
+/// filter. New counts are proportional to this error, blurred by a Gaussian of 0.8 pixels. In a round, a pixel gets at most
+/// twice the budget's mean samples per pixel.
 ///
 /// *Guarantees*: spends the budget exactly, and takes the pilot in every pixel if the budget allows. *Bias*: sample counts
-/// depend on the samples, and all samples are kept [Kirk and Arvo 1991]. *Weaknesses*: filtering once per round costs as much
-/// as many samples. The difference of two halves is a noisy estimate, and does not include bias. As published, counts are
+/// depend on the samples, and all samples are kept [Kirk and Arvo 1991]. *Weaknesses*: filtering once per round takes the
+/// time of many samples. The difference of two halves is a noisy estimate, and does not include bias. As published, counts are
 /// proportional to the error; counts proportional to its square root would give less error.
 pub type NlmLoop<P> = MethodSampler<P, NlmLoopOptions>;
 

@@ -54,7 +54,7 @@ impl Axis {
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Defocus {
-    /// The signed radius at infinite depth in pixels, horizontal and vertical.
+    /// The signed radius in pixels, horizontal and vertical, of the blur of a point at infinite depth.
     pub at_infinity: [f32; 2],
     /// The change of the radius per unit of inverse depth.
     pub by_inverse_depth: [f32; 2],

@@ -66,8 +66,8 @@ pub struct Rates {
     pub replaced: usize,
 }
 
-/// The sampling rate that each first-hit ray predicts: the ratio `SP / SC` of pixel area to cluster size [Lan 2016, eq. 3-3,
-/// before `f`].
+/// The sampling rate that each first-hit ray predicts: the ratio `SP / SC` of pixel area to cluster size [Lan 2016, eq.
+/// 3-3]. The map [`RateMap`](crate::RateMap) is not applied.
 ///
 /// The true rate of a pixel is the sum of `S_i / SC_i` over the clusters `i` that it sees, where `S_i` is the area of the
 /// cluster's part inside the pixel. The thesis estimates it by `SP / SC` from one ray through the pixel's centre, which is
@@ -76,7 +76,7 @@ pub struct Rates {
 ///
 /// # Errors
 ///
-/// [`Error::NoCluster`] if a first-hit ray has a cluster that is not in `clusters` (or in the area vectors).
+/// [`Error::NoCluster`] if a first-hit ray has a cluster that is not in `clusters`, or that has no area vectors in `size`.
 pub fn rates(
     first_hits: &FirstHits,
     clusters: &[Cluster],

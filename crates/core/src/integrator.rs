@@ -166,8 +166,8 @@ impl From<&FirstHit> for SurfaceFeatures {
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Trajectory {
-    /// The inverse of the depth along the view direction at the sample's time, in the unit of the camera's focal distance. 0
-    /// for the background.
+    /// 1 / depth; 0 for the background. Depth is measured along the view direction at the sample's time, in the same unit of
+    /// length as the camera's focal distance.
     pub inverse_depth: f32,
     /// The change of `(x w, y w, w)` (see [`Trajectory`]) while the shutter is open, divided by `w` at the sample's time.
     pub motion: [f32; 3],

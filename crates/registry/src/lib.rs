@@ -243,8 +243,8 @@ fn without_scene<T>(made: Result<T, RegistryError>) -> Result<(), RegistryError>
 /// The rows that `docs/results/methods.py` writes: kind, description of the method, and result, separated by tabs.
 const TABLE: &str = include_str!("verdicts.tsv");
 
-/// The results of a method in the comparison of all methods (docs/results/methods.md). Returns each tested description of the
-/// method with a one-line result.
+/// The results of a method in the comparison of all methods (docs/results/methods.md). Returns pairs: a
+/// description that was compared (`NAME` or `NAME:key=value,…`), and its result in one line.
 ///
 /// `kind` is `sampler`, `points` or `filter`; `name` is the entry's name. Nothing is returned for methods that were not
 /// compared.

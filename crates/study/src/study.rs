@@ -68,7 +68,7 @@ impl StudyMonitor for () {
     }
 }
 
-/// Options of a session that do not affect the runs.
+/// Options of one process that runs a study. They do not change results.
 #[derive(Clone, Debug, Default)]
 pub struct StudyOptions {
     /// A folder for rendered references that several studies share; `None` keeps them in the study's folder.

@@ -33,9 +33,9 @@ pub enum NoImage {
 }
 
 impl Layers {
-    /// Chooses an image in the first view with a layer named as an image, or with `R`, `G`, `B` (or `Y`) outside of layers.
-    /// Images without a view layer come first. Images for which `is_zero` returns true (0 everywhere) are skipped, unless all
-    /// are. If no layer is named as an image, [`Purpose::Showing`] accepts the only layer with the channels of an image.
+    /// Chooses an image in the first view that has one: a layer whose name says that it is the image (such as `Combined`), or
+    /// channels `R`, `G`, `B` (or `Y`) without a layer. Images for which `is_zero` returns true (0 everywhere) are skipped,
+    /// unless all are. Without such a name, [`Purpose::Showing`] accepts the only layer with the channels of an image.
     ///
     /// # Errors
     /// Returns `Err` if `is_zero` fails, and `Ok(Err(reason))` if no image was chosen.
