@@ -21,8 +21,6 @@ dapple_core::options! {
         /// |---|---|---|---|---|---|---|---|---|
         /// | 1 first hit | 1.124 | 1.117 | 1.108 | 1.103 | 1.100 | 1.101 | 1.130 | 1.608 |
         /// | 4 first hits | 1.101 | 1.098 | 1.095 | 1.094 | 1.097 | 1.105 | 1.156 | 1.704 |
-        ///
-        /// The optimum is flat and falls with the sample count: averaged over 4 to 256 spp, it is 0.01 to 0.02.
         pub outside: f64 = 0.05,
             |w| (0.0..=1.0).contains(&w), "0 (nothing crosses a border) to 1 (clusters do not matter)";
         /// Number of first hits per pixel whose clusters are compared: 1 (as published) to 8.
