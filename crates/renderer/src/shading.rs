@@ -61,12 +61,12 @@ pub enum Error {
         /// The invalid weight.
         value: f32,
     },
-    /// There are more items, or more cells along a side, than a distribution can hold.
-    #[error("a distribution of {count} {items} exceeds the limit of {most}; merge {items}", items = counted(*most))]
+    /// There are more weights, or more columns or rows of weights, than a distribution can hold.
+    #[error("a distribution of {count} weights (or columns or rows) exceeds the limit of {most}; use fewer")]
     TooMany {
-        /// The number of items, or of cells along the side.
+        /// The number of weights, or of columns or rows.
         count: usize,
-        /// The largest number of items, or of cells along a side, that a distribution holds.
+        /// The largest number that a distribution holds.
         most: usize,
     },
     /// The number of weights differs from the number of cells (columns times rows).
@@ -77,11 +77,6 @@ pub enum Error {
         /// The numbers of columns and rows.
         size: [usize; 2],
     },
-}
-
-/// The things that a distribution has too many of. A limit below 2^32 - 1 is that of a side of a 2D distribution.
-const fn counted(most: usize) -> &'static str {
-    if most < u32::MAX as usize { "columns or rows" } else { "weights" }
 }
 
 /// A right-handed orthonormal frame in world space whose z axis is a surface normal.
