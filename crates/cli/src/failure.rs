@@ -62,7 +62,7 @@ pub(crate) fn of_spec(error: &SpecError) -> Failure {
 /// The text of a warning, with advice that names command-line options.
 pub(crate) fn warning(warning: &Warning) -> String {
     match warning {
-        Warning::ErrorNotReached { .. } => format!("{warning}; raise --max-spp"),
+        Warning::ErrorNotReached { .. } => format!("{warning}; lower the sampler's threshold, or raise --max-spp"),
         Warning::RejectedSamples { first, .. } if can_be_replayed(first) => {
             let [x, y] = first.sample.pixel;
             let (spp, right, below) = (first.sample.index + 1, x + 1, y + 1);

@@ -152,7 +152,7 @@ pub(crate) fn run(args: &FarmArgs) -> Result<Outcome> {
         return Err(Failure::usage("farm", wrong));
     }
     let [folder] = &render.outputs[..] else {
-        return Err(Failure::usage("farm", "--output takes exactly one folder; name the folder for the job's files"));
+        return Err(Failure::usage("farm", "--output takes exactly one folder; give the folder for the job's files"));
     };
     let job = Job::new(options, render, folder)?;
     let mut files = Files::new(folder)?;

@@ -7,7 +7,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// Starts `threads` rendering threads; 0 is one per core.
 pub(crate) fn start_threads(threads: u16) -> Result<()> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads));
-    pool.build_global().map_err(|e| Failure::new(format!("cannot start {threads} threads: {e}")))
+    pool.build_global()
+        .map_err(|e| Failure::new(format!("cannot start the rendering threads: {e}; use fewer (--threads N)")))
 }
 
 /// The command line of this process; arguments that contain spaces are quoted.

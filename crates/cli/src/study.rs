@@ -145,7 +145,9 @@ pub(crate) fn run_one() -> Result<Outcome> {
 }
 
 fn itself() -> Result<PathBuf> {
-    std::env::current_exe().map_err(|e| Failure::new(format!("fresh = true: cannot find this program: {e}")))
+    std::env::current_exe().map_err(|e| {
+        Failure::new(format!("fresh = true: the path of the program dapple is unknown ({e}); set fresh = false"))
+    })
 }
 
 /// Converts an error of a study to a failure, with advice that names command-line options.

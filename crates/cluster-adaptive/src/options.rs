@@ -88,8 +88,8 @@ pub fn published_bounds(mean: f64) -> [u32; 2] {
 pub enum Error {
     /// A first-hit ray that hit a primitive without a label.
     #[error(
-        "pixel ({}, {}): a first-hit ray hit primitive {primitive}, but there are only {labels} labels; give one \
-         label per primitive, numbered as in the hits",
+        "pixel ({}, {}): a first-hit ray hits primitive {primitive}, but there are only {labels} cluster labels; give one \
+         label per primitive, in the order of the primitives' indices",
         pixel[0],
         pixel[1]
     )]
@@ -103,8 +103,8 @@ pub enum Error {
     },
     /// A label that is not the number of a cluster.
     #[error(
-        "label {label} is not below the number of clusters, {clusters}; pass labels and clusters of the same \
-         clustering"
+        "the cluster label {label} is too large for {clusters} clusters, which are numbered from 0; pass labels and \
+         clusters of the same clustering"
     )]
     NoCluster {
         /// The invalid label.
@@ -113,7 +113,7 @@ pub enum Error {
         clusters: usize,
     },
     /// A number of labels that differs from the number of triangles.
-    #[error("the numbers of labels ({labels}) and triangles ({triangles}) differ; give one label per triangle")]
+    #[error("the numbers of cluster labels ({labels}) and triangles ({triangles}) differ; give one label per triangle")]
     LabelCount {
         /// The number of labels given.
         labels: usize,

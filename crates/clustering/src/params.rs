@@ -216,19 +216,28 @@ pub enum Error {
         vertex: u32,
     },
     /// The factor K ([`ClusterParams::k`](ClusterParams::k)) is not positive, or is above 2^20.
-    #[error("K = {k} is out of range; use a number above 0 and at most {} (pbrt-v2 uses 3)", MAX_K)]
+    #[error(
+        "a factor K of {k} for the clustering grid is out of range; use a number above 0 and at most {} (pbrt-v2 uses 3)",
+        MAX_K
+    )]
     BadK {
         /// The requested factor K.
         k: f64,
     },
     /// The bound on voxels per axis is 0 or above 2^20.
-    #[error("a clamp of {clamp} voxels per axis is out of range; use 1 to {}", MAX_CLAMP)]
+    #[error(
+        "a maximum (clamp) of {clamp} voxels per axis of the clustering grid is out of range; use 1 to {}",
+        MAX_CLAMP
+    )]
     BadClamp {
         /// The requested bound on voxels per axis.
         clamp: u32,
     },
     /// The angle within which normals are similar is not within 0 to 90 degrees.
-    #[error("an angle of {angle} degrees is out of range; use 0 to {} (the thesis uses 10)", MAX_ANGLE)]
+    #[error(
+        "an angle of {angle} degrees between similar normals is out of range; use 0 to {} (10 is usual)",
+        MAX_ANGLE
+    )]
     BadAngle {
         /// The requested angle in degrees.
         angle: f64,
@@ -238,8 +247,8 @@ pub enum Error {
     BadCount,
     /// The bounding boxes of the triangles overlap too many voxels in total.
     #[error(
-        "the triangles' bounding boxes overlap {entries} voxels in total, more than the limit of {limit}; lower K or \
-         the clamp, or insert triangles by centroid"
+        "the triangles' bounding boxes overlap {entries} voxels of the clustering grid in total, more than the limit of \
+         {limit}; lower the parameter k or clamp, or set insertion to centroid"
     )]
     TooManyEntries {
         /// The number of triangle-voxel pairs, where the triangle's box overlaps the voxel.

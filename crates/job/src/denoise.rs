@@ -183,7 +183,9 @@ impl DenoiseSpec {
 #[derive(Debug, thiserror::Error)]
 pub enum DenoiseError {
     /// No input file, or more than two.
-    #[error("{count} files are given; give one OpenEXR file with its variance, or two renders with different seeds")]
+    #[error(
+        "{count} input files are given; give one OpenEXR file that holds an image and its variance, or two renders with different seeds"
+    )]
     Files {
         /// The number of files.
         count: usize,
@@ -235,7 +237,7 @@ pub enum DenoiseError {
         views: Box<[String; 2]>,
     },
     /// Two files with the same pixels.
-    #[error("{}: the image is identical to that of {}, so the two images show no noise; give two renders with different seeds, or one file with its variance",
+    #[error("{}: the image is identical to that of {}, so the noise cannot be estimated; give two renders with different seeds, or one file with its variance",
         paths[1].display(), paths[0].display())]
     Equal {
         /// The two files.
@@ -266,8 +268,8 @@ pub enum DenoiseError {
         layers: Vec<String>,
     },
     /// A layer named by the caller without the channels of its kind.
-    #[error("{}: layer \"{name}\" has the channels {}, but layers of the kind {} have {}; rename the channels, or name another layer",
-        path.display(), letters.join(", "), kind.name(), kind.channels())]
+    #[error("{}: layer \"{name}\" has the channels {}, but layers of the kind {} have {}; rename its channels in the file, or choose another layer with --layer {}=NAME",
+        path.display(), letters.join(", "), kind.name(), kind.channels(), kind.name())]
     LayerChannels {
         /// The file.
         path: PathBuf,
@@ -279,7 +281,7 @@ pub enum DenoiseError {
         letters: Vec<String>,
     },
     /// A file without an image.
-    #[error("{}: no image was found among the channels {} (an image has the channels {}); name the layer of the image with --layer color=NAME",
+    #[error("{}: no image was found among the channels {} (an image has the channels {}); choose the layer to denoise with --layer color=NAME",
         path.display(), channels.join(", "), LayerKind::Color.channels())]
     NoImage {
         /// The file.
@@ -296,7 +298,7 @@ pub enum DenoiseError {
         layers: Vec<String>,
     },
     /// One file without its variance.
-    #[error("{}: there is no variance for {image} among the layers {}, and one image alone does not reveal its noise; give a second render with another seed, or name the variance layer with --layer variance=NAME",
+    #[error("{}: there is no variance for {image} among the layers {}, and one image alone does not reveal its noise; give a second render with another seed, or choose the variance layer with --layer variance=NAME",
         path.display(), layers.join(", "))]
     NoVariance {
         /// The file.

@@ -111,8 +111,9 @@ impl Job {
             return Err(JobError::SplatsWithoutError { integrator });
         }
         if let Some(part) = spec.part.filter(|_| prepares == Prepares::EveryPass) {
-            let why =
-                format!("integrator \"{integrator}\" traces light for the whole image in each pass; use \"path\"");
+            let why = format!(
+                "integrator \"{integrator}\" traces light for the whole image in each pass and cannot render a part; use the integrator \"path\""
+            );
             return Err(JobError::NoParts { part, why });
         }
         Ok(Self {

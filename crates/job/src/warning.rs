@@ -20,7 +20,7 @@ pub enum Warning {
         by: Option<CalledEffect>,
     },
     /// A light that a path tracer finds by chance only, such as a small light behind glass.
-    #[error("{}: {}", .0.source, found_by_chance(.0))]
+    #[error("{}: {}; --integrator photons renders this light (not with --part or motion blur)", .0.source, found_by_chance(.0))]
     FoundByChance(CalledEffect),
     /// A light that a path tracer finds by chance only. The default integrator for the scene is therefore `photons`.
     #[error("{}: {}; photon mapping renders this light (--integrator path would leave specks)", .0.source, .0.because)]
@@ -106,7 +106,7 @@ pub enum Warning {
     #[error("{0}; to remove them, use more samples or --filter cluster-regression:fireflies=drop")]
     Fireflies(dapple_core::filter::Fireflies),
     /// Pixel values that were too large for the file format, and were clamped to its maximum.
-    #[error("{}: values too large for the format were clamped ({values})", path.display())]
+    #[error("{}: values beyond 65504, the limit of 16-bit floats, are clamped ({values}); omit --half to keep them", path.display())]
     Clamped {
         /// The path of the image file.
         path: std::path::PathBuf,

@@ -13,7 +13,7 @@ use student::{normal_cdf, normal_quantile};
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum StatisticsError {
     /// Too few values for an interval.
-    #[error("{found} values are too few for an interval; use at least {needed} seeds or budgets")]
+    #[error("{found} values are too few for a confidence interval; use at least {needed} seeds or budgets")]
     TooFew {
         /// The number of values passed.
         found: usize,

@@ -53,7 +53,7 @@ impl Rule for MitchellOptions {
             (0, _) => return out("initial", 0, "1 or more if additional is set; 0 for both chooses by the budget"),
             (_, 0) => return out("additional", 0, "1 or more if initial is set; 0 for both chooses by the budget"),
             (1, _) if self.radius == 0 => {
-                return out("initial", 1, "a single sample has no contrast; use 2 or more, or a radius above 0");
+                return out("initial", 1, "2 or more, or 1 with a radius above 0, as a single sample has no contrast");
             }
             (initial, additional) if initial.checked_add(additional).is_none() => {
                 return out("additional", additional, "at most 2^32 - 1 together with initial");

@@ -25,7 +25,7 @@ pub enum RegistryError {
         what: String,
     },
     /// An entry that needs clusters or another input from the scene, which is missing.
-    #[error("{of} needs {what}; pass a world, or cluster inputs that provide this")]
+    #[error("{of} needs {what}; pass ClusterInputs that provide this, such as those of a world")]
     NeedsWorld {
         /// The name of the entry.
         of: &'static str,

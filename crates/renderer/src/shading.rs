@@ -34,7 +34,9 @@ use glam::Vec3;
 #[non_exhaustive]
 pub enum Error {
     /// A microfacet width is outside `[0, 10]`.
-    #[error("the roughness corresponds to a microfacet width of {value}; the width must be from 0 (smooth) to 10")]
+    #[error(
+        "the roughness gives a microfacet width (alpha) of {value}; choose a roughness with a width from 0 (smooth) to 10"
+    )]
     Roughness {
         /// The invalid microfacet width.
         value: f32,
@@ -52,23 +54,23 @@ pub enum Error {
         value: f32,
     },
     /// A weight is negative, infinite or NaN.
-    #[error("weight {index} is {value}; use finite weights of at least 0")]
+    #[error("weight {index} of the distribution is {value}; use finite weights of at least 0")]
     Weight {
         /// The index of the invalid weight.
         index: usize,
         /// The invalid weight.
         value: f32,
     },
-    /// There are more items, or more cells along a side, than a distribution can hold.
-    #[error("a distribution of {count} items (or cells along a side) exceeds the limit of {most}; merge items")]
+    /// There are more weights, or more columns or rows of weights, than a distribution can hold.
+    #[error("a distribution of {count} weights (or columns or rows) exceeds the limit of {most}; use fewer")]
     TooMany {
-        /// The number of items, or of cells along the side.
+        /// The number of weights, or of columns or rows.
         count: usize,
-        /// The largest number of items, or of cells along a side, that a distribution holds.
+        /// The largest number that a distribution holds.
         most: usize,
     },
     /// The number of weights differs from the number of cells (columns times rows).
-    #[error("a grid of {} columns x {} rows needs {} weights, not {count}; use one weight per cell", .size[0], .size[1], .size[0].saturating_mul(.size[1]))]
+    #[error("a distribution of {} columns x {} rows needs {} weights, not {count}; pass one weight per cell", .size[0], .size[1], .size[0].saturating_mul(.size[1]))]
     Shape {
         /// The number of weights given.
         count: usize,

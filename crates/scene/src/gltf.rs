@@ -119,7 +119,7 @@ fn add_file(scene: &mut Scene, bytes: &[u8], files: &dyn Files, source: &Source)
     let emissions = || scene.shapes.iter().filter_map(|shape| shape.emission.as_ref());
     let has_light = !scene.lights.is_empty() || emissions().any(is_lamp);
     if !has_light && emissions().next().is_some() {
-        let glows = "emission by textures or up to 1 does not count as a light; the default sky is added";
+        let glows = "emission from textures, or of at most 1, does not count as a light; the default sky is added";
         scene.warn(source, glows);
     }
     if scene.shapes.is_empty() && scene.instances.is_empty() {

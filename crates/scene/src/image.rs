@@ -191,7 +191,7 @@ pub enum ImageError {
     #[error("{0}")]
     Unsupported(String),
     /// An OpenEXR file with several layers that may be the image.
-    #[error("{file}: several layers may be the image: {}; save the image to use as R, G and B without a layer", layers.join(", "))]
+    #[error("{file}: several layers may be the image: {}; save the right one as channels R, G and B without a layer name", layers.join(", "))]
     Ambiguous {
         /// The file.
         file: String,
@@ -199,7 +199,7 @@ pub enum ImageError {
         layers: Vec<String>,
     },
     /// An output path whose extension is not .exr, .pfm or .png.
-    #[error("{}: unknown image format; name the output .exr, .pfm or .png", .0.display())]
+    #[error("{}: unknown image format; give the output the extension .exr, .pfm or .png", .0.display())]
     UnknownExtension(PathBuf),
     /// An exposure, in stops, that is not finite.
     #[error("an exposure of {0} stops is not finite; give a finite number (0 changes nothing)")]

@@ -213,7 +213,9 @@ impl Runner for Processes {
         };
         let mut command = Command::new(&self.program);
         command.args(&self.words).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        let mut child = command.spawn().map_err(|e| refuse(format!("{}: {e}", self.program.display())))?;
+        let mut child = command
+            .spawn()
+            .map_err(|e| refuse(format!("{} cannot be started: {e}; set fresh = false", self.program.display())))?;
         let words = serde_json::to_vec(request).map_err(|e| refuse(e.to_string()))?;
         // Dropping the pipe closes it. If the child process ends early, its own error is reported, not the write error.
         let told = child.stdin.take().map_or(Ok(()), |mut pipe| pipe.write_all(&words));

@@ -300,7 +300,7 @@ fn what_cannot_be_denoised_is_refused_with_advice() {
             1,
             &["./a.png: this output is the same file as a.png; give each output"],
         ),
-        ("in.exr -o out.jpg --spp 8", 1, &["name the output .exr, .pfm or .png"]),
+        ("in.exr -o out.jpg --spp 8", 1, &["give the output the extension .exr, .pfm or .png"]),
         ("nonesuch.exr -o out.exr", 1, &["nonesuch.exr: cannot read the file", "check the name"]),
         ("in.exr -o out.exr --filter nonesuch", 2, &["there is no filter \"nonesuch\""]),
         (

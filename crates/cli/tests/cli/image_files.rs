@@ -358,7 +358,7 @@ fn comparisons_find_the_image_pair_its_pixels_and_convert_its_colours() {
     assert!(mse("aces.exr plain.exr", &[]) > 0.001, "the same numbers in another space");
     // Several images.
     folder.write("two.exr", file(vec![part("", WINDOW, "AO.R AO.G AO.B diffuse.R diffuse.G diffuse.B", 0, 1)]).bytes());
-    let message = "two.exr: several layers may be the image: AO, diffuse; save the image to use as R, G and B without a layer, or choose one with --layer NAME";
+    let message = "two.exr: several layers may be the image: AO, diffuse; save the right one as channels R, G and B without a layer name, or choose one with --layer NAME";
     folder.says("compare two.exr plain.exr", 1, &[message]);
     assert_eq!(mse("two.exr two.exr --layer AO", &[]), 0.0);
     folder.says(

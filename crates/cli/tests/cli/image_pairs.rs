@@ -93,7 +93,7 @@ fn advice_names_options_of_the_command_line() {
     write("mse", of_mean * 16.0);
     folder.says("denoise a.exr -o out.exr --spp 16", 0, &["that of the mean; give --layer variance=mse"]);
     folder.write("b.exr", folder.read("a.exr"));
-    let message = "b.exr: the image is identical to that of a.exr, so the two images show no noise; give two renders with different seeds";
+    let message = "b.exr: the image is identical to that of a.exr, so the noise cannot be estimated; give two renders with different seeds";
     folder.says("denoise a.exr b.exr -o out.exr --spp 16", 1, &[message]);
     folder.says("denoise a.exr -o out.exr --layer variance=", 2, &["\"variance=\" is not of the form KIND=NAME"]);
 }

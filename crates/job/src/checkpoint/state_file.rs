@@ -106,7 +106,7 @@ impl StateDamage {
             }
             Self::Container(_) => ["the file is damaged (a checksum is wrong)", RESTORE],
             Self::Nonsense => ["the header of the file cannot be read", RESTORE],
-            Self::Kind => ["the file is not of the needed kind (checkpoint, plan or part)", NAME],
+            Self::Kind => ["the file is a checkpoint, a plan or a part, but not of the kind needed here", NAME],
         }
     }
 }
@@ -180,7 +180,7 @@ impl StateFile {
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// A failed step of writing a file. A file of that name then has all of its old or all of its new contents.
-    #[error("{}: cannot {step}: {source} (a file of that name stays whole); free disk space, or choose another folder", path.display())]
+    #[error("{}: cannot {step}: {source} (an existing file of that name is not damaged); free disk space, or choose another folder", path.display())]
     Write {
         /// The path of the file that was to be written.
         path: PathBuf,

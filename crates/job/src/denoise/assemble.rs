@@ -297,7 +297,7 @@ impl Reader<'_> {
     fn missing(&mut self, kinds: &[(LayerKind, bool)]) {
         let names: Vec<&str> = kinds.iter().filter(|(_, known)| !known).map(|(kind, _)| kind.name()).collect();
         if !names.is_empty() {
-            let hint = "name a layer with --layer KIND=NAME to improve the result";
+            let hint = "choose a layer with --layer KIND=NAME to improve the result";
             self.note(format!("no layer was found for {}; {hint}", names.join(" or ")));
         }
     }

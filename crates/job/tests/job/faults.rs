@@ -136,7 +136,7 @@ fn a_fault_at_every_call_leaves_a_whole_file_x02() {
                     Ok(()) => assert!(found == newest, "{case}"),
                     Err(e @ Error::Write { .. }) => {
                         let said = e.to_string();
-                        let parts = ["a.checkpoint: cannot ", "a file of that name stays whole"];
+                        let parts = ["a.checkpoint: cannot ", "an existing file of that name is not damaged"];
                         assert!(parts.iter().all(|part| said.contains(part)), "{said}");
                         let last = said.contains("flush its folder");
                         assert_eq!(found == newest, last, "{case}");
@@ -246,7 +246,7 @@ fn what_differs_is_listed_x04() {
     let path = folder.path().join("a");
     Store::lock(&path).unwrap().save(&contents([])).unwrap();
     let said = Store::read(&path, StateKind::Rows).unwrap_err().to_string();
-    assert!(said.contains("not of the needed kind"), "{said}");
+    assert!(said.contains("not of the kind needed here"), "{said}");
 }
 
 #[test]

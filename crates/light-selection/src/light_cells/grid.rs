@@ -23,7 +23,7 @@ impl Grid {
         let sides: [f32; 3] = std::array::from_fn(|a| high[a] - low[a]);
         let longest = sides[0].max(sides[1]).max(sides[2]);
         if !sides.iter().all(|s| *s >= 0.0) || !longest.is_finite() || !low.iter().all(|x| x.is_finite()) {
-            return Err(Error::range("bounds", format!("{low:?}, {high:?}"), "a box with finite corners in order"));
+            return Err(Error::range("bounds", format!("{low:?}, {high:?}"), "finite corners, the lower one first"));
         }
         let longest = if longest > 0.0 { longest } else { 1.0 };
         let of = |n: u32| {

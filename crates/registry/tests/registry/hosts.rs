@@ -60,7 +60,7 @@ fn counts_follow_each_error_that_the_help_offers_under_the_policy_that_it_names(
 fn without_clusters_only_methods_that_cannot_do_without_are_refused() {
     let none = HostClusters::none();
     let refused = |entries: Vec<(&'static str, String)>| -> Vec<&'static str> {
-        entries.iter().filter(|(_, error)| error.contains("cluster inputs")).map(|entry| entry.0).collect()
+        entries.iter().filter(|(_, error)| error.contains("pass ClusterInputs")).map(|entry| entry.0).collect()
     };
     let filters = FILTERS.iter().map(|entry| (entry.name, refusal(filter(entry.name, &none)))).collect();
     let samplers = SAMPLERS.iter().map(|entry| (entry.name, refusal(sampler(entry.name, sobol(), &none)))).collect();
@@ -74,7 +74,7 @@ fn without_clusters_only_methods_that_cannot_do_without_are_refused() {
     let error = refusal(filter("cluster-gaussian", &none));
     assert_eq!(
         error,
-        "cluster-gaussian needs clusters of the scene's surfaces; pass a world, or cluster inputs that provide this"
+        "cluster-gaussian needs clusters of the scene's surfaces; pass ClusterInputs that provide this, such as those of a world"
     );
 }
 

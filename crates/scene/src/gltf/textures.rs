@@ -106,7 +106,11 @@ impl Reader<'_> {
         if texture.source.value() == u32::MAX as usize {
             let extensions: Vec<&str> =
                 texture.extensions.iter().flat_map(|found| found.others.keys()).map(String::as_str).collect();
-            let only = if extensions.is_empty() { "none".into() } else { format!("only by {}", extensions.join(", ")) };
+            let only = if extensions.is_empty() {
+                "it has none".into()
+            } else {
+                format!("its image needs {}", extensions.join(", "))
+            };
             self.warn(format!("{name} has no supported image ({only}); a constant is used instead"));
             return None;
         }

@@ -188,7 +188,7 @@ fn textures_without_an_image_that_is_read_are_named() {
     let factor = json!({"pbrMetallicRoughness":
         {"baseColorTexture": {"index": 0}, "baseColorFactor": [0.5, 0.25, 0.125, 1], "metallicFactor": 0}});
     let webp = json!({"extensions": {"EXT_texture_webp": {"source": 0}}});
-    for (texture, what) in [(webp, "only by EXT_texture_webp"), (json!({}), "none")] {
+    for (texture, what) in [(webp, "its image needs EXT_texture_webp"), (json!({}), "it has none")] {
         let mut document = with_material(factor.clone());
         document["textures"][0] = texture;
         let scene = read(&document).unwrap();

@@ -40,6 +40,9 @@ fn bidirectional_paths_refuse_unlit_surfaces() {
     let scene = chamber(MaterialKind::Unlit { color: Color::Constant([0.5; 3]) });
     let world = world(&scene);
     let message = make_integrator("bdpt", &world).map(|_| ()).unwrap_err().to_string();
-    assert!(message.contains("the scene has unlit surfaces") && message.contains("use \"path\""), "{message}");
+    assert!(
+        message.contains("the scene has unlit surfaces") && message.contains("use the integrator \"path\""),
+        "{message}"
+    );
     assert!(make_integrator("path", &world).is_ok());
 }
