@@ -216,28 +216,19 @@ pub enum Error {
         vertex: u32,
     },
     /// The factor K ([`ClusterParams::k`](ClusterParams::k)) is not positive, or is above 2^20.
-    #[error(
-        "a factor K of {k} for the clustering grid is out of range; use a number above 0 and at most {} (pbrt-v2 uses 3)",
-        MAX_K
-    )]
+    #[error("the clustering grid's factor K is {k}; use a number above 0 and at most {} (pbrt-v2 uses 3)", MAX_K)]
     BadK {
         /// The requested factor K.
         k: f64,
     },
     /// The bound on voxels per axis is 0 or above 2^20.
-    #[error(
-        "a maximum (clamp) of {clamp} voxels per axis of the clustering grid is out of range; use 1 to {}",
-        MAX_CLAMP
-    )]
+    #[error("the clustering grid's clamp is {clamp} voxels per axis; use 1 to {}", MAX_CLAMP)]
     BadClamp {
         /// The requested bound on voxels per axis.
         clamp: u32,
     },
     /// The angle within which normals are similar is not within 0 to 90 degrees.
-    #[error(
-        "an angle of {angle} degrees between similar normals is out of range; use 0 to {} (10 is usual)",
-        MAX_ANGLE
-    )]
+    #[error("an angle of {angle} degrees between similar normals is out of range; use 0 to {}", MAX_ANGLE)]
     BadAngle {
         /// The requested angle in degrees.
         angle: f64,

@@ -112,7 +112,7 @@ impl Job {
         }
         if let Some(part) = spec.part.filter(|_| prepares == Prepares::EveryPass) {
             let why = format!(
-                "integrator \"{integrator}\" traces light for the whole image in each pass and cannot render a part; use the integrator \"path\""
+                "integrator \"{integrator}\" traces light for the whole image in each pass and cannot render a part; use integrator \"path\""
             );
             return Err(JobError::NoParts { part, why });
         }

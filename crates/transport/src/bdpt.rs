@@ -136,15 +136,15 @@ fn refuse(world: &World) -> Result<(), String> {
     let called = world.effects().called().iter().find(|called| lacking.contains(&called.effect));
     match called {
         Some(called) => Err(format!(
-            "{}: the scene has {} ({}), which paths from the lights do not support; use the integrator \"path\", or leave the effect out by --without {}",
+            "{}: the scene has {} ({}), which paths from the lights do not support; use integrator \"path\", or leave the effect out by --without {}",
             called.source, called.effect, called.because, called.effect
         )),
         None if world.has_interfaces() => {
-            Err("the scene has interfaces between media, which paths from the lights do not support; use the integrator \"path\""
+            Err("the scene has interfaces between media, which paths from the lights do not support; use integrator \"path\""
                 .into())
         }
         None if world.has_unlit_surfaces() => {
-            Err("the scene has unlit surfaces, which paths from the lights do not support; use the integrator \"path\"".into())
+            Err("the scene has unlit surfaces, which paths from the lights do not support; use integrator \"path\"".into())
         }
         None => Ok(()),
     }

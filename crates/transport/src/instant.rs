@@ -32,11 +32,8 @@ dapple_core::options! {
 pub(crate) fn make<'w>(parameters: &str, world: &'w World) -> Result<Box<dyn Integrator + 'w>, MakeError> {
     let options = InstantOptions::parse(parameters)?;
     let lacking = [
-        (Effect::MotionBlur, "motion-blur, but virtual lights do not move; use the integrator \"path\""),
-        (
-            Effect::ScatteringMedia,
-            "scattering-media, but virtual lights lie on surfaces only; use the integrator \"path\"",
-        ),
+        (Effect::MotionBlur, "motion-blur, but virtual lights do not move; use integrator \"path\""),
+        (Effect::ScatteringMedia, "scattering-media, but virtual lights lie on surfaces only; use integrator \"path\""),
     ];
     refuse(world, &lacking)?;
     Ok(path_tracer_with(world, VirtualLights::new(world, options)))

@@ -39,7 +39,7 @@ dapple_core::options! {
 /// Makes the integrator from the text of its parameters, for the table of integrators.
 pub(crate) fn make<'w>(parameters: &str, world: &'w World) -> Result<Box<dyn Integrator + 'w>, MakeError> {
     let options = LightcutOptions::parse(parameters)?;
-    let reason = "scattering-media, but cuts are computed at surfaces only; use the integrator \"path\"";
+    let reason = "scattering-media, but cuts are computed at surfaces only; use integrator \"path\"";
     refuse(world, &[(Effect::ScatteringMedia, reason)])?;
     let division = (options.clusters > 0).then(|| Division::new(world, options.clusters));
     let division = division.transpose().map_err(MakeError::Scene)?;

@@ -44,7 +44,7 @@ impl Division {
         let shapes = || 0..world.geometry().shape_count();
         let area: f64 = shapes().map(|shape| area_of(world, shape)).sum();
         if !area.is_finite() {
-            return Err("the total area of the scene's surfaces overflows; use the integrator \"path\"".into());
+            return Err("the total area of the scene's surfaces overflows; use integrator \"path\"".into());
         }
         let largest = (area / (f64::from(count) * PIECES)).max(f64::MIN_POSITIVE);
         let of_shape = |shape: u32| -> u64 {
@@ -56,7 +56,7 @@ impl Division {
         let pieces = shapes().map(of_shape).sum();
         if pieces > MOST_PIECES {
             return Err(format!(
-                "the scene has too many triangles for patches (limit {MOST_PIECES}); use the integrator \"path\""
+                "the scene has too many triangles for patches (limit {MOST_PIECES}); use integrator \"path\""
             ));
         }
         Ok(Self { count, largest, pieces })

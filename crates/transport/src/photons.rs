@@ -50,9 +50,8 @@ dapple_core::options! {
 /// Makes the integrator from the text of its parameters, for the table of integrators.
 pub(crate) fn make<'w>(parameters: &str, world: &'w World) -> Result<Box<dyn Integrator + 'w>, MakeError> {
     let options = PhotonOptions::parse(parameters)?;
-    let blur = "motion blur, which photons do not support; use the integrator \"path\", or render without motion-blur";
-    let medium =
-        "scattering-media, but photons are stored on surfaces only; use the integrator \"path\" or what=caustics";
+    let blur = "motion blur, which photons do not support; use integrator \"path\", or render without motion-blur";
+    let medium = "scattering-media, but photons are stored on surfaces only; use integrator \"path\" or what=caustics";
     let lacking = [(Effect::MotionBlur, blur), (Effect::ScatteringMedia, medium)];
     refuse(world, if options.what == PhotonScope::All { &lacking } else { &lacking[..1] })?;
     let light = PhotonLight::new(world, options);

@@ -30,9 +30,9 @@ dapple_core::options! {
 pub(crate) fn make<'w>(parameters: &str, world: &'w World) -> Result<Box<dyn Integrator + 'w>, MakeError> {
     let options = RadiosityOptions::parse(parameters)?;
     let lacking = [
-        (Effect::MotionBlur, "motion-blur, but patches do not move; use the integrator \"path\""),
-        (Effect::ScatteringMedia, "scattering-media, but patches lie on surfaces only; use the integrator \"path\""),
-        (Effect::Transparency, "transparency, but patches have no holes; use the integrator \"path\""),
+        (Effect::MotionBlur, "motion-blur, but patches do not move; use integrator \"path\""),
+        (Effect::ScatteringMedia, "scattering-media, but patches lie on surfaces only; use integrator \"path\""),
+        (Effect::Transparency, "transparency, but patches have no holes; use integrator \"path\""),
     ];
     refuse(world, &lacking)?;
     let division = Division::new(world, options.patches).map_err(MakeError::Scene)?;

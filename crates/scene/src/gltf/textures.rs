@@ -106,11 +106,8 @@ impl Reader<'_> {
         if texture.source.value() == u32::MAX as usize {
             let extensions: Vec<&str> =
                 texture.extensions.iter().flat_map(|found| found.others.keys()).map(String::as_str).collect();
-            let only = if extensions.is_empty() {
-                "it has none".into()
-            } else {
-                format!("its image needs {}", extensions.join(", "))
-            };
+            let needed = extensions.join(", ");
+            let only = if needed.is_empty() { "it has none".into() } else { format!("its image needs {needed}") };
             self.warn(format!("{name} has no supported image ({only}); a constant is used instead"));
             return None;
         }

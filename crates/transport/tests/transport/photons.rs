@@ -122,7 +122,7 @@ fn what_photons_lack_is_refused() {
     moving.shapes[1].moves_to = Some(DAffine3::from_translation(2.0 * DVec3::Z));
     moving.camera.shutter = [0.0, 1.0];
     let [moving, still, floor] = [moving, ball(), floor(None, true)].map(|scene| world(&scene));
-    let motion = "photons: the scene has motion blur, which photons do not support; use the integrator \"path\"";
+    let motion = "photons: the scene has motion blur, which photons do not support; use integrator \"path\"";
     let mut cases = vec![
         (&moving, "photons".to_owned(), motion),
         (

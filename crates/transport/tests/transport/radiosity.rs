@@ -68,11 +68,7 @@ fn scenes_that_patches_lack_are_refused() {
     moving.shapes[1].moves_to = Some(DAffine3::from_translation(2.0 * DVec3::Z));
     moving.camera.shutter = [0.0, 1.0];
     for (scene, request, expected) in [
-        (
-            moving,
-            "radiosity",
-            "radiosity: the scene has motion-blur, but patches do not move; use the integrator \"path\"",
-        ),
+        (moving, "radiosity", "radiosity: the scene has motion-blur, but patches do not move; use integrator \"path\""),
         (chamber(diffuse(0.3)), "radiosity:patches=0", "radiosity: patches = 0 is out of range; allowed: 1 to 1048576"),
     ] {
         let error = make_integrator(request, &world(&scene)).err().expect("refused").to_string();

@@ -41,7 +41,7 @@ fn bidirectional_paths_refuse_unlit_surfaces() {
     let world = world(&scene);
     let message = make_integrator("bdpt", &world).map(|_| ()).unwrap_err().to_string();
     assert!(
-        message.contains("the scene has unlit surfaces") && message.contains("use the integrator \"path\""),
+        message.contains("the scene has unlit surfaces") && message.contains("use integrator \"path\""),
         "{message}"
     );
     assert!(make_integrator("path", &world).is_ok());
