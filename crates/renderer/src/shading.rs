@@ -62,7 +62,7 @@ pub enum Error {
         value: f32,
     },
     /// There are more weights, or more columns or rows of weights, than a distribution can hold.
-    #[error("a distribution of {count} weights (or columns or rows) exceeds the limit of {most}; use fewer")]
+    #[error("a sampling distribution has {count} entries along one axis, but at most {most} are allowed; use fewer")]
     TooMany {
         /// The number of weights, or of columns or rows.
         count: usize,
