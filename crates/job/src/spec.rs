@@ -11,7 +11,7 @@ use std::path::PathBuf;
 pub const SPEC_VERSION: u32 = 1;
 /// The default budget of a render, in mean samples per pixel.
 pub const DEFAULT_SPP: f64 = 16.0;
-/// The limit on the samples of every pixel if the budget is [`BudgetSpec::Error`] and `max_spp` is not set.
+/// The limit on the mean samples per pixel if the budget is [`BudgetSpec::Error`] and `max_spp` is not set.
 pub const ERROR_SPP: u32 = 16384;
 /// The longest time limit of a render in seconds: a year.
 pub const MOST_SECONDS: f64 = 31_557_600.0;
@@ -59,7 +59,8 @@ pub struct RenderSpec {
     pub error_of: ErrorOf,
     /// The smallest number of samples per pixel.
     pub min_spp: u32,
-    /// The largest number of samples per pixel. `None` means [`ERROR_SPP`] with [`BudgetSpec::Error`], else no bound.
+    /// The largest number of samples per pixel; `None` for no bound. With [`BudgetSpec::Error`], it bounds the mean, too; `None`
+    /// then means [`ERROR_SPP`] for the mean.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_spp: Option<u32>,
     /// Width and height of the full image in pixels; `None` uses the scene's resolution.

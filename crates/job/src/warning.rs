@@ -63,7 +63,7 @@ pub enum Warning {
     },
     /// The number of first-hit rays whose hit position was NaN or infinite; they count as background.
     #[error(
-        "NaN or infinite hits of first-hit rays: {0}; these rays count as background; move or scale the scene towards coordinates of about 1"
+        "NaN or infinite hits of first-hit rays: {0}; these rays count as background; move the camera nearer to the scene"
     )]
     RejectedFirstHits(u64),
     /// A render that ended before its predicted error fell to the goal.

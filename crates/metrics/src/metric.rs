@@ -97,7 +97,7 @@ pub struct Measurement<'a> {
 pub struct ReferenceNoise {
     /// MSE and relMSE without the noise.
     pub corrected: Corrected,
-    /// The sRGB MSE that the noise causes: a quarter of the sRGB MSE between two halves of the reference. In each
+    /// The sRGB MSE (0 to 255) that the noise causes: a quarter of the sRGB MSE between two halves of the reference. In each
     /// pixel and channel, the halves have the values `mean + s` and `mean - s`, where `s^2` is the variance of the mean.
     pub srgb8_mse: f64,
 }

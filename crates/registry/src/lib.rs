@@ -100,7 +100,7 @@ const CLUSTERING: &[Parameter] = &[
     Parameter::new(
         "insertion",
         "box",
-        "Voxel of a triangle: box (of the voxels that its bounding box overlaps the last in z, then y, then x, as published) or centroid (the voxel of its centroid).",
+        "Voxel of a triangle: box (the last in z, then y, then x, of the voxels that its bounding box overlaps, as published) or centroid (the voxel of its centroid).",
     ),
     Parameter::new(
         "grouping",

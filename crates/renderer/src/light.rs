@@ -332,7 +332,7 @@ impl Lights {
     }
 
     /// Returns the radiance that a point of an area light emits at this `cosine` to the emitting side's normal.
-    /// Returns black for other lights, for unused indices, and for a negative `cosine` unless both sides emit.
+    /// Returns black for other lights, for unused indices, for a `cosine` of 0, and for a negative one unless both sides emit.
     #[inline(always)]
     pub fn emitted(&self, light: u32, point: &SurfacePoint, cosine: f32) -> Vec3 {
         let Some(light) = self.lights.get(light as usize) else { return Vec3::ZERO };

@@ -14,8 +14,8 @@ pub struct Space {
 }
 
 impl Space {
-    /// Returns the space in which the scene's bounding box is centred at the origin and its largest half width is above 0.5 and
-    /// at most 1. The box includes all instances, and both end positions of moving shapes.
+    /// Returns the space in which the scene's bounding box is centred at the origin and its largest half width is in (0.5, 1],
+    /// or 0 for a point. The box includes all instances, and both end positions of moving shapes.
     pub fn of(scene: &Scene) -> Self {
         let mut extent = Extent::NOTHING;
         for shape in &scene.shapes {

@@ -133,7 +133,7 @@ impl FromStr for Effect {
 pub struct CalledEffect {
     /// The effect that the scene uses.
     pub effect: Effect,
-    /// The reason, as a short phrase about the object at `source`.
+    /// The reason, as a short phrase about an object of the scene.
     pub because: String,
     /// File and line of the first object that uses the effect; of the second light for [`Effect::SeveralLights`].
     pub source: Source,

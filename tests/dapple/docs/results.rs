@@ -1,6 +1,7 @@
 //! `docs/results/make` knows every page of results, and runs what is there.
 
-use super::{page, pages, root};
+use super::{every_page, page, pages, root};
+use crate::hard_cases::rust_files;
 
 /// The five cells of each step: pages, name, needs, time and command.
 fn steps() -> Vec<Vec<String>> {
@@ -71,6 +72,40 @@ fn scripts_plans_and_programs_of_every_step_are_there() {
         }
     }
     assert!(found > 40, "{found} names");
+}
+
+/// `cargo test` succeeds if its filter matches no test, so a renamed test would measure nothing. The control: no such name.
+#[test]
+fn tests_that_pages_and_steps_name_are_there() {
+    let files = ["crates", "src", "tests", "examples"].map(|folder| rust_files(&root().join(folder))).concat();
+    let names: Vec<String> = files
+        .iter()
+        .flat_map(|path| {
+            std::fs::read_to_string(path).expect("a source").lines().map(str::to_owned).collect::<Vec<_>>()
+        })
+        .filter(|line| line.contains("fn ") || line.contains("mod "))
+        .collect();
+    let is_there = |filter: &str| {
+        let last = filter.trim_end_matches(':').rsplit("::").next().unwrap_or_default();
+        names.iter().any(|line| line.contains(last))
+    };
+    let mut found = 0;
+    let steps = [("steps.txt".to_owned(), page("docs/results/steps.txt"))];
+    // The guides to adding a method name tests that they add.
+    for (page, text) in every_page().into_iter().filter(|(name, _)| !name.contains("ADDING")).chain(steps) {
+        for command in text.split("cargo test ").skip(1) {
+            let words = command.split(['`', '\n', '#', '|', ';', ')']).next().unwrap_or_default().split_whitespace();
+            let mut takes_value = false;
+            for word in words {
+                let is_value = std::mem::replace(&mut takes_value, matches!(word, "-p" | "--test" | "--manifest-path"));
+                if !is_value && !word.starts_with('-') {
+                    assert!(is_there(word), "{page}: no test is called {word}");
+                    found += 1;
+                }
+            }
+        }
+    }
+    assert!(found > 15 && !is_there("thorough_and_gone"), "{found} names");
 }
 
 /// True if a crate or the workspace has this test program.

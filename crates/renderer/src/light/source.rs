@@ -249,7 +249,7 @@ impl EmittedLight {
         self.radiance * (self.cosine / (self.pmf * self.pdf.position * self.pdf.direction))
     }
 
-    /// Returns the ray. On an area light, it starts slightly above the surface, so that it does not hit the light again.
+    /// Returns the ray. On an area light, it starts slightly above the surface, so that it does not hit its own start.
     pub fn ray(&self) -> Ray {
         match &self.source {
             Target::Surface(point) => spawn_ray(point, self.direction),

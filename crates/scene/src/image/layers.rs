@@ -311,7 +311,8 @@ impl Layers {
         self.found(self.named(&first_moment_of(&second.name)?)?, SecondMoment)
     }
 
-    /// Returns the layer of second moments `m2_path.X` for the layer of means `path.X`; `None` if the file lacks it.
+    /// Returns the layer of second moments `m2_path.X` for the layer of means `path.X`; `None` if it is missing or has
+    /// another number of channels.
     pub fn second_moment(&self, first: &FoundLayer) -> Option<FoundLayer> {
         let is = |group: &Group| first_moment_of(&group.name).is_some_and(|mean| mean == first.name);
         let second = self.found(self.groups.iter().position(is)?, first.kind)?;

@@ -33,9 +33,10 @@ pub enum NoImage {
 }
 
 impl Layers {
-    /// Chooses an image in the first view that has one: a layer whose name says that it is the image (such as `Combined`), or
-    /// channels `R`, `G`, `B` (or `Y`) without a layer. Images for which `is_zero` returns true (0 everywhere) are skipped,
-    /// unless all are. Without such a name, [`Purpose::Showing`] accepts the only layer with the channels of an image.
+    /// Chooses an image in the first view that has one: channels `R`, `G`, `B` (or `Y`) without a layer, else a layer whose
+    /// name says that it is the image (such as `Combined`). For denoising, noisy images come first. Images for which `is_zero`
+    /// returns true (0 everywhere) are skipped, unless all are. Without such a name, [`Purpose::Showing`] accepts the only
+    /// layer with the channels of an image.
     ///
     /// # Errors
     /// Returns `Err` if `is_zero` fails, and `Ok(Err(reason))` if no image was chosen.
@@ -139,7 +140,7 @@ impl Layers {
     }
 
     /// Finds the layer of `kind` that belongs to `image`, by the names known for `kind`: in the view layer of `image`, else in
-    /// view layers around or inside it that have no image. `None` if nothing is found, or layers of several view layers are.
+    /// related view layers, as a rule without an image. `None` if nothing is found, or layers of several view layers are.
     pub fn guide(&self, kind: LayerKind, image: &FoundLayer) -> Option<FoundLayer> {
         let images = self.images(Purpose::Denoising, &image.view);
         let place = &self.groups[image.group];
